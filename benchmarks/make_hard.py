@@ -266,7 +266,8 @@ def write_settings(folder: Path, frames: int) -> None:
     }
     for name, source in sources.items():
         settings = parse_yaml(quickstart.read_text())
-        settings["capture"] = {**files, **source, "evaluation_masks": exact, "held_out": list(HELD_OUT)}
+        settings["capture"] = {**files, **source, "held_out": list(HELD_OUT)}
+        settings["evaluate"] = {"exact_masks": exact}
         settings["train"]["group_size"] = frames
         (folder / f"{name}.yaml").write_text(dump_yaml(settings))
 

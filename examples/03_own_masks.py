@@ -40,7 +40,7 @@ def main() -> None:
     settings = {
         "capture.root": str(SAMPLE),
         "capture.masks": performer,
-        "capture.stop": 1,
+        "capture.frames": ":1",
         "capture.scale": 0.25,
         "initialize.points": 2000,
         "initialize.resolution": 64,

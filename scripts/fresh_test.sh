@@ -128,7 +128,7 @@ step() { # step WHAT USER SCRIPT
     fi
 }
 
-stages='cd v3studio && .venv/bin/v3studio run sample_configs/demo.yaml --take ../take --capture.stop 2 --capture.scale 0.5
+stages='cd v3studio && .venv/bin/v3studio run sample_configs/demo.yaml --take ../take --capture.frames :2 --capture.scale 0.5
     --initialize.points 4000 --train.max-splats 4000 --train.keyframe-iterations 40 --train.prune-finetune-iterations 10
     --train.motion-iterations 10 --train.motion-first-iterations 10 --train.finetune-iterations 10
     && cd ../take && ls calibrate/rig.json initialize/group_000/mesh.ply stream/manifest.json report.html'

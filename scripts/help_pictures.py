@@ -38,8 +38,8 @@ from studio.stream import StreamReader  # noqa: E402
 CONFIG = ROOT / "sample_configs" / "quickstart.yaml"
 SIZE = (560, 400)
 FRAME, CAMERA = 14, "cam12"  # held out; the axe points at this camera
-SHORT = ("--capture.start", "14", "--capture.stop", "16", "--train.group_size", "2", "--run.threads", "1")
-FROM_FOOTAGE = ("--until", "calibrate", "--capture.rig", "null", "--calibrate.frames", "4")
+SHORT = ("--capture.frames", "14:16", "--train.group_size", "2", "--run.threads", "1")
+FROM_FOOTAGE = ("--until", "calibrate", "--capture.rig", "null", "--calibrate.frame_count", "4")
 SWAPPED = ("cam03", "cam04")
 WRONG: dict[str, tuple[str, ...]] = {
     "masks": (*SHORT, "--until", "initialize", "--capture.mask_sensitivity", "0.25"),

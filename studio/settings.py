@@ -149,15 +149,15 @@ def _is_list(field: FieldInfo | None) -> bool:
 
 
 def is_list_of_text(field: FieldInfo | None) -> bool:
-    """Whether a field is a list or a tuple (or nested ones) of text, or that or null: names of cameras, for example."""
+    """Whether a field is a list or a tuple (or nested ones) with text, such as names of cameras, or that or null."""
 
-    def texts(kind: Any) -> bool:
-        if get_origin(kind) in (Union, UnionType):
-            return all(texts(part) for part in get_args(kind) if part is not type(None))
-        items = [part for part in get_args(kind) if part is not Ellipsis]
-        return get_origin(kind) in (tuple, list) and all(item is str or texts(item) for item in items)
+    def has_text(kind: Any) -> bool:
+        if get_origin(kind) is Annotated:
+            return has_text(get_args(kind)[0])
+        return kind is str or (get_origin(kind) in (tuple, list) and any(map(has_text, get_args(kind))))
 
-    return field is not None and texts(field.annotation)
+    kinds = (field.annotation, *get_args(field.annotation)) if field is not None and _is_list(field) else ()
+    return any(map(has_text, kinds))
 
 
 def marker(field: FieldInfo, kind: type[_Marker]) -> _Marker | None:
@@ -194,6 +194,8 @@ def affected(model: type[Settings], prefix: str = "", outer: Affects | None = No
     return found
 
 
+Name = Annotated[str, Field(min_length=1)]
+"""Text that is never empty: where it is optional, null means none."""
 Unit = Annotated[float, Field(ge=0, le=1)]
 """0 to 1."""
 Color = tuple[Unit, Unit, Unit]

@@ -99,7 +99,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path, Rea
         return path
 
     add("ball.yaml", load_config).write_text(SETTINGS)
-    add("override", override).write_text("capture.background=[0.5, 0.25, 1.0]")
+    add("override", override).write_text("evaluate.background=[0.5, 0.25, 1.0]")
     for name in ("cameras.json", "calibration.csv", "Calib.toml", "transforms.json"):
         write_rig(ring(3), add(name, read_rig))
     shutil.copy(ROOT / "docs" / "tie_points.yaml", add("tie_points.yaml", read_tie_points))

@@ -168,7 +168,7 @@ class TrainView(StageView):
         index = len(files) - 1
         view = footage.rig[camera]
         view = view.scaled(min(1.0, 640 / view.width))
-        background = context.config.capture.background
+        background = context.config.evaluate.background
         render = draw(read_frame(files[index]), view, background)
         words = f"{_kind(camera, held_out)}, frame {footage.frames[index]}"
         return words, render, self._footage(camera, footage.frames[index])
@@ -178,7 +178,7 @@ class TrainView(StageView):
         context = self.workspace.context
         assert context is not None
         with suppress(StudioError):
-            return performer_over(context.footage.trained, camera, frame, context.config.capture.background)
+            return performer_over(context.footage.trained, camera, frame, context.config.evaluate.background)
         return None
 
     @property

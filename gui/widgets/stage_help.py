@@ -55,7 +55,7 @@ HELP: Mapping[str, StageHelp] = {
         ),
         "Calibrated from the footage: all cameras on their ring, with small errors.",
         "Two cameras swapped in the camera file: the hull in Initialize is distorted and lacks an arm.",
-        ("calibrate.camera_model", "calibrate.frames", "calibrate.shared_intrinsics"),
+        ("calibrate.camera_model", "calibrate.frame_count", "calibrate.shared_intrinsics"),
     ),
     "initialize": StageHelp(
         (

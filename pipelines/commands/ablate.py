@@ -15,7 +15,7 @@ _NOTE = """The first variant is the full method with the settings in CONFIG; eac
 Every variant is trained (sharing cameras, initial points and keyframes where possible), baked at several QPs, decoded
 and measured on held-out cameras. Writes ablation.json, ablation.png, ablation.html and one take per variant to DIR.
 Run it again to resume after a cancellation. Every variant is trained in full; try a few frames first with
---capture.stop 20.
+--capture.frames :20.
 """
 
 

@@ -114,7 +114,7 @@ def _sync(arguments: argparse.Namespace) -> int:
     from studio.capture.sync import check_sync
 
     capture = read_settings(arguments.source, arguments.overrides).capture
-    spec = capture.replace(offsets={}, masks="none", evaluation_masks="")
+    spec = capture.replace(offsets={}, masks="none")
     footage = open_footage(spec, None, strict=False)
     try:
         # configured offsets are ignored here, but their camera names are checked

@@ -14,7 +14,7 @@ def register(commands: Any) -> None:
         "colors",
         help="compare the cameras' colors on a ColorChecker",
         description="Find a ColorChecker Classic (24 patches) in the image of each camera, and show how far the "
-        "cameras' colors are apart before and after the correction that train.color_chart_frame makes.",
+        "cameras' colors are apart before and after the correction that train.camera_colors makes.",
     )
     add_source(command)
     command.add_argument(
@@ -22,7 +22,7 @@ def register(commands: Any) -> None:
         type=int,
         required=True,
         metavar="N",
-        help="frame in which the cameras see the chart, counted as capture.start counts",
+        help="frame in which the cameras see the chart, as numbered in the files",
     )
     command.set_defaults(command=_colors)
 
@@ -33,7 +33,7 @@ def _colors(arguments: argparse.Namespace) -> int:
     from studio.capture.color_chart import fit_chart_colors
 
     capture = read_settings(arguments.source, arguments.overrides).capture
-    footage = open_footage(capture.replace(masks="none", evaluation_masks="", audio=None), None, strict=False)
+    footage = open_footage(capture.replace(masks="none", audio=None), None, strict=False)
     try:
         with working("colors", None) as progress:
             fit = fit_chart_colors(footage, arguments.chart_frame, footage.train_cameras, progress)
@@ -47,5 +47,5 @@ def _colors(arguments: argparse.Namespace) -> int:
         else:
             print(f"{name}: {fit.without[name].problem}; not corrected")
     print(f"{len(fit.matrices)} of {len(footage.train_cameras)} cameras, {fit.patches} of 24 patches. To correct them:")
-    print(f"train: {{camera_colors: true, color_chart_frame: {fit.frame}}}")
+    print(f"train: {{camera_colors: {fit.frame}}}")
     return 0

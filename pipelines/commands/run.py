@@ -84,8 +84,8 @@ def _add_live(stage: argparse.ArgumentParser) -> None:
         "--live",
         action="append_const",
         dest="set",
-        const="bake.live=true",
-        help="bake and publish each group as soon as it is trained (bake.live); `v3studio serve` shows them meanwhile",
+        const="run.live=true",
+        help="bake and publish each group as soon as it is trained (run.live); `v3studio serve` shows them meanwhile",
     )
 
 

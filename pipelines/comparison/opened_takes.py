@@ -93,7 +93,12 @@ def open_takes(
         if key not in seen:
             rig = in_own_frame(read_rig(own.take.rig))
             seen[key] = open_footage(
-                spec, rig, cache_folder=first.take.footage_cache, device=run.device, threads=run.threads
+                spec,
+                rig,
+                cache_folder=first.take.footage_cache,
+                device=run.device,
+                threads=run.threads,
+                evaluation_masks=first.config.evaluate.exact_masks,
             )
         found.append(_opened(name, own, seen[key], closing))
     return found, names

@@ -81,7 +81,7 @@ class ComparisonProtocol(Result):
     """The take whose images and masks are compared with."""
 
     exact_masks: bool
-    """Whether its masks are exact ones (capture.evaluation_masks)."""
+    """Whether its masks are exact ones (evaluate.exact_masks)."""
 
     frames: tuple[int, ...]
     mean: str = "over the views of a frame, then over frames"

@@ -13,13 +13,13 @@ from pydantic import Field, field_validator
 from studio.calibration.settings import CalibrateSettings
 from studio.capture.settings import CaptureSettings
 from studio.meshing.settings import InitializeSettings
-from studio.settings import Affects, Conflict, Heading, Settings
+from studio.settings import Affects, Color, Conflict, Heading, Name, Settings
 from studio.stream.settings import BakeSettings
 from studio.training.settings import GROUP_SIZE, TrainSettings
 
 
 class GroupSettings(Settings):
-    """Where groups begin, and whether the footage is checked first."""
+    """Where groups begin."""
 
     group_size: Annotated[int, Heading("Groups"), Affects("grouping")] = Field(default=GROUP_SIZE, ge=1, le=1000)
     """Maximum number of frames per group; the first is the keyframe. The paper uses 20."""
@@ -28,23 +28,10 @@ class GroupSettings(Settings):
     """Where groups begin. fixed: every group_size frames. motion: earlier where the performer's appearance has
     changed too much since the keyframe, but after at least 4 frames."""
 
-    check_footage: Annotated[bool, Affects()] = True
-    """Read all frames while training begins and stop at broken footage (unreadable files, empty or all-white masks).
-    false: such frames are only found when their turn comes, and training skips a camera in frames where it does not see
-    the performer."""
-
 
 # Fields of the last base come first.
 class TrainStageSettings(TrainSettings, GroupSettings):
     """Training a group: a keyframe, then motion and fine-tuning, frame by frame."""
-
-
-class BakeStageSettings(BakeSettings):
-    """Baking the trained groups, after training or meanwhile."""
-
-    live: Annotated[bool, Affects()] = False
-    """Bake each group as soon as it is trained, while others train, and publish the groups in order: `v3studio serve`
-    shows the take from its first group on, and players follow. The finished stream is the same."""
 
 
 class EvaluateSettings(Settings):
@@ -54,6 +41,13 @@ class EvaluateSettings(Settings):
 
     crop_padding: Annotated[int, Heading("Evaluation")] = Field(default=8, ge=0, le=10_000)
     """Metrics are computed in the bounding box of the performer's mask, padded by this many pixels."""
+
+    exact_masks: Name | None = None
+    """Pattern of ground-truth masks, relative to capture.root, if the capture has them. They are never used for
+    training. null: the masks that training uses."""
+
+    background: Annotated[Color, Affects("evaluation", "manifest")] = (0.0, 0.0, 0.0)
+    """Background color behind the performer in evaluation and previews (red, green, blue; 0 to 1)."""
 
     lpips: Literal["alex", "vgg"] | None = None
     """Also compute LPIPS, with AlexNet (alex, recommended by its authors for comparisons) or VGG16 (vgg). null: no. The
@@ -82,6 +76,15 @@ class RunSettings(Settings):
 
     check_rig: bool = True
     """Stop at `initialize` if cameras, images and masks contradict each other. false: only warn."""
+
+    check_footage: bool = True
+    """Read all frames while training begins and stop at broken footage (unreadable files, empty or all-white masks).
+    false: such frames are only found when their turn comes, and training skips a camera in frames where it does not see
+    the performer."""
+
+    live: bool = False
+    """Bake each group as soon as it is trained, while others train, and publish the groups in order: `v3studio serve`
+    shows the take from its first group on, and players follow. The finished stream is the same."""
 
     preview_seconds: float = Field(default=20.0, ge=0)
     """Minimum interval between preview images during training, in seconds. 0: no previews."""
@@ -139,6 +142,6 @@ class Config(Settings):
     calibrate: CalibrateSettings = CalibrateSettings()
     initialize: InitializeSettings = InitializeSettings()
     train: TrainStageSettings = TrainStageSettings()
-    bake: BakeStageSettings = BakeStageSettings()
+    bake: BakeSettings = BakeSettings()
     evaluate: EvaluateSettings = EvaluateSettings()
     run: RunSettings = RunSettings()

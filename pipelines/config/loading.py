@@ -181,12 +181,11 @@ def _texts(value: Any, text: Any) -> Any:
 
 
 def _quotes(text: str, line: int | None) -> str:
-    """What to do about a YAML error: a pattern that begins with a brace needs quotes."""
+    """What to do about a YAML error: a pattern that begins with a brace needs quotes, and so does 60: for frames."""
     lines = text.splitlines()
     for number in (line or 0, (line or 0) - 1):  # YAML may notice at the next line
-        found = (
-            re.match(r"\s*(\w+):\s*(\{(?:camera|frame)[^#]*)", lines[number - 1]) if 0 < number <= len(lines) else None
-        )
+        pattern = r"\s*(\w+):\s*(\{(?:camera|frame)[^#]*|\d*:\s*$)"
+        found = re.match(pattern, lines[number - 1]) if 0 < number <= len(lines) else None
         if found:
             return f"Put the value in quotes: {found[1]}: '{found[2].strip()}'."
     return "Fix the file."

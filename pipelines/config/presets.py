@@ -119,13 +119,10 @@ def preset_of(config: Config) -> str:
 
 def differing(config: Config, preset: str) -> dict[str, JsonValue]:
     """Settings of the take's processing that differ from a preset, with the preset's values; settings that a preset
-    does not set have their defaults. Settings of the capture and the calibration describe the footage: left out."""
+    does not set have their defaults. Settings that describe the footage are left out."""
+    footage = ("capture.", "calibrate.", "evaluate.exact_masks")
     values, usual = values_of(config), {**values_of(Config()), **PRESETS[preset]}
-    return {
-        name: value
-        for name, value in usual.items()
-        if not name.startswith(("capture.", "calibrate.")) and values[name] != value
-    }
+    return {name: value for name, value in usual.items() if not name.startswith(footage) and values[name] != value}
 
 
 def with_values(config: Config, values: Mapping[str, JsonValue]) -> Config:

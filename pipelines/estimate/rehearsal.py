@@ -262,7 +262,7 @@ def _evaluate(inputs: Inputs, view: FootageView, splats: Gaussians) -> float:
     """Seconds to render and compare one view of the evaluation, apart from reading its image."""
     from studio.comparison import ViewPair, measure, padded_box
 
-    background, lpips = inputs.config.capture.background, lpips_of(inputs.config, inputs.device)
+    background, lpips = inputs.config.evaluate.background, lpips_of(inputs.config, inputs.device)
     box = padded_box(view.mask, inputs.config.evaluate.crop_padding)
     begun = time.perf_counter()
     for _ in ("trained", "decoded"):

@@ -138,7 +138,7 @@ def calibration_warnings(report: CalibrationReport) -> list[Message]:
                 "more is normal); some poses may be wrong even if the reprojection error is low",
                 value=match_inlier_ratio,
                 fix="Try calibrate.shared_intrinsics if the lenses are identical, different or more frames "
-                "(calibrate.frame, calibrate.frames), or a calibration target.",
+                "(calibrate.frame, calibrate.frame_count), or a calibration target.",
                 fields={"expected": TRUSTED, "setting": "calibrate.shared_intrinsics"},
             )
         )

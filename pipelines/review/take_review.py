@@ -155,7 +155,7 @@ class TakeReview:
     @property
     def _background(self) -> tuple[float, float, float]:
         try:
-            red, green, blue = self._settings.config.capture.background
+            red, green, blue = self._settings.config.evaluate.background
         except StudioError:
             return (0.0, 0.0, 0.0)
         return (red, green, blue)

@@ -98,7 +98,7 @@ def find_reviews(streams: dict[str, Path]) -> dict[str, TakeReview]:
 
 
 def wait_for_first_group(folder: str) -> None:
-    """Returns when a take that is baked live (`bake.live`) has a stream; at once for anything else."""
+    """Returns when a take that is baked live (`run.live`) has a stream; at once for anything else."""
     from pipelines.config import load_config
     from pipelines.takes.take import Take
 
@@ -107,7 +107,7 @@ def wait_for_first_group(folder: str) -> None:
         return
     take = Take.open(root)
     manifest = take.stream / MANIFEST_NAME
-    if manifest.is_file() or not take.config.is_file() or not load_config(take.config).bake.live:
+    if manifest.is_file() or not take.config.is_file() or not load_config(take.config).run.live:
         return
     print(f"{folder}: waiting for the first group to be trained and baked", file=sys.stderr)
     while not manifest.is_file():

@@ -150,18 +150,18 @@ def frames_to_try(inputs: Inputs) -> list[list[int]]:
     frames = inputs.footage.raw.frames
     section = inputs.config.calibrate
     if section.frame is None:
-        counts = _MORE_FRAMES if section.frames is None else (section.frames,)
+        counts = _MORE_FRAMES if section.frame_count is None else (section.frame_count,)
         fewer = sorted({min(count, len(frames)) for count in counts})
         return [_spread(frames, count) for count in fewer]
-    if (section.frames or 1) > 1:
+    if (section.frame_count or 1) > 1:
         raise StudioError(
             "settings.conflict",
-            f"calibrate.frame = {section.frame} selects one frame, but calibrate.frames = {section.frames} "
+            f"calibrate.frame = {section.frame} selects one frame, but calibrate.frame_count = {section.frame_count} "
             "requests several",
             value=section.frame,
             fix="Set only one of them.",
             setting="calibrate.frame",
-            other="calibrate.frames",
+            other="calibrate.frame_count",
         )
     if section.frame not in frames:
         raise StudioError(
@@ -195,13 +195,13 @@ def _from_footage(inputs: Inputs, reporter: StageReporter) -> tuple[Rig, Calibra
     footage, section = inputs.footage.raw, inputs.config.calibrate
     attempts = frames_to_try(inputs)
     names = footage.camera_names
-    if section.frames is not None and section.frames > len(attempts[-1]):
+    if section.frame_count is not None and section.frame_count > len(attempts[-1]):
         reporter.warn(
             Message(
                 "footage.few_frames",
-                f"calibrate.frames = {section.frames}, but the footage has only {len(attempts[-1])} used frames",
-                value=section.frames,
-                fields={"setting": "calibrate.frames", "frames": len(attempts[-1])},
+                f"calibrate.frame_count = {section.frame_count}, but only {len(attempts[-1])} frames are used",
+                value=section.frame_count,
+                fields={"setting": "calibrate.frame_count", "frames": len(attempts[-1])},
             )
         )
     if section.look_at != "everything" and inputs.config.capture.masks == "none":
@@ -271,7 +271,7 @@ def _solved(
         masks,
         workdir=work,
         known=known.cameras,
-        poses=None if section.known_poses == "unused" else known.before,
+        poses=None if section.known_poses is None else known.before,
         focal_lengths={} if known.cameras else focal_lengths(footage, frames[0]),
         settings=section,
         threads=inputs.config.run.threads,

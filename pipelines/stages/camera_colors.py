@@ -46,18 +46,18 @@ def ensure_camera_colors(inputs: Inputs, reporter: StageReporter, key: str, stop
             training diverged.
         Cancelled: the run was cancelled.
     """
-    if inputs.config.train.color_chart_frame is None:
+    if inputs.config.train.camera_colors == "splats":
         check_first_points(inputs, "the colors of the cameras are fitted to")
     fit = partial(_fit, inputs, reporter, key)
     ensure_fitted(inputs, reporter, stop, inputs.take.camera_colors, CameraColors, key, fit)
 
 
 def _fit(inputs: Inputs, reporter: StageReporter, key: str) -> None:
-    frame = inputs.config.train.color_chart_frame
-    if frame is None:
-        _fit_to_splats(inputs, reporter, key)
+    chosen = inputs.config.train.camera_colors
+    if isinstance(chosen, int):
+        _fit_to_chart(inputs, reporter, key, chosen)
     else:
-        _fit_to_chart(inputs, reporter, key, frame)
+        _fit_to_splats(inputs, reporter, key)
 
 
 def _fit_to_chart(inputs: Inputs, reporter: StageReporter, key: str, frame: int) -> None:
@@ -81,7 +81,7 @@ def _fit_to_chart(inputs: Inputs, reporter: StageReporter, key: str, frame: int)
                 "training.no_color_chart",
                 f"the colors of {', '.join(fit.without)} are not corrected: in frame {frame}, {reasons(fit.without)}",
                 fix="Choose a frame in which all cameras see the ColorChecker, or leave these cameras out.",
-                fields={"cameras": tuple(fit.without), "frame": frame, "setting": "train.color_chart_frame"},
+                fields={"cameras": tuple(fit.without), "frame": frame, "setting": "train.camera_colors"},
             )
         )
 
@@ -138,7 +138,7 @@ def _fit_to_splats(inputs: Inputs, reporter: StageReporter, key: str) -> None:
                 "training.no_camera_color",
                 f"the colors of {', '.join(without)} are not corrected in any frame: they do not see the performer in "
                 f"frame {group.keyframe}, to which the colors of the cameras are fitted",
-                fix="Start the take (capture.start) at a frame in which all cameras see the performer, or leave these "
+                fix="Start the take (capture.frames) at a frame in which all cameras see the performer, or leave these "
                 "cameras out.",
                 fields={"cameras": tuple(without), "frame": int(group.keyframe)},
             )

@@ -58,7 +58,7 @@ def compared_view(inputs: Inputs, camera: str, frame: int) -> ComparedView | Non
         return None
     world = inputs.edits.similarity
     place = view.camera if world.is_identity else world.camera(view.camera)
-    return ComparedView(place, view.image, mask, box, settings.capture.background, inputs.device)
+    return ComparedView(place, view.image, mask, box, settings.evaluate.background, inputs.device)
 
 
 def compared_cameras(inputs: Inputs) -> tuple[str, ...]:

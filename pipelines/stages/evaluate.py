@@ -145,7 +145,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> E
         note=_note(inputs, held_out),
         resolution={name: (footage.rig[name].width, footage.rig[name].height) for name in cameras},
         crop=f"bounding box of the mask, padded by {inputs.config.evaluate.crop_padding} px",
-        background=inputs.config.capture.background,
+        background=inputs.config.evaluate.background,
         footage="the camera's image composited over the background with the evaluation mask"
         + (", where the camera sees the crop box" if inputs.edits.crop is not None else ""),
         frames=tuple(int(footage.frames[index]) for index in baked),

@@ -106,10 +106,12 @@ class TakeFootage:
         do they when the take is moved or copied."""
         from studio.capture import open_footage
 
-        everything = self.capture.replace(start=None, stop=None, step=1)
+        everything = self.capture.replace(frames=None)
         garbage = file_of_garbage(self.config.capture, self.take)
-        names = {} if garbage is None else {garbage: self.config.capture.garbage_masks}
-        return open_footage(everything, None, strict=False).digest(names)
+        names = {} if garbage is None else {garbage: self.config.capture.garbage_masks or ""}
+        return open_footage(everything, None, strict=False, evaluation_masks=self.config.evaluate.exact_masks).digest(
+            names
+        )
 
     def forget_cameras(self) -> None:
         """Reopen the footage on next access, after the cameras have changed."""
@@ -135,7 +137,7 @@ class TakeFootage:
         run = self.config.run
         return open_footage(
             self.capture, rig, cache_folder=self.take.footage_cache, device=run.device, threads=run.threads,
-            most_cached=self.most_cached, every_camera=True,
+            most_cached=self.most_cached, every_camera=True, evaluation_masks=self.config.evaluate.exact_masks,
         )  # fmt: skip
 
 

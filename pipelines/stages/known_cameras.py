@@ -63,7 +63,7 @@ def known_cameras(inputs: Inputs) -> Rig | None:
 
     section = inputs.config.calibrate
     if not section.known_cameras:
-        if section.known_poses != "unused":
+        if section.known_poses is not None:
             raise StudioError(
                 "settings.missing",
                 "calibrate.known_poses needs calibrate.known_cameras",
@@ -113,40 +113,29 @@ def check_sizes(inputs: Inputs, rig: Rig, path: Path) -> None:
 
 
 def known_distance(section: CalibrateSettings, names: Sequence[str]) -> tuple[str, str, float] | None:
-    """The two cameras of calibrate.scale_between and their distance in meters; None if not set.
+    """calibrate.known_distance: two cameras and their distance in meters; None if not set.
 
     Args:
         section: settings.
         names: cameras of the footage.
 
     Raises:
-        StudioError: one without the other (`settings.conflict`), or a camera not in the footage
-            (`settings.unknown_camera`).
+        StudioError: a camera is not in the footage (`settings.unknown_camera`).
     """
-    if not section.scale_between and section.scale_distance is None:
+    if section.known_distance is None:
         return None
-    if len(section.scale_between) != 2 or section.scale_distance is None:
-        distance = "null" if section.scale_distance is None else section.scale_distance
-        raise StudioError(
-            "settings.conflict",
-            f"calibrate.scale_between is [{', '.join(section.scale_between)}] and calibrate.scale_distance is "
-            f"{distance}",
-            fix="Set two cameras in calibrate.scale_between and their distance in meters in calibrate.scale_distance.",
-            setting="calibrate.scale_between",
-            other="calibrate.scale_distance",
-        )
-    for name in section.scale_between:
+    for name in section.known_distance[:2]:
         if name not in names:
             raise StudioError(
                 "settings.unknown_camera",
-                f"calibrate.scale_between: camera '{name}' not found in the footage",
+                f"calibrate.known_distance: camera '{name}' not found in the footage",
                 value=name,
                 fix=f"Cameras of the footage: {', '.join(names)}.",
-                setting="calibrate.scale_between",
+                setting="calibrate.known_distance",
                 camera=name,
                 found=list(names),
             )
-    return section.scale_between[0], section.scale_between[1], section.scale_distance
+    return section.known_distance
 
 
 def focal_lengths(footage: Footage, frame: int) -> dict[str, float]:

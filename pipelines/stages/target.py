@@ -37,6 +37,7 @@ def calibrate_with_target(inputs: Inputs, reporter: StageReporter) -> Calibratio
     from studio.calibration import calibrate_from_target
 
     section = inputs.config.calibrate
+    assert section.board_images is not None
     views, sizes = _views(inputs, section.board_images, reporter, 0.0, 0.6 if section.intrinsics_images else 0.8)
     if section.intrinsics_images:
         own, own_sizes = _views(inputs, section.intrinsics_images, reporter, 0.6, 0.8)
@@ -94,6 +95,7 @@ def intrinsics_from_target(
     from studio.calibration import calibrate_intrinsics
 
     section = inputs.config.calibrate
+    assert section.intrinsics_images is not None
     views, sizes = _views(inputs, section.intrinsics_images, reporter, start, stop)
     own = {name: [view for (_, camera), view in views.items() if camera == name] for name in sizes}
     return calibrate_intrinsics(section.board, own, sizes, section, inputs.config.run.threads)

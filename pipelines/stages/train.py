@@ -38,7 +38,7 @@ from pipelines.takes.groups import Group
 from pipelines.takes.records import result_of
 from pipelines.takes.stage_files import InitialPointsReport, TrainedGroup
 from studio.counts import counted
-from studio.errors import Message, StudioError
+from studio.errors import StudioError
 
 STAGE = stage_named("train")
 
@@ -56,7 +56,7 @@ def params(inputs: Inputs) -> Params:
 
 def results(inputs: Inputs) -> list[Path]:
     """One file per frame, the colors of the cameras, and what refining the cameras changed."""
-    colors = [inputs.take.camera_colors] if inputs.config.train.camera_colors else []
+    colors = [inputs.take.camera_colors] if inputs.config.train.camera_colors is not None else []
     refinement = [inputs.take.camera_refinement] if refines_cameras(inputs) else []
     frames = [inputs.take.trained_frame(group.index, index) for group in inputs.groups for index in group.indices]
     return colors + refinement + frames
@@ -87,7 +87,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> T
     if executor is None or not todo:  # else those that train the groups need it, and have the devices
         _prepare(inputs, reporter, Cancellation())
     reporter.start_clock()
-    with LiveBake(inputs, reporter, finished) if inputs.config.bake.live else nullcontext() as live:
+    with LiveBake(inputs, reporter, finished) if inputs.config.run.live else nullcontext() as live:
         written = (lambda group, frames: None) if live is None else live.written
         if executor is None:
             _train_here(inputs, reporter, groups, finished, written)
@@ -97,7 +97,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> T
     for group in groups:
         _drop_leftovers(inputs, group)
         splats.append(read_model(inputs.take.train_group(group.index) / "group.json", TrainedGroup).splats)
-    if not inputs.config.train.camera_colors:
+    if inputs.config.train.camera_colors is None:
         remove(inputs.take.camera_colors)
     wanted = {inputs.take.train_group(group.index) for group in groups}
     for folder in (inputs.take.root / "train").glob("group_*"):
@@ -161,7 +161,7 @@ def _checked(
     inputs: Inputs, groups: Sequence[Group], finished: Mapping[int, int], work: GroupWork
 ) -> AbstractContextManager[None]:
     """Checks the frames that are not trained yet while the block trains them."""
-    if not inputs.config.train.check_footage:
+    if not inputs.config.run.check_footage:
         return nullcontext()
     frames = tuple(frame for group in groups for frame in group.frames[finished[group.index] :])
     return footage_check(inputs, frames, work.stop, work.reporter)
@@ -170,18 +170,8 @@ def _checked(
 def _prepare(inputs: Inputs, reporter: StageReporter, stop: Cancellation) -> None:
     """Fit the colors of the cameras, and refine the cameras, if that is wanted and not done yet."""
     settings, recipe = inputs.config.train, _keyframe_recipe(inputs)
-    if settings.camera_colors:
+    if settings.camera_colors is not None:
         ensure_camera_colors(inputs, reporter, camera_colors_key(inputs, recipe), stop)
-    elif settings.color_chart_frame is not None:
-        reporter.warn(
-            Message(
-                "training.chart_unused",
-                f"train.color_chart_frame is {settings.color_chart_frame}, but the colors of the cameras are not "
-                "corrected",
-                fix="Turn train.camera_colors on, or remove the frame of the chart.",
-                fields={"setting": "train.camera_colors", "frame": settings.color_chart_frame},
-            )
-        )
     if refines_cameras(inputs):
         ensure_refined_cameras(inputs, reporter, _cameras_keys(inputs, recipe)[-1], stop)
     else:
@@ -190,7 +180,7 @@ def _prepare(inputs: Inputs, reporter: StageReporter, stop: Cancellation) -> Non
 
 def _cameras_keys(inputs: Inputs, recipe: Params) -> list[str]:
     """Of what is fitted to the cameras before groups are trained, if wanted: colors, then refined cameras."""
-    colors = [camera_colors_key(inputs, recipe)] if inputs.config.train.camera_colors else []
+    colors = [camera_colors_key(inputs, recipe)] if inputs.config.train.camera_colors is not None else []
     return colors + ([refinement_key(inputs, recipe, *colors)] if refines_cameras(inputs) else [])
 
 

@@ -333,7 +333,7 @@ class GroupWork:
         camera = (*footage.held_out_cameras, *footage.train_cameras)[0]
         frame = group.frames[position]
         image = render(
-            gaussians, footage.rig[camera], self.inputs.config.capture.background, self.inputs.device, width=640
+            gaussians, footage.rig[camera], self.inputs.config.evaluate.background, self.inputs.device, width=640
         )
         name = f"{group.first + position:06d}{'' if iteration is None else f'_{iteration:06d}'}.png"
         path = self.inputs.take.previews / name

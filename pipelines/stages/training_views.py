@@ -46,7 +46,7 @@ def training_views(
         readers: cameras that are read in parallel.
         footage: where images and cameras are from; None: `TakeFootage.trained`.
         cameras: names; None: the training cameras.
-        colored: with the cameras' colors, if `train.camera_colors` is on.
+        colored: with the cameras' colors, with `train.camera_colors`.
         detailed: with the take's details.
 
     Raises:
@@ -58,7 +58,7 @@ def training_views(
     cameras = footage.train_cameras if cameras is None else cameras
     marked = details_at(inputs.edits, inputs.footage.raw.frames.index(frame)) if detailed else []
     details = [Detail(*one) for one in marked]
-    colors = read_camera_colors(inputs) if colored and settings.camera_colors else {}
+    colors = read_camera_colors(inputs) if colored and settings.camera_colors is not None else {}
     closer = bool(details) and inputs.config.capture.scale < 1
 
     def read(number: int) -> TrainingView | None:

@@ -21,7 +21,9 @@ take is moved or copied."""
 def file_of_garbage(capture: CaptureSettings, take: Take) -> Path | None:
     """The file in the take that `capture.garbage_masks` names; None if it names none in the take."""
     named = capture.garbage_masks
-    return take.root.absolute() / named.removeprefix(_TAKE) if named.startswith(_TAKE) else None
+    if named is None or not named.startswith(_TAKE):
+        return None
+    return take.root.absolute() / named.removeprefix(_TAKE)
 
 
 def with_garbage_of(capture: CaptureSettings, take: Take) -> CaptureSettings:

@@ -50,10 +50,11 @@ def trained_video(root: Path | str) -> SplatVideo:
         raise StudioError(
             "take.not_trained", "no trained frames yet", file=root, fix="Run `v3studio train`.", stage="train"
         )
-    capture = load_config(take.config if take.config.is_file() else None).capture
+    config = load_config(take.config if take.config.is_file() else None)
+    capture, background = config.capture, config.evaluate.background
     given = read_rig(take.rig) if take.rig.is_file() else None
     rig = None if given is None else in_own_frame(given)
-    fps = None if capture.fps is None else capture.fps / capture.step
+    fps = None if capture.fps is None else capture.fps / capture.frame_range[2]
     if fps is None and (take.stream / "manifest.json").is_file():
         from studio.stream import StreamReader
 
@@ -78,7 +79,7 @@ def trained_video(root: Path | str) -> SplatVideo:
         read=lambda index: groups[bisect_right(starts, index) - 1].read(index),
         up=up,
         view=view if view is None or world.is_identity else world.camera(view),
-        background=(capture.background[0], capture.background[1], capture.background[2]),
+        background=(background[0], background[1], background[2]),
         original=Similarity() if given is None else undone(own_frame(given), placed=edits.world is not None),
     )
     if trim is None:

@@ -197,7 +197,7 @@ def scale_to_distance(rig: Rig, first: str, second: str, distance: float) -> Sim
             "calibration.distance",
             f"the distance between '{first}' and '{second}' is {distance}, expected more than 0",
             value=distance,
-            setting="calibrate.scale_distance",
+            setting="calibrate.known_distance",
         )
     found = float(np.linalg.norm(rig[first].center - rig[second].center))
     if found < 1e-12:
@@ -205,8 +205,8 @@ def scale_to_distance(rig: Rig, first: str, second: str, distance: float) -> Sim
             "calibration.coincident",
             f"cameras '{first}' and '{second}' are at the same position",
             value=[first, second],
-            fix="Set calibrate.scale_between to two cameras that are apart.",
-            setting="calibrate.scale_between",
+            fix="Choose two cameras that are apart.",
+            setting="calibrate.known_distance",
         )
     return Similarity(distance / found, np.eye(3), np.zeros(3))
 

@@ -7,10 +7,11 @@ from typing import Annotated, ClassVar, Literal, Self
 from pydantic import Field, model_validator
 
 from studio.calibration.target.pattern import CalibrationTarget
-from studio.settings import Affects, Conflict, Heading, Settings, Unbounded
+from studio.settings import Affects, Conflict, Heading, Name, Settings, Unbounded
 
 CameraModel = Literal["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV"]
 
+Meters = Annotated[float, Field(gt=0)]
 _FRAME_NUMBER = Unbounded("frame numbers are those of the files")
 _ALL_WAYS = Affects("cameras_from_images", "cameras_from_target", "cameras_from_points")
 _TARGET = Affects("cameras_from_images", "cameras_from_target")
@@ -22,16 +23,16 @@ class CalibrateSettings(Settings):
 
     Functions of `studio.calibration` take opened footage, a `CalibrationTarget`, observations or tie points, and read
     only their solver options from this model. The caller selects the input (`board_images`, `intrinsics_images`,
-    `tie_points`, `frame`, `frames`, `look_at`, `known_cameras`, ...).
+    `tie_points`, `frame`, `frame_count`, `look_at`, `known_cameras`, ...).
     """
 
     affects: ClassVar[Affects | None] = Affects("cameras_from_images")
 
-    board_images: Annotated[str, Heading("Calibration target"), _TARGET] = ""
+    board_images: Annotated[Name | None, Heading("Calibration target"), _TARGET] = None
     """Path pattern of synchronized footage in which a calibration target (board) is moved in front of the cameras;
-    example: board/{camera}.mp4. If set, the cameras are calibrated from it. "": use the capture's own footage."""
+    example: board/{camera}.mp4. If set, the cameras are calibrated from it. null: from the capture's own footage."""
 
-    intrinsics_images: Annotated[str, _ALL_WAYS] = ""
+    intrinsics_images: Annotated[Name | None, _ALL_WAYS] = None
     """Path pattern of additional images of the target for each camera, used for intrinsics only; example:
     lenses/{camera}/*_{frame}.jpg."""
 
@@ -46,15 +47,15 @@ class CalibrateSettings(Settings):
     board_upright: Annotated[bool, _TARGET] = False
     """true: the target is upright in frame board_origin. false: it lies on the floor."""
 
-    tie_points: Annotated[str, Heading("Tie points")] = ""
+    tie_points: Annotated[Name | None, Heading("Tie points")] = None
     """File of tie points marked manually in several cameras (docs/guides/calibrate-points.md), relative to
     capture.root. If set, the cameras are calibrated from these points. For rigs whose cameras share too few features
     to be matched automatically."""
 
     frame: Annotated[int | None, Heading("Footage"), _FRAME_NUMBER, Affects()] = None
-    """Frame to calibrate from, as numbered in the files. null: as frames says."""
+    """Frame to calibrate from, as numbered in the files. null: as frame_count says."""
 
-    frames: Annotated[int | None, Affects()] = Field(default=None, ge=1, le=100)
+    frame_count: Annotated[int | None, Affects()] = Field(default=None, ge=1, le=100)
     """Number of frames, spread over the footage, that are used jointly for calibration; the cameras must not move. Run
     time is proportional to this number. More frames reduce noise and show more of what the performer occludes. null: 1,
     and then 3, 6, 12 and 24, until all cameras are registered with at least 300 points each, and matches between the
@@ -75,22 +76,20 @@ class CalibrateSettings(Settings):
     intrinsics_groups: tuple[tuple[str, ...], ...] = ()
     """Groups of cameras that share intrinsics; example: [[cam01, cam02], [cam03, cam04]]."""
 
-    known_cameras: Annotated[str, Heading("Known cameras")] = ""
+    known_cameras: Annotated[Name | None, Heading("Known cameras")] = None
     """Camera file with known intrinsics, relative to capture.root. Its extrinsics are used as known_poses says."""
 
     fix_intrinsics: bool = True
     """Keep the intrinsics of known_cameras (or intrinsics_images) fixed. false: use them as initial values."""
 
-    known_poses: Literal["unused", "refine", "fix"] = "unused"
+    known_poses: Literal["refine", "fix"] | None = None
     """refine, fix: known_cameras is a previous calibration of this rig, and the new footage is registered to it, which
     is much faster than a full calibration. refine: its extrinsics are initial values, in case cameras have moved since.
-    fix: they are kept."""
+    fix: they are kept. null: only the intrinsics are used."""
 
-    scale_between: Annotated[tuple[str, ...], Heading("Scale and floor"), _POINTS] = ()
-    """Two cameras whose distance is known, which sets the scale; example: [cam01, cam05]."""
-
-    scale_distance: Annotated[float | None, _POINTS] = Field(default=None, gt=0)
-    """Distance between the centers of the two cameras of scale_between, in meters."""
+    known_distance: Annotated[tuple[Name, Name, Meters] | None, Heading("Scale and floor"), _POINTS] = None
+    """Two cameras and the distance between their centers in meters, which sets the scale; example: [cam01, cam05, 4.2].
+    null: unknown."""
 
     floor: bool = False
     """Detect the floor in the sparse points; it defines up and height 0. Needs a textured floor."""

@@ -173,7 +173,7 @@ def fit_chart_colors(
             f"no camera has frame {frame}; the footage has frames {first} to {last}",
             value=frame,
             fix="Choose a frame in which the cameras see the ColorChecker.",
-            setting="train.color_chart_frame",
+            setting="train.camera_colors",
         )
     seen: dict[str, ChartColors] = {}
     without: dict[str, StudioError] = {}
@@ -193,7 +193,7 @@ def fit_chart_colors(
             f"two to compare; {reasons(without)}",
             value=len(seen),
             fix="Choose a frame in which several cameras see the ColorChecker, well exposed.",
-            setting="train.color_chart_frame",
+            setting="train.camera_colors",
             frame=frame,
         )
     usable = ~np.any([one.clipped for one in seen.values()], axis=0)
@@ -203,7 +203,7 @@ def fit_chart_colors(
             f"only {usable.sum()} of the 24 patches are neither too dark nor too bright in all cameras",
             value=int(usable.sum()),
             fix="Choose another frame, or leave out the cameras that are over- or underexposed.",
-            setting="train.color_chart_frame",
+            setting="train.camera_colors",
             expected=_LEAST_PATCHES,
             frame=frame,
         )

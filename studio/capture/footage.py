@@ -96,8 +96,8 @@ class Footage:
 
     @property
     def filmed_fps(self) -> float | None:
-        """Frames per second that the files give, before `spec.step`; None if they give none, as image sequences, or
-        differ."""
+        """Frames per second that the files give, whatever the step of `spec.frames`; None if they give none, as image
+        sequences, or differ."""
         rates = {source.fps for source in self._sources.values() if source.fps}
         return max(rates) if rates and max(rates) <= 1.005 * min(rates) else None
 
@@ -194,7 +194,7 @@ class Footage:
         return self._mask(camera, frame, self._mask_source, "mask").copy()
 
     def evaluation_mask(self, camera: str, frame: int) -> np.ndarray:
-        """The exact mask if the capture has one (`spec.evaluation_masks`), else `mask`."""
+        """The exact mask if the footage was opened with such masks, else `mask`."""
         if self._exact_mask_source is None:
             return self.mask(camera, frame)
         return self._mask(camera, frame, self._exact_mask_source, "exact").copy()

@@ -41,6 +41,7 @@ def open_footage(
     threads: int = 0,
     most_cached: int | None = None,
     every_camera: bool = False,
+    evaluation_masks: str | None = None,
 ) -> Footage:
     """Open a capture: find and open its files and read one frame per camera. Other frames are decoded on demand.
 
@@ -59,6 +60,8 @@ def open_footage(
             limit.
         every_camera: raise if the footage lacks a camera of the rig, as files that are not mounted do. Otherwise, those
             cameras are left out. With `spec.cameras`, they always are.
+        evaluation_masks: pattern of exact masks for `Footage.evaluation_mask`, relative to `spec.root`; None: there are
+            none.
 
     Returns:
         the footage.
@@ -117,13 +120,13 @@ def open_footage(
         unmasked = [name for name in sources if name not in mask_source.cameras]
         sources = _with_masks(spec, sources, unmasked, held_out, notes)
     warps = _warps(spec, rig, sources, frames, notes) if rig is not None else None
-    exact, exact_note = exact_masks(spec, held_out or tuple(sources), masked)
+    exact, exact_note = exact_masks(spec, evaluation_masks, held_out or tuple(sources), masked)
     notes.append(exact_note)
     notes.append(_held_out_note(held_out, tuple(sources)))
     description = "\n".join(note for note in notes if note)
     return Footage(
-        spec, sources, frames, held_out, rate / spec.step, mask_source, exact, warps, pool, cache, description,
-        tuple(problems), sound, garbage,
+        spec, sources, frames, held_out, rate / spec.frame_range[2], mask_source, exact, warps, pool, cache,
+        description, tuple(problems), sound, garbage,
     )  # fmt: skip
 
 
@@ -237,11 +240,12 @@ def _all_of(problems: Sequence[Message]) -> StudioError:
 
 
 def _frames(spec: CaptureSettings, sources: Mapping[str, FrameSource]) -> tuple[tuple[int, ...], list[Message]]:
-    """The frames that all cameras have within start, stop and step, and one problem per camera that lacks some."""
+    """The frames of `spec.frames` that all cameras have, and one problem per camera that lacks some."""
+    start, stop, step = spec.frame_range
 
     def inside(frame: int, first: int) -> bool:
-        low = spec.start if spec.start is not None else first
-        return frame >= low and (spec.stop is None or frame < spec.stop) and (frame - low) % spec.step == 0
+        low = first if start is None else start
+        return frame >= low and (stop is None or frame < stop) and (frame - low) % step == 0
 
     every_frame = sorted(set().union(*(source.frames for source in sources.values())))
     if spec.offsets:  # frames missing at the ends of shifted cameras are not an error
@@ -251,11 +255,10 @@ def _frames(spec: CaptureSettings, sources: Mapping[str, FrameSource]) -> tuple[
     if not wanted:
         raise StudioError(
             "footage.no_frames",
-            f"no frames in the selected range (start {spec.start}, stop {spec.stop}, step {spec.step}); the footage "
-            f"has frames {every_frame[0]} to {every_frame[-1]}",
+            f"no frames in capture.frames = {spec.frames}; the footage has {every_frame[0]} to {every_frame[-1]}",
             file=spec.root,
-            fix="Change capture.start or capture.stop.",
-            setting="capture.start",
+            fix="Change capture.frames.",
+            setting="capture.frames",
             available=(every_frame[0], every_frame[-1]),
         )
     common = set(wanted).intersection(*(source.frames for source in sources.values()))
@@ -273,8 +276,8 @@ def _frames(spec: CaptureSettings, sources: Mapping[str, FrameSource]) -> tuple[
                     "footage.camera_ends_early",
                     f"Camera '{camera}' ends after frame {last}, but others continue to frame {wanted[-1]}",
                     value=last,
-                    fix=f"Replace its footage, or set capture.stop to {first_end + 1} to use only common frames.",
-                    fields={"camera": camera, "expected": wanted[-1], "setting": "capture.stop"},
+                    fix=f"Replace its footage, or set capture.frames to {start or ''}:{first_end + 1}.",
+                    fields={"camera": camera, "expected": wanted[-1], "setting": "capture.frames"},
                 )
             )
         else:

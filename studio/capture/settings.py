@@ -9,7 +9,8 @@ from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 from pydantic import Field, ValidationError, ValidatorFunctionWrapHandler, field_validator, model_validator
 
 from studio.capture.transfer import TransferFunction
-from studio.settings import Affects, Color, Conflict, Heading, Settings, Unbounded
+from studio.frame_range import parse_frame_range
+from studio.settings import Affects, Color, Conflict, Heading, Name, Settings, Unbounded
 from studio.storage import StoreAddress, is_address
 from studio.storage.address import CREDENTIALS, CREDENTIALS_FIX, has_credentials
 
@@ -22,7 +23,6 @@ ImportPath = Annotated[str, Field(pattern=r"^[\w.]+:\w+$")]
 SizeRule = Literal["auto", "stretch", "crop", "letterbox"]
 
 ModelKind = Literal["u2net", "birefnet", "isnet", "modnet", "plain"]
-_FRAME_NUMBER = Unbounded("frame numbers are those of the files")
 
 _DEFAULT = Affects("calibration_masks", "training_views", "evaluation")
 
@@ -96,9 +96,6 @@ class FileSettings(Settings):
     """Pattern of the clean plates, one image (or a video, whose median is used) per camera. auto: search folders named
     clean_plates, clean_plate, bg, background or backgrounds."""
 
-    evaluation_masks: Annotated[str, Affects("evaluation")] = ""
-    """Pattern of ground-truth masks, if the capture has them. Used for evaluation only, never for training."""
-
     audio: Annotated[str | None, Affects("sound")] = None
     """Sound of the performance: an audio file (WAV or anything else that FFmpeg reads) relative to root, or the name of
     a camera whose video has sound. null: none. It is cut to the take, and becomes part of the stream and of exported
@@ -107,7 +104,7 @@ class FileSettings(Settings):
     audio_offset: Annotated[
         float, Unbounded("an offset beyond the take is refused when the sound is cut"), Affects("sound")
     ] = 0.0
-    """Time in seconds from the footage's first frame (not that of the take, so that start does not change it) to the
+    """Time in seconds from the footage's first frame (not that of the take, so that frames does not change it) to the
     beginning of the sound. Positive: the sound starts later; negative: its beginning is cut off."""
 
 
@@ -125,9 +122,9 @@ class DifferenceSettings(Settings):
     colored lights, or where it is very dark (down to 0.12). Before a set without texture, and where it is thin, a
     performer as dark as such a shadow, or lighter than it, can be lost; see docs/guides/masks.md."""
 
-    mask_components: int = Field(default=0, ge=0)
+    mask_components: int | None = Field(default=None, ge=1)
     """Masks from clean plates, median, screen or model: maximum number of connected components per camera, largest
-    first. 0: no limit (except noise)."""
+    first. null: no limit (except noise)."""
 
 
 class ScreenSettings(Settings):
@@ -139,10 +136,10 @@ class ScreenSettings(Settings):
     """Masks from a screen: its approximate color in the footage (red, green, blue; 0 to 1), which must be saturated.
     auto: for each camera, the saturated color that covers most of the image."""
 
-    garbage_masks: Annotated[str, Heading("Garbage masks")] = ""
+    garbage_masks: Annotated[Name | None, Heading("Garbage masks")] = None
     """Where the performer never is, for all sources of masks: the pattern of images that are black there and white
     elsewhere, such as garbage/{camera}.png, or a YAML file with polygons, such as garbage.yaml; take:garbage.yaml is
-    what was drawn in the window. Cameras without one are not restricted. See docs/guides/masks.md."""
+    what was drawn in the window. Cameras without one are not restricted. null: none. See docs/guides/masks.md."""
 
     @field_validator("key_color", mode="wrap")
     @classmethod
@@ -166,7 +163,7 @@ class OnnxSettings(Settings):
 
     affects: ClassVar[Affects | None] = _DEFAULT
 
-    mask_model: str = ""
+    mask_model: Name | None = None
     """Masks from a model, which is also part of the evidence for agreed ones: its ONNX file, relative to root. Input:
     one RGB image (1x3xHxW, float). Output: a mask from 0 to 1. Requires onnxruntime."""
 
@@ -183,7 +180,7 @@ class CaptureSettings(OnnxSettings, ScreenSettings, DifferenceSettings, FileSett
         default=None, gt=0, lt=10_000
     )
     """Frame rate of the footage in frames per second. null: that of the videos; 30 for still images. The take's is this
-    divided by step."""
+    divided by the step of frames."""
 
     color_matrix: Annotated[
         Literal["auto", "bt601", "bt709"],
@@ -198,9 +195,6 @@ class CaptureSettings(OnnxSettings, ScreenSettings, DifferenceSettings, FileSett
     """What the values in the footage and the clean plates mean. srgb: as screens show them. linear: scene-linear light.
     slog3: Sony S-Log3. logc3: ARRI LogC3 (EI 800). The last three are converted to sRGB; light above 1 is clipped, and
     primaries are not converted. auto: EXR files are linear, everything else is srgb."""
-
-    background: Annotated[Color, Affects("evaluation", "manifest")] = (0.0, 0.0, 0.0)
-    """Background color behind the performer in evaluation and previews (red, green, blue; 0 to 1)."""
 
     cameras: Annotated[
         tuple[str, ...],
@@ -220,14 +214,10 @@ class CaptureSettings(OnnxSettings, ScreenSettings, DifferenceSettings, FileSett
     )
     """Image scale: 0.5 halves width and height (area filter)."""
 
-    start: Annotated[int | None, _FRAME_NUMBER, Affects("evaluation")] = None
-    """First frame, as numbered in the files. null: the first one available."""
-
-    stop: Annotated[int | None, _FRAME_NUMBER, Affects("evaluation")] = None
-    """Frame to stop before (exclusive), as numbered in the files. null: the end."""
-
-    step: Annotated[int, Affects("evaluation")] = Field(default=1, ge=1)
-    """Use every step-th frame, and show each of them step times as long."""
+    frames: Annotated[str | None, Affects("evaluation")] = None
+    """Frames to use, as numbered in the files: A:B for frames A to B - 1, A:B:S for every S-th of them, each shown S
+    times as long. Without A or B, it begins with the first or ends with the last frame: 60: or :20 or ::2. null: all
+    frames."""
 
     offsets: Annotated[
         dict[str, int],
@@ -242,12 +232,22 @@ class CaptureSettings(OnnxSettings, ScreenSettings, DifferenceSettings, FileSett
     independently. crop: the image was cropped symmetrically. letterbox: bars were added symmetrically. auto: letterbox
     if black bars are detected, otherwise an error."""
 
+    @property
+    def frame_range(self) -> tuple[int | None, int | None, int]:
+        """First frame, frame to stop before, and step of `frames`; None: from the first or to the last one."""
+        return parse_frame_range(self.frames or ":")
+
+    @field_validator("frames")
+    @classmethod
+    def _range(cls, value: str | None) -> str | None:
+        try:
+            parse_frame_range(value or ":")
+        except ValueError:
+            raise Conflict("must be a range A:B or A:B:S", "Example: 0:20 for frames 0 to 19.") from None
+        return value
+
     @model_validator(mode="after")
     def _combinations(self) -> Self:
-        if self.stop is not None and self.stop <= (self.start or 0):
-            raise Conflict(
-                f"stop = {self.stop} is not after start = {self.start or 0}", "Increase stop.", "stop", "start"
-            )
         for what in ("cameras", "held_out"):
             names = getattr(self, what)
             if len(set(names)) != len(names):

@@ -191,7 +191,7 @@ def check_sync(
         )
     if sounds and len(sounds) == len(names):
         lags, best = offsets_of(sounds, round(seconds * SOUND_RATE))
-        lags = {name: lag / SOUND_RATE * footage.fps * footage.spec.step for name, lag in lags.items()}
+        lags = {name: lag / SOUND_RATE * footage.fps * footage.spec.frame_range[2] for name, lag in lags.items()}
         used = "sound"
     else:
         if len(footage.frames) < _MIN_FRAMES:

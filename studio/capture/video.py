@@ -333,10 +333,10 @@ class VideoReader:
                 f"the video ends after {at} of {self._coded_count} frames",
                 file=self.path,
                 value=at,
-                fix=f"Copy it again, or set capture.stop to {at}.",
+                fix=f"Copy it again, or set capture.frames to :{at}.",
                 frame=at,
                 expected=self._coded_count,
-                setting="capture.stop",
+                setting="capture.frames",
             ) from None
         except (av.error.FFmpegError, OSError, ValueError) as error:
             self.close()

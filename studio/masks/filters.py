@@ -95,7 +95,7 @@ def masked_mean(image: np.ndarray, mask: np.ndarray, sigma: float) -> tuple[np.n
 
 def keep_components(
     mask: np.ndarray,
-    components: int,
+    components: int | None,
     minimum: int,
     core: np.ndarray | None = None,
     likeness: np.ndarray | None = None,
@@ -104,7 +104,7 @@ def keep_components(
 
     Args:
         mask: (H, W) uint8, 0 or 1, or bool.
-        components: maximum number of components, largest first; 0: no limit.
+        components: maximum number of components, largest first; None: no limit.
         minimum: area in pixels; smaller components are removed and smaller holes filled. Components below 1% of the
             area of the largest one are also removed.
         core: (H, W) bool; components without at least 2x2 such pixels are removed.

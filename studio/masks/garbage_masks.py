@@ -94,7 +94,7 @@ def garbage_masks(spec: CaptureSettings, names: tuple[str, ...], pool: DecoderPo
     if not spec.garbage_masks:
         return None
     if Path(spec.garbage_masks).suffix.lower() in EXTENSIONS:
-        return _drawn(spec, names)
+        return _drawn(spec, spec.garbage_masks, names)
     matches = [match for match in find_files(spec.root, spec.garbage_masks) if match.camera in names]
     if not matches:
         raise StudioError(
@@ -108,8 +108,8 @@ def garbage_masks(spec: CaptureSettings, names: tuple[str, ...], pool: DecoderPo
     return GarbageImages(matches, pool, spec.offsets)
 
 
-def _drawn(spec: CaptureSettings, names: tuple[str, ...]) -> DrawnGarbageMasks:
-    path = whole_files([spec.root / Path(spec.garbage_masks).expanduser()])[0]
+def _drawn(spec: CaptureSettings, named: str, names: tuple[str, ...]) -> DrawnGarbageMasks:
+    path = whole_files([spec.root / Path(named).expanduser()])[0]
     found = DrawnGarbageMasks(path)
     unknown = [camera for camera in found.polygons if camera not in names]
     if unknown and not (spec.cameras and len(unknown) < len(found.polygons)):  # the others may be left out on purpose

@@ -312,23 +312,23 @@ def _file_mask_source(
 
 
 def exact_masks(
-    spec: CaptureSettings, names: tuple[str, ...], frames: tuple[int, ...]
+    spec: CaptureSettings, pattern: str | None, names: tuple[str, ...], frames: tuple[int, ...]
 ) -> tuple[MaskSource | None, str]:
-    """The exact masks for evaluation, `spec.evaluation_masks`.
+    """The exact masks for evaluation.
 
     Args:
         spec: the capture's settings.
+        pattern: of their files, relative to the capture; None: there are none.
         names: cameras of the footage.
         frames: frame numbers that must have a mask.
 
     Returns:
-        their source and a sentence that describes it; None and "" if the setting is empty.
+        their source and a sentence that describes it; None and "" if there are none.
 
     Raises:
         StudioError: `mask.not_found`, or `mask.missing` for a camera or frame.
     """
-    pattern = spec.evaluation_masks
-    if not pattern:
+    if pattern is None:
         return None, ""
     matches = [match for match in find_files(spec.root, pattern) if match.camera in names]
     if not matches:
@@ -337,8 +337,8 @@ def exact_masks(
             f"no evaluation mask matches the pattern '{pattern}'",
             file=spec.root,
             value=pattern,
-            fix="Check capture.evaluation_masks.",
-            setting="capture.evaluation_masks",
+            fix="Check evaluate.exact_masks.",
+            setting="evaluate.exact_masks",
         )
     mask_source = _file_mask_source(matches, spec, names, frames, DecoderPool(len(names)), "evaluation mask")
     return mask_source, f"Evaluation within the exact masks '{pattern}'."

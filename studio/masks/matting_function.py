@@ -42,7 +42,7 @@ class FunctionMaskSource:
         files: files that the function depends on; a take becomes stale when they change. Errors name the first one.
             None: the function's source file.
         cache: disk cache of the masks; None: no cache.
-        components: maximum number of connected components, largest first; 0: no limit.
+        components: maximum number of connected components, largest first; None: no limit.
         garbage: where the performer may be; None: everywhere.
     """
 
@@ -53,7 +53,7 @@ class FunctionMaskSource:
         *,
         files: Sequence[Path] | None = None,
         cache: MaskCache | None = None,
-        components: int = 0,
+        components: int | None = None,
         garbage: GarbageMasks | None = None,
     ) -> None:
         self._function = function

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Field
+from pydantic import Field, ValidationError, ValidatorFunctionWrapHandler, field_validator
 
 from studio.dilation import DILATION, MAX_DILATION, MIN_DILATION
-from studio.settings import Affects, Heading, Settings, Unbounded
+from studio.settings import Affects, Conflict, Heading, Settings
 
 GROUP_SIZE = 20
 """Frames per group in the paper."""
@@ -102,15 +102,15 @@ class TrainSettings(Settings):
     """Number of last steps of a keyframe with a dropout of at most 0.1, which makes details sharper. If above 0, the
     fine-tuning of later frames uses that dropout in all steps."""
 
-    camera_colors: Annotated[bool, Heading("Colors of cameras")] = False
+    camera_colors: Annotated[
+        Literal["splats"] | Annotated[int, Field(ge=0, strict=True)] | None, Heading("Colors of cameras")
+    ] = None
     """Correct differences in color between cameras: a 3x4 matrix (with exposure) per camera, constant in a take, fitted
     before training and stored in train/camera_colors.json. The mean camera keeps its colors, and the stream has those.
-    For rigs whose cameras differ in exposure, white balance or model."""
-
-    color_chart_frame: Annotated[int | None, Unbounded("frame numbers are those of the footage")] = None
-    """With camera_colors: frame in which cameras see a ColorChecker Classic (24 patches), with the numbering of
-    capture.start; it may be before that. The matrices are then fitted to its patches instead of to splats. Cameras that
-    do not see it are not corrected. `v3studio colors` shows the result. null: no chart."""
+    For rigs whose cameras differ in exposure, white balance or model. splats: fitted to splats of the first keyframe. A
+    number: fitted to the patches of a ColorChecker Classic (24 patches) that the cameras see in this frame of the
+    footage, which may be outside of capture.frames; cameras that do not see it are not corrected, and `v3studio
+    colors` shows the result. null: no correction."""
 
     refine_cameras: Annotated[Literal["auto", "always", "never"], Heading("Refined cameras")] = "auto"
     """Refine the cameras together with the splats of the first keyframe: pose, principal point, focal length and one
@@ -202,6 +202,14 @@ class TrainSettings(Settings):
 
     rates: LearningRates = LearningRates()
     """Learning rates of the splats."""
+
+    @field_validator("camera_colors", mode="wrap")
+    @classmethod
+    def _splats_or_frame(cls, value: Any, check: ValidatorFunctionWrapHandler) -> Any:
+        try:
+            return check(value)
+        except ValidationError:  # one message instead of one per alternative type
+            raise Conflict("must be splats, the number of a frame with a ColorChecker, or null") from None
 
     def motion_steps(self, first: bool) -> int:
         """Steps of the motion network for a frame; `first`: it is the first one after the keyframe."""

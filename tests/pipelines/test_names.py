@@ -60,7 +60,7 @@ def place(finished: Path, tmp_path_factory: pytest.TempPathFactory, run_in: Call
         "masks": "files",
         "mask_files": "mask é/{camera}/{frame:03d}.png",
         "held_out": [NAMES["cam4"]],
-        "stop": 2,
+        "frames": ":2",
     }
     settings["run"]["preview_seconds"] = 0.01
     (folder / "réglages 影.yaml").write_text(dump_yaml(settings), encoding="utf-8")

@@ -52,7 +52,7 @@ def test_no_setting_is_declared_in_two_models() -> None:
                 homes.setdefault(name, set()).add(model)
     assert len(homes) > 100
     twice = {name for name, found in homes.items() if len(found) > 1}
-    # capture.background is for evaluation, train.background for training; train.rates.scale is a learning rate
+    # evaluate.background is for evaluation, train.background for training; train.rates.scale is a learning rate
     assert twice == {"background", "scale"}
 
 
@@ -105,7 +105,7 @@ def test_what_settings_affect_is_said_at_the_field_the_section_or_the_class() ->
     assert found["train.max_splats"] == ("keyframe",)
     assert found["train.motion_views"] == ("later_frames",)
     assert found["train.rates.opacity"] == ("keyframe",)  # from the class that contains it
-    assert found["train.check_footage"] == found["run.threads"] == ()
+    assert found["run.check_footage"] == found["run.threads"] == ()
     assert found["calibrate.board.square"] == found["calibrate.board.kind"]  # from the field that contains its model
     assert set(found) == set(all_names())
 

@@ -249,7 +249,7 @@ def _fps(take: Take, opened: Opened) -> float:
 
     try:
         capture = load_config(take.config).capture
-        return (capture.fps or FALLBACK_FPS) / capture.step
+        return (capture.fps or FALLBACK_FPS) / capture.frame_range[2]
     except StudioError:
         return FALLBACK_FPS
 

@@ -23,7 +23,7 @@ from studio.errors import StudioError
 
 OFF = (
     "The colors of the cameras are not corrected. If cameras differ in exposure, white balance or model, turn "
-    "train.camera_colors on; the cameras' images are then compared here."
+    "train.camera_colors; the cameras' images are then compared here."
 )
 
 NOT_YET = "The colors of the cameras are fitted at the start of training. Run Train."
@@ -83,7 +83,7 @@ class CameraColorPairs:
         self.places = []
         if context is None:
             return sentence(size, self.workspace.without_settings, em)
-        if not context.config.train.camera_colors:
+        if context.config.train.camera_colors is None:
             return sentence(size, OFF, em)
         if not context.take.camera_colors.is_file():
             return sentence(size, NOT_YET, em)

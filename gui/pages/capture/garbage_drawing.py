@@ -129,7 +129,7 @@ class GarbageDrawing:
     def _path(self) -> Path:
         context = self._workspace.context
         assert context is not None
-        named = context.config.capture.garbage_masks
+        named = context.config.capture.garbage_masks or ""
         if Path(named).suffix.lower() not in EXTENSIONS:
             raise StudioError(
                 "gui.garbage_images",

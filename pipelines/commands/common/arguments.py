@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 import difflib
 import math
-import re
 import sys
 from collections.abc import Iterable, Sequence
 from typing import Any, NoReturn
 
 from studio.errors import StudioError
+from studio.frame_range import parse_frame_range
 
 SETTINGS_NOTE = """settings:
   --set SECTION.NAME=VALUE    or    --SECTION.NAME VALUE
@@ -151,11 +151,11 @@ def frame_range(text: str) -> tuple[int, int | None, int]:
     Returns:
         first frame, frame to stop before (None: the end), and step.
     """
-    found = re.fullmatch(r"(\d*):(\d*)(?::(\d+))?", text)
-    start, stop, step = (int(part) if part else None for part in found.groups()) if found else (None, None, 0)
-    if step == 0 or (stop is not None and stop <= (start or 0)):
-        raise argparse.ArgumentTypeError(f"'{text}' is not of the form A:B or A:B:S; example: 0:20 for frames 0 to 19")
-    return start or 0, stop, step or 1
+    try:
+        start, stop, step = parse_frame_range(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    return start or 0, stop, step
 
 
 def add_frames(parser: argparse.ArgumentParser, text: str) -> None:

@@ -41,7 +41,7 @@ def encode(plan: BakePlan, part: Part, reporter: StageReporter, start: float, st
     remove(plan.note_path(part))
     edited = edited_group(inputs, part)
     frames = EditedFrames(edited, part.indices)
-    cameras, background = stream_cameras(inputs), inputs.config.capture.background
+    cameras, background = stream_cameras(inputs), inputs.config.evaluate.background
     finetuned, start = _finetuned(plan, part, edited, reporter, start, stop)
     error = None
     if settings.max_loss is not None:

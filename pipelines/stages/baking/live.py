@@ -1,4 +1,4 @@
-"""Bakes and publishes groups while later ones are trained (`bake.live`)."""
+"""Bakes and publishes groups while later ones are trained (`run.live`)."""
 
 from __future__ import annotations
 

@@ -67,7 +67,7 @@ def _sound(inputs: Inputs, plan: BakePlan, reporter: StageReporter) -> AudioEntr
         return None
     trim = inputs.edits.trim
     frames = footage.frames if trim is None else footage.frames[trim.first : trim.last + 1]
-    cut = footage.sound.cut(frames, footage.spec.step)
+    cut = footage.sound.cut(frames, footage.spec.frame_range[2])
     audio = bake_sound(cut, plan.folder)
     for seconds, where in ((cut.missing_before, "begins"), (cut.missing_after, "ends")):
         if seconds > SHORT_SOUND:
@@ -114,4 +114,4 @@ def _metadata(plan: BakePlan, entries: Sequence[GroupEntry], notes: Sequence[Bak
     first = plan.parts[0].first
     place = None if first == 0 and world.is_identity else CapturePlace(first, world)
     original = undone(own_frame(read_rig(inputs.take.rig)), placed=inputs.edits.world is not None)
-    return StreamMetadata(camera, inputs.config.capture.background, (x, y, z), covered, place, original)
+    return StreamMetadata(camera, inputs.config.evaluate.background, (x, y, z), covered, place, original)

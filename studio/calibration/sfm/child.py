@@ -123,7 +123,7 @@ def run_reporting(
             "calibration.worker_died",
             f"{what} ended unexpectedly with exit code {child.returncode}: {tail or 'no error output'}",
             value=child.returncode,
-            fix="If memory ran out, close other programs, or reduce calibrate.frames.",
+            fix="If memory ran out, close other programs, or reduce calibrate.frame_count.",
             exit_code=child.returncode,
             stderr=tail,
         )

@@ -180,7 +180,7 @@ def _read(
             "calibration.unregistered",
             f"structure from motion registered {len(found)} of {len(names)} cameras; not registered: {text}",
             value=sorted(missing),
-            fix="Use another frame (calibrate.frame), several (calibrate.frames), or images with more overlap.",
+            fix="Use another frame (calibrate.frame), several (calibrate.frame_count), or images with more overlap.",
             unregistered=missing,
             setting="calibrate.frame",
         )

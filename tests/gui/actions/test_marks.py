@@ -48,7 +48,7 @@ def test_a_mark_stays_with_the_footage_when_the_take_begins_later(window: Window
     MarkActions(window).ask()  # type: ignore[arg-type]
     window.answers["save"]("hand")
     assert list(read_marks(tmp_path / "marks.json")) == [63]
-    window.player.transport.numbers = FrameNumbers((62, 63, 64))  # capture.start is 62 now
+    window.player.transport.numbers = FrameNumbers((62, 63, 64))  # capture.frames is 62: now
     window.player.transport.seek(0)
     MarkActions(window).go(1)  # type: ignore[arg-type]
     assert window.player.transport.frame == 1

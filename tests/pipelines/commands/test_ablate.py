@@ -56,7 +56,7 @@ def test_the_full_method_is_always_first_and_names_are_checked():
 def test_command_shares_keyframes_measures_and_goes_on(project, cli):
     out = project / "ablation"
     arguments = ("ablate", project / "ball.yaml", "--out", out, "--variants", "no-finetune", "--qps", "10,24,34,42")
-    done = cli(*arguments, "--set", "capture.stop=2")
+    done = cli(*arguments, "--set", "capture.frames=:2")
     assert done.returncode == 0, done.stderr
     results = json.loads((out / "ablation.json").read_text())
     assert [entry["name"] for entry in results["variants"]] == ["full", "no-finetune"]
@@ -78,7 +78,7 @@ def test_command_shares_keyframes_measures_and_goes_on(project, cli):
     assert "no fine-tuning" in page
 
     before = {path: path.stat().st_mtime_ns for path in out.rglob("frame_*")}
-    again = cli(*arguments, "--set", "capture.stop=2")
+    again = cli(*arguments, "--set", "capture.frames=:2")
     assert again.returncode == 0, again.stderr
     assert {path: path.stat().st_mtime_ns for path in out.rglob("frame_*")} == before
 

@@ -44,7 +44,7 @@ def test_settings_keep_their_order():
     """`v3studio config` uses this order, and digests of ablations depend on it."""
     names = list(all_names())
     assert names[:4] == ["capture.root", "capture.images", "capture.rig", "capture.masks"]
-    assert names.index("train.check_footage") + 1 == names.index("train.sh_degree")
+    assert names.index("train.grouping") + 1 == names.index("train.sh_degree")
     assert names.index("capture.mask_components") + 1 == names.index("capture.key_color")
     assert names.index("capture.mask_model_kind") + 1 == names.index("capture.fps")
 
@@ -112,7 +112,7 @@ def test_unknown_setting_names_the_file_and_the_nearest(tmp_path, text, name, ne
         ("bake: {quality: 80}", "bake.quality", 80, "a limit such as 0.4 dB loss"),
         ("train: {max_splats: many}", "train.max_splats", "many", "a whole number. The default is 100000."),
         ("train: {background: green}", "train.background", "green", "random, black or white"),
-        ("capture: {background: [0, 0, 2]}", "capture.background", 2, "background.2 = 2 must be at most 1"),
+        ("evaluate: {background: [0, 0, 2]}", "evaluate.background", 2, "background.2 = 2 must be at most 1"),
         ("run: {device: tpu}", "run.device", "tpu", "auto, cpu, cuda or cuda:N"),
         ("run: {device: 'cuda:²'}", "run.device", "cuda:²", "auto, cpu, cuda or cuda:N"),
         ("capture: {key_color: [0.5, 0.5, 0.5]}", "capture.key_color", [0.5, 0.5, 0.5], "Use a saturated color"),
@@ -131,7 +131,6 @@ def test_an_invalid_value_is_reported_with_file_value_and_hint(tmp_path, text, s
     [
         ("bake: {profile: planes, codec: av1}", ["bake.codec", "bake.profile"]),
         ("bake: {codec: av1, quality: 0}", ["bake.codec", "bake.quality"]),
-        ("capture: {start: 5, stop: 5}", ["capture.stop", "capture.start"]),
         ("capture: {held_out: [a, a]}", ["capture.held_out"]),
         ("capture: {held_out: [every 1]}", ["capture.held_out"]),
         ("calibrate: {intrinsics_groups: [[a]]}", ["calibrate.intrinsics_groups"]),
@@ -166,8 +165,56 @@ def test_a_mistake_on_the_command_line_is_not_blamed_on_the_file(tmp_path):
     with refuses("settings.invalid", file="command line", value=80, setting="bake.quality"):
         load(tmp_path, "", "bake.quality=80")
     both = f"{tmp_path / 'run.yaml'} and command line"
-    with refuses("settings.invalid", file=both, settings=["capture.stop", "capture.start"]):
-        load(tmp_path, "capture: {root: .}", "capture.start=20", "capture.stop=4")
+    with refuses("settings.invalid", file=both, settings=["bake.codec", "bake.profile"]):
+        load(tmp_path, "bake: {profile: planes}", "bake.codec=av1")
+
+
+@pytest.mark.parametrize("text", ["3:9", "3:", ":9", "::2", "3:9:2"])
+def test_frames_are_written_as_on_the_command_line(tmp_path: Path, text: str) -> None:
+    written = load(tmp_path, f"capture: {{frames: '{text}'}}").capture
+    assert written == load(tmp_path, "", f"capture.frames={text}").capture
+    start, stop, step = written.frame_range
+    assert list(range(20))[text_slice(text)] == list(range(start or 0, stop or 20, step))
+
+
+def text_slice(text: str) -> slice:
+    return slice(*(int(part) if part else None for part in text.split(":")))
+
+
+@pytest.mark.parametrize("text", ["5", "9:3", "4:4", "::0", "a:b", "-3:"])
+def test_frames_that_are_no_range(tmp_path: Path, text: str) -> None:
+    with refuses("settings.invalid", setting="capture.frames"):
+        load(tmp_path, f"capture: {{frames: '{text}'}}")
+
+
+def test_a_range_that_yaml_reads_as_a_key_needs_quotes(tmp_path: Path) -> None:
+    with refuses("settings.not_yaml", line=2) as caught:
+        load(tmp_path, "capture:\n  frames: 60:")
+    assert "frames: '60:'" in caught.value.fix
+
+
+def test_cameras_with_a_distance_keep_their_names(tmp_path: Path) -> None:
+    for config in (
+        load(tmp_path, "calibrate: {known_distance: [04, 05, 4.2]}"),
+        load(tmp_path, "", "calibrate.known_distance=04,05,4.2"),
+    ):
+        assert config.calibrate.known_distance == ("04", "05", 4.2)
+    for wrong in ("[a, b]", "[a, b, 0]", "[a, b, far]"):
+        with refuses("settings.invalid"):
+            load(tmp_path, f"calibrate: {{known_distance: {wrong}}}")
+
+
+@pytest.mark.parametrize("name", ["capture.garbage_masks", "evaluate.exact_masks", "calibrate.tie_points"])
+def test_no_text_is_null(name: str) -> None:
+    assert load_config(None, [parse_override(f"{name}=null")]) == load_config(None)
+    with refuses("settings.invalid", setting=name):
+        load_config(None, [(name, "")])
+
+
+def test_camera_colors_are_not_true() -> None:
+    """Which would be frame 1."""
+    with refuses("settings.invalid", setting="train.camera_colors"):
+        load_config(None, [parse_override("train.camera_colors=true")])
 
 
 def test_missing_file_and_folder(tmp_path):
@@ -181,12 +228,12 @@ def test_missing_file_and_folder(tmp_path):
 def test_a_list_needs_no_brackets(tmp_path: Path, text: str) -> None:
     assert load_config(None, [parse_override(f"capture.held_out={text}")]).capture.held_out == ("cam05", "cam12")
     path = tmp_path / "settings.yaml"
-    path.write_text(f"capture: {{held_out: '{text.strip('[]')}', background: '0, 0.5, 1'}}")
+    path.write_text(f"capture: {{held_out: '{text.strip('[]')}'}}\nevaluate: {{background: '0, 0.5, 1'}}")
     assert load_config(path).capture.held_out == ("cam05", "cam12")
-    assert load_config(path).capture.background == (0, 0.5, 1)
+    assert load_config(path).evaluate.background == (0, 0.5, 1)
     for wrong in ("a: b", "", "&a [*a]", "0, red, 1"):
         with refuses("settings.invalid"):
-            load_config(None, [("capture.background", wrong)])
+            load_config(None, [("evaluate.background", wrong)])
 
 
 @pytest.mark.parametrize("text", ["01,02", "yes, no", "010", "[1:30, 02]", '7, "08"'])

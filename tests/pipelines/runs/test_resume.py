@@ -84,7 +84,8 @@ def test_stopped_inside_a_keyframe_continues_from_its_checkpoint(project, here, 
 
     def run(name: str):
         return here(
-            "run", project / "ball.yaml", "--take", project / name, "--capture.stop", "2", "--until", "train", "--json"
+            *("run", project / "ball.yaml", "--take", project / name),
+            *("--capture.frames", ":2", "--until", "train", "--json"),
         )
 
     def stops(path, *arguments):
@@ -111,7 +112,7 @@ def test_stopped_inside_a_keyframe_continues_from_its_checkpoint(project, here, 
 
 def test_killed_between_later_frames_continues_with_the_acceleration(project, start, cli):
     """The first guess of frame 4 takes frames 1, 2 and 3, which a resumed run has to read."""
-    one_group = ("--train.group_size", "5", "--capture.stop", "5")
+    one_group = ("--train.group_size", "5", "--capture.frames", ":5")
     settings = (*one_group, "--train.motion_acceleration", "0.5")
 
     def run(name: str) -> tuple:

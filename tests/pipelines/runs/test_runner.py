@@ -273,7 +273,7 @@ def test_a_longer_take_keeps_what_the_shorter_one_trained(project):
     shutil.rmtree(project.take.root)
     Take.create(project.take.root)
     stages = ("calibrate", "initialize", "train")
-    project.run("capture.stop=4", stages=stages)
+    project.run("capture.frames=:4", stages=stages)
     times = project.written("train")
     assert len(times) == 4
     events = project.run(stages=stages)
@@ -282,7 +282,7 @@ def test_a_longer_take_keeps_what_the_shorter_one_trained(project):
 
 
 def test_a_shorter_take_drops_the_frames_it_lost(project):
-    events = project.run("capture.stop=2")
+    events = project.run("capture.frames=:2")
     assert trained(events) == []
     assert ran(events) == ["initialize", "train", "bake", "evaluate"]
     assert sorted(project.written("train")) == ["frame_000000.safetensors", "frame_000001.safetensors"]
@@ -337,7 +337,7 @@ def test_another_seed_trains_again_with_progress_and_previews(project):
 
 def test_without_held_out_cameras_the_evaluation_says_so(project):
     events = project.run("capture.held_out=[]", "train.keyframe_iterations=5", "train.motion_iterations=1",
-                         "train.finetune_iterations=1", "capture.stop=2")  # fmt: skip
+                         "train.finetune_iterations=1", "capture.frames=:2")  # fmt: skip
     protocol = json.loads(project.take.evaluation.read_text())["protocol"]
     assert protocol["held_out"] is False
     assert len(protocol["cameras"]) == 6

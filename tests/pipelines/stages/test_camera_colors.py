@@ -25,7 +25,7 @@ from tests.support.errors import refuses
 
 pytestmark = pytest.mark.long
 
-OPTIONS = ("train.camera_colors=true",)
+OPTIONS = ("train.camera_colors=splats",)
 
 
 @pytest.fixture(autouse=True)
@@ -120,7 +120,7 @@ def charted(finished: Path, tmp_path: Path) -> tuple[Path, np.ndarray]:
     return tmp_path / "project", truth
 
 
-CHART = ("capture.scale=0.1", "capture.stop=5", "train.camera_colors=true", "train.color_chart_frame=5")
+CHART = ("capture.scale=0.1", "capture.frames=:5", "train.camera_colors=5")
 
 
 def test_they_come_from_a_chart_outside_of_the_take(charted: tuple[Path, np.ndarray]) -> None:
@@ -142,15 +142,15 @@ def test_they_come_from_a_chart_outside_of_the_take(charted: tuple[Path, np.ndar
         context = Inputs(take, config)
         seen = training_views(context, StageReporter("train", events.append), 0, lambda number, images: None)
         views[len(options)] = {view.camera.name: view.color for view in seen}
-    assert all(color is None for color in views[2].values())
-    assert [name for name, color in views[4].items() if color is None] == ["cam3"]
+    assert all(color is None for color in views[len(CHART) - 1].values())
+    assert [name for name, color in views[len(CHART)].items() if color is None] == ["cam3"]
 
 
 def test_a_frame_without_a_chart_is_refused_before_anything_is_trained(charted: tuple[Path, np.ndarray]) -> None:
     project, _ = charted
     train(project, *CHART[:2], until="initialize")
     with refuses("color_chart.too_few", frame=0):
-        train(project, *CHART[:3], "train.color_chart_frame=0")
+        train(project, *CHART[:2], "train.camera_colors=0")
 
 
 def test_the_command_shows_what_is_found(charted: tuple[Path, np.ndarray], here: Callable) -> None:
@@ -162,7 +162,7 @@ def test_the_command_shows_what_is_found(charted: tuple[Path, np.ndarray], here:
     assert lines[3] == "cam3: no ColorChecker is seen; not corrected"
     before, after = (float(word) for word in lines[0].split() if word[0].isdigit() and "." in word)
     assert after < 1 < before
-    assert lines[-1] == "train: {camera_colors: true, color_chart_frame: 5}"
+    assert lines[-1] == "train: {camera_colors: 5}"
     done = here("colors", project / "ball.yaml", "--chart-frame", 9)
     assert done.returncode == 1
     assert "frames 0 to 5" in done.stderr

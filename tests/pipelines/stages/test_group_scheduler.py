@@ -85,7 +85,7 @@ def test_only_what_is_left_to_train_needs_memory(
     with refuses("train.too_little_memory"):
         work(take, config, ("train",), 1, lambda event: None)
     # before the colors of the cameras are fitted, which is training too
-    colored = load_config(tmp_path / "project" / "ball.yaml", [parse_override("train.camera_colors=true")])
+    colored = load_config(tmp_path / "project" / "ball.yaml", [parse_override("train.camera_colors=splats")])
     with refuses("train.too_little_memory"):
         run(take, colored, lambda event: None, stages=("train",))
     assert not take.camera_colors.exists()

@@ -79,20 +79,12 @@ def test_a_camera_file_of_another_shape_is_told_by_calibrate(tmp_path: Path) -> 
     assert calibrate._from_file(made, file)[0]["b"].width == 160
 
 
-def test_a_known_distance_needs_both_parts() -> None:
-    names = ("a", "b", "c")
-    assert known_distance(CalibrateSettings(), names) is None
-    section = CalibrateSettings(scale_between=("a", "b"), scale_distance=2.5)
-    assert known_distance(section, names) == ("a", "b", 2.5)
-    with refuses("settings.unknown_camera", value="b", found=["a", "c"], setting="calibrate.scale_between"):
+def test_a_known_distance_is_that_of_cameras_of_the_footage() -> None:
+    assert known_distance(CalibrateSettings(), ("a", "b")) is None
+    section = CalibrateSettings(known_distance=("a", "b", 2.5))
+    assert known_distance(section, ("a", "b", "c")) == ("a", "b", 2.5)
+    with refuses("settings.unknown_camera", value="b", found=["a", "c"], setting="calibrate.known_distance"):
         known_distance(section, ("a", "c"))
-    for values in (
-        {"scale_between": ("a", "b")},
-        {"scale_distance": 1.0},
-        {"scale_between": ("a",), "scale_distance": 1},
-    ):
-        with refuses("settings.conflict", setting="calibrate.scale_between", other="calibrate.scale_distance"):
-            known_distance(CalibrateSettings(**values), names)
 
 
 def test_looking_at_the_room_needs_masks(tmp_path: Path) -> None:
@@ -113,9 +105,9 @@ def test_focal_lengths_from_exif(tmp_path: Path) -> None:
     ("settings", "expected"),
     [
         ({}, [[0], [2, 6, 10], [1, 3, 5, 7, 9, 11], list(range(12))]),
-        ({"frames": 1}, [[0]]),
-        ({"frames": 3}, [[2, 6, 10]]),
-        ({"frames": 50}, [list(range(12))]),
+        ({"frame_count": 1}, [[0]]),
+        ({"frame_count": 3}, [[2, 6, 10]]),
+        ({"frame_count": 50}, [list(range(12))]),
         ({"frame": 7}, [[7]]),
     ],
 )
@@ -124,8 +116,8 @@ def test_which_frames(tmp_path: Path, settings: dict, expected: list[list[int]])
 
 
 def test_frames_that_contradict_each_other(tmp_path: Path) -> None:
-    with refuses("settings.conflict", setting="calibrate.frame", other="calibrate.frames"):
-        calibrate.frames_to_try(context(tmp_path, filmed=3, frame=1, frames=2))
+    with refuses("settings.conflict", setting="calibrate.frame", other="calibrate.frame_count"):
+        calibrate.frames_to_try(context(tmp_path, filmed=3, frame=1, frame_count=2))
 
 
 def test_intrinsics_of_another_aspect_follow_the_size_rule(tmp_path: Path) -> None:

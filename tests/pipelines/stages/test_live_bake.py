@@ -18,7 +18,7 @@ from studio.stream import StreamReader
 from tests.support.streams import contents
 from tests.support.waiting import wait_until
 
-FAST = [("bake.live", True), ("bake.preset", "ultrafast")]
+FAST = [("run.live", True), ("bake.preset", "ultrafast")]
 
 
 @pytest.fixture
@@ -121,7 +121,7 @@ def test_training_with_live_gives_the_stream_of_a_bake(here, take, published):
     assert result.returncode == 0, result.stderr
     assert published == [([3], True), ([3, 2], False)]
     before = contents(take.stream)
-    assert here("bake", take.root, "--bake.live", "false").returncode == 0
+    assert here("bake", take.root, "--run.live", "false").returncode == 0
     assert contents(take.stream) == before
 
 

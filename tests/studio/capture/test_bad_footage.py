@@ -53,10 +53,10 @@ def test_several_cameras_with_missing_frames_are_counted(image_folders: Path) ->
 
 def test_different_frame_counts(three_videos: Path, make: SimpleNamespace) -> None:
     make.video(three_videos / "videos" / "cam2.mp4", [make.numbered(index) for index in range(9)])
-    with refuses("footage.camera_ends_early", value=8, camera="cam2", expected=11, setting="capture.stop") as caught:
+    with refuses("footage.camera_ends_early", value=8, camera="cam2", expected=11, setting="capture.frames") as caught:
         open_footage(CaptureSettings(root=three_videos))
-    assert "set capture.stop to 9" in str(caught.value)
-    assert open_footage(CaptureSettings(root=three_videos, stop=9)).frames == tuple(range(9))
+    assert "set capture.frames to :9" in str(caught.value)
+    assert open_footage(CaptureSettings(root=three_videos, frames=":9")).frames == tuple(range(9))
 
 
 def test_different_rates(three_videos: Path, make: SimpleNamespace) -> None:

@@ -75,7 +75,7 @@ def test_cameras_without_a_chart_and_with_a_wrong_one_are_named(tmp_path: Path) 
 def test_what_cannot_be_fitted_is_refused(tmp_path: Path) -> None:
     chart = view_of_chart(NEUTRAL, 1)
     footage = footage_of(tmp_path, a=[WALL, chart], b=[WALL, WALL], c=[WALL, chart, chart])
-    with refuses("color_chart.no_frame", value=7, setting="train.color_chart_frame"):
+    with refuses("color_chart.no_frame", value=7, setting="train.camera_colors"):
         fit_chart_colors(footage, 7, "abc")
     with refuses("color_chart.too_few", value=0):
         fit_chart_colors(footage, 0, "abc")

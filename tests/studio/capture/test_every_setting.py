@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 from pipelines.stages.camera_file import camera_file
-from pipelines.stages.footage import performer_over
 from studio.cameras import Rig
 from studio.capture import CaptureSettings, open_footage
 from studio.errors import StudioError
@@ -36,10 +35,9 @@ CHANGES: dict[str, tuple[Any, dict[str, Any]]] = {
     "root": ("screen", {"masks": "none"}),
     "images": ("other_images/{camera}/{frame}.png", {"masks": "none"}),
     "masks": ("none", {}),
-    "mask_files": ("other_masks/{camera}.png", {"masks": "files", "stop": 1}),
-    "mask_labels": ((7,), {"mask_files": "labels/{camera}.png", "masks": "files", "stop": 1}),
+    "mask_files": ("other_masks/{camera}.png", {"masks": "files", "frames": ":1"}),
+    "mask_labels": ((7,), {"mask_files": "labels/{camera}.png", "masks": "files", "frames": ":1"}),
     "clean_plates": ("other_plates/{camera}.png", PLATES),
-    "evaluation_masks": ("other_masks/{camera}.png", {"stop": 1}),
     "audio": ("a.wav", {}),
     "audio_offset": (0.5, {"audio": "a.wav"}),
     "mask_sensitivity": (0.1, PLATES),
@@ -54,10 +52,8 @@ CHANGES: dict[str, tuple[Any, dict[str, Any]]] = {
     "cameras": (("a", "b"), {}),
     "held_out": (("b",), {}),
     "scale": (0.5, {}),
-    "start": (1, {}),
-    "stop": (2, {}),
-    "step": (2, {}),
-    "offsets": ({"b": 1}, {"start": 1, "stop": 2, "masks": "none"}),
+    "frames": ("1::2", {}),
+    "offsets": ({"b": 1}, {"frames": "1:2", "masks": "none"}),
     "size_rule": ("stretch", {"size_rule": "crop", "rig": "wide"}),
 }
 """Another value of each setting, and what else has to be set for it to matter. What is seen: see `shown`."""
@@ -152,13 +148,6 @@ def _model(captures: Path, patch: pytest.MonkeyPatch) -> bool:
         for name in ("free.onnx", "fixed.onnx")
     ]
     return read == [[captures / "plain" / "free.onnx"], [captures / "plain" / "fixed.onnx"]]
-
-
-@observed_by("background")
-def _background(captures: Path, patch: pytest.MonkeyPatch) -> bool:
-    both = [CaptureSettings(root=captures / "plain", background=color) for color in ((0, 0, 0), (1, 1, 1))]
-    seen = [performer_over(open_footage(one), "a", 0, one.background) for one in both]
-    return not np.array_equal(*seen)
 
 
 def test_there_is_a_row_for_every_setting() -> None:

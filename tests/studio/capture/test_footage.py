@@ -35,10 +35,10 @@ def test_images_keep_their_frame_numbers(image_folders: Path, make: SimpleNamesp
     assert make.number_of(footage.image("right", 7)) == 7
     assert footage.mask("left", 5)[32, 48] == 255
     assert footage.mask("left", 5)[0, 0] == 0
-    assert open_footage(CaptureSettings(root=image_folders, start=6, step=2)).frames == (6, 8)
-    assert open_footage(CaptureSettings(root=image_folders, stop=7)).frames == (5, 6)
-    with refuses("footage.no_frames", file=image_folders, available=(5, 8), setting="capture.start"):
-        open_footage(CaptureSettings(root=image_folders, start=20))
+    assert open_footage(CaptureSettings(root=image_folders, frames="6::2")).frames == (6, 8)
+    assert open_footage(CaptureSettings(root=image_folders, frames=":7")).frames == (5, 6)
+    with refuses("footage.no_frames", file=image_folders, available=(5, 8), setting="capture.frames"):
+        open_footage(CaptureSettings(root=image_folders, frames="20:"))
 
 
 def test_single_images_are_frame_zero_and_masks_may_have_another_format(tmp_path: Path, make: SimpleNamespace) -> None:
@@ -274,9 +274,9 @@ def test_digest_depends_on_names_and_contents_not_on_times(image_folders: Path, 
 def test_spec_refuses_impossible_values(tmp_path: Path) -> None:
     for values in (
         {"scale": 0.0},
-        {"step": 0},
+        {"frames": "::0"},
         {"masks": "magic"},
-        {"background": (2, 0, 0)},
+        {"mask_components": 0},
         {"held_out": ("every 1",)},
     ):
         with refuses_setting(*values):
@@ -292,5 +292,5 @@ def test_only_selected_frames_need_masks(image_folders: Path) -> None:
     spec = CaptureSettings(root=image_folders, masks="files", mask_files="masks/{camera}/{frame}.png")
     with refuses("mask.missing", camera="left", frames=(7, 8)):
         open_footage(spec)
-    assert open_footage(spec.replace(stop=7)).frames == (5, 6)
+    assert open_footage(spec.replace(frames=":7")).frames == (5, 6)
     assert open_footage(spec, strict=False).digest(), "the files have a digest without all masks"

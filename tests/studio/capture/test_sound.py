@@ -24,7 +24,7 @@ def videos(tmp_path_factory):
 def heard(root, **settings):
     """Times of clicks in the take, in frames, and the footage."""
     footage = open_footage(CaptureSettings(root=root, masks="none", rig=None, **settings))
-    cut = footage.sound.cut(footage.frames, footage.spec.step)
+    cut = footage.sound.cut(footage.frames, footage.spec.frame_range[2])
     samples = np.concatenate(list(cut.blocks()))
     assert len(samples) == round(len(footage.frames) / footage.fps * 48_000)
     return [time * footage.fps for time in click_times(samples)]
@@ -33,11 +33,11 @@ def heard(root, **settings):
 def test_a_file_is_cut_to_the_frames(videos):
     close = {"abs": 0.03}
     assert heard(videos, audio="take.wav") == pytest.approx([10, 30], **close)
-    assert heard(videos, audio="take.wav", start=5, stop=25) == pytest.approx([5], **close)
+    assert heard(videos, audio="take.wav", frames="5:25") == pytest.approx([5], **close)
     assert heard(videos, audio="take.wav", audio_offset=0.2) == pytest.approx([15, 35], **close)
-    assert heard(videos, audio="take.wav", audio_offset=-0.2, start=3) == pytest.approx([2, 22], **close)
+    assert heard(videos, audio="take.wav", audio_offset=-0.2, frames="3:") == pytest.approx([2, 22], **close)
     # every second frame is shown twice as long
-    assert heard(videos, audio="take.wav", start=4, step=2) == pytest.approx([3, 13], **close)
+    assert heard(videos, audio="take.wav", frames="4::2") == pytest.approx([3, 13], **close)
     assert heard(videos, audio=str(videos / "take.wav")) == pytest.approx([10, 30], **close)
 
 

@@ -201,9 +201,9 @@ def test_chosen_labels(tmp_path: Path, make: SimpleNamespace) -> None:
     [(pillow(255 - ONE * 255), "mask.inverted"), (pillow((SOFT * 0.3).astype(np.uint8)), "mask.weak")],
 )
 def test_masks_that_look_wrong(tmp_path: Path, make: SimpleNamespace, write: Write, code: str) -> None:
-    spec = CaptureSettings(root=capture(tmp_path, make, ".png", write), evaluation_masks="masks/{camera}/{frame}.png")
+    spec = CaptureSettings(root=capture(tmp_path, make, ".png", write))
     for kind in ("auto", "none"):  # those of the evaluation, too
-        found = open_footage(spec.replace(masks=kind)).warnings
+        found = open_footage(spec.replace(masks=kind), evaluation_masks="masks/{camera}/{frame}.png").warnings
         assert {warning.code for warning in found} == {code}
         assert found[0].fields["cameras"] == ("a", "b")
 

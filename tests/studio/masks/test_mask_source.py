@@ -24,8 +24,8 @@ def iou(mask: np.ndarray, truth: np.ndarray) -> float:
 
 
 def test_clean_plates_of_the_sample_capture(make: SimpleNamespace, sample_rig: Rig) -> None:
-    spec = CaptureSettings(root=make.sample, masks="clean_plate", evaluation_masks="mattes/{camera}.mkv")
-    footage = open_footage(spec, sample_rig)
+    spec = CaptureSettings(root=make.sample, masks="clean_plate")
+    footage = open_footage(spec, sample_rig, evaluation_masks="mattes/{camera}.mkv")
     assert len(footage.camera_names) == 16
     assert len(footage.frames) == 30
     overlaps, errors = [], []
@@ -42,7 +42,7 @@ def test_sample_masks_agree_with_the_exact_surface(make: SimpleNamespace, sample
     """Masks, meshes and cameras of the sample are consistent: every vertex projects into the mask or its border."""
     import cv2
 
-    footage = open_footage(CaptureSettings(root=make.sample, evaluation_masks="mattes/{camera}.mkv"), sample_rig)
+    footage = open_footage(CaptureSettings(root=make.sample), sample_rig, evaluation_masks="mattes/{camera}.mkv")
     data = (make.sample / "meshes" / "000012.ply").read_bytes()
     header, body = data.split(b"end_header\n", 1)
     count = int(header.split(b"element vertex ")[1].split()[0])

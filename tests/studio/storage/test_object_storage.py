@@ -238,7 +238,7 @@ def test_messages_name_the_address_and_not_the_copy(object_store: ObjectStore, t
     spec = CaptureSettings(root=DAY, images="images/{camera}/{frame:03d}.png")
     assert " in s3://studio/day1: " in open_footage(spec).description
     with pytest.raises(StudioError, match=r"^s3://studio/day1: no frames") as caught:
-        open_footage(spec.replace(start=50))
+        open_footage(spec.replace(frames="50:"))
     assert caught.value.message.to_dict()["file"] == DAY
     object_store.client.put_object(Bucket="studio", Key="day1/images/cam0/001.png", Body=b"no image")
     with pytest.raises(StudioError, match=r"^s3://studio/day1/images/cam0/001.png: "):

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import functools
 import hashlib
-import tempfile
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
-from studio.capture import CaptureSettings, FootageView, open_footage
-from studio.capture.color_chart import fit_chart_colors
+from studio.capture import FootageView
 from studio.chroma import ChromaSampling
 from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize
@@ -22,7 +19,6 @@ from studio.settings import affected
 from studio.similarity import Similarity
 from studio.training import Correction, LearningRates, TrainingView, TrainSettings, train_interframe, train_keyframe
 from tests.studio.training.test_group import HEIGHT, SHIFT, WIDTH, ball, cameras
-from tests.support.color_charts import matrices, view_of_chart, write_charts
 
 BASE: dict[str, Any] = {
     "keyframe_iterations": 12,
@@ -218,21 +214,6 @@ def test_a_resumed_keyframe_keeps_its_dilation() -> None:
     assert float(kept[14]["refinement.splats.dilation"]) == 0.1
     assert digest([whole]) == digest([resumed])
     assert resumed.dilation == 0.1
-
-
-@observed_by("color_chart_frame")
-def _chart_frame() -> bool:
-    """In a take: `tests/pipelines/stages/test_camera_colors.py`. Here, that each frame has its own matrices."""
-    first, second = matrices(2, seed=1), matrices(2, seed=2)
-    with tempfile.TemporaryDirectory() as folder:
-        names = {name: [view_of_chart(first[at], at), view_of_chart(second[at], at)] for at, name in enumerate("ab")}
-        write_charts(Path(folder), names)
-        footage = open_footage(CaptureSettings(root=Path(folder), masks="none"))
-        found = [
-            fit_chart_colors(footage, settings(color_chart_frame=frame).color_chart_frame or 0, "ab").matrices["a"]
-            for frame in (0, 1)
-        ]
-    return not np.allclose(*found, atol=0.01)
 
 
 def test_there_is_a_row_for_every_setting() -> None:

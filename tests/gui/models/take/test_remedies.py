@@ -91,14 +91,14 @@ def test_every_setting_that_a_message_names_exists() -> None:
     ("code", "fields", "setting", "value"),
     [
         ("training.slow", {"suggested": 0.42}, "capture.scale", 0.42),
-        ("footage.few_frames", {"frames": 7}, "calibrate.frames", 7),
+        ("footage.few_frames", {"frames": 7}, "calibrate.frame_count", 7),
         ("coverage.gaps", {}, "bake.view_range", "none"),
     ],
 )
 def test_the_value_of_a_warning_is_valid(
     code: str, fields: dict[str, object], setting: str, value: object, footage_project: Path
 ) -> None:
-    config = load_config(footage_project / "ball.yaml", [("calibrate.frames", 9)])
+    config = load_config(footage_project / "ball.yaml", [("calibrate.frame_count", 9)])
     warning = Warned(message="m", code=code, fields=fields)
     fix = fix_of(warning, config)
     assert fix == Fix(setting, value, sets=True)

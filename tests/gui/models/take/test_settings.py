@@ -39,7 +39,7 @@ VALUES = {
     "evaluate.lpips": "vgg",  # Literal | None
     "calibrate.shared_intrinsics": False,  # bool | None
     "calibrate.frame": 3,  # int | None
-    "calibrate.scale_distance": 0.5,  # float | None
+    "run.memory_per_group": 0.5,  # float | None
     "capture.rig": "off",  # str | None, a word that YAML reads as false
 }
 
@@ -98,7 +98,7 @@ def test_words_units_and_choices_of_paths_belong_to_settings() -> None:
     ("name", "value", "shown"),
     [
         ("capture.offsets", {"cam1": 2, "cam2": -1}, "cam1: 2, cam2: -1"),
-        ("capture.background", [0.0, 0.5, 1.0], "0.0, 0.5, 1.0"),
+        ("capture.mask_labels", [1, 5], "1, 5"),
         ("capture.cameras", [], "all"),
         ("capture.cameras", ["1", "cam 2", "off"], "1, cam 2, off"),
         ("capture.masks", "clean_plate", "clean plate"),

@@ -238,7 +238,7 @@ def test_a_run_in_a_terminal_shows_up_can_be_stopped_and_gone_on_with(
     }
     terminal = subprocess.Popen(
         [sys.executable, "-m", "pipelines.cli", "run", "--take", str(take_copy), "--json",
-         "--train.keyframe_iterations", "100000", "--train.check_footage", "false"],
+         "--train.keyframe_iterations", "100000", "--run.check_footage", "false"],
         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment,
     )  # fmt: skip
     try:

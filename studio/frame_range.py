@@ -1,0 +1,21 @@
+"""Ranges of frames as text, as commands and settings take them."""
+
+from __future__ import annotations
+
+import re
+
+
+def parse_frame_range(text: str) -> tuple[int | None, int | None, int]:
+    """The parts of "A:B", "A:B:S" or parts of it: frames A to B - 1 in steps of S, as in Python.
+
+    Returns:
+        first frame (None: the first there is), frame to stop before (None: the end), and step.
+
+    Raises:
+        ValueError: it is something else, or the range is empty.
+    """
+    found = re.fullmatch(r"(\d*):(\d*)(?::(\d+))?", text)
+    start, stop, step = (int(part) if part else None for part in found.groups()) if found else (None, None, 0)
+    if step == 0 or (stop is not None and stop <= (start or 0)):
+        raise ValueError(f"'{text}' is not of the form A:B or A:B:S; example: 0:20 for frames 0 to 19")
+    return start, stop, step or 1
