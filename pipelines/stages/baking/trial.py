@@ -60,7 +60,7 @@ def measure(context: Inputs, part: Part, settings: BakeSettings) -> Trial:
     from studio.stream import StreamReader, bake_group, write_manifest
 
     frames = EditedFrames(edited_group(context, part), part.indices)
-    cameras, background = stream_cameras(context), context.config.capture.background
+    cameras, background = stream_cameras(context), context.config.evaluate.background
     error = RenderedError(frames, cameras, background, context.device)
     fps = float(context.footage.raw.fps)
     with tempfile.TemporaryDirectory() as name:

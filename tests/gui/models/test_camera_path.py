@@ -74,7 +74,7 @@ def test_views_stay_with_their_frames_of_the_footage(tmp_path: Path) -> None:
         editor.add(ORBIT.camera(640, 360), frame)
     again = PathEditor()
     again.open(tmp_path / "camera_path.json", History())
-    again.numbers = FrameNumbers((62, 63, 64))  # capture.start is 62 now
+    again.numbers = FrameNumbers((62, 63, 64))  # capture.frames is 62: now
     assert (frames(again), again.frames) == ([60, 64], [None, 2])
     with refuses("camera_path.frame_missing", value=60):
         again.path(640, 360)
