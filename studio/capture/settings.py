@@ -8,8 +8,8 @@ from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 from pydantic import Field, ValidationError, ValidatorFunctionWrapHandler, field_validator, model_validator
 
+from studio.capture.frame_range import parse_frame_range
 from studio.capture.transfer import TransferFunction
-from studio.frame_range import parse_frame_range
 from studio.settings import Affects, Color, Conflict, Heading, Name, Settings, Unbounded
 from studio.storage import StoreAddress, is_address
 from studio.storage.address import CREDENTIALS, CREDENTIALS_FIX, has_credentials

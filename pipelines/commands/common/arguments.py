@@ -9,8 +9,8 @@ import sys
 from collections.abc import Iterable, Sequence
 from typing import Any, NoReturn
 
+from studio.capture.frame_range import parse_frame_range
 from studio.errors import StudioError
-from studio.frame_range import parse_frame_range
 
 SETTINGS_NOTE = """settings:
   --set SECTION.NAME=VALUE    or    --SECTION.NAME VALUE
