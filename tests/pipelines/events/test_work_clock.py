@@ -14,31 +14,22 @@ import pytest
 
 from pipelines.events.work_clock import WorkClock, counting_pauses
 from pipelines.stages.reporter import StageReporter
+from tests.support.waiting import HandClock
 
 
-class Now:
-    """A clock that the test controls."""
-
-    def __init__(self) -> None:
-        self.seconds = 100.0
-
-    def __call__(self) -> float:
-        return self.seconds
-
-
-def work(clock: WorkClock, now: Now, seconds: float) -> None:
+def work(clock: WorkClock, now: HandClock, seconds: float) -> None:
     for _ in range(round(seconds / 0.25)):
-        now.seconds += 0.25
+        now.time += 0.25
         clock.look()
 
 
 @pytest.mark.parametrize("looked_before_told", [True, False])
 def test_a_gap_that_sigcont_follows_is_a_pause(looked_before_told: bool) -> None:
-    now = Now()
+    now = HandClock()
     clock = WorkClock(now)
     start = clock()
     work(clock, now, 10)
-    now.seconds += 300
+    now.time += 300
     if looked_before_told:
         clock.look()
         assert clock() - start == pytest.approx(10), "never ahead of what turns out to be"
@@ -49,29 +40,29 @@ def test_a_gap_that_sigcont_follows_is_a_pause(looked_before_told: bool) -> None
 
 
 def test_a_gap_alone_is_work_and_the_clock_never_runs_backwards() -> None:
-    now = Now()
+    now = HandClock()
     clock = WorkClock(now)
     seen = [clock()]
     for gap in (20.0, 0.0):
-        now.seconds += gap
+        now.time += gap
         for _ in range(300):
             work(clock, now, 0.25)
             seen.append(clock())
     assert seen == sorted(seen)
     assert clock.paused == 0
-    assert seen[-1] - seen[0] == pytest.approx(now.seconds - 100)
+    assert seen[-1] - seen[0] == pytest.approx(now.time)
     clock.continued()  # suspended for too short a time to matter
     assert clock.paused == 0
 
 
 def test_time_left_does_not_grow_by_a_pause() -> None:
-    now = Now()
+    now = HandClock()
     clock = WorkClock(now)
     events = []
     reporter = StageReporter("train", events.append, clock=clock)
     work(clock, now, 50)
     reporter.progress(0.5)
-    now.seconds += 1000
+    now.time += 1000
     clock.continued()
     work(clock, now, 25)
     reporter.progress(0.75)

@@ -10,7 +10,7 @@ import pytest
 from studio.stream import FolderSource, StreamReader
 from tests.support.shared import made_once
 from tests.support.streams import bake_numbered
-from tests.support.waiting import wait_until
+from tests.support.waiting import HandClock, wait_until
 
 FPS = 50.0
 
@@ -90,24 +90,18 @@ def gated(stream: Path) -> GatedSource:
     return GatedSource(stream)
 
 
-class HandClock:
-    """A clock that only advances manually."""
-
-    def __init__(self) -> None:
-        self.seconds = 100.0
-
-    def __call__(self) -> float:
-        return self.seconds
+class FrameClock(HandClock):
+    """A clock that only advances by frames of the stream."""
 
     def forward(self, frames: float) -> None:
-        """Advance by a number of frames of the stream."""
-        self.seconds += frames / FPS
+        """Advance by a number of frames."""
+        self.time += frames / FPS
 
 
 @pytest.fixture
-def clock() -> HandClock:
-    """See `HandClock`."""
-    return HandClock()
+def clock() -> FrameClock:
+    """See `FrameClock`."""
+    return FrameClock()
 
 
 @pytest.fixture
