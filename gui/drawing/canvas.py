@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -66,6 +67,10 @@ def _icon(key: str, side: int) -> np.ndarray:
     return np.asarray(image)
 
 
+_BEFORE_UNIT = re.compile(r"(?<=\d) (?=(dB|px|[KMG]B|kbit/s|Mbit/s|fps|s|min|h|of \d+|levels)\b)")
+"""The space between a number and its unit, where no line ends."""
+
+
 def text_width(text: str, size: int) -> int:
     """Width of a line of text in pixels."""
     return _width(text, size) if text else 0
@@ -91,9 +96,9 @@ def fitted(text: str, size: int, width: float) -> str:
 
 
 def wrapped(text: str, size: int, width: float) -> list[str]:
-    """Lines no wider than `width` pixels; a word is broken only if it alone is wider."""
+    """Lines no wider than `width` pixels; a word or a number with its unit is broken only if it alone is wider."""
     lines: list[str] = []
-    for paragraph in text.splitlines() or [""]:
+    for paragraph in _BEFORE_UNIT.sub("\u00a0", text).splitlines() or [""]:
         line = ""
         for word in paragraph.split(" "):
             longer = f"{line} {word}" if line else word

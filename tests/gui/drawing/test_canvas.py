@@ -86,3 +86,9 @@ def test_images_are_clipped_and_fitted() -> None:
     canvas = Canvas(100, 60, BLACK)
     assert canvas.fit_image(10, 5, 80, 50, np.full((10, 40, 3), 200, np.uint8)) == (10, 20, 80, 20)
     assert np.array_equal(np.argwhere(drawn(canvas))[[0, -1]], [[20, 10], [39, 89]])
+
+
+def test_a_number_stays_with_its_unit() -> None:
+    for width in range(80, 300, 20):
+        lines = wrapped("PSNR 16.01 dB (before baking 16.03 dB), 2.8 KB per frame, done in 1.1 s", 16, width)
+        assert not any(line.lstrip().startswith(("dB", "KB", "s")) for line in lines), width
