@@ -99,7 +99,7 @@ def play(place: Path, seconds: float, size: tuple[int, int], device: str) -> Non
     cpu, start = time.process_time(), time.monotonic()
     last = start
     while time.monotonic() < start + seconds:
-        player.drag_orbit(TURN, 0.0)
+        player.drag(TURN, 0.0, True, player.size[1])
         application.run_one_tick()
         now = time.monotonic()
         ticks.append(now - last)

@@ -10,9 +10,9 @@ AHEAD = 4
 """Number of frames decoded ahead of the one on screen."""
 
 
-def frame_cache() -> MemoryCache[int, Gaussians]:
+def frame_cache(limit: int = CACHE_BYTES) -> MemoryCache[int, Gaussians]:
     """The most recently used frames, up to a number of bytes, but always a few."""
-    return MemoryCache(CACHE_BYTES, bytes_of_frame, least=AHEAD + 2)
+    return MemoryCache(limit, bytes_of_frame, least=AHEAD + 2)
 
 
 def bytes_of_frame(gaussians: Gaussians) -> int:
