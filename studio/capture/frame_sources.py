@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from studio.capture.images import has_alpha, image_size, read_image
+from studio.capture.images import has_alpha, image_size, is_turned, read_image
 from studio.capture.patterns import VIDEO_EXTENSIONS, Match
 from studio.capture.transfer import TransferFunction
 from studio.capture.video import VideoReader
@@ -80,7 +80,7 @@ class ImageSource:
         self.width, self.height = image_size(first)
         self.has_alpha = has_alpha(first)
         self.fps: float | None = None
-        self.note = ""
+        self.note = "EXIF turns the images for display, but they are used as stored" if is_turned(first) else ""
 
     def read(self, frame: int) -> np.ndarray:
         """See `FrameSource`. All images must have the size of the camera's first image, and its alpha channel if any.

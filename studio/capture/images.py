@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from PIL.ImageFile import ImageFile
 
 _ALPHA_MODES = ("RGBA", "LA", "PA", "RGBa", "La")
+_ORIENTATION = 0x0112  # of EXIF; 1 is upright
 _FIX = "Replace the file or exclude the frame."
 
 
@@ -45,6 +46,19 @@ def has_alpha(path: Path) -> bool:
         return read_deep_values(path).shape[2:] == (4,)
     with _open(path) as image:
         return _is_transparent(image)
+
+
+def is_turned(path: Path) -> bool:
+    """Whether the image's EXIF orientation says that it is to be turned or mirrored for display.
+
+    Raises:
+        StudioError: as `image_size`.
+    """
+    if is_deep(path) or not _pillow_reads(path):
+        return False
+    with _open(path) as image:
+        # of PNG, Pillow would decode the image
+        return image.format in ("JPEG", "MPO", "TIFF") and image.getexif().get(_ORIENTATION, 1) != 1
 
 
 def read_image(path: Path, transfer: TransferFunction = "auto") -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from functools import partial
 from pathlib import Path
 
@@ -263,7 +263,7 @@ def _frames(spec: CaptureSettings, sources: Mapping[str, FrameSource]) -> tuple[
         )
     common = set(wanted).intersection(*(source.frames for source in sources.values()))
     problems = []
-    first_end = min(source.frames[-1] for source in sources.values())
+    trimmed = _common_span(spec, wanted, common)
     for camera, source in sources.items():
         have = set(source.frames)
         missing = [frame for frame in wanted if frame not in have]
@@ -276,7 +276,7 @@ def _frames(spec: CaptureSettings, sources: Mapping[str, FrameSource]) -> tuple[
                     "footage.camera_ends_early",
                     f"Camera '{camera}' ends after frame {last}, but others continue to frame {wanted[-1]}",
                     value=last,
-                    fix=f"Replace its footage, or set capture.frames to {start or ''}:{first_end + 1}.",
+                    fix=f"Replace its footage{trimmed or ', or exclude the camera'}.",
                     fields={"camera": camera, "expected": wanted[-1], "setting": "capture.frames"},
                 )
             )
@@ -286,7 +286,7 @@ def _frames(spec: CaptureSettings, sources: Mapping[str, FrameSource]) -> tuple[
                 Message(
                     "footage.frames_missing",
                     f"Camera '{camera}' lacks {frames_lacking}, which other cameras have",
-                    fix="Add the missing files, or exclude the camera or the frames.",
+                    fix=f"Add the missing files{trimmed or ', or exclude the camera or the frames'}.",
                     fields={"camera": camera, "frames": tuple(missing)},
                 )
             )
@@ -294,6 +294,18 @@ def _frames(spec: CaptureSettings, sources: Mapping[str, FrameSource]) -> tuple[
     if not frames and not problems:
         raise StudioError("footage.no_common_frame", "no frame is available from all cameras", file=spec.root)
     return frames, problems
+
+
+def _common_span(spec: CaptureSettings, wanted: Sequence[int], common: Set[int]) -> str:
+    """How to use only the frames that all cameras have, as the end of a sentence; "" if a range cannot say that."""
+    span = [frame for frame in wanted if common and min(common) <= frame <= max(common)]
+    if not span or len(span) > len(common & set(wanted)):
+        return ""
+    start, stop, step = spec.frame_range
+    first = span[0] if span[0] > wanted[0] or start is not None or step > 1 else ""
+    last = span[-1] + 1 if span[-1] < wanted[-1] or stop is not None else ""
+    every = f":{step}" if step > 1 else ""
+    return f", or set capture.frames to {first}:{last}{every} to use only common frames"
 
 
 def _fps(spec: CaptureSettings, sources: Mapping[str, FrameSource]) -> tuple[float, str]:

@@ -65,6 +65,7 @@ def check_count(path: Path, count: int) -> None:
             f"the file has {count} splats; expected 1 to {MAX_SPLATS}",
             file=path,
             value=count,
+            fix="Remove the file from the sequence, or export it again.",
         )
 
 

@@ -193,6 +193,15 @@ def _vertices(path: Path, ply: PlyData, note: Note) -> PlyElement:
             fix="Choose a file written by 3DGS or a compatible tool.",
             missing=missing[0],
         )
+    whole = [prop.name for prop in element.properties if prop.name in NEEDED and prop.dtype()[-2] in "iu"]
+    if whole:
+        raise StudioError(
+            "splat_file.integers",
+            f"the property '{whole[0]}' has integers, so it is not that of 3D splats",
+            file=path,
+            value=whole[0],
+            fix="Export the file again as a PLY of 3D Gaussians.",
+        )
     check_count(path, element.count)
     return element
 

@@ -26,7 +26,8 @@ def plain(**changes) -> dict[str, np.ndarray]:
 
 
 def saved(path, columns, comments=(), **options):
-    rows = np.empty(COUNT, [(name, "<f4") for name in columns])
+    kinds = options.get("kinds", {})
+    rows = np.empty(COUNT, [(name, kinds.get(name, "<f4")) for name in columns])
     for name, values in columns.items():
         rows[name] = values
     elements = [PlyElement.describe(rows, "vertex"), *options.get("others", ())]
@@ -49,6 +50,12 @@ def test_the_filter_of_mip_splatting_is_merged(path):
     mass = [splats.opacities * splats.scales.prod(dim=1) for splats in (before, after)]
     np.testing.assert_allclose(mass[1], mass[0], rtol=1e-4)
     assert len(notes) == 1
+
+
+def test_colors_in_bytes_are_refused(path):
+    columns = plain(f_dc_0=np.full(COUNT, 200.0))
+    with refuses("splat_file.integers", file=path, value="f_dc_0"):
+        read_splats(saved(path, columns, kinds={"f_dc_0": "u1"}))
 
 
 def test_two_scales_are_flat_splats(path):
