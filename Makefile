@@ -140,5 +140,5 @@ system-tests:
 docs: system ## build the documentation into site/, with warnings as errors
 	@bash scripts/setup.sh docs
 	@$(MAKE) --no-print-directory web
-	@NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --strict --quiet
+	@NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --strict
 	@echo "Documentation: site/index.html"
