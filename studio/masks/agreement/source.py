@@ -6,7 +6,7 @@ For each frame, with all cameras at once and at reduced size:
 2. `vote` finds for each pixel what the other cameras say about the space behind it. A threshold separates performer
    from set: the one at which votes and evidence agree best.
 3. Both, and `outlines.color_odds`, give new log-odds. Steps 2 and 3 are repeated; GrabCut finds the outlines in the
-   last rounds, which the next votes start from.
+   last rounds. The next votes are mainly from the evidence, and only the last ones from what was found.
 """
 
 from __future__ import annotations
@@ -47,12 +47,17 @@ _HEARD, _COLORS = 2.0, 0.5
 """Weights of the votes and of colors, against the evidence."""
 _CUT, _UNCUT = 1.5, 0.5
 """Log-odds of an outline's two sides, and weight of what it was cut from, in the next votes."""
+_LEARNED = 0.3
+"""Share of what was found in the next votes, except the last ones. The rest is each camera's own evidence: otherwise,
+what too many cameras miss is lost a little more in each round."""
+_VOTE_LIMIT = 2.0
+"""Log-odds of one camera's next vote are clipped to this."""
 _MODEL, _MODEL_CLIP = 0.5, 0.02
 """Weight of a matting model's log-odds, and how close to 0 and 1 it may be."""
 _KEPT_FRAMES = 4
 _KEPT_BYTES = 256 << 20
 _SMALLEST = 1e-4  # component, in fractions of the image
-_VERSION = 1  # of the algorithm; part of the names of cached files
+_VERSION = 2  # of the algorithm; part of the names of cached files
 
 
 class AgreedMaskSource:
@@ -133,17 +138,18 @@ class AgreedMaskSource:
             images = each(lambda name: self._image(name, frame), {name: name for name in names})
             own = each(lambda name: self.evidence(name, frame), {name: name for name in names})
             cameras = {name: rig[name].resized(image.shape[1], image.shape[0]) for name, image in images.items()}
-            odds, colors = own, {name: np.zeros_like(one) for name, one in own.items()}
+            voting, colors = own, {name: np.zeros_like(one) for name, one in own.items()}
             solid: dict[str, np.ndarray] = {}
             for turn in range(_ROUNDS):
-                votes = heard(odds, cameras, self._voters)
-                threshold = best_threshold(votes, odds)
+                votes = heard(voting, cameras, self._voters)
+                threshold = best_threshold(votes, voting)
                 others = {name: _HEARD * (votes[name] - threshold) + _COLORS * colors[name] for name in names}
                 odds = each(lambda image, mine, theirs: smoothed(image, mine + theirs), images, own, others)
                 if turn >= _CUT_FROM:
                     solid = each(cut, images, odds)
                     odds = each(_after_cut, odds, solid)
                 colors = color_odds(images, odds)
+                voting = odds if turn == _ROUNDS - 2 else each(_next_vote, own, odds)
         return solid
 
     def _image(self, camera: str, frame: int) -> np.ndarray:
@@ -172,6 +178,11 @@ def best_threshold(votes: Mapping[str, np.ndarray], odds: Mapping[str, np.ndarra
     inside = [heard_by_all > threshold for threshold in candidates]
     overlap = [(one & front).sum() / max((one | front).sum(), 1) for one in inside]
     return float(candidates[int(np.argmax(overlap))])
+
+
+def _next_vote(own: np.ndarray, found: np.ndarray) -> np.ndarray:
+    alone, together = np.clip(own, -_VOTE_LIMIT, _VOTE_LIMIT), np.clip(found, -_VOTE_LIMIT, _VOTE_LIMIT)
+    return np.asarray((1 - _LEARNED) * alone + _LEARNED * together)
 
 
 def _after_cut(odds: np.ndarray, solid: np.ndarray) -> np.ndarray:
