@@ -58,7 +58,8 @@ def main() -> None:
     print(f"stream: {take.stream}")
 
     # the same figures for one frame: trained splats against the footage of the held-out camera
-    footage = v3.open_footage(config.capture, v3.read_rig(take.rig))
+    rig, masks = v3.read_rig(take.rig), config.evaluate.exact_masks
+    footage = v3.open_footage(config.capture, rig, evaluation_masks=masks)
     frame = footage.frames[0]
     found = v3.evaluate(v3.trained_video(take.root).read(0), footage, frame)
     print(f"frame {frame}: {found}")

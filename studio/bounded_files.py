@@ -88,7 +88,7 @@ def parse_json(text: str | bytes, bounds: Bounds = BOUNDS, *, unique: bool = Fal
     return value
 
 
-def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def _unique_keys(pairs: list[tuple[str, Any]]) -> JsonObject:
     found = dict(pairs)
     if len(found) < len(pairs):
         keys = [key for key, _ in pairs]

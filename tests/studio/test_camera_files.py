@@ -291,7 +291,7 @@ def test_unknown_things_are_refused(rig: Rig, tmp_path: Path) -> None:
     with refuses("camera_file.no_model", file=tmp_path):
         read_rig(tmp_path)
     path = tmp_path / "x.json"
-    for text, code in (("hello", "unknown_format"), ("[1, 2]", "not_an_object"), ('{"a": 1}', "unknown_format")):
+    for text, code in (("hello", "syntax"), ("[1, 2]", "not_an_object"), ('{"a": 1}', "unknown_format")):
         path.write_text(text)
         with refuses(f"camera_file.{code}", file=path):
             read_rig(path)

@@ -49,7 +49,7 @@ def body(frame: int, splats: int) -> Gaussians:
 def take(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A take with two groups of three and two frames, trained and baked, made without a run."""
     take = Take.create(tmp_path_factory.mktemp("export") / "take")
-    take.config.write_text("capture: {fps: 12.5, background: [0.0, 0.0, 1.0]}\n")
+    take.config.write_text("capture: {fps: 12.5}\nevaluate: {background: [0.0, 0.0, 1.0]}\n")
     take.rig.parent.mkdir()
     write_rig_json(RIG, take.rig)
     settings = BakeSettings(quality=0)

@@ -65,7 +65,7 @@ def test_what_is_set_is_taken_and_the_last_attempt_counts(tmp_path: Path, monkey
     monkeypatch.setattr("studio.calibration.calibrate_from_images", solver, raising=False)
     monkeypatch.setattr(calibrate, "judge_by_images", lambda *given, **more: WRONG)
     with refuses("calibration.unregistered"):
-        calibrate.run(context(tmp_path / "set", filmed=12, frames=3), StageReporter("calibrate"), None)
+        calibrate.run(context(tmp_path / "set", filmed=12, frame_count=3), StageReporter("calibrate"), None)
     assert solver.asked == [3]
     made = context(tmp_path / "short", filmed=2)
     assert calibrate.run(made, StageReporter("calibrate"), None).grade == "wrong"

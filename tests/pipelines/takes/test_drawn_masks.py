@@ -16,7 +16,7 @@ def test_the_name_is_that_of_the_takes_own_file(tmp_path: Path) -> None:
     take = Take.create(tmp_path / "take")
     assert file_of_garbage(DRAWN_IN.capture, take) == take.garbage
     assert with_garbage_of(DRAWN_IN.capture, take).garbage_masks == str(take.garbage)
-    for other in ("", "garbage.yaml", "garbage/{camera}.png"):  # in the capture's folder
+    for other in (None, "garbage.yaml", "garbage/{camera}.png"):  # in the capture's folder
         capture = CaptureSettings(garbage_masks=other)
         assert file_of_garbage(capture, take) is None
         assert with_garbage_of(capture, take) == capture
