@@ -159,7 +159,7 @@ class GarbageDrawing:
             self.refused.emit(str(error))
             return False
         before: _State = (setting_value(context.config, SETTING), own)
-        after: _State = (DRAWN, left) if left else ("", None)
+        after: _State = (DRAWN, left) if left else (None, None)
         refusal = self._apply(after)
         if refusal is not None:
             self.refused.emit(str(refusal))

@@ -113,7 +113,7 @@ def test_undo_redo_and_delete(views: StageViews, take_copy: Path) -> None:
     polygons, after = (take_copy / "garbage.yaml").read_bytes(), masks(take_copy)
     history = views.workspace.history
     assert history.undo() == "Undone: garbage mask of cam1."
-    assert load_config(take_copy / "config.yaml").capture.garbage_masks == ""
+    assert load_config(take_copy / "config.yaml").capture.garbage_masks is None
     assert not (take_copy / "garbage.yaml").exists()
     np.testing.assert_array_equal(masks(take_copy)["cam1"], before["cam1"])
     assert history.redo() == "Redone: garbage mask of cam1."
