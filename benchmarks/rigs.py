@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -21,13 +21,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pipelines.config import load_config
+from pipelines.stages.rig_check import judge_views
 from studio.calibration.epipolar import PairMatches, match_images
-from studio.calibration.verdict import RigVerdict, judge
+from studio.calibration.verdict import RigVerdict
 from studio.camera_files import read_rig
-from studio.cameras import Camera, Rig
+from studio.cameras import Rig
 from studio.capture import Footage, FootageView, open_footage
-from studio.meshing.agreement import PIXELS, contradicting, mask_agreement
-from studio.meshing.silhouettes import Silhouettes
 from studio.similarity import Similarity
 
 LATE = 5
@@ -35,6 +34,7 @@ LATE = 5
 FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 
 Views = dict[str, FootageView]
+Near = Callable[[str], Mapping[int, np.ndarray]]
 
 
 @dataclass(frozen=True)
@@ -46,12 +46,14 @@ class Trial:
         views: by camera.
         same_images: whether the images are those of the capture, so that their matches are known.
         right: whether a verdict is right.
+        near: masks of a camera in other frames, by frame.
     """
 
     what: str
     views: Views
     same_images: bool
     right: Callable[[RigVerdict], bool]
+    near: Near = lambda name: {}
 
 
 def whole(*words: str) -> Callable[[RigVerdict], bool]:
@@ -59,12 +61,13 @@ def whole(*words: str) -> Callable[[RigVerdict], bool]:
     return lambda found: found.grade == "wrong" and any(word in found.reason for word in words or ("",))
 
 
-def names(*cameras: str, blamed: str = "") -> Callable[[RigVerdict], bool]:
-    """These cameras are named, and at most one other."""
+def names(*cameras: str, blamed: str = "", says: str = "") -> Callable[[RigVerdict], bool]:
+    """These cameras are named, and at most one other; the reason or the fix says this."""
 
     def right(found: RigVerdict) -> bool:
         named = set(found.doubtful)
-        return set(cameras) <= named and len(named) <= len(cameras) + 1 and blamed in found.blamed
+        fewest = set(cameras) <= named and len(named) <= len(cameras) + 1
+        return fewest and blamed in found.blamed and says in found.reason + found.fix
 
     return right
 
@@ -102,8 +105,9 @@ def exchanged(views: Views, first: str, second: str) -> Views:
     return views | {name: replace(views[name], camera=camera) for name, camera in cameras.items()}
 
 
-def wrong(views: Views, later: Views) -> Iterator[Trial]:
+def wrong(footage: Footage, views: Views) -> Iterator[Trial]:
     """Twenty rigs that are wrong."""
+    first, late = footage.frames[0], footage.frames[LATE]
     rig = Rig(tuple(view.camera for view in views.values()))
     order, middle, up = list(views), rig.focus, rig.up
     a, b, c, d = (order[int(len(order) * part)] for part in (0.1, 0.35, 0.6, 0.85))
@@ -112,8 +116,8 @@ def wrong(views: Views, later: Views) -> Iterator[Trial]:
     for degrees in (25, 60, 100):
         folded = views | {name: turned(views[name], middle, up, degrees) for name in order[::2]}
         yield Trial(f"folded by {degrees} degrees", folded, True, whole("This rig is wrong"))
-    for first, second in ((a, b), (b, d), (c, order[order.index(c) + 1])):
-        yield Trial("two cameras exchanged", exchanged(views, first, second), True, names(first, second, blamed="cam"))
+    for one, other in ((a, b), (b, d), (c, order[order.index(c) + 1])):
+        yield Trial("two cameras exchanged", exchanged(views, one, other), True, names(one, other, blamed="cam"))
     for factor in (0.7, 1.1, 1.3):
         scaled = {name: zoomed(view, factor) for name, view in views.items()}
         yield Trial(f"all focal lengths x {factor}", scaled, True, whole("focal lengths"))
@@ -131,11 +135,25 @@ def wrong(views: Views, later: Views) -> Iterator[Trial]:
     yield Trial("axes of OpenGL", opengl, True, whole("OpenGL"))
     aside = views | {a: turned(views[a], views[a].camera.center, up, 5)}
     yield Trial("one camera looks 5 degrees aside", aside, True, names(a, blamed="cam"))
+
+    def masks_of(other: str, shift: int) -> Near:
+        """Those of a camera, as if another one or another time."""
+        near = range(-shift, 9)
+        return lambda name: {first + at: footage.mask(other, first + shift + at) for at in near if at}
+
     for name in (b, d):
-        late = replace(later[name], camera=views[name].camera)
-        yield Trial(f"one camera {LATE} frames late", views | {name: late}, False, names(name))
+        off = replace(footage.view(name, late), camera=views[name].camera)
+        yield Trial(
+            f"one camera {LATE} frames late",
+            views | {name: off},
+            False,
+            names(name, says=f"Out of time: {name}"),
+            masks_of(name, late - first),
+        )
     others = replace(views[a], mask=views[c].mask)
-    yield Trial("another camera's masks", views | {a: others}, True, names(a, blamed="masks"))
+    yield Trial(
+        "another camera's masks", views | {a: others}, True, names(a, blamed="masks", says="Look at"), masks_of(c, 0)
+    )
     shifted = {name: replace(views[name], mask=views[order[at - 1]].mask) for at, name in enumerate(order)}
     yield Trial("masks of the next camera, all", shifted, True, whole("masks"))
 
@@ -162,15 +180,6 @@ def views_of(footage: Footage, frame: int) -> Views:
     return {name: footage.view(name, frame) for name in footage.rig.names}
 
 
-def verdict_on(views: Views, pairs: Sequence[PairMatches]) -> RigVerdict:
-    """As `initialize` judges."""
-    agreement = mask_agreement(
-        Silhouettes(list(views.values()), max_pixels=PIXELS * len(views)), max(3, len(views) // 3)
-    )
-    cameras: Mapping[str, Camera] = {name: view.camera for name, view in views.items()}
-    return judge(cameras, pairs, {name: one.error for name, one in agreement.items()}, contradicting(agreement))
-
-
 def matches(views: Views) -> list[PairMatches]:
     return match_images({name: view.image for name, view in views.items()})
 
@@ -182,12 +191,14 @@ def main() -> int:
     for path in parser.parse_args().settings:
         capture = load_config(path).capture
         footage = open_footage(capture, read_rig(capture.root / str(capture.rig)))
-        views, later = (views_of(footage, footage.frames[at]) for at in (0, LATE))
+        views = views_of(footage, footage.frames[0])
         pairs = matches(views)
         print(f"{path}: {len(views)} cameras, {len(pairs)} pairs of images")
-        for broken, trials in ((True, wrong(views, later)), (False, correct(footage, views))):
+        for broken, trials in ((True, wrong(footage, views)), (False, correct(footage, views))):
             for trial in trials:
-                found = verdict_on(trial.views, pairs if trial.same_images else matches(trial.views))
+                cameras = {name: view.camera for name, view in trial.views.items()}
+                matched = pairs if trial.same_images else matches(trial.views)
+                found = judge_views(cameras, matched, list(trial.views.values()), trial.near)
                 right = trial.right(found)
                 totals[broken][0] += right
                 totals[broken][1] += 1

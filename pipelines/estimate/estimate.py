@@ -101,6 +101,7 @@ def estimate(work: Work, measured: Measured, qp: int | None) -> Estimate:
     opening = measured.camera * (cameras + work.held_out_cameras) / work.threads
     hull = measured.hull_fixed * cameras / min(cameras, 12) + measured.hull_square * work.resolution**2
     hulls = len(work.groups) * hull
+    refinement = measured.keyframe_step * work.points * work.refinement_steps
     return Estimate(
         (
             StageEstimate(
@@ -111,7 +112,7 @@ def estimate(work: Work, measured: Measured, qp: int | None) -> Estimate:
             ),
             StageEstimate(
                 "train",
-                work.waves({count: _group(work, measured, count) for count in set(work.groups)}) + reading,
+                work.waves({count: _group(work, measured, count) for count in set(work.groups)}) + refinement + reading,
                 measured.memory + work.at_once * work.memory_of_group,
                 frames * splats * 4 * (11 + sh),
                 "assumes that keyframes keep as many splats as they start with, before pruning",

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from pipelines.stages.camera_refinement import refines_cameras
 from pipelines.stages.group_scheduler import groups_at_once, memory_of_group, threads_by_group
 from pipelines.stages.inputs import Inputs
+from studio.training.camera_refinement import all_steps
 from studio.training.pruning import prune_rounds, splats_after_pruning
 from studio.training.settings import TrainSettings
 
@@ -24,6 +26,7 @@ class Work:
         resolution: voxels along the longest side of the hull.
         memory_of_group: bytes that training one group takes.
         train: settings of training.
+        refines: whether cameras are refined before the groups are trained.
     """
 
     train_cameras: int
@@ -36,6 +39,7 @@ class Work:
     resolution: int
     memory_of_group: int
     train: TrainSettings
+    refines: bool = False
 
     @classmethod
     def of(cls, inputs: Inputs) -> Work:
@@ -53,6 +57,7 @@ class Work:
             resolution=config.initialize.resolution,
             memory_of_group=memory_of_group(inputs),
             train=config.train,
+            refines=refines_cameras(inputs),
         )
 
     @property
@@ -69,6 +74,11 @@ class Work:
     def evaluated_cameras(self) -> int:
         """Cameras that the evaluation measures."""
         return self.held_out_cameras or self.train_cameras
+
+    @property
+    def refinement_steps(self) -> int:
+        """Steps of the splats with which cameras are refined."""
+        return all_steps(self.train, self.train_cameras, self.held_out_cameras) if self.refines else 0
 
     @property
     def splats_before_pruning(self) -> int:

@@ -39,6 +39,7 @@ from pipelines.takes.stage_files import CamerasFromFile, CamerasReport
 from studio.calibration.report import CalibrationReport
 from studio.counts import counted
 from studio.errors import Message, StudioError
+from studio.progress import ProgressFn
 
 if TYPE_CHECKING:
     from studio.calibration import CalibrationResult
@@ -141,6 +142,8 @@ def _from_file(inputs: Inputs, path: Path) -> tuple[Rig, CamerasFromFile]:
 
 _MORE_FRAMES = (1, 3, 6, 12, 24)
 """Numbers of frames that are tried until they are enough."""
+_SOLVING = 0.95
+"""Part of the time in which the cameras are solved; then they are checked."""
 _ENOUGH_POINTS = 300
 """Observations that each camera needs. With 30 to 170, 31 real cameras were folded; with 400, they were off by 2 cm."""
 
@@ -214,10 +217,14 @@ def _from_footage(inputs: Inputs, reporter: StageReporter) -> tuple[Rig, Calibra
             other="capture.masks",
         )
     known = _known_intrinsics(inputs, reporter)
+    stop = 0.2 if section.intrinsics_images else 0.0
     for number, frames in enumerate(attempts):
         last = number == len(attempts) - 1
+        start, stop = stop, 1.0 if last else (1 + stop) / 2  # half of the rest is left for more frames
+        solved = start + _SOLVING * (stop - start)
+        solving = reporter.part(f"structure from motion, {counted(len(frames), 'frame')}", start, solved)
         try:
-            result = _solved(inputs, reporter, frames, known)
+            result = _solved(inputs, frames, known, solving)
         except StudioError as error:
             if last or error.code not in ("calibration.unregistered", "calibration.no_solution"):
                 raise
@@ -225,7 +232,7 @@ def _from_footage(inputs: Inputs, reporter: StageReporter) -> tuple[Rig, Calibra
             continue
         lacking = "" if last else _lacking(result.report)
         if not lacking:
-            checking = reporter.part("checking the cameras", 0.95, 1.0)
+            checking = reporter.part("checking the cameras", solved, stop)
             verdict = judge_by_images(inputs.footage.opened(result.rig), frames[0], progress=checking)
             lacking = verdict.reason if verdict.grade == "wrong" else ""
         if last or not lacking:
@@ -249,9 +256,7 @@ def _from_footage(inputs: Inputs, reporter: StageReporter) -> tuple[Rig, Calibra
     return rig.subset(names), report
 
 
-def _solved(
-    inputs: Inputs, reporter: StageReporter, frames: Sequence[int], known: _KnownIntrinsics
-) -> CalibrationResult:
+def _solved(inputs: Inputs, frames: Sequence[int], known: _KnownIntrinsics, progress: ProgressFn) -> CalibrationResult:
     """Structure from motion on some frames."""
     from studio.calibration import calibrate_from_images
 
@@ -265,7 +270,6 @@ def _solved(
         }
     work = inputs.take.work(STAGE.name)
     work.mkdir(parents=True, exist_ok=True)
-    words = f"structure from motion, {counted(len(frames), 'frame')}"
     return calibrate_from_images(
         {camera: [partial(footage.raw_image, camera, frame) for frame in frames] for camera in names},
         masks,
@@ -277,7 +281,7 @@ def _solved(
         threads=inputs.config.run.threads,
         seed=inputs.config.run.seed,
         distance=known_distance(section, names),
-        progress=reporter.part(words, 0.2 if section.intrinsics_images else 0.0, 0.95),
+        progress=progress,
     )
 
 

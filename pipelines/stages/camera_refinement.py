@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from studio.cameras import Camera, Rig
     from studio.training import Correction, TrainingView
 
-VERSION = 1
+VERSION = 2
 
 
 def refines_cameras(inputs: Inputs) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,18 +15,23 @@ from pipelines.stages.params import key_of
 from pipelines.stages.reporter import StageReporter
 from pipelines.takes.atomic_files import read_model, write_model
 from studio.calibration.verdict import RigVerdict, judge
+from studio.counts import counted, listed
 from studio.errors import Message, StudioError
 from studio.progress import ProgressFn, no_progress
 
 if TYPE_CHECKING:
     from studio.calibration.epipolar import PairMatches
-    from studio.capture import Footage
+    from studio.cameras import Camera
+    from studio.capture import Footage, FootageView
 
 
 _NAMED_PLACES = 3
 """Cameras of which the place is named where their masks contradict the others, the worst first."""
 
-_VERSION = 3
+_NEAR = 8
+"""Frames before and after in which it is searched whether a camera is late."""
+
+_VERSION = 4
 """Of the judgment: another one judges again."""
 
 
@@ -104,25 +109,61 @@ def _stored(path: Path, key: str) -> StoredVerdict | None:
 
 
 def _judged(inputs: Inputs, frame: int, reporter: StageReporter) -> RigVerdict:
-    from studio.meshing.agreement import LEAST_CAMERAS, PIXELS, contradicting, mask_agreement
-    from studio.meshing.silhouettes import Silhouettes
+    from studio.masks.agreement.source import AgreedMaskSource
 
     footage = inputs.footage.calibrated
     pairs = _matches(footage, frame, reporter.part("checking the cameras", 0.0, 0.02))
-    cameras = {camera.name: camera for camera in footage.rig}
-    names = footage.train_cameras
-    errors: dict[str, float] | None = None
-    disagreeing: list[str] = []
-    if inputs.config.capture.masks != "none" and len(names) >= LEAST_CAMERAS:
-        views = [footage.view(name, frame) for name in names]
-        shapes = Silhouettes(views, max_pixels=PIXELS * len(names))
-        agreement = mask_agreement(shapes, max(3, len(names) // 3))
-        errors, disagreeing = {name: one.error for name, one in agreement.items()}, contradicting(agreement)
-    verdict = judge(cameras, pairs, errors, disagreeing)
+    names = footage.train_cameras if inputs.config.capture.masks != "none" else ()
+
+    def near(name: str) -> dict[int, np.ndarray]:
+        if isinstance(footage.mask_source, AgreedMaskSource):  # agreed with the wrong frames of this camera
+            return {}
+        frames = set(footage.frames_of(name)) & set(range(frame - _NEAR, frame + _NEAR + 1)) - {frame}
+        return {one: footage.mask(name, one) for one in sorted(frames)}
+
+    views = [footage.view(name, frame) for name in names]
+    return judge_views({camera.name: camera for camera in footage.rig}, pairs, views, near)
+
+
+def judge_views(
+    cameras: Mapping[str, Camera],
+    pairs: Sequence[PairMatches],
+    views: Sequence[FootageView],
+    near: Callable[[str], Mapping[int, np.ndarray]],
+) -> RigVerdict:
+    """Judge a rig by the images and masks of a frame.
+
+    Args:
+        cameras: by name.
+        pairs: matches of their images.
+        views: of the cameras whose masks are compared; not compared if there are too few.
+        near: masks of a camera in other frames, by frame; asked if one of a few cameras contradicts the others.
+    """
+    from studio.meshing.agreement import LEAST_CAMERAS, PIXELS, contradicting, frame_that_fits, mask_agreement
+    from studio.meshing.silhouettes import Silhouettes
+
+    if len(views) < LEAST_CAMERAS:
+        return judge(cameras, pairs, None)
+    least = max(3, len(views) // 3)
+    shapes = Silhouettes(views, max_pixels=PIXELS * len(views))
+    agreement = mask_agreement(shapes, least)
+    disagreeing = contradicting(agreement)
+    verdict = judge(cameras, pairs, {name: one.error for name, one in agreement.items()}, disagreeing)
     if not disagreeing or "masks" not in verdict.blamed:
         return verdict
-    places = places_of({name: agreement[name].box for name in disagreeing[:_NAMED_PLACES]}, frame)
-    return verdict.model_copy(update={"reason": f"{verdict.reason} {places}"})
+    frame, worst = views[0].frame, disagreeing[:_NAMED_PLACES]
+    more = [places_of({name: agreement[name].box for name in worst}, frame)]
+    offsets = {}
+    if verdict.grade != "wrong":
+        fitting = {name: frame_that_fits(shapes, name, near(name), least) for name in worst}
+        offsets = {name: one - frame for name, one in fitting.items() if one is not None}
+    fix = verdict.fix
+    if offsets:
+        words = [f"{name} by about {counted(abs(by), 'frame')}" for name, by in offsets.items()]
+        more.append(f"Out of time: {listed(words)}; the masks of those frames fit.")
+        settings = ", ".join(f"{name}: {by}" for name, by in offsets.items())
+        fix = f"Run `v3studio sync`, or add these frames to capture.offsets: {{{settings}}}."
+    return verdict.model_copy(update={"reason": " ".join([verdict.reason, *more]), "fix": fix})
 
 
 def places_of(boxes: Mapping[str, tuple[int, int, int, int] | None], frame: int) -> str:

@@ -102,7 +102,7 @@ class CameraRefinement(Result):
     """Whether the refined cameras are used: they fit better than the calibrated ones."""
 
     before: float
-    """Mean PSNR of the training views in dB with the calibrated cameras."""
+    """Mean PSNR in dB of pixels of the training views that were held back, with the calibrated cameras."""
 
     after: float
     """The same after equally many steps with refined cameras."""
@@ -121,7 +121,7 @@ class CameraRefinement(Result):
     @property
     def sentence(self) -> str:
         """What was gained, and whether it is used."""
-        gain = f"{self.after - self.before:+.2f} dB on the training views ({self.before:.2f} to {self.after:.2f})"
+        gain = f"{self.after - self.before:+.2f} dB on pixels held back ({self.before:.2f} to {self.after:.2f})"
         if self.held_out_before is not None and self.held_out_after is not None:
             gain += f", {self.held_out_after - self.held_out_before:+.2f} dB on held-out ones"
         if not self.used:

@@ -97,7 +97,7 @@ def judge(
         verdict = RigVerdict(
             grade="usable",
             reason=" ".join(filter(None, (verdict.reason, _contradiction(others)))),
-            fix=verdict.fix or "Look at these masks, or leave these cameras out.",
+            fix=verdict.fix or "Look at these masks, check that these cameras are in time, or leave them out.",
             doubtful=(*verdict.doubtful, *others),
             blamed=verdict.blamed or "masks",
         )

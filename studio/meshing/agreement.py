@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,10 +15,16 @@ _COARSE, _FINE = 48, 96
 """Voxels along each side while the volume is located, and for the comparison."""
 _OUTVOTED = 0.15
 """Fraction of the cameras, besides one, that may reject a voxel of the common volume."""
-_MISSING, _ABOVE_USUAL = 0.15, 0.12
-"""A camera contradicts the others if more of its mask than this lies outside of their volume, or if its error is this
-much above what is usual. Exact masks of a correct rig give 0.01 and 0.05 at most, the ragged masks of real footage 0.08
-and 0.06; another camera's mask gives 0.14 to 0.96 and 0.2 or more."""
+_REACH = 0.6
+"""Voxels from a center that belong to it, and that are tolerated at an outline."""
+_MISSING, _MISSING_MORE = 0.15, 5
+"""A camera contradicts the others if more of its mask than this lies outside of their volume, or this many times as
+much as in three quarters of the cameras."""
+_LEAST_MISSING = 0.015
+"""It does not if less of it does. In correct rigs, at most 0.0005 of masks from clean plates and 0.02 of ragged masks
+lie outside, in three quarters of the cameras 0.006; of a mask that is five frames late, 0.016 to 0.23."""
+_ABOVE_USUAL = 0.12
+"""A camera also contradicts the others if its error is this much above what is usual: at most 0.1 in correct rigs."""
 _USUAL = 2.5
 """The rig's median error is what is usual, but at most this divided by the number of cameras: the fewer they are, the
 more a visual hull exceeds the performer, and the more unevenly. Correct rigs had 1.4 (16 cameras) and 1.9 (27)."""
@@ -62,6 +69,63 @@ def mask_agreement(shapes: Silhouettes, min_views: int) -> dict[str, MaskAgreeme
         By camera; empty if they have no common volume.
     """
     least = max(2, min_views - 1)  # without one of them
+    common = _common_volume(shapes, least)
+    if common is None:
+        return {}
+    return {
+        name: _compare(shapes, index, shapes.masks[index], common.without(index, least), common.voxel)
+        for index, name in enumerate(shapes.names)
+    }
+
+
+def frame_that_fits(shapes: Silhouettes, name: str, masks: Mapping[int, np.ndarray], min_views: int) -> int | None:
+    """The frame whose mask of a camera fits the volume of the other cameras, though that in `shapes` does not.
+
+    Args:
+        shapes, min_views: as in `mask_agreement`.
+        name: of the camera.
+        masks: (H, W) uint8 of other frames, of full or reduced size.
+
+    Returns:
+        None if none contradicts them a third as much.
+    """
+    import cv2
+
+    index, least = shapes.names.index(name), max(2, min_views - 1)
+    common = _common_volume(shapes, least)
+    if common is None or not masks:
+        return None
+    size = shapes.cameras[index].width, shapes.cameras[index].height
+    volume = common.without(index, least)
+    reduced = {frame: cv2.resize(mask, size, interpolation=cv2.INTER_AREA) for frame, mask in masks.items()}
+    found = {frame: _compare(shapes, index, mask, volume, common.voxel) for frame, mask in reduced.items()}
+    now = _compare(shapes, index, shapes.masks[index], volume, common.voxel)
+    best = min(found, key=lambda frame: found[frame].error)
+    return best if found[best].missing < now.missing / 3 and found[best].error < now.error else None
+
+
+@dataclass(frozen=True)
+class _Common:
+    """Points (N, 3) in the volume on which the cameras agree, and around it.
+
+    Attributes:
+        inside, seen: (cameras, N) bool, see `_votes`.
+        voxel: distance of the points, world units.
+    """
+
+    points: torch.Tensor
+    inside: torch.Tensor
+    seen: torch.Tensor
+    voxel: float
+
+    def without(self, index: int, least: int) -> torch.Tensor:
+        """The points on which the cameras agree besides one."""
+        accepting = self.inside.sum(0) - self.inside[index].int()
+        return self.points[_agreed(accepting, self.seen.sum(0) - self.seen[index].int(), least)]
+
+
+def _common_volume(shapes: Silhouettes, least: int) -> _Common | None:
+    """Coarse to fine; None: there is none."""
     rig = Rig(tuple(shapes.cameras))
     middle = rig.focus
     half = 0.6 * float(np.linalg.norm(rig.centers - middle, axis=1).mean())
@@ -71,28 +135,24 @@ def mask_agreement(shapes: Silhouettes, min_views: int) -> dict[str, MaskAgreeme
         points = torch.cartesian_prod(axis, axis, axis) + torch.from_numpy(middle.astype(np.float32))
         slack = (0.5 if count == _FINE else 0.87) * voxel  # 0.87: half of a voxel's diagonal
         inside, seen = _votes(shapes, points, slack)
-        accepting, views = inside.sum(0), seen.sum(0)
-        agreed = points[_agreed(accepting, views, least)]
+        agreed = points[_agreed(inside.sum(0), seen.sum(0), least)]
         if not len(agreed):
-            return {}
+            return None
         low, high = agreed.amin(0), agreed.amax(0)
         middle, half = ((low + high) / 2).numpy(), float((high - low).max() / 2) + 2 * voxel
-    return {
-        name: _compare(
-            shapes, index, points[_agreed(accepting - inside[index].int(), views - seen[index].int(), least)], voxel
-        )
-        for index, name in enumerate(shapes.names)
-    }
+    return _Common(points, inside, seen, voxel)
 
 
 def contradicting(agreement: dict[str, MaskAgreement]) -> list[str]:
     """Cameras whose mask contradicts the others, the worst first."""
     if not agreement:
         return []
+    missing = [each.missing for each in agreement.values()]
+    outside = min(_MISSING, max(_LEAST_MISSING, _MISSING_MORE * float(np.quantile(missing, 0.75))))
     usual = min(float(np.median([each.error for each in agreement.values()])), _USUAL / len(agreement))
     most = usual + max(_ABOVE_USUAL, 1 / len(agreement))
     worst = sorted(agreement, key=lambda name: -agreement[name].error)
-    return [name for name in worst if agreement[name].missing > _MISSING or agreement[name].error > most]
+    return [name for name in worst if agreement[name].missing > outside or agreement[name].error > most]
 
 
 def _votes(shapes: Silhouettes, points: torch.Tensor, slack: float) -> tuple[torch.Tensor, torch.Tensor]:
@@ -109,21 +169,26 @@ def _agreed(accepting: torch.Tensor, views: torch.Tensor, least: int) -> torch.T
     return (views >= least) & (accepting >= (1 - _OUTVOTED) * views)
 
 
-def _compare(shapes: Silhouettes, index: int, volume: torch.Tensor, voxel: float) -> MaskAgreement:
+def _compare(shapes: Silhouettes, index: int, own: np.ndarray, volume: torch.Tensor, voxel: float) -> MaskAgreement:
+    """A camera's `own` mask (h, w) against points of the others' volume."""
     import cv2
 
-    camera, mask = shapes.cameras[index], (shapes.masks[index] >= 128).astype(np.uint8)
+    camera, mask = shapes.cameras[index], (own >= 128).astype(np.uint8)
     pixels, depth = shapes.project(index, volume)
     column, row = pixels.floor().long().T
     shown = (depth > 0) & (column >= 0) & (row >= 0) & (column < camera.width) & (row < camera.height)
-    cover = np.zeros(mask.shape, np.uint8)
-    cover[row[shown], column[shown]] = 1
-    near = float(depth[shown].median()) if bool(shown.any()) else np.inf
-    radius = int(np.ceil(0.6 * voxel * camera.fx / near))  # closes the gaps between the voxels' centers
-    disk = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
-    cover = np.asarray(cv2.morphologyEx(cover, cv2.MORPH_CLOSE, disk), np.uint8)
-    missing = (mask > 0) & (cv2.dilate(cover, disk) == 0)
-    extra = (cover > 0) & (cv2.dilate(mask, disk) == 0)
+    radii = (_REACH * voxel * camera.fx / depth).ceil().clamp(1, max(mask.shape) // 8).long()  # closes gaps
+    cover, reached, extra = np.zeros((3, *mask.shape), bool)
+    for radius in radii[shown].unique().tolist():
+        disk = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
+        of = shown & (radii == radius)
+        part = np.zeros(mask.shape, np.uint8)
+        part[row[of], column[of]] = 1
+        part = np.asarray(cv2.morphologyEx(part, cv2.MORPH_CLOSE, disk), np.uint8)
+        cover |= part > 0
+        reached |= cv2.dilate(part, disk) > 0
+        extra |= (part > 0) & (cv2.dilate(mask, disk) == 0)
+    missing = (mask > 0) & ~reached
     return MaskAgreement(
         int(missing.sum()) / max(int(mask.sum()), 1),
         int(extra.sum()) / max(int(cover.sum()), 1),

@@ -6,6 +6,9 @@ shifting them in the image, so that the rasterizer needs no gradient of the came
 
 The splats only determine the cameras up to a similarity, and focal lengths hardly up to a common factor, since all
 cameras look at one place: the mean motion and the mean zoom of all cameras are removed at the end.
+
+More freedom always fits the images better, also their noise. Whether refined cameras are better is therefore judged by
+blocks of pixels that are hidden from training: what is seen there follows from the other cameras.
 """
 
 from __future__ import annotations
@@ -33,7 +36,7 @@ from studio.training.step import Stepper, regularized
 from studio.training.views import TrainingView
 
 WORTH = 0.1
-"""Gain in dB from which on refined cameras are used: a correct rig gains 0.01."""
+"""Gain in dB from which on refined cameras are used."""
 _VISITS = 75
 """Steps per camera in which cameras are refined; a third as many with fixed cameras come before."""
 ALIGN_STEPS = 150
@@ -92,8 +95,8 @@ class RefinedCameras:
     Attributes:
         corrections: of each training view's camera, in order.
         held_out: of each held-out view's camera, aligned to the finished splats.
-        before, after: mean PSNR of the training views in dB after equally many steps with the given and with the
-            refined cameras.
+        before, after: mean PSNR in dB of pixels of the training views that were hidden from training, after equally
+            many steps with the given and with the refined cameras.
         held_out_calibrated: that of the held-out views with the given cameras; None without them.
         held_out_before, held_out_after: the same as `before` and `after` for the held-out views, each of which is
             aligned to the splats; None without them.
@@ -109,13 +112,24 @@ class RefinedCameras:
 
     @property
     def gain(self) -> float:
-        """Gain of the training views in dB."""
+        """Gain of the hidden pixels in dB."""
         return self.after - self.before
 
 
 def refinement_steps(settings: TrainSettings, views: int) -> int:
     """Steps in which cameras are refined: not more than a keyframe has."""
     return min(_VISITS * views, settings.keyframe_iterations)
+
+
+def warm_up_steps(settings: TrainSettings, views: int) -> int:
+    """Steps with fixed cameras before them."""
+    return refinement_steps(settings, views) // 3
+
+
+def all_steps(settings: TrainSettings, views: int, held_out: int) -> int:
+    """All that `refine_cameras` does: with fixed and with refined cameras, and the alignment of held-out ones."""
+    both = refinement_steps(settings, views) + held_out * ALIGN_STEPS
+    return warm_up_steps(settings, views) + 2 * both
 
 
 def refine_cameras(
@@ -143,6 +157,7 @@ def refine_cameras(
         StudioError: as `train_keyframe`.
         Cancelled: raised by `progress`.
     """
+    views = [view.with_hidden(number) for number, view in enumerate(views)]
     run = _Run(views, points, colors, settings, seed, progress, len(held_out))
     run.train(run.warm_up, refine=False)
     start = run.state()
@@ -255,10 +270,10 @@ class _Run:
         start = initial_gaussians(points, colors, 0, settings.dilation)
         self.optimizer = SplatOptimizer(start, settings.rates, self._extent)
         self.steps = refinement_steps(settings, len(views))
-        self.warm_up = self.steps // 3
+        self.warm_up = warm_up_steps(settings, len(views))
         self.placements = [self.placement(view) for view in views]
         self._at = 0
-        self._done, self._total = 0, self.warm_up + 2 * self.steps + 2 * held_out * ALIGN_STEPS
+        self._done, self._total = 0, all_steps(settings, len(views), held_out)
 
     def placement(self, view: TrainingView) -> _Placement:
         """The camera of a view as it is given."""
@@ -317,7 +332,8 @@ def _rate(progress: float) -> float:
 
 @torch.no_grad()
 def _psnr(gaussians: Gaussians, views: Sequence[TrainingView], placements: Sequence[_Placement]) -> float | None:
-    """PSNR in dB of the mean squared error of all views, in their crops, over black; None without views."""
+    """PSNR in dB of the mean squared error of all views, over black: of what is hidden in them, or of their crops if
+    nothing is. None without views."""
     errors = []
     for view, place in zip(views, placements, strict=True):
         black = torch.zeros(3, device=view.device)
@@ -326,7 +342,8 @@ def _psnr(gaussians: Gaussians, views: Sequence[TrainingView], placements: Seque
         moved, offsets = place(gaussians)
         render = rasterize(moved, view.camera, behind, screen_offsets=offsets)
         image = view.in_its_colors(render.image, render.alpha, behind)
-        errors.append(float((image - view.composited(black)).square().mean()))
+        off = (image - view.composited(black)).square()
+        errors.append(float((off if view.hidden is None else off[view.hidden]).mean()))
     return -10 * math.log10(max(float(np.mean(errors)), 1e-12)) if errors else None
 
 

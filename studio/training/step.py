@@ -143,7 +143,8 @@ class Stepper:
                 parts = self._compared(rasterize(gaussians, closer.camera, behind), closer, background, behind)
             loss = loss + detail_loss(image, target, box, self._settings.dssim_weight, parts)
         if self.alpha_weight:
-            loss = loss + self.alpha_weight * (render.alpha - view.mask).abs().mean()
+            off = (render.alpha - view.mask).abs()
+            loss = loss + self.alpha_weight * (off if view.hidden is None else off * ~view.hidden).mean()
         return Step(loss, target, render, view, image)
 
     def _compared(
@@ -153,7 +154,11 @@ class Stepper:
         image = view.in_its_colors(render.image, render.alpha, behind)
         if self.chroma_shift is not None and view.chroma is not None:
             image = resampled(image, view.chroma, self.chroma_shift)
-        return image, view.composited(background)
+        target = view.composited(background)
+        if view.hidden is None:
+            return image, target
+        seen = ~view.hidden[..., None]
+        return image * seen, target * seen
 
     def state(self) -> dict[str, Tensor]:
         """Position in the sequence of views. The caller stores the state of the generator."""

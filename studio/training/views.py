@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -23,6 +24,8 @@ bytes per pixel."""
 
 
 _INSIDE = 0.99
+_HIDDEN_BLOCKS = 8
+_BLOCK, _BLOCKS_ACROSS = 8, 32  # pixels of a hidden block, and number of blocks along a larger image
 _BORDER = 2  # pixels of the outline that are not used: masks and splats are soft there
 
 
@@ -49,6 +52,7 @@ class TrainingView:
             `studio.color_fit.correct_color`.
         details: parts of the performer that count more in this frame; the same in all of its views.
         detail_boxes: where the image shows them.
+        hidden: (H, W) bool, pixels that training does not see; None: it sees all.
         closer: a view of each of these boxes alone, with more pixels; None where there is none; empty: of no box.
     """
 
@@ -63,6 +67,7 @@ class TrainingView:
     ) -> None:
         self.camera, self.full_size, self.chroma = camera, full_size, chroma
         self.color: Tensor | None = None
+        self.hidden: Tensor | None = None
         self.details: tuple[Detail, ...] = ()
         self.detail_boxes: tuple[DetailBox, ...] = ()
         self.closer: tuple[TrainingView | None, ...] = ()
@@ -153,6 +158,15 @@ class TrainingView:
         """The same view from a camera with other colors; `matrix`: (3, 4), see `color`."""
         view = copy.copy(self)
         view.color = matrix.to(self.device, torch.float32)
+        return view
+
+    def with_hidden(self, number: int) -> TrainingView:
+        """The same view, in which every `_HIDDEN_BLOCKS`-th block of pixels is `hidden`; others for each `number`."""
+        height, width = self._mask.shape
+        side = max(_BLOCK, math.ceil(max(height, width) / _BLOCKS_ACROSS))
+        row, column = (torch.arange(length, device=self.device) // side for length in (height, width))
+        view = copy.copy(self)
+        view.hidden = (column + 3 * row[:, None] + number) % _HIDDEN_BLOCKS == 0
         return view
 
     def with_details(self, details: Sequence[Detail]) -> TrainingView:

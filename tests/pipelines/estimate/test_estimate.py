@@ -66,6 +66,9 @@ def test_each_kind_of_step_is_paid_for() -> None:
     assert train_seconds(WORK, Measured(frame=1.0)) == 6
     # 10,000 splats for 1000 steps and the mean of 10,000 and 7,000 for 100, in two keyframes
     assert train_seconds(WORK, Measured(keyframe_step=1e-4)) == pytest.approx(2 * (1000 + 85))
+    # 4 cameras are refined: 75 steps each, twice, after a third as many, then 2 are aligned in 150 steps, twice
+    refined = train_seconds(replace(WORK, refines=True), Measured(keyframe_step=1e-4))
+    assert refined == pytest.approx(2 * (1000 + 85) + 100 + 2 * (300 + 300))
     # 13 frames of 4 cameras, on two threads
     assert train_seconds(WORK, Measured(view=1.0)) == 26
 

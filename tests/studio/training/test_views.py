@@ -1,5 +1,7 @@
 """Crops, compositing and clean plates of training views."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -188,3 +190,31 @@ def test_several_steps_are_those_of_single_calls(plate: bool) -> None:
     assert len({float(step.loss) for step in found[0][0]}) == 5, "no two steps are alike"
     assert torch.equal(found[0][1], found[1][1])  # type: ignore[arg-type]
     assert torch.equal(found[0][2], found[1][2])
+
+
+def test_training_does_not_see_hidden_pixels() -> None:
+    """Whatever the image and the mask show there, the loss is the same."""
+    view = TrainingView.from_view(captured(False)).with_hidden(0)
+    assert view.hidden is not None
+    assert 0.1 < float(view.hidden.float().mean()) < 0.15
+    spoiled = captured(False)
+    hidden = view.hidden.numpy()
+    spoiled.image[hidden], spoiled.mask[hidden] = 200, 255
+    one = Gaussians(
+        torch.tensor([[0.0, 0.0, 2.0]]),
+        torch.tensor([[1.0, 0.0, 0.0, 0.0]]),
+        torch.full((1, 3), -1.0),
+        torch.zeros(1),
+        torch.zeros(1, 1, 3),
+    )
+
+    def gradient(seen: TrainingView) -> torch.Tensor:
+        means = one.means.clone().requires_grad_()
+        stepper = Stepper([seen], TrainSettings(alpha_weight=0.1), torch.Generator().manual_seed(0))
+        stepper(replace(one, means=means)).loss.backward()  # type: ignore[no-untyped-call]
+        assert means.grad is not None
+        return means.grad
+
+    other = TrainingView.from_view(spoiled)
+    assert torch.allclose(gradient(view), gradient(other.with_hidden(0)), atol=1e-7)
+    assert not torch.allclose(gradient(view), gradient(other), atol=1e-4)
