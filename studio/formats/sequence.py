@@ -117,10 +117,7 @@ def _open_usd(place: Path, fps: float | None, progress: ProgressFn) -> SplatVide
     from studio.formats.usd import UsdFrames
 
     file = UsdFrames(place)
-    frames = []
-    for time in file.times:
-        splats = file.read(time)
-        frames.append(Frame(place, (len(splats), splats.sh_degree), partial(file.read, time)))
+    frames = [Frame(place, file.size(time), partial(file.read, time)) for time in file.times]
     return _opened(place, fps or file.fps, frames, file.up, [_gaps(file.times)], progress)
 
 

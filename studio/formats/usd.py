@@ -108,7 +108,7 @@ def export_usd(
     rotation: np.ndarray | None = None,
     cameras: Sequence[Camera] = (),
     progress: ProgressFn = no_progress,
-) -> int:
+) -> None:
     """Write a video to one file; its sound goes into a .usdz, or into a .wav beside the others.
 
     Args:
@@ -117,9 +117,6 @@ def export_usd(
         rotation: (3, 3) to y up, see `studio.formats.sequence.axes_of`; None: the axes and the place of the capture.
         cameras: of the footage, in the world of the splats.
         progress: called with written and total frames.
-
-    Returns:
-        number of attributes that change over time, of all groups.
 
     Raises:
         StudioError: usd-core cannot be used (see `usd`), the extension is another one, a frame cannot be read or
@@ -146,7 +143,7 @@ def export_usd(
         elif video.sound is not None:
             written = stack.enter_context(new_file(sound_file))
         stage = pxr.Usd.Stage.CreateNew(str(stage_file))
-        changing = _write_stage(pxr, stage, video, path, rotation, cameras, progress)
+        _write_stage(pxr, stage, video, path, rotation, cameras, progress)
         if video.sound is not None:
             _write_wave(written, video.sound)
             _add_sound(pxr, stage, written.name if package else sound_file.name, _times(video)[0])
@@ -157,7 +154,6 @@ def export_usd(
         del stage
         if package and not pxr.UsdUtils.CreateNewUsdzPackage(str(stage_file), str(temporary)):
             raise StudioError("export.write_failed", "cannot be packed", file=path)
-    return changing
 
 
 def _times(video: SplatVideo) -> list[float]:
@@ -172,7 +168,7 @@ def _write_stage(
     rotation: np.ndarray | None,
     cameras: Sequence[Camera],
     progress: ProgressFn,
-) -> int:
+) -> None:
     times = _times(video)
     step = times[1] - times[0] if len(times) > 1 else 1.0
     geometry = pxr.UsdGeom
@@ -188,7 +184,6 @@ def _write_stage(
     pxr.Usd.ModelAPI(root.GetPrim()).SetKind(pxr.Kind.Tokens.component)
     if rotation is None and video.original.translation.any():
         root.AddTranslateOp(geometry.XformOp.PrecisionDouble).Set(pxr.Gf.Vec3d(*video.original.translation.tolist()))
-    changing = 0
     for number, frames in enumerate(video.groups):
         prim = pxr.UsdVol.ParticleField3DGaussianSplat.Define(stage, f"/Performance/Group_{number:03d}")
         pxr.Usd.ColorSpaceAPI.Apply(prim.GetPrim()).CreateColorSpaceNameAttr(pxr.Gf.ColorSpaceNames.SRGBRec709)
@@ -204,14 +199,12 @@ def _write_stage(
                 attributes[name].add(times[index], values)
         for attribute in attributes.values():
             attribute.close()
-        changing += sum(one.GetNumTimeSamples() > 1 for one in prim.GetPrim().GetAttributes())
         if len(video.groups) > 1:
             _show_during(pxr, prim, frames, times)
     progress(video.frame_count, video.frame_count)
     world = Similarity(video.original.scale, np.eye(3) if rotation is None else rotation)
     for camera in cameras:
         _add_camera(pxr, stage, world.camera(camera))
-    return changing
 
 
 def _attributes(pxr: Any, prim: Any, degree: int) -> dict[str, _Attribute]:
@@ -355,6 +348,12 @@ class UsdFrames:
             and len(self._array(prim, "positions", time))
         ]
 
+    def size(self, time: float) -> tuple[int, int]:
+        """Number of splats and SH degree at one of `times`."""
+        shown = self._visible(time)
+        count = sum(len(self._array(prim, "positions", time)) for prim in shown)
+        return count, max(self._degree(prim) for prim in shown)
+
     def read(self, time: float, note: Note = ignore) -> Gaussians:
         """The splats that are visible at one of `times`, float64 if they were moved; `note` takes what was ignored."""
         for text in self.notes:
@@ -373,11 +372,15 @@ class UsdFrames:
             return np.zeros((0, 3), np.float32)
         raise self._error(f"{name} has no values at time code {time:g}", prim)
 
-    def _splats(self, prim: Any, time: float) -> Gaussians:
-        means = self._array(prim, "positions", time)
-        degree = prim.GetAttribute("radiance:sphericalHarmonicsDegree").Get()
+    def _degree(self, prim: Any) -> int:
+        degree: int = prim.GetAttribute("radiance:sphericalHarmonicsDegree").Get()
         if degree not in range(4):
             raise self._error(f"its spherical harmonics have degree {degree}; 0 to 3 are supported", prim)
+        return degree
+
+    def _splats(self, prim: Any, time: float) -> Gaussians:
+        means = self._array(prim, "positions", time)
+        degree = self._degree(prim)
         coefficients = (degree + 1) ** 2
         quats = self._array(prim, "orientations", time)[:, [3, 0, 1, 2]]
         sh = self._array(prim, _SH, time)
