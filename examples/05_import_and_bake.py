@@ -19,7 +19,7 @@ def main() -> None:
     parser.add_argument("plys", nargs="?", type=Path, help="folder of .ply files, one per frame")
     parser.add_argument("--out", type=Path, help="folder of the stream (default: a temporary folder)")
     parser.add_argument("--fps", type=float, default=30)
-    parser.add_argument("--qp", type=int, default=20)
+    parser.add_argument("--qp", type=int, default=22)
     arguments = parser.parse_args()
     scratch = Path(tempfile.mkdtemp())
     plys = arguments.plys

@@ -49,7 +49,7 @@ def main() -> None:
 def make_stream(folder: Path) -> Path:
     frames = [swinging_cloud(500, time / 4) for time in range(4)]
     video = v3.SplatVideo("cloud", fps=25, frame_count=len(frames), group_starts=(0,), read=frames.__getitem__)
-    v3.bake_video(video, folder, v3.BakeSettings(quality=20))
+    v3.bake_video(video, folder, v3.BakeSettings())
     return folder
 
 

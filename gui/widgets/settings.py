@@ -17,7 +17,7 @@ from gui.widgets.setting_editors import Editor, make_editor, small_button
 from pipelines.config import Config
 from pipelines.config.presets import PRESETS, differing, preset_of
 
-PRESET_STAGES = ("initialize", "train", "bake")
+PRESET_STAGES = ("initialize", "train")
 """Stages that presets set."""
 
 WIDEST_BESIDE = 6.5
@@ -78,7 +78,7 @@ class SettingsList:
         self.widget = gui.Widget()
         self.widget.background_color = color(PANEL)
         self.preset = gui.Combobox()
-        self.preset.tooltip = "Preset: a schedule of training with a size of the stream, for Initialize, Train and Bake"
+        self.preset.tooltip = "Preset: a schedule of training with a size of the stream, for Initialize and Train"
         for name in PRESETS:
             self.preset.add_item(name)
         self.preset.set_on_selection_changed(lambda _, number: actions.choose(list(PRESETS)[number]))
@@ -259,7 +259,7 @@ class SettingsList:
         if count:
             self.summary.text = f"{count} differ{'s' * (count == 1)} from {usual_words}"
         else:
-            self.summary.text = "for Initialize, Train and Bake" if self._has_presets else ""
+            self.summary.text = "for Initialize and Train" if self._has_presets else ""
         self.summary.text_color = color(FAIR if count else DIM)
         self.reset_all.visible = count > 0
         self.reset_all.tooltip = f"Set them as in the preset {preset}"

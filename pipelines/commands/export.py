@@ -67,7 +67,7 @@ def register(commands: Any) -> None:
     export.add_argument(
         "--spz-version", type=int, choices=(3, 4), help="spz: 4 (default), or 3 for viewers that cannot read it yet"
     )
-    export.add_argument("--qp", type=int, default=20, help="videogs: QP of H.264, 0 (lossless) to 51 (default: 20)")
+    export.add_argument("--qp", type=int, default=22, help="videogs: QP of H.264, 0 (lossless) to 51 (default: 22)")
     export.add_argument("--size", default="1280x720", metavar="WxH", help="movies: size in pixels (default: 1280x720)")
     export.add_argument("--seconds", type=float, help="movies: duration (default: that of the path or the source)")
     export.add_argument("--fps", type=float, help="movies: frames per second (default: that of the source)")

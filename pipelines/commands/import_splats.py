@@ -70,7 +70,7 @@ def _import(arguments: argparse.Namespace) -> int:
     replaced = replacing(arguments.out, arguments.overwrite, lambda out: (out / "manifest.json").is_file())
     with replaced, working("bake", output) as progress:
         size = config.train.group_size if arguments.group_size is None else arguments.group_size
-        manifest = bake_video(video, arguments.out, config.bake, size, progress, threads=config.run.threads)
+        manifest = bake_video(video, arguments.out, config.bake, size, progress, threads=config.run.thread_count)
     arguments.result = {
         "path": str(arguments.out),
         "frames": manifest.frame_count,

@@ -49,7 +49,7 @@ def _get(arguments: argparse.Namespace) -> int:
 
     model = model_named(arguments.name)
     file = get_model(model, arguments.out, arguments.package)
-    settings = {"capture": {"mask_model": str(file.resolve()), "mask_model_kind": model.kind}}
+    settings = {"capture": {"mask_model": f"{model.kind}:{file.resolve()}"}}
     arguments.result = {"file": str(file), **settings}
     if not arguments.json:
         print(f"{file}: {model.license}. Settings:")

@@ -97,7 +97,7 @@ def open_takes(
                 rig,
                 cache_folder=first.take.footage_cache,
                 device=run.device,
-                threads=run.threads,
+                threads=run.thread_count,
                 evaluation_masks=first.config.evaluate.exact_masks,
             )
         found.append(_opened(name, own, seen[key], closing))

@@ -6,6 +6,7 @@ grouping, evaluation and the run itself.
 
 from __future__ import annotations
 
+import os
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, field_validator
@@ -67,8 +68,8 @@ class RunSettings(Settings):
     device: str = "auto"
     """Device for training and rendering: cpu, cuda, cuda:N, or auto (a GPU if available)."""
 
-    threads: int = Field(default=0, ge=0, le=1024)
-    """CPU threads. 0: all cores."""
+    threads: int | None = Field(default=None, ge=1, le=1024)
+    """CPU threads. null: one per core."""
 
     groups_at_once: int | None = Field(default=None, ge=1, le=64)
     """Groups trained in parallel, sharing the CPU threads. null: on a CPU as many as threads and memory allow, at most
@@ -108,6 +109,11 @@ class RunSettings(Settings):
     paths: dict[str, tuple[str, ...]] = Field(default={})
     """Where other machines have a shared folder: {/mnt/footage: [/Volumes/footage]}. A machine that has no folder
     /mnt/footage looks for the footage, and for the take of a Ray run, below the first of these that it has."""
+
+    @property
+    def thread_count(self) -> int:
+        """CPU threads: `threads`, or one per core that this process may use."""
+        return self.threads or len(os.sched_getaffinity(0))
 
     @field_validator("paths", mode="before")
     @classmethod

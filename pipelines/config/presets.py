@@ -1,4 +1,4 @@
-"""Presets: schedules of training and sizes of the stream, from a quick look to the paper's."""
+"""Presets: schedules of training, from a quick look to the paper's."""
 
 from __future__ import annotations
 
@@ -30,7 +30,6 @@ PRESETS: Mapping[str, Mapping[str, JsonValue]] = {
         "train.mlp_width": 32,
         "train.finetune_iterations": 80,
         "train.finetune_means": True,
-        "bake.quality": 28,
     },
     "standard": {
         "initialize.points": 36_000,
@@ -53,7 +52,6 @@ PRESETS: Mapping[str, Mapping[str, JsonValue]] = {
         "train.mlp_width": 32,
         "train.finetune_iterations": 250,
         "train.finetune_means": True,
-        "bake.quality": 22,
     },
     "final": {
         "initialize.points": 50_000,
@@ -76,7 +74,6 @@ PRESETS: Mapping[str, Mapping[str, JsonValue]] = {
         "train.mlp_width": 64,
         "train.finetune_iterations": 2000,
         "train.finetune_means": False,
-        "bake.quality": 20,
     },
 }
 """Values by dotted name. preview: a quick look. standard: the schedule of sample_configs/quickstart.yaml, for CPUs.

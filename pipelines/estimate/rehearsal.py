@@ -280,7 +280,7 @@ def _bake(inputs: Inputs, splats: Gaussians) -> float:
     still = splats.detach().to("cpu")
     with tempfile.TemporaryDirectory() as folder:
         begun = time.perf_counter()
-        bake_group([still] * frames, Path(folder), 0, 0, settings, threads=inputs.config.run.threads)
+        bake_group([still] * frames, Path(folder), 0, 0, settings, threads=inputs.threads)
         seconds = time.perf_counter() - begun
     return max(1, len(bake.ladder)) * seconds / frames
 

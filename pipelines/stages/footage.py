@@ -136,7 +136,7 @@ class TakeFootage:
 
         run = self.config.run
         return open_footage(
-            self.capture, rig, cache_folder=self.take.footage_cache, device=run.device, threads=run.threads,
+            self.capture, rig, cache_folder=self.take.footage_cache, device=run.device, threads=run.thread_count,
             most_cached=self.most_cached, every_camera=True, evaluation_masks=self.config.evaluate.exact_masks,
         )  # fmt: skip
 

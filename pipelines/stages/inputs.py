@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -56,7 +55,7 @@ class Inputs:
     @property
     def threads(self) -> int:
         """Number of CPU threads to use."""
-        return self.config.run.threads or len(os.sched_getaffinity(0))
+        return self.config.run.thread_count
 
     @cached_property
     def device(self) -> str:

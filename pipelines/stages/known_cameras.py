@@ -54,7 +54,7 @@ def known_cameras(inputs: Inputs) -> Rig | None:
     """The cameras of calibrate.known_cameras with the footage's image size and camera names; None if it is empty.
 
     Raises:
-        StudioError: the file cannot be read or lacks a camera, or known_poses is set without a file
+        StudioError: the file cannot be read or lacks a camera, or known asks for poses without a file
             (`settings.missing`).
     """
     from studio.camera_files import read_rig
@@ -63,10 +63,10 @@ def known_cameras(inputs: Inputs) -> Rig | None:
 
     section = inputs.config.calibrate
     if not section.known_cameras:
-        if section.known_poses is not None:
+        if section.known in ("poses", "initial_poses"):
             raise StudioError(
                 "settings.missing",
-                "calibrate.known_poses needs calibrate.known_cameras",
+                f"calibrate.known: {section.known} needs calibrate.known_cameras",
                 fix="Set calibrate.known_cameras to the earlier calibration.",
                 setting="calibrate.known_cameras",
             )

@@ -61,7 +61,7 @@ def calibrate_with_target(inputs: Inputs, reporter: StageReporter) -> Calibratio
         views,
         sizes,
         settings=section,
-        threads=inputs.config.run.threads,
+        threads=inputs.threads,
         progress=reporter.part("solving", 0.8, 1.0),
     )
     target = result.report.target
@@ -98,7 +98,7 @@ def intrinsics_from_target(
     assert section.intrinsics_images is not None
     views, sizes = _views(inputs, section.intrinsics_images, reporter, start, stop)
     own = {name: [view for (_, camera), view in views.items() if camera == name] for name in sizes}
-    return calibrate_intrinsics(section.board, own, sizes, section, inputs.config.run.threads)
+    return calibrate_intrinsics(section.board, own, sizes, section, inputs.threads)
 
 
 def _open(inputs: Inputs, pattern: str) -> Footage:

@@ -77,15 +77,13 @@ class CalibrateSettings(Settings):
     """Groups of cameras that share intrinsics; example: [[cam01, cam02], [cam03, cam04]]."""
 
     known_cameras: Annotated[Name | None, Heading("Known cameras")] = None
-    """Camera file with known intrinsics, relative to capture.root. Its extrinsics are used as known_poses says."""
+    """Camera file of these cameras, relative to capture.root. null: none."""
 
-    fix_intrinsics: bool = True
-    """Keep the intrinsics of known_cameras (or intrinsics_images) fixed. false: use them as initial values."""
-
-    known_poses: Literal["refine", "fix"] | None = None
-    """refine, fix: known_cameras is a previous calibration of this rig, and the new footage is registered to it, which
-    is much faster than a full calibration. refine: its extrinsics are initial values, in case cameras have moved since.
-    fix: they are kept. null: only the intrinsics are used."""
+    known: Literal["intrinsics", "initial_intrinsics", "poses", "initial_poses"] = "intrinsics"
+    """What is taken from known_cameras, and of intrinsics from intrinsics_images. intrinsics: they are kept.
+    initial_intrinsics: they are initial values. poses: intrinsics and poses are kept, and the new footage is registered
+    to them, which is much faster than a full calibration. initial_poses: the same, in case cameras have moved since:
+    poses are initial values."""
 
     known_distance: Annotated[tuple[Name, Name, Meters] | None, Heading("Scale and floor"), _POINTS] = None
     """Two cameras and the distance between their centers in meters, which sets the scale; example: [cam01, cam05, 4.2].

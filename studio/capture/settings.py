@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, Self, get_args
+from typing import Annotated, Any, ClassVar, Literal, Self, cast, get_args
 
 from pydantic import Field, ValidationError, ValidatorFunctionWrapHandler, field_validator, model_validator
 
@@ -158,22 +158,37 @@ class ScreenSettings(Settings):
         return color
 
 
-class OnnxSettings(Settings):
-    """How images are passed to a matting model."""
+class ModelSettings(Settings):
+    """Masks from a matting model."""
 
     affects: ClassVar[Affects | None] = _DEFAULT
 
-    mask_model: Name | None = None
-    """Masks from a model, which is also part of the evidence for agreed ones: its ONNX file, relative to root. Input:
-    one RGB image (1x3xHxW, float). Output: a mask from 0 to 1. Requires onnxruntime."""
+    mask_model: str | None = None
+    """Masks from a model, which is also part of the evidence for agreed ones, as KIND:FILE; example:
+    isnet:models/isnet.onnx. The kind (u2net, birefnet, isnet, modnet or plain) is how it was trained: the normalization
+    of its input, its size unless the file fixes it, and whether its output is logits. plain: RGB from 0 to 1 at the
+    size of the image. The file is relative to root. Input: one RGB image (1x3xHxW, float). Output: a mask from 0 to 1.
+    Requires onnxruntime."""
 
-    mask_model_kind: ModelKind = "u2net"
-    """Masks from a model: how it was trained, which gives the normalization of its input, its size unless the file
-    fixes it, and whether its output is logits. plain: RGB from 0 to 1 at the size of the image, a mask from 0 to 1."""
+    @property
+    def kind_and_file(self) -> tuple[ModelKind, str] | None:
+        """Both parts of `mask_model`."""
+        kind, _, file = (self.mask_model or "").partition(":")
+        return (cast(ModelKind, kind), file) if file else None
+
+    @field_validator("mask_model")
+    @classmethod
+    def _names_kind_and_file(cls, value: str | None) -> str | None:
+        kind, _, file = (value or "plain:-").partition(":")
+        if kind not in get_args(ModelKind) or not file:
+            raise Conflict(
+                "must be KIND:FILE", f"Kinds: {', '.join(get_args(ModelKind))}. Example: isnet:models/isnet.onnx."
+            )
+        return value
 
 
 # Fields of the last base come first.
-class CaptureSettings(OnnxSettings, ScreenSettings, DifferenceSettings, FileSettings):
+class CaptureSettings(ModelSettings, ScreenSettings, DifferenceSettings, FileSettings):
     """The footage: where its images, cameras and masks are, and which of them to use. Passed to `open_footage`."""
 
     fps: Annotated[float | None, Heading("Rate and color"), Affects("evaluation")] = Field(

@@ -66,7 +66,7 @@ def attribute_count(sh_degree: int) -> int:
 def export_videogs(
     video: SplatVideo,
     folder: Path,
-    qp: int = 20,
+    qp: int = 22,
     preset: str = "medium",
     threads: int = 0,
     progress: ProgressFn = no_progress,

@@ -28,7 +28,7 @@ class Model:
 
     Attributes:
         name: in the command line; the file is NAME.onnx.
-        kind: value of `capture.mask_model_kind`.
+        kind: that of `capture.mask_model`.
         purpose: what it was trained for.
         license: of the weights.
         package: the package and its version.

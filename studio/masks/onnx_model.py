@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from studio.capture.digest import digest_files
-from studio.capture.settings import ModelKind, OnnxSettings
+from studio.capture.settings import ModelKind
 from studio.errors import StudioError
 from studio.masks.mask_cache import MaskCache
 from studio.masks.mask_source import MaskInputs, MaskSource
@@ -59,7 +59,7 @@ class OnnxModel:
 
     Args:
         path: the ONNX file.
-        settings: how images are preprocessed; None: the defaults. `mask_model` is ignored.
+        kind: how the model was trained.
         device: "cpu", "cuda", "cuda:1", or "auto": CUDA if onnxruntime supports it.
         threads: CPU threads; 0: all cores.
 
@@ -67,11 +67,9 @@ class OnnxModel:
         StudioError: `mask.model_missing`, or `mask.runtime_missing`: onnxruntime is not installed.
     """
 
-    def __init__(
-        self, path: Path, settings: OnnxSettings | None = None, *, device: str = "auto", threads: int = 0
-    ) -> None:
+    def __init__(self, path: Path, kind: ModelKind = "u2net", *, device: str = "auto", threads: int = 0) -> None:
         self.path, self.device, self.threads = path, device, threads
-        self.kind = KINDS[(settings or OnnxSettings()).mask_model_kind]
+        self.kind = KINDS[kind]
         if not path.is_file():
             raise StudioError(
                 "mask.model_missing",
@@ -134,8 +132,8 @@ class OnnxModel:
                 f"the matting model returns values from {low:.3g} to {high:.3g}, outside 0 to 1",
                 file=self.path,
                 value=(low, high),
-                fix="Set capture.mask_model_kind to that of the model; birefnet if these are logits.",
-                setting="capture.mask_model_kind",
+                fix="Correct the kind in capture.mask_model; birefnet if these are logits.",
+                setting="capture.mask_model",
             )
         return mask
 
@@ -215,8 +213,8 @@ class _Loaded:
                 f"the matting model fails on an image of {size[0]}x{size[1]} ({_first_line(error)})",
                 file=self._path,
                 value=size,
-                fix="Check capture.mask_model_kind.",
-                setting="capture.mask_model_kind",
+                fix="Check the kind in capture.mask_model.",
+                setting="capture.mask_model",
             ) from None
         return [np.asarray(one) for one in found]
 
@@ -298,22 +296,22 @@ def _first_line(error: Exception) -> str:
 def open_model(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str]:
     """Masks from a model: see `studio.masks.sources`. Raises StudioError `mask.model_not_set`, or as `OnnxModel`."""
     spec = inputs.spec
-    if not spec.mask_model:
+    if spec.kind_and_file is None:
         raise StudioError(
             "mask.model_not_set",
             "capture.masks is model, but no model is set",
-            fix="Set capture.mask_model to an ONNX file.",
+            fix="Set capture.mask_model to KIND:FILE.",
             setting="capture.mask_model",
         )
-    path = spec.root / Path(spec.mask_model).expanduser()
+    kind, file = spec.kind_and_file
+    path = spec.root / Path(file).expanduser()
     given = [path.with_name(path.name + ending) for ending in ("", "_data", ".data")]  # see `OnnxModel.files`
-    model = OnnxModel(whole_files(given)[0], spec, device=inputs.device, threads=inputs.threads)
+    model = OnnxModel(whole_files(given)[0], kind, device=inputs.device, threads=inputs.threads)
     files = [one for one in given if one.is_file()]  # not the copies: of pointers, the store's version is digested
     cache = None
     if inputs.cache_folder is not None:
         # the device is not part of the recipe, because masks do not depend on it
-        recipe = spec.model_dump_json(include=set(OnnxSettings.model_fields) - {"mask_model"})
-        cache = MaskCache(inputs.cache_folder / "masks", f"{digest_files(path.parent, files)} {recipe}")
+        cache = MaskCache(inputs.cache_folder / "masks", f"{digest_files(path.parent, files)} {kind}")
     source = FunctionMaskSource(
         lambda image, camera, frame: model(image),
         "matting model",
@@ -322,4 +320,4 @@ def open_model(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str]:
         components=spec.mask_components,
         garbage=inputs.garbage,
     )
-    return source, f"matting model {spec.mask_model}"
+    return source, f"matting model {file}"

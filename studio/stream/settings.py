@@ -112,7 +112,7 @@ class BakeSettings(Settings):
     """motion: block motion and one small residual video (docs/STREAM.md). planes: the paper's, one video per attribute
     component."""
 
-    quality: Quality = 20
+    quality: Quality = 22
     """One of four ways to choose between size and quality. A number from 0 to 51: the quantization parameter (QP); 0
     is lossless, higher values are smaller and coarser. 42 dB: per group, the highest QP whose decoded frames, rendered
     from a few cameras, reach this PSNR against the trained frames. 40 KB: per group, the lowest QP whose files take at

@@ -9,6 +9,7 @@ LABELS: Mapping[str, str] = {
     "bake.b_frames": "B-frames",
     "bake.ladder": "renditions",
     "calibrate.frame_count": "number of frames",
+    "calibrate.known": "use of known cameras",
     "capture.cameras": "cameras used",
     "capture.fps": "frame rate",
     "capture.held_out": "held-out cameras",
@@ -53,7 +54,6 @@ EMPTY: Mapping[str, str] = {
     "calibrate.intrinsics_groups": "none",
     "calibrate.intrinsics_images": "none",
     "calibrate.known_cameras": "none",
-    "calibrate.known_poses": "unused",
     "calibrate.known_distance": "unknown",
     "calibrate.shared_intrinsics": "automatic",
     "calibrate.tie_points": "none",
@@ -72,6 +72,7 @@ EMPTY: Mapping[str, str] = {
     "run.gpus_per_group": "automatic",
     "run.groups_at_once": "automatic",
     "run.memory_per_group": "automatic",
+    "run.threads": "one per core",
     "train.camera_colors": "not corrected",
     "train.motion_first_iterations": "as the others",
 }
@@ -92,9 +93,7 @@ UNITS: Mapping[str, str] = {
 FOLDERS = frozenset({"capture.root"})
 """Settings that are a folder, to be chosen in a dialog."""
 
-FILES = frozenset(
-    {"calibrate.known_cameras", "calibrate.tie_points", "capture.audio", "capture.mask_model", "capture.rig"}
-)
+FILES = frozenset({"calibrate.known_cameras", "calibrate.tie_points", "capture.audio", "capture.rig"})
 """Settings that are a file."""
 
 TEMPLATES = frozenset({"capture.clean_plates", "capture.images", "capture.mask_files"})

@@ -118,7 +118,7 @@ class CaptureView(StageView):
                 strict=False,
                 cache_folder=context.take.footage_cache,
                 device=config.run.device,
-                threads=config.run.threads,
+                threads=config.run.thread_count,
                 most_cached=DECODED_BYTES,
             )
             try:
@@ -368,7 +368,7 @@ class FootageCheck:
                 most_cached=64 << 20,
                 cache_folder=context.take.footage_cache,
                 device=run.device,
-                threads=run.threads,
+                threads=run.thread_count,
             )
             drift = ColorDrift()
             problems = [*check_footage(footage, progress, drift=drift), *drift.messages()]

@@ -56,7 +56,7 @@ def encode(plan: BakePlan, part: Part, reporter: StageReporter, start: float, st
         settings,
         progress=reporter.part(f"group {part.index}", start, stop),
         quality=rendered if settings.target_psnr is not None or settings.ladder else None,
-        threads=inputs.config.run.threads,
+        threads=inputs.threads,
         fps=float(inputs.footage.raw.fps),
         contribution=partial(rendered_contribution, frames, cameras, inputs.device, reporter.check),
         finetuned=lambda rung: finetuned[rung.kind],

@@ -200,11 +200,11 @@ def sfm_job(
         masks=masks,
         pairs=tuple(neighbors(poses)) if poses is not None else (),
         poses=tuple(camera.world_to_camera[:3].tolist() for camera in poses) if poses is not None else (),
-        fix_poses=settings.known_poses == "fix",
+        fix_poses=settings.known == "poses",
         max_features=MAX_FEATURES,
         seed=seed,
         threads=threads or os.cpu_count() or 1,
-        fix_intrinsics=settings.fix_intrinsics,
+        fix_intrinsics=settings.known != "initial_intrinsics",
         find_shared=settings.shared_intrinsics is None and not settings.intrinsics_groups,
     )
 

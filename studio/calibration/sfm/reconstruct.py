@@ -117,7 +117,7 @@ def calibrate_from_images(
 
     run_reporting("studio.calibration.sfm.worker", [str(path)], relay, what="Structure from motion")
     result = _read(folder, names, sizes, allow_unregistered)
-    kept = poses is not None and reference is None and settings.known_poses == "fix"
+    kept = poses is not None and reference is None and settings.known == "poses"
     transform = _gauge(result, reference if reference is not None else poses, distance, kept)
     report = result.report.model_copy(
         update={"sync_frames": sync_frames, "seconds": round(time.monotonic() - started, 1)}
@@ -130,7 +130,7 @@ def calibrate_from_images(
 
 def _moved(result: CalibrationResult, before: Rig, settings: CalibrateSettings) -> dict[str, CameraMotion]:
     """Difference of each camera's pose from that in the earlier solution."""
-    if settings.known_poses == "fix" or len(result.rig) < 3:
+    if settings.known == "poses" or len(result.rig) < 3:
         return {}
     difference = compare_rigs(result.rig, before)
     return {

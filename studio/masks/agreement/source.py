@@ -21,7 +21,7 @@ import numpy as np
 
 from studio.cameras import Camera
 from studio.capture.digest import digest_files
-from studio.capture.settings import DifferenceSettings, OnnxSettings
+from studio.capture.settings import DifferenceSettings, ModelSettings
 from studio.errors import StudioError
 from studio.masks.agreement.evidence import LIMIT, evidence_of, smoothed
 from studio.masks.agreement.outlines import color_odds, cut
@@ -248,7 +248,7 @@ def _disk_cache(
     parts = [
         str(_VERSION),
         digest_files(spec.root, [path for source in sources for path in source.files()]),
-        spec.model_dump_json(include={*DifferenceSettings.model_fields, *OnnxSettings.model_fields, "offsets"}),
+        spec.model_dump_json(include={*DifferenceSettings.model_fields, *ModelSettings.model_fields, "offsets"}),
         spec.model_dump_json(include={"color_matrix", "transfer", "held_out"}),
         *(f"{camera.to_dict()}" for camera in inputs.cameras().values()),
     ]

@@ -46,7 +46,7 @@ def test_settings_keep_their_order():
     assert names[:4] == ["capture.root", "capture.images", "capture.rig", "capture.masks"]
     assert names.index("train.grouping") + 1 == names.index("train.sh_degree")
     assert names.index("capture.mask_components") + 1 == names.index("capture.key_color")
-    assert names.index("capture.mask_model_kind") + 1 == names.index("capture.fps")
+    assert names.index("capture.mask_model") + 1 == names.index("capture.fps")
 
 
 @pytest.mark.parametrize("given", ["{camera}/video.avi", "'{camera}/video.avi'", '"{camera}/video.avi"'])

@@ -54,7 +54,7 @@ def test_an_older_solution_is_brought_to_the_footages_size(tmp_path: Path) -> No
     with refuses("settings.file_not_found", file=tmp_path / "capture" / "old.json", setting="calibrate.known_cameras"):
         known_cameras(made)
     with refuses("settings.missing", setting="calibrate.known_cameras"):
-        known_cameras(context(tmp_path, known_poses="refine"))
+        known_cameras(context(tmp_path, known="initial_poses"))
     assert known_cameras(context(tmp_path)) is None
 
 

@@ -48,8 +48,7 @@ def test_a_take_with_a_matting_model(project: Path, here: Callable[..., Any]) ->
     shutil.copy(MODELS / "free.onnx", model)
     settings = [
         ("masks", "model"),
-        ("mask-model", "models/one.onnx"),
-        ("mask-model-kind", "plain"),
+        ("mask-model", "plain:models/one.onnx"),
     ]
     given = [word for name, value in settings for word in (f"--capture.{name}", value)]
     done = here("run", project / "ball.yaml", "--take", project / "take", "--until", "initialize", *given)

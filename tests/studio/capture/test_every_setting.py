@@ -27,8 +27,7 @@ SCREEN = {"root": "screen", "masks": "chroma_key"}
 VIDEO = {"root": "video", "masks": "none"}
 MODEL = {
     "masks": "model",
-    "mask_model": "free.onnx",
-    "mask_model_kind": "plain",
+    "mask_model": "plain:free.onnx",
 }
 
 CHANGES: dict[str, tuple[Any, dict[str, Any]]] = {
@@ -45,7 +44,6 @@ CHANGES: dict[str, tuple[Any, dict[str, Any]]] = {
     "mask_components": (1, PLATES),
     "key_color": ((0.9, 0.2, 0.1), SCREEN),
     "garbage_masks": ("garbage.yaml", {}),
-    "mask_model_kind": ("birefnet", MODEL),
     "fps": (24.0, {}),
     "color_matrix": ("bt709", VIDEO),
     "transfer": ("linear", {}),
@@ -145,7 +143,7 @@ def _model(captures: Path, patch: pytest.MonkeyPatch) -> bool:
     """Both models give the same masks."""
     read = [
         open_footage(CaptureSettings(**{**MODEL, "root": captures / "plain", "mask_model": name})).mask_source.files()
-        for name in ("free.onnx", "fixed.onnx")
+        for name in ("plain:free.onnx", "plain:fixed.onnx")
     ]
     return read == [[captures / "plain" / "free.onnx"], [captures / "plain" / "fixed.onnx"]]
 

@@ -11,14 +11,12 @@ import numpy as np
 import pytest
 
 from studio.capture import CaptureSettings, open_footage
-from studio.capture.settings import OnnxSettings
 from studio.masks import FunctionMaskSource
 from studio.masks.mask_cache import MaskCache
 from studio.masks.onnx_model import KINDS, Kind, OnnxModel, first_mask, input_size, preprocess, providers
 from tests.support.errors import refuses
 
 DATA = Path(__file__).parent / "data"
-PLAIN = OnnxSettings(mask_model_kind="plain")
 
 
 def noisy(height: int = 64, width: int = 96, seed: int = 0) -> np.ndarray:
@@ -33,7 +31,7 @@ def weighted(values: np.ndarray) -> np.ndarray:
 def test_the_mask_is_the_first_output_of_one_channel() -> None:
     """The first output of free.onnx is the mean per channel, which is not an image."""
     image = noisy()
-    mask = OnnxModel(DATA / "free.onnx", PLAIN, device="cpu")(image)
+    mask = OnnxModel(DATA / "free.onnx", "plain", device="cpu")(image)
     assert mask.shape == (64, 96)
     assert np.abs(mask - weighted(image / 255)).max() < 1e-6
 
@@ -42,7 +40,7 @@ def test_normalization_and_sigmoid(monkeypatch: pytest.MonkeyPatch) -> None:
     image = noisy()
     monkeypatch.setitem(KINDS, "plain", Kind((0.5, 0.4, 0.3), (0.5, 0.25, 0.2), 0, logits=True))
     seen = (image / 255 - [0.5, 0.4, 0.3]) / [0.5, 0.25, 0.2]
-    mask = OnnxModel(DATA / "free.onnx", PLAIN, device="cpu")(image)
+    mask = OnnxModel(DATA / "free.onnx", "plain", device="cpu")(image)
     assert np.abs(mask - 1 / (1 + np.exp(-weighted(seen)))).max() < 1e-6
     assert preprocess(image, (96, 64), KINDS["plain"])[0].transpose(1, 2, 0) == pytest.approx(seen, abs=1e-5)
 
@@ -55,7 +53,7 @@ def test_images_are_resized_for_the_model_and_masks_back(
     columns = np.broadcast_to((np.arange(300) + 0.5) / 300, (150, 300))
     image = np.repeat(np.rint(255 * columns)[..., None], 3, axis=2).astype(np.uint8)
     monkeypatch.setitem(KINDS, "plain", replace(KINDS["plain"], side=wanted))
-    mask = OnnxModel(DATA / file, PLAIN, device="cpu")(image)
+    mask = OnnxModel(DATA / file, "plain", device="cpu")(image)
     assert mask.shape == (150, 300)
     assert np.abs(mask - columns)[:, 8:-8].max() < 0.004
 
@@ -89,7 +87,7 @@ def test_first_mask() -> None:
 )
 def test_models_that_are_not_matting_models(file: str, code: str, value: object) -> None:
     with refuses(code, file=DATA / file, value=value, setting="capture.mask_model"):
-        OnnxModel(DATA / file, PLAIN, device="cpu")(noisy())
+        OnnxModel(DATA / file, "plain", device="cpu")(noisy())
 
 
 def test_files_that_are_missing_or_broken(tmp_path: Path) -> None:
@@ -98,13 +96,13 @@ def test_files_that_are_missing_or_broken(tmp_path: Path) -> None:
     broken = tmp_path / "broken.onnx"
     broken.write_bytes((DATA / "free.onnx").read_bytes()[:100])
     with refuses("mask.model_unloadable", file=broken, setting="capture.mask_model"):
-        OnnxModel(broken, PLAIN, device="cpu")(noisy())
+        OnnxModel(broken, "plain", device="cpu")(noisy())
 
 
 def test_values_outside_0_to_1() -> None:
     """A mean and standard deviation that differ from the model's, or logits."""
-    with refuses("mask.model_values", file=DATA / "free.onnx", setting="capture.mask_model_kind") as caught:
-        OnnxModel(DATA / "free.onnx", OnnxSettings(), device="cpu")(noisy())
+    with refuses("mask.model_values", file=DATA / "free.onnx", setting="capture.mask_model") as caught:
+        OnnxModel(DATA / "free.onnx", device="cpu")(noisy())
     low, high = caught.value.value
     assert low < 0
     assert high > 1
@@ -137,7 +135,7 @@ def capture(tmp_path: Path, make: SimpleNamespace) -> Path:
 
 
 def spec_of(root: Path, **values: object) -> CaptureSettings:
-    given = {**dict(PLAIN), "mask_model": "model.onnx", **values}
+    given = {"mask_model": "plain:model.onnx", **values}
     return CaptureSettings(root=root, masks="model", **given)  # type: ignore[arg-type]
 
 
@@ -146,7 +144,7 @@ def test_a_capture_with_a_model(capture: Path, make: SimpleNamespace) -> None:
     footage = open_footage(spec_of(capture))
     assert "matting model model.onnx" in footage.description
     assert np.abs(footage.mask("b", 1) - exact).max() <= 1  # rounding of .5
-    absolute = open_footage(spec_of(capture, mask_model=str(capture / "model.onnx")))
+    absolute = open_footage(spec_of(capture, mask_model=f"plain:{capture / 'model.onnx'}"))
     assert np.array_equal(absolute.mask("b", 1), footage.mask("b", 1))
     kept = np.zeros((64, 96), np.uint8)
     kept[:30] = 255
@@ -189,7 +187,7 @@ def test_masks_are_computed_once_per_model(capture: Path, monkeypatch: pytest.Mo
     file.write_bytes(file.read_bytes()[:200])  # truncated: recomputed
     assert np.array_equal(mask(), first)
     assert len(made) == 2
-    mask(mask_model_kind="birefnet")
+    mask(mask_model="birefnet:model.onnx")
     assert len(made) == 3
     shutil.copy(DATA / "fixed.onnx", capture / "model.onnx")
     mask()

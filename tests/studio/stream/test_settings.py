@@ -44,8 +44,8 @@ def test_wrong_settings_are_refused(wrong):
     [
         (22, 22, (22, None, None, None)),
         ("22", 22, (22, None, None, None)),
-        ("40KB", "40 KB", (20, 40.0, None, None)),
-        ("42.50 dB", "42.5 dB", (20, None, 42.5, None)),
+        ("40KB", "40 KB", (22, 40.0, None, None)),
+        ("42.50 dB", "42.5 dB", (22, None, 42.5, None)),
         ("0.4 dB loss", "0.4 dB loss", (28, None, None, 0.4)),
     ],
 )

@@ -47,7 +47,7 @@ def test_figures_are_measured_once_and_kept(
     assert again.show(take, config)
     assert again.figures == estimates.figures
     assert not again.show(take, config)
-    assert not again.show(take, with_values(config, {"bake.quality": 11})), "the presets set it"
+    assert not again.show(take, with_values(config, {"train.max_splats": 11})), "the presets set it"
     assert again.show(take, with_values(config, {"capture.scale": 0.5}))
     assert again.figures == {}, "of other images"
 

@@ -93,7 +93,7 @@ def test_another_model_in_the_same_file_changes_the_digest(capture: Path, tmp_pa
     model = tmp_path / "model.onnx"
 
     def digest(**settings: object) -> str:
-        return opened(capture, None, mask_model=str(model), **settings).digest()
+        return opened(capture, None, mask_model=f"plain:{model}", **settings).digest()
 
     for settings in ({}, {"masks": "agreed"}):
         model.write_bytes(b"one")
