@@ -26,6 +26,7 @@ RESULTS = {
     "initial_points": "the initial points of each keyframe",
     "keyframe": "trained keyframes, and with them all frames after them",
     "later_frames": "trained frames after a keyframe",
+    "joint_frames": "frames of a group after joint training",
     "videos": "the encoded groups of the stream",
     "manifest": "the stream's manifest",
     "sound": "the stream's sound",

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from pipelines.estimate.rehearsal import Measured
 from pipelines.estimate.work import Work
 from studio.json_types import JsonObject
+from studio.training import joint_steps
 
 UNCERTAINTY = 0.25
 """Of the time: about one run in ten is further off, most often because splats become more or fewer than assumed."""
@@ -114,7 +115,7 @@ def estimate(work: Work, measured: Measured, qp: int | None) -> Estimate:
                 "train",
                 work.waves({count: _group(work, measured, count) for count in set(work.groups)}) + refinement + reading,
                 measured.memory + work.at_once * work.memory_of_group,
-                frames * splats * 4 * (11 + sh),
+                frames * splats * 4 * (11 + sh) * (2 if work.train.joint_iterations else 1),
                 "assumes that keyframes keep as many splats as they start with, before pruning",
             ),
             StageEstimate(
@@ -149,4 +150,4 @@ def _group(work: Work, measured: Measured, frames: int) -> float:
     for position in range(1, frames):
         seconds += measured.frame + measured.motion_step * train.motion_steps(position == 1)
         seconds += measured.finetune_step * train.finetune_iterations
-    return seconds
+    return seconds + measured.finetune_step * joint_steps(train, frames)

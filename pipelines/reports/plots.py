@@ -122,5 +122,7 @@ def _train_seconds(take: Take, groups: Sequence[Group]) -> list[tuple[int, float
     for group in groups:
         path = take.train_group(group.index) / "group.json"
         if path.is_file():
-            found += zip(group.frames, read_model(path, TrainedGroup).seconds, strict=False)
+            trained = read_model(path, TrainedGroup)
+            share = trained.joint_seconds / len(group.frames)
+            found += [(frame, own + share) for frame, own in zip(group.frames, trained.seconds, strict=False) if own]
     return found

@@ -63,12 +63,15 @@ def refuse_too_little_memory(inputs: Inputs) -> None:
 
 def memory_of_group(inputs: Inputs) -> int:
     """Estimated bytes that training one group takes on a CPU, beyond the program itself."""
+    from studio.training.joint import joint_bytes
     from studio.training.views import CACHED_PIXELS
 
     footage = inputs.footage.calibrated
     pixels = [footage.rig[name].width * footage.rig[name].height for name in footage.train_cameras]
     each = sum(max(_BYTES_A_PIXEL * one, _BYTES_A_SMALL_PIXEL * min(one, CACHED_PIXELS)) for one in pixels)
-    return each + _BYTES_A_DRAWN_PIXEL * max(pixels, default=1)
+    longest = max((len(group.frames) for group in inputs.groups), default=1)
+    joint = joint_bytes(sum(pixels), longest) if inputs.config.train.joint_iterations else 0
+    return each + joint + _BYTES_A_DRAWN_PIXEL * max(pixels, default=1)
 
 
 def threads_by_group(groups: int, at_once: int, threads: int) -> list[int]:

@@ -4,6 +4,9 @@ The file of each frame holds a key, a digest of everything it was made from. Tha
 keyframe training, seed, footage, cameras and initial points; that of a later frame covers the key of the previous
 frame, its frame number, and settings of motion and fine-tuning. So when a take gets longer, its frames stay valid;
 when fine-tuning changes, keyframes stay valid; and a resumed group continues exactly where it stopped.
+
+Where the group is then trained jointly, each frame is replaced, with one key for the group that covers the keys of its
+frames. What was there before is kept beside it, so that another joint training, or a longer take, starts from it.
 """
 
 from __future__ import annotations
@@ -11,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from functools import partial
+from itertools import takewhile
 from pathlib import Path
 
 from pipelines.events.cancellation import Cancellation
@@ -29,11 +33,11 @@ from pipelines.stages.inputs import Inputs
 from pipelines.stages.params import Params, key_of, settings_affecting, settings_of, without
 from pipelines.stages.reporter import StageReporter
 from pipelines.stages.summaries import TrainSummary
-from pipelines.stages.train_group import GroupWork, TrainClock
+from pipelines.stages.train_group import GroupWork, TrainClock, before_joint
 from pipelines.stages.training_views import details_at
 from pipelines.takes.atomic_files import read_model, remove
 from pipelines.takes.edits import edit_params
-from pipelines.takes.frame_files import read_about
+from pipelines.takes.frame_files import has_key
 from pipelines.takes.groups import Group
 from pipelines.takes.records import result_of
 from pipelines.takes.stage_files import InitialPointsReport, TrainedGroup
@@ -47,6 +51,7 @@ def params(inputs: Inputs) -> Params:
     """Training views, training settings, marked details, and frames."""
     return {
         **_recipe(inputs),
+        **settings_affecting(inputs.config, "joint_frames"),
         **edit_params(inputs.edits, "details"),
         **settings_of(inputs.config, "train.group_size"),
         "frames": list(inputs.footage.raw.frames),
@@ -81,16 +86,18 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> T
             setting="capture.held_out",
         )
     finished = {group.index: _finished(inputs, group) for group in groups}
-    todo = [group for group in groups if finished[group.index] < len(group.frames)]
+    done = {group.index: group_done(inputs, group) for group in groups}
+    todo = [group for group in groups if not done[group.index]]
     if executor is None and todo:
         refuse_too_little_memory(inputs)
     if executor is None or not todo:  # else those that train the groups need it, and have the devices
         _prepare(inputs, reporter, Cancellation())
     reporter.start_clock()
-    with LiveBake(inputs, reporter, finished) if inputs.config.run.live else nullcontext() as live:
+    ready = {number: frames if done[number] or not joins(inputs) else 0 for number, frames in finished.items()}
+    with LiveBake(inputs, reporter, ready) if inputs.config.run.live else nullcontext() as live:
         written = (lambda group, frames: None) if live is None else live.written
         if executor is None:
-            _train_here(inputs, reporter, groups, finished, written)
+            _train_here(inputs, reporter, todo, written)
         elif todo:
             executor.run(STAGE, inputs, todo, reporter, lambda group: written(group.index, len(group.frames)))
     splats = []
@@ -109,61 +116,61 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> T
 def _train_here(
     inputs: Inputs,
     reporter: StageReporter,
-    groups: Sequence[Group],
-    finished: Mapping[int, int],
+    todo: Sequence[Group],
     written: Callable[[int, int], None],
 ) -> None:
-    """Train the groups of `groups` that are not finished, several at once."""
+    """Train groups that are not done, several at once."""
     at_once = groups_at_once(inputs)
-    clock = TrainClock(groups, finished, inputs.config.train)
+    finished = {group.index: _announced(inputs, group, reporter) for group in todo}
+    clock = TrainClock(todo, finished, inputs.config.train)
     work = GroupWork(inputs, reporter, clock, max(1, inputs.threads // at_once), written)
-    jobs = {}
-    for group in groups:
-        if finished[group.index] < len(group.frames):
-            of = counted(len(group.frames), "frame")
-            reporter.log(f"group {group.index}: {finished[group.index]} of {of} are already trained")
-            jobs[group.index] = partial(_train, inputs, work, group)
-    with _checked(inputs, groups, finished, work):
+    jobs = {group.index: partial(_train, inputs, work, group) for group in todo}
+    with _checked(inputs, todo, finished, work):
         run_groups(jobs, at_once, threads_of_groups(inputs), work.stop)
 
 
 def _train(inputs: Inputs, work: GroupWork, group: Group) -> None:
     with inputs.take.group_locked(STAGE.name, group.index, work.check):
-        finished = _finished(inputs, group)
-        if finished < len(group.frames):
-            work.train(group, finished, _keys_to_write(inputs, group))
+        if not group_done(inputs, group):
+            work.train(group, _finished(inputs, group), *_keys_to_write(inputs, group))
 
 
 def group_key(inputs: Inputs, group: Group) -> str:
     """See `GroupStageCode`: the key of the last frame covers those before it."""
-    return frame_keys(inputs, group)[-1]
+    return _final_keys(inputs, frame_keys(inputs, group))[-1]
 
 
 def group_done(inputs: Inputs, group: Group) -> bool:
     """See `GroupStageCode`."""
-    return _finished(inputs, group) == len(group.frames)
+    return _is_final(inputs, group, frame_keys(inputs, group))
 
 
 def run_group(inputs: Inputs, group: Group, reporter: StageReporter) -> None:
     """See `GroupStageCode`."""
     refuse_too_little_memory(inputs)
-    finished = _finished(inputs, group)
-    reporter.log(f"group {group.index}: {finished} of {counted(len(group.frames), 'frame')} are already trained")
+    finished = _announced(inputs, group, reporter)
     clock = TrainClock((group,), {group.index: finished}, inputs.config.train)
     work = GroupWork(inputs, reporter, clock, inputs.threads)
     _prepare(inputs, reporter, work.stop)
-    job = partial(work.train, group, finished, _keys_to_write(inputs, group))
+    job = partial(work.train, group, finished, *_keys_to_write(inputs, group))
     with _checked(inputs, (group,), {group.index: finished}, work):
         run_groups({group.index: job}, 1, threads_of_groups(inputs), work.stop)
+
+
+def _announced(inputs: Inputs, group: Group, reporter: StageReporter) -> int:
+    """Number of frames that are trained already, which is reported."""
+    finished = _finished(inputs, group)
+    reporter.log(f"group {group.index}: {finished} of {counted(len(group.frames), 'frame')} are already trained")
+    return finished
 
 
 def _checked(
     inputs: Inputs, groups: Sequence[Group], finished: Mapping[int, int], work: GroupWork
 ) -> AbstractContextManager[None]:
     """Checks the frames that are not trained yet while the block trains them."""
-    if not inputs.config.run.check_footage:
-        return nullcontext()
     frames = tuple(frame for group in groups for frame in group.frames[finished[group.index] :])
+    if not inputs.config.run.check_footage or not frames:
+        return nullcontext()
     return footage_check(inputs, frames, work.stop, work.reporter)
 
 
@@ -220,8 +227,22 @@ def frame_keys(inputs: Inputs, group: Group, recipe: Params | None = None) -> li
     return keys
 
 
-def _keys_to_write(inputs: Inputs, group: Group) -> list[str]:
-    """The keys of frames that are trained now: without the group's report they would name other initial points.
+def joins(inputs: Inputs) -> bool:
+    """Whether the frames of a group are trained jointly."""
+    return inputs.config.train.joint_iterations > 0
+
+
+def _final_keys(inputs: Inputs, keys: list[str]) -> list[str]:
+    """The keys of a group's frames when it is done; `keys`: those of its frames before joint training."""
+    if not joins(inputs) or len(keys) == 1:
+        return keys
+    joint = key_of(STAGE.name, STAGE.version, settings_affecting(inputs.config, "joint_frames"), keys[-1])
+    return [joint] * len(keys)
+
+
+def _keys_to_write(inputs: Inputs, group: Group) -> tuple[list[str], list[str]]:
+    """The keys of frames that are trained now, before and after joint training: without the group's report they would
+    name other initial points.
 
     Raises:
         StudioError: the report is missing, or a network file system does not show it here yet.
@@ -234,23 +255,31 @@ def _keys_to_write(inputs: Inputs, group: Group) -> list[str]:
             file=report,
             fix="Run again. If that does not help, run `v3studio initialize TAKE --force`.",
         )
-    return frame_keys(inputs, group)
+    keys = frame_keys(inputs, group)
+    return keys, _final_keys(inputs, keys)
+
+
+def _is_final(inputs: Inputs, group: Group, keys: list[str]) -> bool:
+    """Whether all frames of a group are there and up to date; `keys`: as for `_final_keys`."""
+    pairs = zip(group.indices, _final_keys(inputs, keys), strict=True)
+    return all(has_key(inputs.take.trained_frame(group.index, index), key) for index, key in pairs)
 
 
 def _finished(inputs: Inputs, group: Group, recipe: Params | None = None) -> int:
-    """Number of valid trained frames of the group, from the first without gaps."""
-    take, keys = inputs.take, frame_keys(inputs, group, recipe)
-    count = 0
-    for index, key in zip(group.indices, keys, strict=True):
-        about = read_about(take.trained_frame(group.index, index))
-        if about is None or about.key != key:
-            break
-        count += 1
-    return count
+    """Number of valid trained frames of the group, from the first without gaps; joint training may be missing."""
+    keys = frame_keys(inputs, group, recipe)
+    if _is_final(inputs, group, keys):
+        return len(keys)
+    pairs = zip(group.indices, keys, strict=True)
+    return sum(1 for _ in takewhile(lambda pair: before_joint(inputs.take, group, *pair) is not None, pairs))
 
 
 def _drop_leftovers(inputs: Inputs, group: Group) -> None:
-    wanted = {inputs.take.trained_frame(group.index, index) for index in group.indices}
-    for path in inputs.take.train_group(group.index).glob("frame_*.safetensors"):
+    take = inputs.take
+    wanted = {take.trained_frame(group.index, index) for index in group.indices}
+    if joins(inputs):
+        wanted |= {take.separate_frame(group.index, index) for index in group.indices}
+    folder = take.train_group(group.index)
+    for path in (*folder.glob("frame_*.safetensors"), *folder.glob("separate_*.safetensors")):
         if path not in wanted:
             remove(path)

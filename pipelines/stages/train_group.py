@@ -1,4 +1,4 @@
-"""Trains one group: the keyframe, then frame after frame; each is written as soon as it is finished."""
+"""Trains one group: the keyframe, then frame after frame, each written as soon as it is finished; then all jointly."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TYPE_CHECKING
+from pathlib import Path
+from statistics import fmean
+from typing import TYPE_CHECKING, Literal
 
 from pipelines.events.cancellation import Cancellation
 from pipelines.reports.images import render, write_image
@@ -16,15 +18,18 @@ from pipelines.stages.params import derived_seed
 from pipelines.stages.reporter import StageReporter
 from pipelines.stages.training_views import training_views
 from pipelines.takes.atomic_files import read_model, remove, write_model
-from pipelines.takes.frame_files import FrameMetadata, read_frame, read_tensors, write_frame, write_tensors
+from pipelines.takes.frame_files import FrameMetadata, has_key, read_frame, read_tensors, write_frame, write_tensors
 from pipelines.takes.groups import Group
 from pipelines.takes.point_files import read_points
 from pipelines.takes.stage_files import TrainedGroup
+from pipelines.takes.take import Take
 from studio.errors import Message
 from studio.json_types import JsonData
 from studio.progress import ProgressFn
 
 if TYPE_CHECKING:
+    from torch import Tensor
+
     from studio.gaussians import Gaussians
     from studio.training import TrainingView
     from studio.training.settings import TrainSettings
@@ -39,59 +44,81 @@ quickstart with two views, 2 cores: 78 s for the 3200 steps of a keyframe, 14 s 
 fine-tuning; the network takes a quarter of a motion step, docs/measurements/training.md)."""
 
 
+Kind = Literal["keyframe", "later", "joint"]
+"""A keyframe, another frame, or the joint training of a group."""
+
+
 class TrainClock:
     """Elapsed fraction of the training time.
 
     At first, frames are weighted by their number of training steps, where one of motion counts as several; then by
-    measured seconds per kind of frame (keyframe or other).
+    measured seconds per kind of frame. Joint training counts once for each frame of the group.
 
     Args:
-        groups: all groups of the take.
+        groups: those that are trained.
         finished: number of frames trained before this run, by group index.
         settings: training settings.
     """
 
     def __init__(self, groups: Sequence[Group], finished: Mapping[int, int], settings: TrainSettings) -> None:
         todo = [position for group in groups for position in range(finished[group.index], len(group.frames))]
-        self._left = {True: todo.count(0), False: len(todo) - todo.count(0)}
+        joint = sum(len(group.frames) for group in groups if len(group.frames) > 1)
+        self._left: dict[Kind, int] = {
+            "keyframe": todo.count(0),
+            "later": len(todo) - todo.count(0),
+            "joint": joint if settings.joint_iterations else 0,
+        }
         # of a motion step, in steps of keyframes or fine-tuning
         motion = _MOTION_NETWORK + _MOTION_VIEW * settings.motion_views
-        self._steps = {
-            True: settings.keyframe_iterations + settings.prune_finetune_iterations,
-            False: motion * settings.motion_iterations + settings.finetune_iterations,
+        self._steps: dict[Kind, float] = {
+            "keyframe": settings.keyframe_iterations + settings.prune_finetune_iterations,
+            "later": motion * settings.motion_iterations + settings.finetune_iterations,
+            "joint": settings.joint_iterations,
         }
-        self._seconds: dict[bool, list[float]] = {True: [], False: []}
-        self._current: dict[int, tuple[bool, float]] = {}
+        self._seconds: dict[Kind, list[float]] = {kind: [] for kind in self._left}
+        self._current: dict[int, tuple[Kind, float]] = {}
 
-    def reached(self, group: Group, position: int, share: float) -> None:
-        """The fraction `share` (0 to 1) of the group's frame `position` is trained."""
-        self._current[group.index] = (position == 0, share)
+    def reached(self, group: Group, kind: Kind, frames: float) -> None:
+        """Of what the group does now, this many frames are trained (0 to 1, of joint training to all of the group)."""
+        self._current[group.index] = (kind, frames)
 
-    def finished(self, group: Group, position: int, seconds: float) -> None:
-        """Frame `position` of the group is trained and took `seconds`."""
-        kind = position == 0
-        self._seconds[kind].append(seconds)
-        self._left[kind] -= 1
+    def finished(self, group: Group, kind: Kind, seconds: float, frames: int = 1) -> None:
+        """Frames of the group are trained and took `seconds` together."""
+        self._seconds[kind] += [seconds / frames] * frames
+        self._left[kind] -= frames
         self._current.pop(group.index, None)
 
     @property
     def fraction(self) -> float:
         """0 to 1."""
-        behind = sum(len(self._seconds[kind]) * self._weight(kind) for kind in (True, False))
-        ahead = sum(self._left[kind] * self._weight(kind) for kind in (True, False))
-        for kind, share in self._current.values():
-            part = share * self._weight(kind)
+        behind = sum(len(known) * self._weight(kind) for kind, known in self._seconds.items())
+        ahead = sum(left * self._weight(kind) for kind, left in self._left.items())
+        for kind, frames in self._current.values():
+            part = frames * self._weight(kind)
             behind, ahead = behind + part, ahead - part
         return min(1.0, behind / (behind + ahead)) if behind + ahead > 0 else 1.0
 
-    def _weight(self, kind: bool) -> float:
-        """Seconds per frame of this kind; estimated from the other kind until one is measured."""
+    def _weight(self, kind: Kind) -> float:
+        """Seconds per frame of this kind; estimated from the other kinds until one is measured."""
         if self._seconds[kind]:
-            return sum(self._seconds[kind]) / len(self._seconds[kind])
-        other = self._seconds[not kind]
-        if other:
-            return self._steps[kind] * (sum(other) / len(other)) / max(1, self._steps[not kind])
-        return float(self._steps[kind])
+            return fmean(self._seconds[kind])
+        known = [other for other, seconds in self._seconds.items() if seconds]
+        if not known:
+            return self._steps[kind]
+        return self._steps[kind] * fmean(fmean(self._seconds[one]) / max(1, self._steps[one]) for one in known)
+
+
+def before_joint(take: Take, group: Group, index: int, key: str) -> Path | None:
+    """The file of a frame as it was trained after the one before it, not jointly; None if there is none with `key`.
+
+    Args:
+        take: the take.
+        group: the frame's group.
+        index: of the frame in the take.
+        key: of the frame, see `pipelines.stages.train`.
+    """
+    paths = take.trained_frame(group.index, index), take.separate_frame(group.index, index)
+    return next((path for path in paths if has_key(path, key)), None)
 
 
 class GroupWork:
@@ -130,53 +157,133 @@ class GroupWork:
         self.stop.check()
         self.reporter.check()
 
-    def train(self, group: Group, finished: int, keys: list[str]) -> None:
-        """Train the frames of a group and write each as soon as it is finished.
+    def train(self, group: Group, finished: int, keys: list[str], final_keys: list[str]) -> None:
+        """Train the frames of a group and write each as soon as it is finished; then train them jointly.
 
         Args:
             group: the group.
-            finished: number of frames that are trained already.
-            keys: key of each frame, see `pipelines.stages.train`.
+            finished: number of frames that are trained already, not counting joint training.
+            keys: key of each frame before joint training, see `pipelines.stages.train`.
+            final_keys: the same after it; equal to `keys` if there is none.
 
         Raises:
             StudioError: unusable footage, or training diverged.
             Cancelled: the run was cancelled.
         """
-        take = self.inputs.take
         timings = self._timings(group, finished)
-        previous = read_frame(take.trained_frame(group.index, group.first + finished - 1)) if finished else None
-        before = read_frame(take.trained_frame(group.index, group.first + finished - 2)) if finished > 1 else None
-        third = read_frame(take.trained_frame(group.index, group.first + finished - 3)) if finished > 2 else None
+        joint = keys != final_keys
+        seen: dict[int, list[TrainingView]] = {}
+        last = [self._trained(group, position, keys) for position in range(max(0, finished - 3), finished)]
         # decode the images of the next frame while this one trains
         with ThreadPoolExecutor(1, thread_name_prefix="footage") as ahead:
-            views: Future[list[TrainingView]] = ahead.submit(self._views, group.frames[finished], tell=True)
+            views: Future[list[TrainingView]] | None = None
             for position in range(finished, len(group.frames)):
+                views = views or ahead.submit(self._views, group.frames[position], tell=True)
                 current = views.result()
                 self._advise(current)
+                if joint:
+                    seen[position] = self._kept_views(group, position, current)
                 if position + 1 < len(group.frames):
                     views = ahead.submit(self._views, group.frames[position + 1])
                 started = self.reporter.clock()
-                gaussians = self._frame(group, position, previous, before, third, current, keys)
+                gaussians = self._frame(group, position, last, current, keys)
                 seconds = self.reporter.clock() - started
                 with self._lock:
-                    self.clock.finished(group, position, seconds)
+                    self.clock.finished(group, "later" if position else "keyframe", seconds)
                     self._labels.pop(group.index, None)
                 timings.append(round(seconds, 3))
                 self._write(group, position, gaussians, keys[position], timings)
-                self._written(group.index, position + 1)
+                if not joint:
+                    self._written(group.index, position + 1)
                 self._tell(group, position, gaussians, seconds)
-                previous, before, third = gaussians, previous, before
+                last = [*last[-2:], gaussians]
+        if joint:
+            self._train_jointly(group, seen, keys, final_keys[0], timings)
+        else:
+            self._undo_joint(group, keys)
+
+    def _trained(self, group: Group, position: int, keys: list[str]) -> Gaussians:
+        """A finished frame, before joint training."""
+        path = before_joint(self.inputs.take, group, group.first + position, keys[position])
+        return read_frame(path or self.inputs.take.trained_frame(group.index, group.first + position))
+
+    def _kept_views(self, group: Group, position: int, views: list[TrainingView]) -> list[TrainingView]:
+        """Views of a frame that joint training uses."""
+        from studio.training.joint import views_of_frame
+
+        sizes = [self.inputs.footage.trained.rig[name] for name in self.inputs.footage.trained.train_cameras]
+        pixels = sum(camera.width * camera.height for camera in sizes)
+        return views_of_frame(views, pixels, len(group.frames), position)
+
+    def _train_jointly(
+        self, group: Group, seen: dict[int, list[TrainingView]], keys: list[str], key: str, timings: list[float]
+    ) -> None:
+        """Train all frames of a group together, from a checkpoint with the same key if there is one.
+
+        Args:
+            group: the group.
+            seen: views of frames that this run has read already, by position.
+            keys: of the frames before joint training.
+            key: of all frames after it.
+            timings: of the frames.
+        """
+        from studio.training import train_jointly
+
+        take, device = self.inputs.take, self.inputs.device
+        path = take.joint_checkpoint(group.index)
+
+        def keep(step: int, state: dict[str, Tensor]) -> None:
+            write_tensors(path, state, FrameMetadata(key=key, step=step, group=group.index))
+
+        for position, frame in enumerate(group.frames):
+            if position not in seen:
+                seen[position] = self._kept_views(group, position, self._views(frame, tell=True))
+        frames = [self._trained(group, position, keys) for position in range(len(group.frames))]
+        resume = read_tensors(path, key)
+        if resume is not None:
+            self.reporter.log(f"group {group.index}: resuming joint training at step {int(resume['done'])}")
+        started = self.reporter.clock()
+        trained = train_jointly(
+            [frame.to(device) for frame in frames],
+            [seen[position] for position in range(len(frames))],
+            self.settings,
+            seed=derived_seed(self.inputs.config.run.seed, "train", group.index, "joint"),
+            progress=self._joint_progress(group),
+            checkpoint=keep,
+            resume=resume,
+        )
+        seconds = self.reporter.clock() - started
+        with self._lock:
+            self.clock.finished(group, "joint", seconds, len(frames))
+            self._labels.pop(group.index, None)
+        # first all of these, since a run that is killed among the others needs them
+        for index, before, own in zip(group.indices, frames, keys, strict=True):
+            if not has_key(take.separate_frame(group.index, index), own):
+                write_frame(take.separate_frame(group.index, index), before, self._about(group, index, own))
+        self._write_group(group, frames[0], timings, round(seconds, 3))
+        for index, gaussians in zip(group.indices, trained, strict=True):
+            write_frame(take.trained_frame(group.index, index), gaussians.to("cpu"), self._about(group, index, key))
+        remove(path)
+        self.reporter.log(f"group {group.index}: {len(frames)} frames trained jointly in {seconds:.1f} s")
+        self._written(group.index, len(frames))
+
+    def _undo_joint(self, group: Group, keys: list[str]) -> None:
+        """Bring back frames that were trained jointly before."""
+        take = self.inputs.take
+        for index, key in zip(group.indices, keys, strict=True):
+            path = before_joint(take, group, index, key)
+            if path == take.separate_frame(group.index, index):
+                write_frame(take.trained_frame(group.index, index), read_frame(path), self._about(group, index, key))
 
     def _frame(
         self,
         group: Group,
         position: int,
-        previous: Gaussians | None,
-        before: Gaussians | None,
-        third: Gaussians | None,
+        last: list[Gaussians],
         views: list[TrainingView],
         keys: list[str],
     ) -> Gaussians:
+        """Train a frame; `last`: up to three frames before it, in order."""
         from studio.training import train_interframe
 
         device = self.inputs.device
@@ -185,14 +292,15 @@ class GroupWork:
         def snapshot(iteration: int, gaussians: Gaussians) -> None:
             self._preview(group, position, gaussians, iteration)
 
-        if previous is None:
+        if not last:
             return self._keyframe(group, views, keys[0], seed, snapshot)
+        previous, *earlier = [frame.to(device) for frame in reversed(last)]
         found = train_interframe(
-            previous.to(device),
+            previous,
             views,
             self.settings,
-            before_previous=None if before is None else before.to(device),
-            third_last=None if third is None else third.to(device),
+            before_previous=earlier[0] if earlier else None,
+            third_last=earlier[1] if len(earlier) > 1 else None,
             seed=seed,
             progress=self._progress(group, position),
             snapshot=snapshot,
@@ -210,7 +318,7 @@ class GroupWork:
         take, device = self.inputs.take, self.inputs.device
         path = take.keyframe_checkpoint(group.index)
 
-        def keep(step: int, state: dict[str, torch.Tensor]) -> None:
+        def keep(step: int, state: dict[str, Tensor]) -> None:
             path.parent.mkdir(parents=True, exist_ok=True)
             write_tensors(path, state, FrameMetadata(key=key, step=step, frame=group.keyframe))
 
@@ -233,8 +341,15 @@ class GroupWork:
 
     def _progress(self, group: Group, position: int) -> ProgressFn:
         """Progress callback for a frame."""
-        frame = group.frames[position]
-        where = f"group {group.index}, frame {frame}"
+        kind: Kind = "later" if position else "keyframe"
+        where: dict[str, JsonData] = {"frame": group.frames[position], "index": group.first + position}
+        return self._reporting(group, kind, f"group {group.index}, frame {group.frames[position]}", 1, where)
+
+    def _joint_progress(self, group: Group) -> ProgressFn:
+        """Progress callback for joint training."""
+        return self._reporting(group, "joint", f"group {group.index}", len(group.frames), {})
+
+    def _reporting(self, group: Group, kind: Kind, where: str, frames: int, place: dict[str, JsonData]) -> ProgressFn:
         kept: dict[str, JsonData] = {}  # loss and psnr come every few steps; repeat them for the steps in between
 
         def tell(done: int, total: int, **figures: JsonData) -> None:
@@ -242,7 +357,7 @@ class GroupWork:
             phase = figures.pop("phase", "keyframe")
             kept.update(figures)
             with self._lock:
-                self.clock.reached(group, position, done / total if total else 0.0)
+                self.clock.reached(group, kind, frames * done / total if total else 0.0)
                 self._labels[group.index] = f"{where}: {phase}"
                 fraction, label = self.clock.fraction, "; ".join(self._labels[key] for key in sorted(self._labels))
             self.reporter.progress(
@@ -252,8 +367,7 @@ class GroupWork:
                 iterations=total,
                 phase=phase,
                 group=group.index,
-                frame=frame,
-                index=group.first + position,
+                **place,
                 **kept,
             )
 
@@ -297,11 +411,20 @@ class GroupWork:
         return [*known[:finished], *[0.0] * (finished - len(known))]
 
     def _write(self, group: Group, position: int, gaussians: Gaussians, key: str, timings: list[float]) -> None:
-        take = self.inputs.take
-        about = FrameMetadata(key=key, group=group.index, index=group.first + position, frame=group.frames[position])
-        folder = take.train_group(group.index)
-        folder.mkdir(parents=True, exist_ok=True)
+        take, index = self.inputs.take, group.first + position
         # group.json first, so that it exists whenever the frame does; it may be one frame ahead
+        self._write_group(group, gaussians, timings)
+        write_frame(take.trained_frame(group.index, index), gaussians, self._about(group, index, key))
+        remove(take.keyframe_checkpoint(group.index))
+
+    def _about(self, group: Group, index: int, key: str) -> FrameMetadata:
+        return FrameMetadata(key=key, group=group.index, index=index, frame=group.frames[index - group.first])
+
+    def _write_group(
+        self, group: Group, gaussians: Gaussians, timings: list[float], joint_seconds: float = 0.0
+    ) -> None:
+        folder = self.inputs.take.train_group(group.index)
+        folder.mkdir(parents=True, exist_ok=True)
         write_model(
             folder / "group.json",
             TrainedGroup(
@@ -311,10 +434,9 @@ class GroupWork:
                 splats=len(gaussians),
                 sh_degree=gaussians.sh_degree,
                 seconds=tuple(timings),
+                joint_seconds=joint_seconds,
             ),
         )
-        write_frame(take.trained_frame(group.index, group.first + position), gaussians, about)
-        remove(take.keyframe_checkpoint(group.index))
 
     def _tell(self, group: Group, position: int, gaussians: Gaussians, seconds: float) -> None:
         frame = group.frames[position]

@@ -91,8 +91,7 @@ def read_tensors(path: Path, key: str) -> dict[str, Tensor] | None:
     """
     from safetensors import SafetensorError
 
-    about = read_about(path)
-    if about is None or about.key != key:
+    if not has_key(path, key):
         return None
     try:
         return _load(path)
@@ -122,6 +121,12 @@ def read_about(path: Path) -> FrameMetadata | None:
             return FrameMetadata.model_validate_json((file.metadata() or {})[_ENTRY])
     except (SafetensorError, OSError, KeyError, ValueError):  # pydantic's ValidationError is a ValueError
         return None
+
+
+def has_key(path: Path, key: str) -> bool:
+    """Whether a file was made from what `key` is the digest of."""
+    about = read_about(path)
+    return about is not None and about.key == key
 
 
 def _load(path: Path) -> dict[str, Tensor]:

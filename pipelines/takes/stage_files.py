@@ -50,6 +50,9 @@ class TrainedGroup(Result):
     seconds: tuple[float, ...] = ()
     """Training time of each finished frame; 0 where unknown."""
 
+    joint_seconds: float = 0.0
+    """Time of joint training, which all frames share."""
+
 
 class CameraColors(Result):
     """train/camera_colors.json: color differences between the cameras of a take."""

@@ -8,6 +8,7 @@ Layout::
     calibrate/points.ply                        sparse points, if the cameras were calibrated from footage
     initialize/group_000/mesh.ply, points.ply   visual hull and initial points of a group's keyframe; report.json
     train/group_000/frame_000000.safetensors    Gaussians of a frame, counted from 0 in the take; group.json
+    train/group_000/separate_*.safetensors      the same before joint training, if there was any
     train/group_000/offsets_*.safetensors       fine-tuning of splats that a rung of the ladder keeps
     stream/                                     the stream and nothing else
     bakes/NAME/                                 a bake that is kept under a name (`pipelines.takes.kept_bakes`)
@@ -198,9 +199,17 @@ class Take:
                 path = self.trained_frame(group, len(files))
         return files, tuple(starts)
 
+    def separate_frame(self, group: int, index: int) -> Path:
+        """The same before the frames of the group were trained jointly; exists if they were."""
+        return self.train_group(group) / f"separate_{index:06d}.safetensors"
+
     def keyframe_checkpoint(self, group: int) -> Path:
         """Checkpoint of a keyframe in training; deleted when the keyframe is finished."""
         return self.train_group(group) / "keyframe.checkpoint"
+
+    def joint_checkpoint(self, group: int) -> Path:
+        """Checkpoint of joint training; deleted when it is finished."""
+        return self.train_group(group) / "joint.checkpoint"
 
     def splat_offsets(self, group: int, rung: str) -> Path:
         """What fine-tuning added to the splats that a rung keeps; `rung`: "splats50-sh0-1000"."""

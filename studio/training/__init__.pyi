@@ -2,6 +2,7 @@ from .camera_colors import fit_camera_colors
 from .camera_refinement import Correction, RefinedCameras, refine_cameras
 from .details import Detail
 from .interframe import InterframeResult, interframe_steps, train_interframe
+from .joint import joint_steps, train_jointly
 from .keyframe import keyframe_steps, train_keyframe
 from .settings import LearningRates, TrainSettings
 from .views import TrainingView
@@ -16,8 +17,10 @@ __all__ = [
     "TrainingView",
     "fit_camera_colors",
     "interframe_steps",
+    "joint_steps",
     "keyframe_steps",
     "refine_cameras",
     "train_interframe",
+    "train_jointly",
     "train_keyframe",
 ]

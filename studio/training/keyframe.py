@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import torch
@@ -20,13 +20,8 @@ from studio.training.pruning import prune_rounds, pruned_in_round
 from studio.training.refine import FINAL_DROPOUT, Refinement
 from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
-from studio.training.step import SnapshotFn, Stepper, part_of, regularized
+from studio.training.step import Checkpoint, CheckpointFn, SnapshotFn, Stepper, part_of, regularized
 from studio.training.views import TrainingView
-
-Checkpoint = dict[str, Tensor]
-"""The complete state of keyframe training, by name; can be stored as safetensors."""
-CheckpointFn = Callable[[int, Checkpoint], None]
-"""`checkpoint(step, state)`: called regularly. The next step modifies the tensors, so write or copy them."""
 
 _FIRST_OPACITY = 0.1
 

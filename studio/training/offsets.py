@@ -8,7 +8,7 @@ more closely, but their jitter costs more than that once the stream is coded (do
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -18,16 +18,12 @@ from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.progress import ProgressFn, no_progress
 from studio.torch_rotations import quat_multiply
-from studio.training import settings as constants
-from studio.training.adam import Adam, ParameterGroup
-from studio.training.interframe import performer_box, rate_factor
+from studio.training.group_run import GroupRun
+from studio.training.interframe import performer_box
 from studio.training.keyframe import scene_extent
 from studio.training.settings import MEANS_FINETUNE_RATE, TrainSettings
-from studio.training.step import Stepper, part_of, regularized
+from studio.training.step import Checkpoint, CheckpointFn, regularized
 from studio.training.views import TrainingView
-
-OffsetCheckpoint = dict[str, Tensor]
-"""The complete state of training offsets, by name; can be stored as safetensors."""
 
 
 @dataclass(frozen=True)
@@ -114,9 +110,9 @@ def train_offsets(
     *,
     seed: int = 0,
     progress: ProgressFn = no_progress,
-    checkpoint: Callable[[int, OffsetCheckpoint], None] | None = None,
+    checkpoint: CheckpointFn | None = None,
     checkpoint_every: int | None = None,
-    resume: OffsetCheckpoint | None = None,
+    resume: Checkpoint | None = None,
 ) -> SplatOffsets:
     """Train offsets with the losses of keyframe fine-tuning (equation 7, opacity and scale, dropout).
 
@@ -128,30 +124,21 @@ def train_offsets(
         settings: rates and losses.
         iterations: training steps, over all frames.
         seed: equal seeds and inputs give equal offsets, bit for bit.
-        progress: called with completed and total steps, and regularly also with `loss`, `psnr` (dB) and `splats`.
-        checkpoint: called with step and complete state every `checkpoint_every` steps. The next step modifies the
-            tensors, so write or copy them.
-        checkpoint_every: steps between these calls, at least 1; None for `CHECKPOINT_EVERY`.
-        resume: a checkpoint of the same inputs. The result equals that of an uninterrupted run.
+        progress, checkpoint, checkpoint_every, resume: see `GroupRun.train`.
 
     Raises:
         StudioError: `training.diverged`, `training.no_views`, `training.offsets_mismatch`.
         Cancelled: raised by `progress`.
     """
     run = _Run(frames, views, SplatOffsets.zeros(kept, sh_degree), settings, iterations, seed)
-    every = constants.CHECKPOINT_EVERY if checkpoint_every is None else checkpoint_every
-    if resume is not None:
-        run.restore(resume)
-    while run.done < iterations:
-        figures = run.step()
-        progress(run.done, iterations, **figures)
-        if checkpoint is not None and run.done % every == 0 and run.done < iterations:
-            checkpoint(run.done, run.state())
+    run.train(progress, checkpoint, checkpoint_every, resume)
     return run.result()
 
 
-class _Run:
-    """The state that changes in each step."""
+class _Run(GroupRun):
+    """Offsets as leaves, the same for all frames."""
+
+    phase = "fine-tuning"
 
     def __init__(
         self,
@@ -162,13 +149,11 @@ class _Run:
         iterations: int,
         seed: int,
     ) -> None:
-        self._settings, self._iterations = settings, iterations
+        self._settings, self._kept = settings, start.kept
         self._selected = [start.selected(frame) for frame in frames]
         self._extent = scene_extent(torch.stack(performer_box(self._selected[0].means)))
-        self._generator = torch.Generator().manual_seed(seed)
-        self._steppers = [Stepper(seen, settings, self._generator) for seen in views]
         rates = settings.rates
-        self._rates = {
+        rate = {
             "means": MEANS_FINETUNE_RATE * self._extent,
             "rotation": rates.rotation,
             "log_scales": rates.scale,
@@ -177,17 +162,11 @@ class _Run:
             "sh_rest": rates.sh_rest,
         }
         values = {**start.to_tensors(), "sh_dc": start.sh[:, :1], "sh_rest": start.sh[:, 1:]}
-        self._kept = start.kept
-        self._leaves = {
-            name: values[name].clone().requires_grad_() for name in self._rates if values[name].shape[1:].numel()
-        }
-        groups = [ParameterGroup([leaf], self._rates[name], name) for name, leaf in self._leaves.items()]
-        self._adam = Adam(groups, eps=1e-15)
-        self._order: list[int] = []
-        self.done = 0
+        leaves = {name: values[name] for name in rate if values[name].shape[1:].numel()}
+        super().__init__(views, settings, leaves, rate, iterations, seed)
 
     def _offsets(self) -> SplatOffsets:
-        leaves = self._leaves
+        leaves = self.leaves
         sh = leaves["sh_dc"]
         if "sh_rest" in leaves:
             sh = torch.cat([sh, leaves["sh_rest"]], dim=1)
@@ -195,49 +174,14 @@ class _Run:
             self._kept, leaves["means"], leaves["rotation"], leaves["log_scales"], leaves["logit_opacities"], sh
         )
 
-    def step(self) -> dict[str, float]:
-        """Run one step on a view of the next frame; returns figures every few steps."""
-        if not self._order:  # each frame once, in a new order
-            self._order = torch.randperm(len(self._selected), generator=self._generator).tolist()
-        frame = self._order.pop(0)
-        factor = rate_factor(self.done / self._iterations)
-        for group in self._adam.groups:
-            group.rate = self._rates[group.name] * factor
-        gaussians = self._offsets().applied(self._selected[frame])
-        step = self._steppers[frame](gaussians, dropout=True)
-        regularized(step.loss, gaussians, self._settings, self._extent).backward()  # type: ignore[no-untyped-call]
-        self._adam.step()
-        self._adam.zero_grad()
-        self.done += 1
-        return step.figures(self.done, "fine-tuning", len(gaussians))
+    def gaussians(self, frame: int) -> Gaussians:
+        """See `GroupRun`."""
+        return self._offsets().applied(self._selected[frame])
+
+    def loss(self, photometric: Tensor, gaussians: Gaussians, frame: int) -> Tensor:
+        """See `GroupRun`."""
+        return regularized(photometric, gaussians, self._settings, self._extent)
 
     def result(self) -> SplatOffsets:
         """The offsets, detached, on the CPU."""
         return SplatOffsets(*(value.detach().cpu().clone() for value in vars(self._offsets()).values()))
-
-    def state(self) -> OffsetCheckpoint:
-        """The complete state, for `restore`."""
-        found = {
-            "done": torch.tensor(self.done),
-            "generator": self._generator.get_state(),
-            "order": torch.tensor(self._order, dtype=torch.int64),
-        }
-        for index, stepper in enumerate(self._steppers):
-            found |= {f"stepper.{index}.{name}": value for name, value in stepper.state().items()}
-        for name, leaf in self._leaves.items():
-            found[f"{name}.value"] = leaf.detach()
-            found |= {f"{name}.adam.{key}": value for key, value in self._adam.state[leaf].items()}
-        return found
-
-    def restore(self, state: OffsetCheckpoint) -> None:
-        """Continue from a `state()`, bit for bit."""
-        self.done = int(state["done"])
-        self._generator.set_state(state["generator"].cpu())
-        self._order = [int(frame) for frame in state["order"]]
-        for index, stepper in enumerate(self._steppers):
-            stepper.restore(part_of(state, f"stepper.{index}."))
-        for name, leaf in self._leaves.items():
-            with torch.no_grad():
-                leaf.copy_(state[f"{name}.value"])
-            moments = part_of(state, f"{name}.adam.")
-            self._adam.state[leaf] = {key: value.to(leaf.device) for key, value in moments.items()}

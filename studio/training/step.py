@@ -24,6 +24,11 @@ from studio.training.views import Shuffled, TrainingView, backgrounds
 FIGURES_EVERY = 20
 """Steps from one report of loss and PSNR to the next."""
 
+Checkpoint = dict[str, Tensor]
+"""The complete state of a training, by name; can be stored as safetensors."""
+CheckpointFn = Callable[[int, Checkpoint], None]
+"""`checkpoint(step, state)`: called regularly. The next step modifies the tensors, so write or copy them."""
+
 SnapshotFn = Callable[[int, Gaussians], None]
 """`snapshot(iteration, gaussians)`: called regularly with detached splats, for previews."""
 

@@ -28,6 +28,7 @@ LABELS: Mapping[str, str] = {
     "train.dssim_weight": "weight of D-SSIM",
     "train.finetune_iterations": "fine-tuning iterations",
     "train.finetune_means": "fine-tune means",
+    "train.joint_iterations": "joint iterations per frame",
     "train.max_splats": "most splats",
     "train.mlp_layers": "MLP layers",
     "train.mlp_width": "MLP width",

@@ -15,7 +15,7 @@ from pipelines.stages.reporter import StageReporter
 from pipelines.stages.training_views import training_views
 from pipelines.takes.atomic_files import digest_of_file, remove
 from pipelines.takes.edited import EditedFrames, EditedGroup
-from pipelines.takes.frame_files import FrameMetadata, read_about, read_frame, read_tensors, write_tensors
+from pipelines.takes.frame_files import FrameMetadata, has_key, read_frame, read_tensors, write_tensors
 from pipelines.takes.groups import Group
 from pipelines.takes.records import result_of
 from studio.edits.edit_list import EditList
@@ -83,8 +83,7 @@ class RungTraining:
 
     def finished(self, group: Group, rung: Rung) -> bool:
         """Whether there are valid offsets."""
-        about = read_about(self._inputs.take.splat_offsets(group.index, name_of(rung)))
-        return about is not None and about.key == self.key(group, rung)
+        return has_key(self._inputs.take.splat_offsets(group.index, name_of(rung)), self.key(group, rung))
 
     def offsets(self, group: Group, rung: Rung, reporter: StageReporter, progress: ProgressFn) -> SplatOffsets:
         """Offsets of a rung: from the take, or trained now and written to it.

@@ -64,6 +64,8 @@ def test_each_kind_of_step_is_paid_for() -> None:
     assert train_seconds(WORK, Measured(motion_step=1.0)) == 2 * 80 + 4 * 50
     assert train_seconds(WORK, Measured(finetune_step=1.0)) == 6 * 200
     assert train_seconds(WORK, Measured(frame=1.0)) == 6
+    joint = replace(WORK, train=SETTINGS.replace(joint_iterations=30))
+    assert train_seconds(joint, Measured(finetune_step=1.0)) == 6 * 200 + 8 * 30
     # 10,000 splats for 1000 steps and the mean of 10,000 and 7,000 for 100, in two keyframes
     assert train_seconds(WORK, Measured(keyframe_step=1e-4)) == pytest.approx(2 * (1000 + 85))
     # 4 cameras are refined: 75 steps each, twice, after a third as many, then 2 are aligned in 150 steps, twice

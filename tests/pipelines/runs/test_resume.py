@@ -133,3 +133,56 @@ def test_killed_between_later_frames_continues_with_the_acceleration(project, st
     assert again.returncode == 0, again.stderr
     assert frames_of(events_in(again.stdout)) == [4]
     assert frames[0].read_bytes() == frames[1].read_bytes()
+
+
+def test_stopped_in_joint_training_continues_from_its_checkpoint(project, here, monkeypatch):
+    """Also where it is killed while it replaces the frames; and another joint training trains no frame again."""
+    monkeypatch.setattr("studio.training.settings.CHECKPOINT_EVERY", 10)
+    frames = [f"frame_{index:06d}.safetensors" for index in range(3)]
+
+    def run(name: str, iterations: int = 12):
+        done = here(
+            *("run", project / "ball.yaml", "--take", project / name, "--capture.frames", ":3", "--until", "train"),
+            *("--train.joint_iterations", str(iterations), "--json"),
+        )
+        messages = [event.message for event in events_in(done.stdout) if isinstance(event, Log)]
+        return done.returncode, frames_of(events_in(done.stdout)), messages
+
+    def bytes_of(name: str) -> list[bytes]:
+        return [(project / name / "train" / "group_000" / frame).read_bytes() for frame in frames]
+
+    assert run("plain", 0)[:2] == (0, [0, 1, 2])
+    assert run("unbroken")[:2] == (0, [0, 1, 2])
+    write = train_group.write_tensors
+
+    def stops(path, *arguments):
+        write(path, *arguments)
+        if path.name == "joint.checkpoint":
+            raise Cancelled
+
+    with monkeypatch.context() as patched:
+        patched.setattr(train_group, "write_tensors", stops)
+        assert run("stopped")[0] == 130
+    assert bytes_of("stopped") == bytes_of("plain"), "the frames are there while they wait for joint training"
+
+    replace = train_group.write_frame
+
+    def stops_replacing(path, gaussians, about):
+        if path.name == frames[1]:
+            raise Cancelled
+        replace(path, gaussians, about)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(train_group, "write_frame", stops_replacing)
+        code, trained, messages = run("stopped")
+    assert (code, trained) == (130, [])
+    assert any("resuming joint training at step 10" in message for message in messages), messages
+    assert run("stopped")[:2] == (0, [])
+    assert bytes_of("stopped") == bytes_of("unbroken") != bytes_of("plain")
+    assert not list((project / "stopped").rglob("*.checkpoint"))
+
+    assert run("unbroken", 5)[:2] == (0, [])
+    assert bytes_of("unbroken") != bytes_of("stopped")
+    assert run("unbroken", 0)[:2] == (0, [])
+    assert bytes_of("unbroken") == bytes_of("plain")
+    assert not list((project / "unbroken").rglob("separate_*"))

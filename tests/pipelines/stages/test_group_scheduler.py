@@ -44,14 +44,16 @@ def test_all_threads_are_shared_out(groups: int, at_once: int, threads: int, exp
     assert threads_by_group(groups, at_once, threads) == expected
 
 
-def planned(asked: int | None = None) -> Any:
+def planned(asked: int | None = None, joint: int = 0) -> Any:
     """A context of eight groups on a CPU with eight threads: ten cameras of 4 megapixels."""
     cameras = {f"cam{number}": SimpleNamespace(width=2000, height=2000) for number in range(10)}
     return SimpleNamespace(
-        config=SimpleNamespace(run=SimpleNamespace(groups_at_once=asked, device="cpu")),
+        config=SimpleNamespace(
+            run=SimpleNamespace(groups_at_once=asked, device="cpu"), train=SimpleNamespace(joint_iterations=joint)
+        ),
         device="cpu",
         threads=8,
-        groups=range(8),
+        groups=[SimpleNamespace(frames=range(3))] * 8,
         footage=SimpleNamespace(calibrated=SimpleNamespace(rig=cameras, train_cameras=list(cameras))),
     )
 
@@ -62,6 +64,11 @@ def test_less_memory_means_fewer_groups_at_once(monkeypatch: pytest.MonkeyPatch)
         monkeypatch.setattr(group_scheduler, "memory_limit", lambda times=times: int(times * one))
         assert groups_at_once(planned()) == expected
         refuse_too_little_memory(planned())
+
+
+def test_joint_training_takes_the_views_of_all_frames() -> None:
+    more = memory_of_group(planned(joint=100)) - memory_of_group(planned())
+    assert more > 3 * 10 * 4e6 * 7, "image, mask and plate of each pixel, in bytes"
 
 
 def test_a_group_that_cannot_fit_is_refused_unless_it_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,7 +17,7 @@ def time_of_frame(**values: Any) -> float:
     settings = TrainSettings().replace(**{**steps, "finetune_iterations": 250, "motion_views": 2, **values})
     group = Group(index=0, first=0, frames=(0, 1))
     clock = TrainClock([group], {0: 0}, settings)
-    clock.reached(group, 0, 1.0)
+    clock.reached(group, "keyframe", 1.0)
     return 1 / clock.fraction - 1
 
 
@@ -31,3 +31,17 @@ def test_motion_takes_longer_with_more_views() -> None:
     assert time_of_frame(finetune_iterations=0, motion_views=4) / full == pytest.approx(
         (2 * 33.5 + 12) / 45.5, rel=0.05
     )
+
+
+def test_joint_training_is_the_rest_of_the_group() -> None:
+    settings = TrainSettings(keyframe_iterations=100, prune_finetune_iterations=0, motion_iterations=0,
+                             finetune_iterations=50, joint_iterations=25)  # fmt: skip
+    group = Group(index=0, first=0, frames=(0, 1))
+    clock = TrainClock([group], {0: 0}, settings)
+    clock.finished(group, "keyframe", 10.0)
+    clock.finished(group, "later", 5.0)
+    assert clock.fraction == pytest.approx(15 / 20)
+    clock.reached(group, "joint", 1.0)
+    assert clock.fraction == pytest.approx(17.5 / 20)
+    clock.finished(group, "joint", 7.0, 2)
+    assert clock.fraction == 1

@@ -17,7 +17,15 @@ from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize
 from studio.settings import affected
 from studio.similarity import Similarity
-from studio.training import Correction, LearningRates, TrainingView, TrainSettings, train_interframe, train_keyframe
+from studio.training import (
+    Correction,
+    LearningRates,
+    TrainingView,
+    TrainSettings,
+    train_interframe,
+    train_jointly,
+    train_keyframe,
+)
 from tests.studio.training.test_group import HEIGHT, SHIFT, WIDTH, ball, cameras
 
 BASE: dict[str, Any] = {
@@ -164,6 +172,14 @@ def captured() -> FootageView:
     render = rasterize(ball(torch.zeros(3)), camera)
     image, mask = ((255 * one).clamp(0, 255).to(torch.uint8).numpy() for one in (render.image, render.alpha))
     return FootageView(camera, image, mask, plate=np.full_like(image, 90))
+
+
+@observed_by("joint_iterations")
+def _joint() -> bool:
+    frames = [ball(place * SHIFT) for place in (0, 1)]
+    seen = [views(place) for place in (0, 1)]
+    found = [train_jointly(frames, seen, settings(joint_iterations=one), seed=1) for one in (1, 2)]
+    return digest(found[0]) != digest(found[1])
 
 
 @observed_by("crop_margin")

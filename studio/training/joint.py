@@ -1,0 +1,144 @@
+"""Training of a group as a whole, after its frames were trained one after the other.
+
+Frame after frame, every attribute of every splat changes a little, and most of these changes are noise that costs bits
+and shows in new views. So all frames share scales, opacities and colors here, and random frames and views decide on
+them together. Positions and rotations stay those of each frame; what they cost is the acceleration of positions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from studio.gaussians import Gaussians
+from studio.progress import ProgressFn, no_progress
+from studio.training.group_run import GroupRun
+from studio.training.interframe import performer_box
+from studio.training.keyframe import scene_extent
+from studio.training.refine import FINAL_DROPOUT, Refinement
+from studio.training.settings import MEANS_FINETUNE_RATE, TrainSettings
+from studio.training.step import Checkpoint, CheckpointFn
+from studio.training.views import TrainingView
+
+_SMOOTHNESS = 0.1
+"""Weight of the mean acceleration of positions (L1), relative to the performer's size."""
+
+_BYTES, _BYTES_A_PIXEL = 2_000_000_000, 11
+"""Most memory for the views of a group, and what a pixel of a view takes."""
+
+
+def joint_steps(settings: TrainSettings, frames: int) -> int:
+    """Number of joint training steps of a group with this many frames."""
+    return settings.joint_iterations * frames if frames > 1 else 0
+
+
+def joint_bytes(pixels: int, frames: int) -> int:
+    """Most memory that the views of a group take, if those of a frame have so many pixels."""
+    return min(_BYTES, _BYTES_A_PIXEL * pixels * frames)
+
+
+def views_of_frame(views: Sequence[TrainingView], pixels: int, frames: int, position: int) -> list[TrainingView]:
+    """The views of a frame that joint training uses: all, or as many as fit into memory, other cameras in each frame.
+
+    Args:
+        views: training views of the frame.
+        pixels: of all training images of a frame, uncropped.
+        frames: of the group.
+        position: of the frame in the group.
+    """
+    every = min(len(views), -(-_BYTES_A_PIXEL * pixels * frames // _BYTES))
+    return [view.uncached() for view in views[position % every :: every]]
+
+
+def train_jointly(
+    frames: Sequence[Gaussians],
+    views: Sequence[Sequence[TrainingView]],
+    settings: TrainSettings,
+    *,
+    seed: int = 0,
+    progress: ProgressFn = no_progress,
+    checkpoint: CheckpointFn | None = None,
+    checkpoint_every: int | None = None,
+    resume: Checkpoint | None = None,
+) -> list[Gaussians]:
+    """Train all frames of a group together. The number and order of splats do not change.
+
+    Args:
+        frames: the group's frames as trained one after the other, at least two, in order.
+        views: training views of each frame.
+        settings: see `TrainSettings`; `joint_iterations` steps per frame.
+        seed: equal seeds and inputs give equal splats, bit for bit.
+        progress, checkpoint, checkpoint_every, resume: see `GroupRun.train`.
+
+    Returns:
+        Detached splats of each frame. They have the same scales, opacities and colors.
+
+    Raises:
+        StudioError: `training.diverged` or `training.no_views`.
+        Cancelled: raised by `progress`.
+    """
+    run = _Run(frames, views, settings, seed)
+    run.train(progress, checkpoint, checkpoint_every, resume)
+    return [run.gaussians(frame).detach().clone() for frame in range(len(frames))]
+
+
+class _Run(GroupRun):
+    """Leaves: what all frames share by its name; means and quats of a frame as "means.3"."""
+
+    def __init__(
+        self,
+        frames: Sequence[Gaussians],
+        views: Sequence[Sequence[TrainingView]],
+        settings: TrainSettings,
+        seed: int,
+    ) -> None:
+        self._dilation = frames[0].dilation
+        self._extent = scene_extent(torch.stack(performer_box(frames[0].means)))
+        rates = settings.rates
+        sh = _mean(frames, "sh")
+        shared = {
+            "log_scales": (_mean(frames, "log_scales"), rates.scale),
+            "logit_opacities": (_mean(frames, "logit_opacities"), rates.opacity),
+            "sh_dc": (sh[:, :1], rates.sh_dc),
+            "sh_rest": (sh[:, 1:], rates.sh_rest),
+        }
+        own = {}
+        for number, frame in enumerate(frames):
+            own[f"means.{number}"] = (frame.means, MEANS_FINETUNE_RATE * self._extent)
+            own[f"quats.{number}"] = (frame.unit_quats, rates.rotation)
+        trained = {name: one for name, one in {**shared, **own}.items() if one[0].shape[1:].numel()}
+        super().__init__(
+            views,
+            settings,
+            {name: value for name, (value, _) in trained.items()},
+            {name: rate for name, (_, rate) in trained.items()},
+            joint_steps(settings, len(frames)),
+            seed,
+        )
+        for frame, stepper in zip(frames, self.steppers, strict=True):
+            if settings.final_iterations:
+                stepper.dropout = min(settings.dropout, FINAL_DROPOUT)
+            Refinement(stepper, settings, moved=True).begin(frame.detach())
+
+    def gaussians(self, frame: int) -> Gaussians:
+        """See `GroupRun`."""
+        leaves = self.leaves
+        sh = leaves["sh_dc"]
+        if "sh_rest" in leaves:
+            sh = torch.cat([sh, leaves["sh_rest"]], dim=1)
+        own = leaves[f"means.{frame}"], leaves[f"quats.{frame}"]
+        return Gaussians(*own, leaves["log_scales"], leaves["logit_opacities"], sh, self._dilation)
+
+    def loss(self, photometric: Tensor, gaussians: Gaussians, frame: int) -> Tensor:
+        """See `GroupRun`."""
+        around = self.leaves.get(f"means.{frame - 1}"), self.leaves.get(f"means.{frame + 1}")
+        if around[0] is None or around[1] is None:
+            return photometric
+        bend = around[0].detach() - 2 * gaussians.means + around[1].detach()
+        return photometric + _SMOOTHNESS / self._extent * bend.abs().sum(-1).mean()
+
+
+def _mean(frames: Sequence[Gaussians], name: str) -> Tensor:
+    return torch.stack([getattr(frame, name).detach() for frame in frames]).mean(0)

@@ -1,0 +1,86 @@
+"""Joint training of a group, on a textured ball that moves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+import torch
+
+from studio.gaussians import Gaussians
+from studio.training import LearningRates, TrainingView, TrainSettings, train_jointly
+from studio.training.joint import joint_bytes, views_of_frame
+from tests.studio.training.test_group import ball, loss_of, views
+
+MOVES = [step * torch.tensor([0.05, -0.02, 0.0]) for step in range(4)]
+SETTINGS = TrainSettings(dropout=0.0, joint_iterations=20, rates=LearningRates(sh_dc=0.02))
+SHARED = ("log_scales", "logit_opacities", "sh")
+
+
+@pytest.fixture(scope="module")
+def seen() -> list[list[TrainingView]]:
+    return [views(move) for move in MOVES]
+
+
+@pytest.fixture(scope="module")
+def noisy() -> list[Gaussians]:
+    """The ball in each frame, with noise of its own on each attribute."""
+    generator = torch.Generator().manual_seed(0)
+
+    def noise(like: torch.Tensor, size: float) -> torch.Tensor:
+        return size * torch.randn(like.shape, generator=generator)
+
+    made = []
+    for move in MOVES:
+        true = ball(move)
+        changed: dict[str, Any] = {"means": true.means + noise(true.means, 0.003), "sh": true.sh + noise(true.sh, 0.3)}
+        made.append(replace(true, **changed))
+    return made
+
+
+def bend(frames: list[Gaussians]) -> float:
+    """Mean acceleration of the means."""
+    means = torch.stack([frame.means for frame in frames])
+    return float(means.diff(n=2, dim=0).norm(dim=-1).mean())
+
+
+def test_frames_share_their_appearance_and_come_closer_to_the_footage(
+    noisy: list[Gaussians], seen: list[list[TrainingView]]
+) -> None:
+    trained = train_jointly(noisy, seen, SETTINGS, seed=1)
+    assert len(trained) == len(noisy)
+    for frame in trained[1:]:
+        assert all(torch.equal(getattr(frame, name), getattr(trained[0], name)) for name in SHARED)
+    for before, after, wanted in zip(noisy, trained, seen, strict=True):
+        assert loss_of(after, wanted) < 0.8 * loss_of(before, wanted)
+    assert bend(trained) < 0.9 * bend(noisy)
+    moved = (trained[-1].means - trained[0].means).mean(0)
+    assert torch.allclose(moved, MOVES[-1], atol=0.01), "paths are smoothed, not stopped"
+
+
+def test_it_resumes_from_each_checkpoint_bit_for_bit(noisy: list[Gaussians], seen: list[list[TrainingView]]) -> None:
+    kept: dict[int, dict[str, torch.Tensor]] = {}
+
+    def keep(step: int, state: dict[str, torch.Tensor]) -> None:
+        kept[step] = {name: value.clone() for name, value in state.items()}
+
+    settings = SETTINGS.replace(joint_iterations=2, dropout=0.3)
+    whole = train_jointly(noisy, seen, settings, seed=4, checkpoint=keep, checkpoint_every=3)
+    assert list(kept) == [3, 6], "not every frame has been trained at the first"
+    for state in kept.values():
+        resumed = train_jointly(noisy, seen, settings, seed=4, resume=state)
+        for one, other in zip(whole, resumed, strict=True):
+            assert all(torch.equal(value, getattr(other, name)) for name, value in one.items())
+
+
+def test_views_that_do_not_fit_into_memory_are_left_out_in_turns(seen: list[list[TrainingView]]) -> None:
+    cameras, pixels, frames = len(seen[0]), 8 * 2_000_000, 60
+    used = [
+        [seen[0].index(one) for one in seen[0] if one.camera in [view.camera for view in kept]]
+        for kept in (views_of_frame(seen[0], pixels, frames, position) for position in range(frames))
+    ]
+    assert 0 < len(used[0]) < cameras
+    assert {camera for one in used for camera in one} == set(range(cameras))
+    assert len(views_of_frame(seen[0], 1000, frames, 0)) == cameras
+    assert joint_bytes(pixels, frames) < joint_bytes(pixels, 1) * frames
