@@ -342,8 +342,10 @@ class MainWindow:
             path_frames = self.exports.path.frames if self.path_panel.shown else []
             self.timeline.path_keys = [-1 if frame is None else frame for frame in path_frames]
             self.timeline.busy = self.workspace.busy
-            marked = map(self.player.transport.numbers.index, sorted(self.marks.notes))
-            self.timeline.marks = tuple(index for index in marked if index is not None)
+            numbers, marks = self.player.transport.numbers, sorted(self.marks.marks.items())
+            marked = {at: mark.view for frame, mark in marks if (at := numbers.index(frame)) is not None}
+            self.timeline.marks = tuple(marked)
+            self.player.places = {at: view.place for at, view in marked.items() if view is not None and view.place}
             self._quality.update()
             self.timeline.look(self.input.pointer, self._user.covered or self.hints.listing)
             changed |= self.timeline.update()

@@ -12,6 +12,7 @@ import numpy as np
 from gui.drawing import compare
 from gui.drawing.canvas import Canvas
 from gui.drawing.compare import Box
+from gui.drawing.palette import BAD, BLACK
 from gui.models.playback.image_zoom import ImageZoom
 from gui.models.playback.other_source import OTHER, OtherSource
 from gui.models.playback.sources import FrameSource
@@ -53,6 +54,7 @@ class RenderRequest:
         points: (N, 3) points of the performer, and the initial free view: side by side, the free view is reduced so
             that the narrow images contain the performer.
         scene: what mode "scene" shows.
+        place: the point of the world that the frame's mark is about; None for none.
     """
 
     sources: dict[str, FrameSource]
@@ -72,6 +74,7 @@ class RenderRequest:
     home: OrbitCamera = field(default_factory=OrbitCamera)
     scene: SceneWanted | None = None
     em: float = 16.0
+    place: tuple[float, float, float] | None = None
 
     @property
     def text(self) -> int:
@@ -108,9 +111,9 @@ class RenderRequest:
             and self.context is other.context
             and all(self.sources.get(name) is other.sources.get(name) for name in ("trained", "decoded", OTHER))
             and (self.frame, self.mode, self.what, self.reference, self.camera, self.image_zoom, self.size,
-                self.background, self.wipe)
+                self.background, self.wipe, self.place)
             == (other.frame, other.mode, other.what, other.reference, other.camera, other.image_zoom, other.size,
-                other.background, other.wipe)
+                other.background, other.wipe, other.place)
         )  # fmt: skip
 
 
@@ -194,6 +197,10 @@ class FrameRenderer:
         else:
             pair = (shown[0], shown[1])
             image = compare.heat_map(request.size, where[0], images[0], images[1], pair, request.text)
+        if request.place is not None:
+            image = image.copy()
+            for box in where:
+                ring(image, box, self._camera(request, box, capture), request.place, request.text)
         return Picture(
             image,
             request.frame,
@@ -238,9 +245,7 @@ class FrameRenderer:
             else:
                 gaussians = source.gaussians(request.frame)
                 start = time.perf_counter()
-                camera = request.orbit.camera(box.width, box.height, self._reduced(request, box))
-                if capture is not None:
-                    camera = request.image_zoom.camera(capture, box.width, box.height)
+                camera = self._camera(request, box, capture)
                 image = self.draw(gaussians, camera, request.background)
                 if capture is not None:
                     request.image_zoom.mask_outside(image, capture)
@@ -253,6 +258,11 @@ class FrameRenderer:
         while len(pictures) > KEPT_PICTURES:
             pictures.popitem(last=False)
         return kept
+
+    def _camera(self, request: RenderRequest, box: Box, capture: Camera | None) -> Camera:
+        if capture is not None:
+            return request.image_zoom.camera(capture, box.width, box.height)
+        return request.orbit.camera(box.width, box.height, self._reduced(request, box))
 
     def _reduced(self, request: RenderRequest, box: Box) -> float:
         """Only the initial view decides, so that zooming in still enlarges."""
@@ -286,6 +296,25 @@ def capture_camera(request: RenderRequest) -> Camera | None:
     if request.rig is None:
         raise StudioError("playback.no_cameras", "a stream has no capture cameras", fix="Open its take.")
     return request.rig[request.camera].undistorted()
+
+
+def ring(image: np.ndarray, box: Box, camera: Camera, place: tuple[float, float, float], size: int) -> None:
+    """Draw a ring around a point of the world, if it is in the image.
+
+    Args:
+        image: (H, W, 3) uint8; changed.
+        box: the camera's part of the image.
+        place: the point.
+        size: radius, pixels.
+    """
+    pixels, depth = camera.project(np.array([place]))
+    x, y = pixels[0]
+    if depth[0] <= 0 or not (0 <= x <= box.width and 0 <= y <= box.height):
+        return
+    canvas = Canvas(1, 1)
+    canvas.pixels = image
+    for radius, color in ((size + 2, BLACK), (size - 2, BLACK), (size, BAD)):
+        canvas.dot(box.x + x, box.y + y, radius, color, filled=False)
 
 
 def faded(

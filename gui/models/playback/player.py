@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -51,6 +51,7 @@ class PlayerPresenter(Viewpoint):
         on_screen: whether the viewport shows the player.
         still: whether the scene rests.
         em: the window's font size, pixels.
+        places: points of the world that marks are about, by frame counted from 0.
     """
 
     def __init__(
@@ -82,6 +83,7 @@ class PlayerPresenter(Viewpoint):
         self.still = False
         self._sharp: bool | None = None
         self.em = 16.0
+        self.places: Mapping[int, tuple[float, float, float]] = {}
 
     @property
     def message(self) -> str:
@@ -315,7 +317,7 @@ class PlayerPresenter(Viewpoint):
         return RenderRequest(
             self.opened.sources, self.transport.frame, self.mode, self.what, self.reference, self.orbit,
             self.camera, self.image_zoom, self.size, BACKGROUNDS[self.background], self.wipe, self.context,
-            self.opened.rig, self._points, self.home, self._scene(), self.em,
+            self.opened.rig, self._points, self.home, self._scene(), self.em, self.places.get(self.transport.frame),
         )  # fmt: skip
 
     def _scene(self) -> SceneWanted | None:

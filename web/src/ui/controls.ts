@@ -21,6 +21,8 @@ import { Timeline } from "./timeline.ts";
 /** Milliseconds without user input until the controls hide. */
 const IDLE = 3000;
 const NOTICE = 5000;
+/** Milliseconds that a wait takes before it is shown: a spinner that turns takes the processor from what is waited for. */
+const SHORT_WAIT = 300;
 /** Opacity of the image where nothing was filmed. */
 const FAINTEST = 0.1;
 
@@ -48,6 +50,7 @@ export class Controls {
   private readonly hint: Hint;
   private idleTimer = 0;
   private noticeTimer = 0;
+  private busyTimer = 0;
   /** Whether the view is from where nothing was filmed. */
   private outside = false;
   private background: BackgroundName = "stream";
@@ -105,6 +108,7 @@ export class Controls {
     this.immersive?.end();
     clearTimeout(this.idleTimer);
     clearTimeout(this.noticeTimer);
+    clearTimeout(this.busyTimer);
     this.panel.toggle(false);
     this.hint.hide();
     this.motion.dispose();
@@ -196,7 +200,10 @@ export class Controls {
   }
 
   busy(busy: boolean): void {
-    this.part(".veil").classList.toggle("busy", busy);
+    const { classList } = this.part(".veil");
+    clearTimeout(this.busyTimer);
+    if (busy) this.busyTimer = setTimeout(() => classList.add("busy"), SHORT_WAIT);
+    else classList.remove("busy");
   }
 
   /** Shows the controls for a while. */

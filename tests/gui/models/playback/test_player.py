@@ -69,6 +69,24 @@ def test_pictures_follow_the_transport_and_the_view(player: PlayerPresenter, str
     assert player.orbit.eye == pytest.approx(before)
 
 
+def test_a_ring_is_around_what_a_mark_is_about(player: PlayerPresenter, stream_folder: Path) -> None:
+    player.open(stream_folder)
+    player.resize(320, 200)
+    player.background = "black"
+    eye, target = player.orbit.eye, player.orbit.target
+    behind = 2 * eye - target
+    player.places = {3: (target[0] + 0.1, target[1] + 0.1, target[2]), 4: (behind[0], behind[1], behind[2])}
+    rings = {}
+    for frame in (2, 3, 4):
+        player.transport.seek(frame)
+        settle(player)
+        assert player.picture is not None
+        rings[frame] = np.argwhere(player.picture.image.max(axis=2) > 100)
+    assert len(rings[2]) == len(rings[4]) == 0
+    pixels, _ = player.orbit.camera(320, 200).project(np.array([player.places[3]]))
+    assert rings[3].mean(axis=0)[::-1] == pytest.approx(pixels[0], abs=1)
+
+
 def test_frames_never_come_out_of_order_while_playing(player: PlayerPresenter, stream_folder: Path) -> None:
     player.open(stream_folder)
     player.transport.set_loop(False)
