@@ -56,7 +56,7 @@ web: v3studio/player/index.html ## build the browser player (web/) into v3studio
 test: setup-tests web web-test ## install missing requirements and run all tests (PYTEST_ARGS="-k name")
 	@OMP_NUM_THREADS=1 $(PY) -m pytest -n 3 --dist loadfile --no-loadscope-reorder $(PYTEST_ARGS)
 
-attack: setup-tests ## kill, fill the disk, mutate files, slow down peers (ATTACK_ARGS="--parts kills --share 0.1")
+attack: setup-tests ## kill runs, fill the disk, cut the power (ATTACK_ARGS="--parts kills --share 0.1")
 	@OMP_NUM_THREADS=1 nice -n 19 $(PY) benchmarks/attack $(ATTACK_ARGS)
 
 fresh-test: ## set up and run in a newly created minimal Debian (root only; FRESH_SUITE=trixie: another release)

@@ -2,8 +2,7 @@
 
     python benchmarks/attack [--parts kills,full,...] [--share 0.01] [--folder DIR]
 
-`--share` scales the counts of mutations, clients, writes and servers. Everything is bounded in time and memory, and
-uses the loopback interface only. Exit code 1 if a promise was broken.
+`--share` scales the counts. Everything is bounded in time and memory. Exit code 1 if a promise was broken.
 """
 
 from __future__ import annotations
@@ -18,8 +17,6 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parents[1]), str(HERE.parent), str(HERE)]
 
-import clients  # noqa: E402
-import servers  # noqa: E402
 import takes  # noqa: E402
 from outcome import Outcome  # noqa: E402
 
@@ -86,8 +83,6 @@ PARTS: dict[str, tuple[str, Callable[[Path, float, Outcome], None]]] = {
         "a sentence; the same bytes without the limit",
         lambda folder, share, outcome: takes.small_files(project_in(folder), outcome),
     ),
-    "servers": ("a sentence within the deadlines", servers.attack),
-    "clients": ("another client is answered; connections and log are bounded", clients.attack),
 }
 
 if __name__ == "__main__":

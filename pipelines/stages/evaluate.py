@@ -40,7 +40,7 @@ SHOWN_FRAMES = 4
 
 
 @lru_cache(maxsize=1)
-def _loaded_lpips(network: Literal["alex", "vgg"], device: str) -> Lpips:
+def loaded_lpips(network: Literal["alex", "vgg"], device: str) -> Lpips:
     from studio.perceptual import Lpips
 
     return Lpips(network, device)
@@ -52,7 +52,7 @@ def lpips_of(config: Config, device: str) -> Lpips | None:
     Raises:
         StudioError: the weights of the network cannot be downloaded or read.
     """
-    return None if config.evaluate.lpips is None else _loaded_lpips(config.evaluate.lpips, device)
+    return None if config.evaluate.lpips is None else loaded_lpips(config.evaluate.lpips, device)
 
 
 def params(inputs: Inputs) -> Params:

@@ -127,6 +127,12 @@ class SoundPlayer:
 
     # State
 
+    @property
+    def buffered(self) -> float:
+        """Seconds that are decoded and not yet passed to the device."""
+        with self._changed:
+            return self._queued / self._sound.sample_rate
+
     def position(self) -> float | None:
         """Time of the stream that is heard now, in seconds, counted on through loops; never decreases while playing.
 

@@ -110,7 +110,7 @@ class MotionField(nn.Module):
     """
 
     _low: Tensor
-    _side: Tensor
+    side: Tensor
 
     def __init__(
         self, low: Tensor, high: Tensor, grid: HashGrid, width: int, layers: int, generator: torch.Generator
@@ -118,7 +118,7 @@ class MotionField(nn.Module):
         super().__init__()
         side = (high - low).amax().clamp_min(1e-9)
         self.register_buffer("_low", (low + high) / 2 - side * (0.5 + _BOX_PADDING))
-        self.register_buffer("_side", side * (1 + 2 * _BOX_PADDING))
+        self.register_buffer("side", side * (1 + 2 * _BOX_PADDING))
         self.grid = grid
         hidden: list[nn.Module] = []
         for inputs in (grid.width, *[width] * (layers - 1)):
@@ -135,7 +135,7 @@ class MotionField(nn.Module):
 
     def corners(self, means: Tensor) -> Corners:
         """Input of `forward` for fixed (N, 3) world positions; compute it once per frame."""
-        return self.grid.corners((means - self._low) / self._side)
+        return self.grid.corners((means - self._low) / self.side)
 
     def forward(self, corners: Corners) -> Tensor:
         """(N, 3) translations in world units. One kernel on the CPU, and several on an NVIDIA GPU with Triton, evaluate
@@ -143,14 +143,14 @@ class MotionField(nn.Module):
         table, parameters = self.grid.table, list(self.mlp.parameters())
         kernels = kernels_for(table, corners.weights)
         if kernels is not None:
-            return _Fused.apply(kernels, corners, float(self._side), table, *parameters)  # type: ignore[no-untyped-call,no-any-return]
+            return _Fused.apply(kernels, corners, float(self.side), table, *parameters)  # type: ignore[no-untyped-call,no-any-return]
         if table.device.type == "cuda" and table.dtype == torch.float32 and "triton" in available_backends():
-            return motion_field_triton(corners, self._side, table, parameters)
+            return motion_field_triton(corners, self.side, table, parameters)
         return self.forward_torch(corners)
 
     def forward_torch(self, corners: Corners) -> Tensor:
         """`forward` in plain PyTorch, for any device and dtype. This is the definition of the field."""
-        return self.mlp(self.grid(corners)) * self._side
+        return self.mlp(self.grid(corners)) * self.side
 
     def optimizer(self, learning_rate: float) -> Adam:
         """Adam with the settings of Mueller et al. for hash grids; the table learns at ten times `learning_rate`."""

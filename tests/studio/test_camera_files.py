@@ -48,24 +48,6 @@ def test_what_is_written_is_read_again(rig: Rig, tmp_path: Path, name: str) -> N
     assert not [path for path in tmp_path.rglob("*") if ".partial" in path.name]
 
 
-def test_cameras_json_with_k_r_t(rig: Rig, tmp_path: Path) -> None:
-    entries = [
-        {
-            "name": camera.name,
-            "width": camera.width,
-            "height": camera.height,
-            "K": camera.K.tolist(),
-            "R": camera.rotation.tolist(),
-            "t": camera.translation.tolist(),
-            "distortion": camera.distortion.tolist(),
-        }
-        for camera in rig
-    ]
-    path = tmp_path / "cameras.json"
-    path.write_text(json.dumps({"convention": "OpenCV", "frames": 30, "fps": 25.0, "cameras": entries}))
-    assert_same_images(read_rig(path), rig)
-
-
 def test_transforms_json_by_hand(tmp_path: Path) -> None:
     """A camera at (0, 0, 2) whose OpenGL axes equal the world axes looks along -z; the field of view is 90 degrees."""
     matrix = np.eye(4)

@@ -144,7 +144,7 @@ class PythonFrames:
         for _ in range(group.frame_count):
             frame = decoder.read()
             assert isinstance(frame, MotionFrame | PlanesFrame)
-            pictures.append(frame._picture if isinstance(frame, MotionFrame) else frame.planes)
+            pictures.append(frame.picture if isinstance(frame, MotionFrame) else frame.planes)
         decoder.close()
         return pictures
 

@@ -119,11 +119,11 @@ class MotionFrame(DecodedFrame):
     """One frame: image (height, width) uint8 and 0-based index within the group."""
 
     def __init__(self, tables: GroupTables, index: int, picture: np.ndarray) -> None:
-        self._tables, self._index, self._picture = tables, index, picture
+        self.tables, self.index, self.picture = tables, index, picture
 
     def gaussians(self) -> Gaussians:
         """See `DecodedFrame.gaussians`."""
-        return self._tables.gaussians(self._index, self._picture)
+        return self.tables.gaussians(self.index, self.picture)
 
 
 class MotionDecoder(GroupDecoder):

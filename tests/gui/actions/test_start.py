@@ -8,7 +8,6 @@ from typing import Any
 
 import pytest
 
-from gui.actions.commands import Actions
 from gui.actions.start import StartActions, path_in
 from gui.models.loop import Signal
 from gui.models.notices import Notices
@@ -62,17 +61,3 @@ def test_the_folder_of_an_unknown_user_is_told(window: Window) -> None:
     assert window.notices.card is not None
     assert window.notices.card.bad
     assert "no such user" in window.notices.text
-
-
-def test_the_menu_does_not_act_behind_the_page(window: Window) -> None:
-    actions: Any = Actions.__new__(Actions)
-    actions._window, actions.start = window, actions_of(window, [])
-    done: list[str] = []
-    actions._uncovered(lambda: done.append("scene"))
-    assert done == []
-    assert window.notices.line == "Open a take or a stream first."
-    window.player.opened = object()
-    actions.start.show()
-    assert window.start.shown
-    actions._uncovered(lambda: done.append("scene"))
-    assert (done, window.start.shown) == (["scene"], False)

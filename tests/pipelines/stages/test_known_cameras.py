@@ -15,7 +15,7 @@ from pipelines.stages.known_cameras import focal_lengths, known_cameras, known_d
 from pipelines.stages.reporter import StageReporter
 from pipelines.takes.take import Take
 from studio.calibration.settings import CalibrateSettings
-from studio.camera_files import write_rig
+from studio.camera_files import read_rig, write_rig
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
 from tests.support.errors import refuses
@@ -66,17 +66,17 @@ def test_a_camera_file_of_another_shape_is_told_by_calibrate(tmp_path: Path) -> 
     def calibrated(width: int, **capture) -> Rig:
         K = np.array([[100.0, 0, width / 2], [0, 100, 30], [0, 0, 1]])
         write_rig(Rig(tuple(Camera(name, width, 60, K, np.eye(4)) for name in ("a", "b"))), file)
-        section = made.config.capture.model_copy(update=capture)
+        section = made.config.capture.model_copy(update={"rig": "given.json", **capture})
         fresh = Inputs(made.take, made.config.model_copy(update={"capture": section}))
-        return calibrate._from_file(fresh, file)[0]
+        calibrate.run(fresh, StageReporter("calibrate"), None)
+        return read_rig(made.take.rig)
 
     with pytest.raises(StudioError) as caught:
         calibrated(88)
     assert str(caught.value).startswith(f"{file}: Camera 'a': the aspect ratio of the footage, 80x60, differs from")
     assert "capture.size_rule" in str(caught.value)
     assert calibrated(88, size_rule="crop")["a"].width == 88
-    write_rig(rig(("a", "b")), file)
-    assert calibrate._from_file(made, file)[0]["b"].width == 160
+    assert calibrated(80)["b"].width == 80
 
 
 def test_a_known_distance_is_that_of_cameras_of_the_footage() -> None:

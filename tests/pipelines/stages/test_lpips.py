@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import shutil
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -15,7 +14,10 @@ import torch
 from pipelines.config import load_config, parse_override
 from pipelines.events import StageStarted, Warned
 from pipelines.runs.runner import run
-from pipelines.stages.evaluate import _loaded_lpips
+from pipelines.stages import evaluate
+from pipelines.stages.evaluate import loaded_lpips
+from pipelines.stages.inputs import Inputs
+from pipelines.stages.reporter import StageReporter
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 from studio.perceptual import SMALLEST, at_least
@@ -44,7 +46,7 @@ def take(finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Tak
     shutil.copytree(finished, tmp_path / "copy")
     monkeypatch.setattr("studio.perceptual.Lpips", StandIn)
     monkeypatch.setattr(StandIn, "made", [])
-    _loaded_lpips.cache_clear()
+    loaded_lpips.cache_clear()
     return Take.open(tmp_path / "copy" / "take")
 
 
@@ -57,15 +59,22 @@ def measured(take: Take, *overrides: str, **options) -> list:
 
 def test_a_run_on_other_machines_needs_no_gpu_for_it(take: Take, monkeypatch: pytest.MonkeyPatch) -> None:
     """The machine of the run reads what the others measured."""
-    executor: Any = object()
-    monkeypatch.setattr("pipelines.runs.runner._executor", lambda *_: contextlib.nullcontext(executor))
-    monkeypatch.setattr("pipelines.runs.runner._Run._run_stages", lambda *_: None)
+
+    class Elsewhere(Exception):
+        """The groups are measured on other machines."""
+
+    class Cluster:
+        def run(self, *_: object) -> None:
+            raise Elsewhere
+
     monkeypatch.setattr("torch.cuda.is_available", lambda: False)
-    changes = ("evaluate.lpips=alex", "run.device=cuda", "run.executor=ray")
-    measured(take, *changes)
+    changes = [("evaluate.lpips", "alex"), ("run.device", "cuda")]
+    inputs = Inputs(take, load_config(take.root.parent / "ball.yaml", changes))
+    with pytest.raises(Elsewhere):
+        evaluate.run(inputs, StageReporter("evaluate"), Cluster())
     assert StandIn.made == [("alex", "cpu")]
     with refuses("run.no_gpu"):
-        measured(take, *changes[:2])
+        evaluate.run(inputs, StageReporter("evaluate"), None)
 
 
 def test_it_is_measured_as_psnr_is_and_stands_everywhere(

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from studio.calibration import align_points, align_rigs, compare_rigs, reprojection_report
-from studio.calibration.alignment import Similarity, floor_world, scale_to_distance, upright
+from studio.calibration import align_points, align_rigs, compare_rigs
+from studio.calibration.alignment import Similarity, scale_to_distance, upright
 from studio.cameras import Camera, Rig
 from tests.support import rigs
 from tests.support.errors import refuses
@@ -106,39 +106,3 @@ def test_known_distance() -> None:
 def test_too_few_cameras_to_align() -> None:
     with refuses("calibration.too_few_points", value=2, expected=3):
         align_rigs(ring().subset(["c0", "c1"]), ring())
-
-
-def test_report_measures_errors_put_in() -> None:
-    rig, points = ring(4), RANDOM.uniform(-1, 1, (50, 3))
-    observations = {}
-    for camera in rig:
-        pixels, _ = camera.project(points)
-        shift = 0.3 if camera.name == "c1" else 0.0
-        observations[camera.name] = np.column_stack([np.arange(50), pixels + np.array([shift, 0])])
-    report = reprojection_report(rig, points, observations)
-    assert report.cameras["c1"].mean == pytest.approx(0.3, abs=1e-4)
-    assert report.cameras["c0"].mean == pytest.approx(0.0, abs=1e-4)
-    assert report.reprojection.mean == pytest.approx(0.075, abs=1e-4)
-    assert report.reprojection.median == pytest.approx(0.0, abs=1e-4)
-    assert report.reprojection.p95 == pytest.approx(0.3, abs=1e-4)
-    assert (report.points, report.observations, report.mean_track_length) == (50, 200, 4.0)
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_a_floor_tilted_about_any_axis_becomes_level(seed: int) -> None:
-    """Any tilt up to 20 degrees, any heading of its axis, any height; above the floor is noise."""
-    rng = np.random.default_rng(seed)
-    heading, tilt, height = rng.uniform(0, 2 * np.pi), rng.uniform(2, 20), rng.uniform(-2, 2)
-    tilted = Similarity(
-        1.0, turn([np.cos(heading), np.sin(heading), 0], np.radians(tilt)), np.array([0.3, -0.2, height])
-    )
-    floor = np.column_stack([rng.uniform(-1, 1, (300, 2)), rng.normal(0, 1e-4, 300)])
-    above = rng.uniform([-0.5, -0.5, 0.05], [0.5, 0.5, 1.2], (200, 3))
-    cameras = rigs.ring(6, radius=3.0, heights=(0.5,), target=(0, 0, 1), name="c{}")
-    points, rig = tilted.points(np.vstack([floor, above])), tilted.rig(cameras)
-    found, report = floor_world(rig, points)
-    np.testing.assert_allclose(found.points(points)[:300, 2], 0, atol=2e-3)
-    assert found.points(points)[300:, 2].min() > 0.04
-    assert report.tilt == pytest.approx(tilt, abs=0.1)
-    assert found.scale == 1.0
-    assert found.rig(rig).centers[:, 2].min() > 1

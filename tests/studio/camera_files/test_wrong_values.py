@@ -80,31 +80,6 @@ def test_rig_json_names_the_value(
         read_rig(path)
 
 
-def test_other_formats_name_the_value(tmp_path: Path) -> None:
-    for rig, name, file, old, new, code, found, fields in (
-        (
-            BENT,
-            "Calib.toml",
-            "Calib.toml",
-            "201.0",
-            '"x"',
-            "camera.not_a_number",
-            "x",
-            {"camera": "a", "key": "matrix"},
-        ),
-        (STRAIGHT, "calibration.csv", "calibration.csv", "160", "wide", "camera.not_a_number", "wide", {"key": "w"}),
-        (BENT, "intri.yml", "intri.yml", "W_a: 160", "W_a: wide", "camera.not_a_number", "wide", {"key": "W_a"}),
-        (BENT, "model", "model/cameras.txt", "160", "160.5", "camera_file.not_a_number", "160.5", {"line": 2}),
-    ):
-        write_rig(rig, tmp_path / name)
-        path = tmp_path / file
-        assert old in path.read_text()
-        path.write_text(path.read_text().replace(old, new, 1))
-        # of the two files of EasyMocap, the error names their folder
-        with refuses(code, file=tmp_path if name == "intri.yml" else path, value=found, **fields):
-            read_rig(tmp_path / name)
-
-
 def test_numbers_as_text_count() -> None:
     assert number({"f": "2.5"}, "f", "x") == 2.5
     assert number({}, "f", "x", 1.0) == 1.0

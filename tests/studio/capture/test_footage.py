@@ -1,5 +1,6 @@
 import re
-import threading
+import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -7,8 +8,7 @@ import numpy as np
 import pytest
 
 from studio.cameras import Camera, Rig
-from studio.capture import CaptureSettings, open_footage
-from studio.memory_cache import image_cache
+from studio.capture import CaptureSettings, frame_sources, open_footage
 from studio.yaml_text import parse_yaml
 from tests.support.errors import refuses
 from tests.support.settings import refuses_setting
@@ -121,14 +121,22 @@ def test_a_view_at_full_size_is_that_of_footage_without_a_scale(tmp_path: Path, 
     assert small.view("a", 0).image.shape == (32, 48, 3)
 
 
-def test_a_view_after_one_at_full_size_decodes_nothing(image_folders: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def read(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
+    """The images that are decoded."""
+    found: list[Path] = []
+    real = frame_sources.read_image
+    monkeypatch.setattr(frame_sources, "read_image", lambda path, *rest: found.append(path) or real(path, *rest))
+    return found
+
+
+def test_a_view_after_one_at_full_size_decodes_nothing(image_folders: Path, read: list[Path]) -> None:
     footage = open_footage(CaptureSettings(root=image_folders, scale=0.5), None)
     camera, frame = footage.camera_names[0], footage.frames[0]
-    read, source = [], footage._source(camera)
-    monkeypatch.setattr(source, "read", lambda frame, of=source.read: read.append(frame) or of(frame))
+    read.clear()
     assert footage.full_size_view(camera, frame).image.shape[0] == footage.raw_size(camera)[1]
     footage.image(camera, frame), footage.mask(camera, frame)
-    assert read == [frame]
+    assert len(read) == 1
 
 
 def test_calibration_is_scaled_to_half_size_footage(tmp_path: Path, make: SimpleNamespace) -> None:
@@ -208,30 +216,22 @@ def test_held_out_cameras(three_videos: Path) -> None:
         open_footage(CaptureSettings(root=three_videos, held_out=("cam1", "cam2", "cam10")))
 
 
-def test_many_threads_read_the_right_frames_within_the_memory_limit(three_videos: Path, make: SimpleNamespace) -> None:
-    size = 64 * 96 * 3
-    footage = open_footage(CaptureSettings(root=three_videos, masks="none"))
-    footage._cache = image_cache(5 * size)
-    footage._pool.limit = 2  # fewer decoders than cameras: they open and close while threads read
-    wrong: list[tuple[str, int]] = []
-    largest = 0
+def test_many_threads_read_the_right_frames(
+    three_videos: Path, make: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With fewer decoders than cameras: they open and close while threads read."""
+    monkeypatch.setattr(sys.modules["studio.capture.open_footage"], "decoder_limit", lambda width, height: 2)
+    footage = open_footage(CaptureSettings(root=three_videos, masks="none"), most_cached=5 * 64 * 96 * 3)
 
-    def read(seed: int) -> None:
-        nonlocal largest
+    def read(seed: int) -> list[tuple[int, int]]:
         rng = np.random.default_rng(seed)
-        for _ in range(25):
-            name, frame = str(rng.choice(footage.camera_names)), int(rng.integers(12))
-            if make.number_of(footage.image(name, frame)) != frame:
-                wrong.append((name, frame))
-            largest = max(largest, footage._cache.used)
+        places = [(str(rng.choice(footage.camera_names)), int(rng.integers(12))) for _ in range(25)]
+        return [(make.number_of(footage.image(*place)), place[1]) for place in places]
 
-    threads = [threading.Thread(target=read, args=(seed,)) for seed in range(6)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert not wrong
-    assert 0 < largest <= 5 * size
+    with ThreadPoolExecutor(6) as pool:
+        found = [pair for pairs in pool.map(read, range(6)) for pair in pairs]
+    assert len(found) == 150
+    assert all(number == frame for number, frame in found)
 
 
 def test_callers_may_modify_images(three_videos: Path) -> None:
@@ -243,13 +243,15 @@ def test_callers_may_modify_images(three_videos: Path) -> None:
     assert np.array_equal(footage.image("cam1", 0), before)
 
 
-def test_decoded_frames_are_dropped_once_their_results_are_cached(image_folders: Path) -> None:
-    footage = open_footage(CaptureSettings(root=image_folders, masks="none", scale=0.5))
-    camera, frame = footage.camera_names[0], footage.frames[0]
-    first, _ = footage.image(camera, frame), footage.mask(camera, frame)
-    height, width = first.shape[:2]
-    assert footage._cache.used == 4 * height * width  # the small image and its mask, not the frame
-    assert np.array_equal(footage.image(camera, frame), first)
+def test_decoded_frames_leave_room_for_their_results(image_folders: Path, read: list[Path]) -> None:
+    results, decoded = 8 * 4 * 32 * 48, 3 * 64 * 96  # bytes of small images with masks, and of a frame
+    spec = CaptureSettings(root=image_folders, masks="none", scale=0.5)
+    footage = open_footage(spec, most_cached=results + decoded)
+    views = [(camera, frame) for camera in footage.camera_names for frame in footage.frames]
+    first = [(footage.image(*view), footage.mask(*view)) for view in views]
+    read.clear()
+    assert all(np.array_equal(footage.image(*view), image) for view, (image, _) in zip(views, first, strict=True))
+    assert read == []
 
 
 def test_digest_depends_on_names_and_contents_not_on_times(image_folders: Path, tmp_path: Path) -> None:

@@ -33,7 +33,7 @@ def sound(output):
 
 def heard(output, sound, seconds):
     """Play some time once that much is decoded."""
-    wait_until("decoded", lambda: sound._queued >= seconds * 48_000)
+    wait_until("decoded", lambda: sound.buffered >= seconds)
     return output.pull(seconds)
 
 

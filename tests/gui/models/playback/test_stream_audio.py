@@ -35,7 +35,7 @@ class Device(FakeOutput):
     def frames(self, player: PlayerPresenter, count: float) -> None:
         sound = player.audio.player if player.audio is not None else None
         assert sound is not None
-        wait_until("decoded", lambda: sound._queued >= count / FPS * self.RATE)
+        wait_until("decoded", lambda: sound.buffered >= count / FPS)
         self.pull(count / FPS)
 
 

@@ -30,7 +30,7 @@ def picture(scene: np.ndarray, shift: int) -> np.ndarray:
 
 def test_the_preview_separates_images_without_overlap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Three cameras in front of one wall, three in front of another."""
-    pytest.importorskip("pycolmap")
+    pycolmap = pytest.importorskip("pycolmap")
     rng = np.random.default_rng(0)
     (tmp_path / "images").mkdir()
     for wall in range(2):
@@ -47,20 +47,20 @@ def test_the_preview_separates_images_without_overlap(tmp_path: Path, monkeypatc
         max_features=800,
         max_image_size=400,
     )
-    asked: dict[str, list[Any]] = {}
-    real = features._match_images
 
-    def watched(path: Path, folder: Path, job: Any, pairs: Any, step: str, verification: Any) -> None:
-        asked[step] = pairs
-        real(path, folder, job, pairs, step, verification)
+    asked: list[set[str]] = []
+    real = pycolmap.match_image_pairs
 
-    monkeypatch.setattr(features, "_match_images", watched)
+    def watched(path: Path, *, pairing_options: Any, **options: Any) -> None:
+        asked.append(set(Path(pairing_options.match_list_path).read_text().splitlines()))
+        real(path, pairing_options=pairing_options, **options)
+
+    monkeypatch.setattr(pycolmap, "match_image_pairs", watched)
     find_matches(tmp_path, job)
-    assert list(asked) == ["matches"]  # only a few cameras: no preview
-    assert len(asked["matches"]) == 15
+    assert [len(pairs) for pairs in asked] == [15], "only a few cameras: no preview"
     monkeypatch.setattr(features, "FEW", 5)
     find_matches(tmp_path, job)
-    assert len(asked["preview"]) == 15
     together = [(0, 1), (0, 2), (1, 2), (3, 4), (3, 5), (4, 5)]
-    assert asked["matches"] == [(file_name(a, 0), file_name(b, 0)) for a, b in together]
+    assert len(asked[1]) == 15
+    assert asked[2] == {f"{file_name(a, 0)} {file_name(b, 0)}" for a, b in together}
     assert not list(tmp_path.glob("preview*"))

@@ -14,6 +14,8 @@ from studio.rasterizer.cpu import load_kernels
 from studio.rasterizer.kernels import definitions_only
 from studio.stream import BakeSettings, StreamReader, bake_group, fetch_group, write_manifest
 from studio.stream.decoders.motion import MotionFrame
+from studio.stream.manifest import MotionRendition
+from studio.stream.motion_state import Side
 
 SPLATS = 1001  # not a multiple of the kernel's blocks
 
@@ -35,16 +37,18 @@ def test_kernel_and_definition_agree(tmp_path: Path, turning_bodies: Callable, d
     write_manifest(tmp_path, [entry], 30, settings)
     with StreamReader.open(tmp_path) as reader:
         group = reader.groups[0]
-        decoder = reader.open_group(group, fetch_group(reader.source, group))
+        files = fetch_group(reader.source, group)
+        assert isinstance(group, MotionRendition)
+        assert len(Side.parse(files[group.side.path], group).escapes.splat) > 0, "the test needs escapes"
+        decoder = reader.open_group(group, files)
         for index in range(4):
             frame = decoder.read()
             assert isinstance(frame, MotionFrame)
-            tables = frame._tables
+            tables = frame.tables
             assert index == 0 or tables.state.rotations(index) is not None, "the test needs blocks that turn"
-            assert len(tables._escapes[0]) > 0, "the test needs escapes"
             with definitions_only():
                 wanted = dict(frame.gaussians().items())
-            threaded = dict(tables.gaussians(index, frame._picture, threads=3).items())
+            threaded = dict(tables.gaussians(index, frame.picture, threads=3).items())
             for name, found in frame.gaussians().items():
                 assert torch.equal(found, threaded[name]), (name, index)
                 if name == "logit_opacities":  # a logarithm; at 1 - 1e-6, one rounding of the opacity is 6% of the rest

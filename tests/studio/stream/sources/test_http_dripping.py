@@ -1,4 +1,4 @@
-"""Servers that drip bytes in some phase of an answer, and redirects: no read outlasts its deadlines."""
+"""Servers that drip bytes, never end or break the rules, and redirects: no read outlasts its deadlines."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from contextlib import contextmanager
 
 import pytest
 
+from studio.errors import StudioError
 from studio.stream.sources.http import HttpSource
 from studio.stream.sources.redirects import redirected, same_origin
 from studio.stream.sources.source import SourceUnavailable
@@ -66,6 +67,44 @@ def test_every_phase_has_a_deadline(phase: str) -> None:
         source = HttpSource(f"http://127.0.0.1:{port}/", stall=0.3, patience=0.3, first_patience=0.3)
         with pytest.raises(SourceUnavailable):
             source.read("manifest.json", 1000)
+
+
+BROKEN = {
+    "headers without end": (OK, b"X: y\r\n" * 1000),
+    "a header without end": (OK + b"X: ", b"x" * 65536),
+    "a chunk size without end": (CHUNKED, b"0" * 65536),
+    "a chunk of 2^60 bytes": (CHUNKED + b"FFFFFFFFFFFFFFF\r\n", b"x" * 65536),
+    "a negative chunk size": (CHUNKED + b"-5\r\nabc\r\n", b""),
+    "a chunk size that is no number": (CHUNKED + b"what\r\nabc\r\n", b""),
+    "trailers without end": (CHUNKED + b"0\r\n", b"X: y\r\n" * 1000),
+    "a negative length": (OK + b"Content-Length: -5\r\n\r\n{}", b""),
+    "a length that is no number": (OK + b"Content-Length: many\r\n\r\n{}", b""),
+    "two lengths": (OK + b"Content-Length: 2\r\nContent-Length: 99999\r\n\r\n{}", b""),
+    "not HTTP": (b"220 smtp.example ESMTP\r\n", b""),
+    "binary": (bytes(range(256)) * 100, b""),
+    "an impossible status": (b"HTTP/1.1 99999 What\r\nContent-Length: 0\r\n\r\n", b""),
+    "control characters": (b"HTTP/1.1 404 \x1b[2J\x1b[31m\x07\r\nContent-Length: 0\r\n\r\n", b""),
+    "a redirect to nowhere": (b"HTTP/1.1 302 Found\r\nContent-Length: 0\r\n\r\n", b""),
+    "a redirect of 60 kB": (
+        b"HTTP/1.1 302 Found\r\nLocation: /" + b"a" * 60000 + b"\r\nContent-Length: 0\r\n\r\n",
+        b"",
+    ),
+    "another range": (
+        OK.replace(b"200 OK", b"206 Part") + b"Content-Range: bytes 5-6/9\r\nContent-Length: 2\r\n\r\n{}",
+        b"",
+    ),
+    "no retry": (b"HTTP/1.1 429 Slow\r\nRetry-After: NaN\r\nContent-Length: 0\r\n\r\n", b""),
+}
+
+
+@pytest.mark.parametrize("answer", BROKEN)
+def test_answers_against_the_rules_are_one_short_sentence(answer: str) -> None:
+    with dripping(*BROKEN[answer]) as port:
+        source = HttpSource(f"http://127.0.0.1:{port}/", stall=0.3, patience=0.3, first_patience=0.3)
+        with pytest.raises(StudioError) as caught:
+            source.read("manifest.json", 1000)
+        assert len(str(caught.value)) < 3000
+        assert str(caught.value).isprintable()
 
 
 @pytest.mark.parametrize("phase", ["status line", "chunk size", "nothing"])

@@ -25,7 +25,7 @@ def results(field: MotionField, corners: Corners, triton: bool) -> list[torch.Te
     """Outputs, and gradients of the table, the weights and the biases."""
     leaves = list(field.parameters())
     upstream = torch.randn(corners.positions, 3, generator=torch.Generator().manual_seed(1)).to(leaves[0])
-    moved = motion_field_triton(corners, field._side, leaves[0], leaves[1:]) if triton else field.forward_torch(corners)
+    moved = motion_field_triton(corners, field.side, leaves[0], leaves[1:]) if triton else field.forward_torch(corners)
     return [moved.detach(), *torch.autograd.grad(moved, leaves, upstream)]
 
 
