@@ -7,6 +7,7 @@ Other tests run small versions: of `run` and its stages everywhere, examples (te
 
 from __future__ import annotations
 
+import argparse
 import re
 import shlex
 import subprocess
@@ -17,7 +18,7 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
-from pipelines.cli import parse
+from pipelines.cli import _parser, parse
 from pipelines.commands.common.arguments import overrides
 from pipelines.config import load_config
 
@@ -26,9 +27,11 @@ PAGES = [
     *sorted((ROOT / "docs").rglob("*.md")),
     *(ROOT / f"{name}.md" for name in ("README", "CONTRIBUTING", "SECURITY")),
 ]
+OTHER_OPTIONS = {"--version", "--help", "--size", "--log-state", "--node-ip-address", "--mem", "--partition", "--play"}
+"""Of `v3studio` itself, `v3studio-gui`, Ray, Slurm and benchmarks."""
+
 MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
 TARGETS = re.findall(r"^([a-z-]+):.*?## ", MAKEFILE, re.MULTILINE)
-PLACEHOLDERS = re.compile(r"\[[^\]']*\]|\.\.\.")
 
 
 def blocks() -> Iterator[tuple[str, str]]:
@@ -46,14 +49,41 @@ V3STUDIO = sorted({(page, line) for page, line in blocks() if line.startswith("v
 
 @pytest.mark.parametrize(("page", "line"), V3STUDIO, ids=[f"{page}:{line[:60]}" for page, line in V3STUDIO])
 def test_documented_commands_parse(page: str, line: str) -> None:
-    """Options exist, and settings have valid names and values. Optional parts in brackets are placeholders."""
-    if "FORMAT" in line or "[-" in line:
-        line = PLACEHOLDERS.sub("", line).replace("FORMAT", "ply")
+    """Options exist, and settings have valid names and values."""
     words = shlex.split(re.split(r" [>|] | && ", line)[0], comments=True)[1:]
     try:
         load_config(None, overrides(parse(words)))
     except SystemExit:
         pytest.fail(f"{page}: {line}")
+
+
+def options_of(parser: argparse.ArgumentParser) -> Iterator[str]:
+    """Options of a command, and of those below it, as `edit trim`."""
+    for action in parser._actions:
+        yield from action.option_strings
+        if isinstance(action, argparse._SubParsersAction):
+            for inner in action.choices.values():
+                yield from options_of(inner)
+
+
+def test_commands_and_options_in_sentences_exist() -> None:
+    """In code spans, also with placeholders, such as `v3studio check FOLDER`, or options alone."""
+    _, commands = _parser()
+    options = {name: set(options_of(parser)) for name, parser in commands.items()}
+    every = set().union(*options.values(), OTHER_OPTIONS)
+    for page in PAGES:
+        prose = re.sub(r"^ *```.*?^ *```", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+        for span in re.findall(r"`(v3studio [a-z][^`]*|--[a-z][^`]*)`", prose):
+            words = span.split()
+            known = every
+            if words[0] == "v3studio":
+                name = " ".join(words[1:3]) if " ".join(words[1:3]) in commands else words[1]
+                assert name in commands, f"{page.name}: {span}"
+                known = options[name]
+            for word in words:
+                option = word.partition("=")[0]
+                if option.startswith("--") and "." not in option:
+                    assert option in known, f"{page.name}: {span}"
 
 
 def test_documented_targets_and_scripts_exist() -> None:
