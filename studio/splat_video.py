@@ -46,7 +46,7 @@ class SplatVideo:
     view: Camera | None = None
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)
     numbers: tuple[int, ...] = field(default=())
-    """Frame numbers, if they differ from the indices: for the result of `part`, the indices in the whole video."""
+    """Frame numbers, ascending, if they differ from the indices: those of the footage, or those before `part`."""
     sound: Pcm | None = None
     original: Similarity = field(default_factory=Similarity)
     notes: tuple[str, ...] = ()
@@ -74,24 +74,27 @@ class SplatVideo:
         """Duration in seconds."""
         return self.frame_count / self.fps
 
-    def part(self, start: int = 0, stop: int | None = None, step: int = 1) -> SplatVideo:
-        """The frames start, start + step, ... below `stop` (None: to the end). The frame rate is divided by the step.
+    def part(self, start: int | None = None, stop: int | None = None, step: int = 1) -> SplatVideo:
+        """Every `step`th of the frames with numbers from `start` (None: the first) to `stop` - 1 (None: the last).
+
+        The frame rate is divided by the step.
 
         Raises:
             StudioError: the range is empty or out of bounds (splat_video.frame_range).
         """
-        end = self.frame_count if stop is None else stop
-        if not 0 <= start < end <= self.frame_count or step < 1:
+        first, end = self.number(0), self.number(self.frame_count - 1) + 1
+        low, high = first if start is None else start, end if stop is None else stop
+        chosen = [index for index in range(self.frame_count) if low <= self.number(index) < high][:: max(step, 1)]
+        if not first <= low < high <= end or step < 1 or not chosen:
             raise StudioError(
                 "splat_video.frame_range",
-                f"no frames {start}:{end}:{step} in a video of {self.frame_count} frames",
+                f"no frames {low}:{high}:{step} in a video of the frames {first} to {end - 1}",
                 file=self.name,
-                value=[start, end, step],
-                fix=f"Choose a range within 0:{self.frame_count}.",
-                frame_count=self.frame_count,
+                value=[low, high, step],
+                fix=f"Choose a range within {first}:{end}.",
+                expected=[first, end],
             )
-        chosen = range(start, end, step)
-        read = self.read
+        read, seconds = self.read, len(chosen) * step / self.fps
         starts = []
         for group in self.groups:
             inside = [position for position, index in enumerate(chosen) if index in group]
@@ -103,5 +106,5 @@ class SplatVideo:
             group_starts=tuple(starts),
             read=lambda index: read(chosen[index]),
             numbers=tuple(self.number(index) for index in chosen),
-            sound=None if self.sound is None else part_of(self.sound, start / self.fps, len(chosen) * step / self.fps),
+            sound=None if self.sound is None else part_of(self.sound, chosen[0] / self.fps, seconds),
         )

@@ -102,6 +102,7 @@ PIPELINES = (
     "review",
     "batch",
     "runs",
+    "inspection",
     "stages",
     "reports",
     "takes",

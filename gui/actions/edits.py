@@ -122,7 +122,7 @@ class EditActions:
                 return editor.refused
             return ""
 
-        fields = fields_of(editor.pending or editor.edits, kind, editor.up, frames)
+        fields = fields_of(editor.pending or editor.edits, kind, editor.up)
         ask_numbers(self._window.dialogs, title, text, fields, save)
 
     def _ask_brush(self) -> None:
@@ -172,9 +172,11 @@ class EditActions:
         """In which frames what is selected is to be removed."""
         window = self._window
         words, span = window.player.transport.range_words, window.player.transport.span
-        ranges: dict[str, tuple[int, int] | None] = {f"{words(group[0], group[-1])}, their group": (group[0],) * 2}
+        number = window.player.transport.number
+        own = number(group[0])
+        ranges: dict[str, tuple[int, int] | None] = {f"{words(group[0], group[-1])}, their group": (own, own)}
         if span is not None and span[0] <= group[-1] and group[0] <= span[1]:
-            ranges[f"{words(*span)}, the span"] = span
+            ranges[f"{words(*span)}, the span"] = number(span[0]), number(span[1])
         ranges["All frames"] = None
         remove = window.views.editor.remove_selected
         title = f"Remove {counted(selected, 'splat')} in"
@@ -182,7 +184,7 @@ class EditActions:
 
     def _list(self) -> None:
         window, editor = self._window, self._window.views.editor
-        found = describe(editor.edits, numbers=window.player.transport.numbers)
+        found = describe(editor.edits)
         lines = {f"Take back {name}: {text}": name for name, text in found.items()}
 
         def take_back(line: str) -> None:

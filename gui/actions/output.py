@@ -85,13 +85,10 @@ class OutputActions:
     def _ranges(self) -> dict[str, range | None]:
         """Frames that can be exported: all, the one on screen, the selected span."""
         transport = self._window.player.transport
-        frame, span = transport.frame, transport.span
-        ranges: dict[str, range | None] = {
-            ALL_FRAMES: None,
-            f"frame {transport.number(frame)}": range(frame, frame + 1),
-        }
+        frame, span = transport.number(transport.frame), transport.span
+        ranges: dict[str, range | None] = {ALL_FRAMES: None, f"frame {frame}": range(frame, frame + 1)}
         if span is not None:
-            ranges[transport.range_words(*span).lower()] = range(span[0], span[1] + 1)
+            ranges[transport.range_words(*span).lower()] = range(*map(transport.number, (span[0], span[1] + 1)))
         return ranges
 
     def _ask_export(self, request: ExportRequest, sources: Sequence[str], error: str = "") -> None:

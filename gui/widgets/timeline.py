@@ -13,7 +13,6 @@ from gui.models.playback.player import PlayerPresenter
 from gui.models.playback.timeline_plots import Plot, TimelinePlots
 from gui.models.playback.timeline_zoom import TimelineZoom
 from gui.widgets.picture import ImagePanel, holds
-from studio.edits.edit_list import Trim
 
 HOVER_SECONDS = 4.0
 """Seconds that the values under the pointer stay at most: nothing tells that it has left the window, and without X not
@@ -80,7 +79,7 @@ class TimelinePanel:
             transport.group_starts,
             zoom.first,
             zoom.shown,
-            self._trim,
+            self._kept,
             self._picture_size[1] if has_pictures(self._player) else 0,
             transport.span,
             transport.fps,
@@ -94,9 +93,10 @@ class TimelinePanel:
         return max(round(ASPECT * height), 1), max(height, 1)
 
     @property
-    def _trim(self) -> Trim | None:
-        """The frames that the open take keeps; None for all."""
-        return self._player.opened.trim if self._player.opened is not None else None
+    def _kept(self) -> range | None:
+        """The frames that the trim of the open take keeps; None for all."""
+        trim = self._player.opened.trim if self._player.opened is not None else None
+        return None if trim is None else self._player.transport.numbers.within(trim.first, trim.last)
 
     def fit(self) -> None:
         """Show all frames."""
@@ -122,7 +122,7 @@ class TimelinePanel:
             self.marks,
             self._keys,
             self.zoom,
-            self._trim,
+            self._kept,
         )
         if time.monotonic() > self._hover_until:
             self._hover = None

@@ -76,7 +76,7 @@ def _compare(arguments: argparse.Namespace) -> int:
             PROTOCOLS[arguments.protocol],
             cameras=[name for name in arguments.cameras.split(",") if name],
             footage=arguments.footage,
-            part=slice(*arguments.frames),
+            part=arguments.frames,
             images=arguments.images,
             lpips=lpips,
             device=device,

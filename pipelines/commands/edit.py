@@ -51,7 +51,7 @@ def register(commands: Any) -> None:
 
     trim = _kind(kinds, "trim", "keep a range of frames", _trim)
     trim.add_argument(
-        "frames", type=frame_range, metavar="A:B", help="keep the frames A to B - 1, counted from 0 in the take"
+        "frames", type=frame_range, metavar="A:B", help="keep the frames A to B - 1, by their numbers in the footage"
     )
 
     crop = _kind(kinds, "crop", "remove what is outside of a box", _crop)
@@ -90,7 +90,7 @@ def register(commands: Any) -> None:
 
     detail = _kind(kinds, "detail", "mark a part of the performer (face, hand) for training in more detail", _detail)
     detail.add_argument(
-        "--frame", type=int, default=0, metavar="F", help="trained frame, counted from 0 in the take (default: 0)"
+        "--frame", type=int, metavar="F", help="trained frame, by its number in the footage (default: the first)"
     )
     _vector(detail, "--at", "its middle, in the world that `v3studio edit world` has placed", required=True)
     detail.add_argument("--radius", type=float, required=True, metavar="R", help="of the ball around it, same units")
@@ -161,20 +161,20 @@ def _list(arguments: argparse.Namespace) -> int:
 def _count(arguments: argparse.Namespace) -> int:
     from pipelines.takes.edited import EditedGroup
     from pipelines.takes.edits import read_edits
+    from pipelines.takes.frame_numbers import trained_groups
 
     take = _take(arguments)
-    edits = read_edits(take.edits)
-    files, starts = take.trained_files()
-    if not files:
+    edits, groups = read_edits(take.edits), trained_groups(take)
+    if not groups:
         raise StudioError(
             "take.not_trained", "no trained frames yet", file=take.root, fix="Run `v3studio train`.", stage="train"
         )
-    for group, (start, end) in enumerate(zip(starts, (*starts[1:], len(files)), strict=True)):
-        found = EditedGroup(take, group, range(start, end), edits).selection()
+    for group in groups:
+        found = EditedGroup(take, group, edits).selection()
         kinds = ", ".join(f"{name} {count:,}" for name, count in found.counts.items() if count)
         removed = found.removed
         print(
-            f"group {group}: {int(removed.sum()):,} of {counted(len(removed), 'splat')} removed"
+            f"group {group.index}: {int(removed.sum()):,} of {counted(len(removed), 'splat')} removed"
             f"{f' ({kinds})' if kinds else ''}",
             file=arguments.output,
         )
@@ -183,19 +183,20 @@ def _count(arguments: argparse.Namespace) -> int:
 
 def _trim(arguments: argparse.Namespace) -> int:
     take, (start, stop, step) = _take(arguments), arguments.frames
-    count = _frame_count(take)
-    end = count if stop is None else stop
-    if step != 1 or end is None:
-        raise invalid_option("A:B", "the frames to keep have no step, and an end", "Example: 12:251.")
-    if count is not None and end > count:
+    frames = _frames(take)
+    if step != 1 or (None in (start, stop) and not frames):
+        raise invalid_option("A:B", "the frames to keep have a beginning, an end and no step", "Example: 12:251.")
+    first, last = frames[0] if start is None else start, frames[-1] if stop is None else stop - 1
+    outside = [frame for frame in (first, last) if frames and not frames[0] <= frame <= frames[-1]]
+    if outside:
         raise invalid_option(
             "A:B",
-            f"the take has no frame {end - 1}",
-            f"It has frames 0 to {count - 1}.",
-            end,
-            expected=[0, count],
+            f"the take has no frame {outside[0]}",
+            f"It has frames {frames[0]} to {frames[-1]}.",
+            outside[0],
+            expected=[frames[0], frames[-1]],
         )
-    return _change(take, "trim", {"first": start, "last": end - 1})
+    return _change(take, "trim", {"first": first, "last": last})
 
 
 def _crop(arguments: argparse.Namespace) -> int:
@@ -417,11 +418,11 @@ def _change(take: Take, name: str, value: object) -> int:
     return 0
 
 
-def _frame_count(take: Take) -> int | None:
-    """Number of frames of the take; None if its footage cannot be opened here."""
+def _frames(take: Take) -> tuple[int, ...]:
+    """The take's frames, by their numbers in the footage; none if it cannot be opened here."""
     from pipelines.config import load_config
     from pipelines.stages.footage import TakeFootage
 
     with suppress(StudioError):
-        return len(TakeFootage(take, load_config(take.config)).raw.frames)
-    return None
+        return TakeFootage(take, load_config(take.config)).raw.frames
+    return ()

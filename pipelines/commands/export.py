@@ -96,7 +96,7 @@ def _export(arguments: argparse.Namespace) -> int:
             "--format camera-path needs --path FILE" if needs else f"--format {arguments.format} does not take --path",
             "Add --path FILE." if needs else "Remove --path.",
         )
-    from pipelines.takes.videos import decoded_video, is_take, open_reader, trained_video
+    from pipelines.takes.videos import decoded_video, is_take, open_reader, stream_numbers, trained_video
 
     if EXPORTS[arguments.format].holds == "stream":
         return _whole_stream(arguments)
@@ -108,7 +108,8 @@ def _export(arguments: argparse.Namespace) -> int:
             raise invalid_option("--of", "--of trained needs a take", "Remove --of.", "trained", file=arguments.source)
         else:
             _need_stream(arguments.source)
-            video = decoded_video(stack.enter_context(open_reader(arguments.source)))
+            reader = stack.enter_context(open_reader(arguments.source))
+            video = replace(decoded_video(reader), numbers=stream_numbers(arguments.source, reader).known)
         if EXPORTS[arguments.format].holds == "movie" or arguments.format == "usd":
             video = replace(video, sound=_sound(arguments, stack, video))
         video = _chosen(video, arguments.frames, arguments.sh_degree)
@@ -238,7 +239,7 @@ def _need_stream(source: str) -> None:
 
 def _sound(arguments: argparse.Namespace, stack: ExitStack, video: SplatVideo) -> Pcm | None:
     """The sound of the source's stream, also for trained frames; None if it has none, or was baked for later frames."""
-    from pipelines.takes.edits import read_edits
+    from pipelines.takes.frame_numbers import trained_numbers
     from pipelines.takes.take import Take
     from pipelines.takes.videos import capture_place, is_take, open_reader
     from studio.audio.pcm import part_of
@@ -253,14 +254,14 @@ def _sound(arguments: argparse.Namespace, stack: ExitStack, video: SplatVideo) -
     stack.callback(sound.close)
     if arguments.of != "trained":
         return sound
-    trim = read_edits(Take.open(Path(source).expanduser()).edits).trim
-    early = (0 if trim is None else trim.first) - capture_place(reader).first_frame
+    trained = trained_numbers(Take.open(Path(source).expanduser()))
+    early = (trained.index(video.number(0)) or 0) - capture_place(reader).first_frame
     if early == 0 and video.frame_count == reader.frame_count:
         return sound
     return None if early < 0 else part_of(sound, early / video.fps, video.duration)
 
 
-def _chosen(video: SplatVideo, frames: tuple[int, int | None, int], sh_degree: int | None) -> SplatVideo:
+def _chosen(video: SplatVideo, frames: tuple[int | None, int | None, int], sh_degree: int | None) -> SplatVideo:
     if sh_degree is not None:
         read, degree = video.read, sh_degree
         video = replace(video, read=lambda index: read(index).with_sh_degree(degree))
@@ -303,10 +304,11 @@ def _frames(video: SplatVideo, arguments: argparse.Namespace, progress: Progress
     elif video.frame_count == 1:
         export_frame(video, out, rotation, **options)
     else:
+        first = video.number(0)
         raise invalid_option(
             "--out",
             f"{video.frame_count} frames cannot be written to one file",
-            f"Specify a folder, a name without {chosen.suffix}, or select one frame with --frames 0:1.",
+            f"Specify a folder, a name without {chosen.suffix}, or select one frame with --frames {first}:{first + 1}.",
             video.frame_count,
             file=out,
         )

@@ -32,9 +32,8 @@ def register(commands: Any) -> None:
 def _init(arguments: argparse.Namespace) -> int:
     from pipelines.config import Config, describe
     from pipelines.config.presets import values_of
-    from pipelines.stages.camera_file import camera_file_text
+    from pipelines.inspection import inspect
     from pipelines.takes.atomic_files import disk_errors, write_text
-    from studio.capture import open_footage
 
     source = arguments.source
     if not is_footage(source):
@@ -43,9 +42,7 @@ def _init(arguments: argparse.Namespace) -> int:
         )
     config = read_settings(source, arguments.overrides, arguments.preset)
     out = arguments.out or Path(f"{source.absolute().name}.yaml")
-    footage = open_footage(config.capture, None, strict=False)
-    found = [*footage.description.splitlines(), *camera_file_text(footage).splitlines()]
-    footage.close()
+    found = inspect(config.capture).lines
     usual = values_of(Config())
     names = {name for name, value in values_of(config).items() if value != usual[name]} | set(_SHOWN)
     lines = ["# Written by `v3studio init`. Settings that are not here have their defaults: `v3studio config`.", "#"]

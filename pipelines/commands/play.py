@@ -41,20 +41,22 @@ def register(commands: Any) -> None:
 
 def _play(arguments: argparse.Namespace) -> int:
     from pipelines.reports.tables import print_playback
-    from pipelines.takes.videos import stream_place
+    from pipelines.takes.videos import open_reader, stream_numbers
     from studio.playback import play_headless
-    from studio.stream import StreamReader
 
     start, stop, step = arguments.frames
     if step != 1:
         raise invalid_option("--frames", f"the step of --frames is {step}", "A player shows every frame: leave it out.")
-    with StreamReader.open(stream_place(arguments.stream)) as reader:
+    with open_reader(arguments.stream) as reader:
+        numbers = stream_numbers(arguments.stream, reader)
+        end = numbers.number(reader.frame_count - 1) if stop is None else stop - 1
+        chosen = numbers.within(start or 0, end)
         render = _renderer(reader.manifest, arguments.stream) if arguments.render else None
         report = play_headless(
             reader,
             realtime=arguments.realtime,
-            start_frame=start,
-            frame_limit=None if stop is None else stop - start,
+            start_frame=chosen.start,
+            frame_limit=None if stop is None else len(chosen),
             render=render,
         )
     arguments.result = report.to_dict()

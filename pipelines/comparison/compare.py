@@ -39,7 +39,7 @@ def compare(
     *,
     cameras: Sequence[str] = (),
     footage: Path | None = None,
-    part: slice = slice(None),
+    part: tuple[int | None, int | None, int] = (None, None, 1),
     images: int = 2,
     lpips: Lpips | None = None,
     device: str = "cpu",
@@ -57,7 +57,8 @@ def compare(
         protocol: which cameras, pixels and size.
         cameras: names instead of the protocol's.
         footage: folder of the take whose footage settings (images, masks) are compared with; None: the first.
-        part: of the frames that all takes have, which to measure; flicker needs all steps to be 1.
+        part: which of the frames that all takes have to measure: the first number in the footage, the number to stop
+            before (None: all), and a step. Flicker needs a step of 1.
         images: frames to show, spread over the measured ones.
         lpips: the metric; None: not measured.
         device: torch device to render on.
@@ -70,8 +71,10 @@ def compare(
     """
     with ExitStack() as closing:
         takes, names = open_takes(folders, protocol, cameras, closing, footage)
-        frames = [frame for frame in takes[0].footage.frames if all(frame in one.frames for one in takes)][part]
-        steady = part.step in (None, 1)
+        start, stop, step = part
+        common = [frame for frame in takes[0].footage.frames if all(frame in one.frames for one in takes)]
+        frames = [one for one in common if (start or 0) <= one < (stop or one + 1)][::step]
+        steady = step == 1
         if not frames:
             raise StudioError(
                 "compare.no_common_frame",

@@ -245,7 +245,7 @@ def _measure(
     baked = baked_frames(inputs)
     total = len(baked)
     shown = {baked[at] for at in np.linspace(0, total - 1, min(SHOWN_FRAMES, total)).round().astype(int)}
-    edited = EditedGroup(inputs.take, group.index, group.indices, inputs.edits)
+    edited = EditedGroup(inputs.take, group, inputs.edits)
     before = _residuals(inputs, group.first - 1, baked, reader, reporter)
     for position, (index, frame) in enumerate(zip(group.indices, group.frames, strict=True)):
         if index not in baked:

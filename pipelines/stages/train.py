@@ -217,12 +217,12 @@ def frame_keys(inputs: Inputs, group: Group, recipe: Params | None = None) -> li
         files,
         group.index,
         *_cameras_keys(inputs, recipe),
-        *details_at(inputs.edits, group.first),
+        *details_at(inputs.edits, group.keyframe),
     )
     keys = [key_of(STAGE.name, STAGE.version, start, group.keyframe)]
     edits = inputs.edits
-    for index, frame in zip(group.indices[1:], group.frames[1:], strict=True):
-        details = details_at(edits, index)
+    for frame in group.frames[1:]:
+        details = details_at(edits, frame)
         keys.append(key_of(STAGE.name, STAGE.version, keys[-1], later, frame, *details))
     return keys
 

@@ -56,7 +56,7 @@ def training_views(
 
     footage, settings = footage or inputs.footage.trained, inputs.config.train
     cameras = footage.train_cameras if cameras is None else cameras
-    marked = details_at(inputs.edits, inputs.footage.raw.frames.index(frame)) if detailed else []
+    marked = details_at(inputs.edits, frame) if detailed else []
     details = [Detail(*one) for one in marked]
     colors = read_camera_colors(inputs) if colored and settings.camera_colors is not None else {}
     closer = bool(details) and inputs.config.capture.scale < 1
@@ -123,7 +123,7 @@ def read_camera_colors(inputs: Inputs) -> dict[str, Tensor]:
 
 
 def details_at(edits: EditList, frame: int) -> list[tuple[tuple[float, float, float], float, float]]:
-    """Center, radius and weight of each marked detail in a frame, counted from 0 in the take."""
+    """Center, radius and weight of each marked detail in a frame, by its number in the footage."""
     return [(_rounded(one.at(frame)), one.radius, one.weight) for one in edits.details]
 
 

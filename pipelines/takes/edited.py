@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from pipelines.takes.frame_files import read_frame
+from pipelines.takes.groups import Group
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 
@@ -16,17 +17,18 @@ if TYPE_CHECKING:
     from studio.gaussians import Gaussians
 
 
-def edits_of_group(edits: EditList, indices: range) -> EditList:
+def edits_of_group(edits: EditList, group: Group) -> EditList:
     """Those that concern a trained group: without the regions that hold for other frames only, and without a trim."""
+    first, last = group.frames[0], group.frames[-1]
     regions = tuple(
         region
         for region in edits.regions
-        if region.frames is None or (region.frames[0] <= indices[-1] and indices[0] <= region.frames[1])
+        if region.frames is None or (region.frames[0] <= last and first <= region.frames[1])
     )
     return edits.with_(regions=regions, trim=None)
 
 
-def read_paths(take: Take, group: int, indices: range) -> Paths:
+def read_paths(take: Take, group: Group) -> Paths:
     """Where the splats of a trained group are in each of its frames.
 
     Raises:
@@ -36,13 +38,13 @@ def read_paths(take: Take, group: int, indices: range) -> Paths:
 
     def frames() -> Iterator[Gaussians]:
         splats = None
-        for index in indices:
-            frame = read_frame(take.trained_frame(group, index))
+        for index in group.indices:
+            frame = read_frame(take.trained_frame(group.index, index))
             if len(frame) != (splats := splats or len(frame)):
-                raise of_two_trainings(take, group)
+                raise of_two_trainings(take, group.index)
             yield frame
 
-    return Paths.of(indices, frames())
+    return Paths.of(group.frames, frames())
 
 
 def of_two_trainings(take: Take, group: int) -> StudioError:
@@ -61,14 +63,13 @@ class EditedGroup:
 
     Args:
         take: the take.
-        group: its number.
-        indices: all frames of the group, counted from 0 in the take.
+        group: the group, with all its frames.
         edits: of the take.
     """
 
-    def __init__(self, take: Take, group: int, indices: range, edits: EditList) -> None:
-        self._take, self._group, self._indices = take, group, indices
-        self._edits = edits_of_group(edits, indices)
+    def __init__(self, take: Take, group: Group, edits: EditList) -> None:
+        self._take, self._group = take, group
+        self._edits = edits_of_group(edits, group)
         self._kept: torch.Tensor | None = None
 
     def selection(self) -> Selection:
@@ -79,7 +80,7 @@ class EditedGroup:
         """
         from studio.edits import select
 
-        return select(self._edits, read_paths(self._take, self._group, self._indices))
+        return select(self._edits, read_paths(self._take, self._group))
 
     def kept(self) -> torch.Tensor | None:
         """(M,) int64: the splats that are kept, ascending; None: all. The first call reads all frames of the group.
@@ -99,7 +100,7 @@ class EditedGroup:
 
     def unedited(self, index: int) -> Gaussians:
         """A frame as trained, counted from 0 in the take. Raises StudioError if it is missing or damaged."""
-        return read_frame(self._take.trained_frame(self._group, index))
+        return read_frame(self._take.trained_frame(self._group.index, index))
 
     def cut(self, gaussians: Gaussians, among: torch.Tensor | None = None) -> Gaussians:
         """A trained frame of the group without the splats that are removed, in the world of the capture.
@@ -140,10 +141,10 @@ class EditedGroup:
     def _nothing_left(self) -> StudioError:
         return StudioError(
             "edits.nothing_left",
-            f"the edits remove all splats of group {self._group}",
+            f"the edits remove all splats of group {self._group.index}",
             file=self._take.edits,
             fix="Undo an edit with `v3studio edit undo`, or make the crop box larger.",
-            group=self._group,
+            group=self._group.index,
         )
 
 

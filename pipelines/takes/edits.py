@@ -14,7 +14,6 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from pipelines.takes.atomic_files import changing, read_json, validated, write_json
-from pipelines.takes.frame_numbers import FrameNumbers
 from pipelines.takes.take import Take
 from studio.edits.edit_list import CropBox, DetailMark, EditList, Floaters, Ground, Region, Trim, World
 from studio.errors import StudioError
@@ -167,6 +166,18 @@ def _write(path: Path, file: EditsFile) -> EditsFile:
     return file
 
 
+def no_frames_left(take: Take, trim: Trim, frames: Sequence[int]) -> StudioError:
+    """What to raise if a take has none of the frames that its trim keeps; `frames`: their numbers in the footage."""
+    return StudioError(
+        "edits.no_frames_left",
+        f"the take is trimmed to frames {trim.first} to {trim.last}, but it has frames {frames[0]} to {frames[-1]}",
+        file=take.edits,
+        value=[trim.first, trim.last],
+        fix="Set other frames with `v3studio edit trim`, or remove the trim with `v3studio edit remove trim`.",
+        expected=[frames[0], frames[-1]],
+    )
+
+
 PREFIX = "edits."
 """Of the names of parameters that are edits."""
 
@@ -210,17 +221,14 @@ def placed_world(edits: EditList, frame: Similarity) -> Similarity:
     return undone(frame, placed=edits.world is not None).after(edits.similarity)
 
 
-def describe(edits: EditList, frame: Similarity | None = None, numbers: FrameNumbers | None = None) -> dict[str, str]:
+def describe(edits: EditList, frame: Similarity | None = None) -> dict[str, str]:
     """What is edited, by name; a region counts as `regions 1`, `regions 2`, ..., a detail as `details 1`.
 
     Args:
         edits: of a take.
         frame: from `frame_of`: positions and sizes are in the world that the edits place, else in that of the cameras,
             as `v3studio edit` takes them. None: they are in the take's own frame.
-        numbers: by which frames are known; None: they are counted from 0 in the take, as `v3studio edit` takes them.
     """
-    if numbers is not None:
-        edits = _numbered(edits, numbers)
     placed = edits.similarity if frame is None else placed_world(edits, frame)
     if frame is not None and edits.world is not None:
         origin = frame.inverse.points(np.array(edits.world.origin)).tolist()
@@ -233,23 +241,6 @@ def describe(edits: EditList, frame: Similarity | None = None, numbers: FrameNum
         elif value is not None:
             found[name] = words_of(value, placed)
     return found
-
-
-def _numbered(edits: EditList, numbers: FrameNumbers) -> EditList:
-    """Edits whose frames have other numbers, for people."""
-
-    def pair(frames: tuple[int, int] | None) -> tuple[int, int] | None:
-        return None if frames is None else (numbers.number(frames[0]), numbers.number(frames[1]))
-
-    kept = None if edits.trim is None else pair((edits.trim.first, edits.trim.last))
-    return edits.with_(
-        trim=None if kept is None else Trim(first=kept[0], last=kept[1]),
-        regions=tuple(one.model_copy(update={"frames": pair(one.frames)}) for one in edits.regions),
-        details=tuple(
-            one.model_copy(update={"path": tuple((numbers.number(frame), place) for frame, place in one.path)})
-            for one in edits.details
-        ),
-    )
 
 
 def words_of(edit: Trim | CropBox | Ground | Floaters | Region | World | DetailMark, placed: Similarity) -> str:

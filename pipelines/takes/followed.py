@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from pipelines.takes.edited import of_two_trainings
 from pipelines.takes.frame_files import read_frame
+from pipelines.takes.frame_numbers import trained_groups, trained_numbers
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 
@@ -17,12 +18,12 @@ if TYPE_CHECKING:
     from studio.edits import DetailMark
 
 
-def followed(take: Take, frame: int, center: np.ndarray, radius: float, weight: float) -> DetailMark:
+def followed(take: Take, frame: int | None, center: np.ndarray, radius: float, weight: float) -> DetailMark:
     """A ball that is marked in a trained frame, with its path through all trained frames.
 
     Args:
         take: the take.
-        frame: counted from 0 in the take.
+        frame: its number in the footage; None: the first.
         center: (3,) its middle, world of the capture.
         radius: above 0, same units.
         weight: see `DetailMark`.
@@ -46,13 +47,15 @@ def followed(take: Take, frame: int, center: np.ndarray, radius: float, weight: 
             stage="train",
         )
 
-    if not 0 <= frame < len(files):
+    groups, numbers = trained_groups(take), trained_numbers(take)
+    index = 0 if frame is None else numbers.index(frame)
+    if index is None:
         raise StudioError(
             "edits.nothing_there",
             f"frame {frame} is not trained",
             file=take.root,
             value=frame,
-            fix=f"The trained frames are 0 to {len(files) - 1}.",
+            fix=f"The trained frames are {numbers.known[0]} to {numbers.known[-1]}.",
         )
 
     splats: dict[int, int] = {}  # by group
@@ -65,9 +68,8 @@ def followed(take: Take, frame: int, center: np.ndarray, radius: float, weight: 
             raise of_two_trainings(take, group)
         return found
 
-    groups = [range(start, end) for start, end in zip(starts, (*starts[1:], len(files)), strict=True)]
     try:
-        return follow(means_at, groups, frame, center, radius, weight)
+        found = follow(means_at, [group.indices for group in groups], index, center, radius, weight)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         raise StudioError(
@@ -78,3 +80,4 @@ def followed(take: Take, frame: int, center: np.ndarray, radius: float, weight: 
             fix="A weight is from 1 to 100, a radius above 0 and at most 1e9.",
             edit="details",
         ) from None
+    return found.model_copy(update={"path": tuple((numbers.number(at), place) for at, place in found.path)})

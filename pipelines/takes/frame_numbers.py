@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left
+from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 
 from pipelines.takes.atomic_files import read_model
+from pipelines.takes.groups import Group
 from pipelines.takes.stage_files import TrainedGroup
 from pipelines.takes.take import Take
 
@@ -36,18 +37,27 @@ class FrameNumbers:
         at = bisect_left(self.known, number)
         return at if at < len(self.known) and self.known[at] == number else None
 
+    def within(self, first: int, last: int) -> range:
+        """Indices of the frames whose numbers are from `first` to `last`; of the known ones if any are."""
+        if not self.known:
+            return range(first, last + 1)
+        return range(bisect_left(self.known, first), bisect_right(self.known, last))
 
-def trained_numbers(take: Take) -> FrameNumbers:
-    """Those of the trained frames.
+
+def trained_groups(take: Take) -> list[Group]:
+    """The groups of the trained frames, up to the first missing frame.
 
     Raises:
-        StudioError: a group's file is damaged.
+        StudioError: a group's file is missing or damaged (`take.file_not_found`, `take.damaged`).
     """
     files, starts = take.trained_files()
-    found: list[int] = []
-    for group in range(len(starts)):
-        path = take.train_group(group) / "group.json"
-        if not path.is_file():
-            return FrameNumbers()
-        found += read_model(path, TrainedGroup).frames
-    return FrameNumbers(tuple(found[: len(files)]))
+    found = []
+    for index, (start, end) in enumerate(zip(starts, (*starts[1:], len(files)), strict=True)):
+        frames = read_model(take.train_group(index) / "group.json", TrainedGroup).frames
+        found.append(Group(index, start, frames[: end - start]))
+    return found
+
+
+def trained_numbers(take: Take) -> FrameNumbers:
+    """Those of the trained frames. Raises StudioError as `trained_groups`."""
+    return FrameNumbers(tuple(frame for group in trained_groups(take) for frame in group.frames))

@@ -12,6 +12,7 @@ from pipelines.takes.take import Take
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
+    from pipelines.takes.frame_numbers import FrameNumbers
     from studio.cameras import Camera
     from studio.similarity import Similarity
     from studio.splat_video import SplatVideo
@@ -37,7 +38,8 @@ def trained_video(root: Path | str) -> SplatVideo:
     root = Path(root)
     from pipelines.config import load_config
     from pipelines.takes.edited import EditedGroup
-    from pipelines.takes.edits import read_edits
+    from pipelines.takes.edits import no_frames_left, read_edits
+    from pipelines.takes.frame_numbers import trained_groups, trained_numbers
     from studio.camera_files import read_rig
     from studio.edits.edit_list import UP
     from studio.own_frame import in_own_frame, own_frame, undone
@@ -62,11 +64,8 @@ def trained_video(root: Path | str) -> SplatVideo:
             fps = reader.fps
     edits = read_edits(take.edits)
     world, trim = edits.similarity, edits.trim
-    ends = (*starts[1:], len(files))
-    groups = [
-        EditedGroup(take, number, range(start, end), edits)
-        for number, (start, end) in enumerate(zip(starts, ends, strict=True))
-    ]
+    groups = [EditedGroup(take, group, edits) for group in trained_groups(take)]
+    numbers = trained_numbers(take)
     up = None if rig is None else world.directions(rig.up)
     if edits.world is not None and edits.world.up is not None:
         up = np.array(UP)
@@ -80,20 +79,15 @@ def trained_video(root: Path | str) -> SplatVideo:
         up=up,
         view=view if view is None or world.is_identity else world.camera(view),
         background=(background[0], background[1], background[2]),
+        numbers=numbers.known,
         original=Similarity() if given is None else undone(own_frame(given), placed=edits.world is not None),
     )
     if trim is None:
         return video
-    if trim.first >= len(files):
-        raise StudioError(
-            "edits.no_frames_left",
-            f"the take is trimmed to frames {trim.first} to {trim.last}, but trained up to frame {len(files) - 1}",
-            file=take.edits,
-            value=[trim.first, trim.last],
-            fix="Set other frames with `v3studio edit trim`, or remove the trim with `v3studio edit remove trim`.",
-            expected=[0, len(files) - 1],
-        )
-    return video.part(trim.first, min(trim.last + 1, len(files)))
+    kept = [frame for frame in numbers.known if trim.holds(frame)]
+    if not kept:
+        raise no_frames_left(take, trim, numbers.known)
+    return video.part(kept[0], kept[-1] + 1)
 
 
 def decoded_video(reader: StreamReader) -> SplatVideo:
@@ -156,6 +150,24 @@ def capture_place(reader: StreamReader) -> CapturePlace:
     from studio.stream import CapturePlace, StreamMetadata
 
     return StreamMetadata.from_json(reader.manifest.metadata).capture or CapturePlace()
+
+
+def stream_numbers(text: str, reader: StreamReader) -> FrameNumbers:
+    """The numbers of a stream's frames: those in the footage for the stream of a take, else they are counted from 0.
+
+    Args:
+        text: what was opened, see `open_reader`.
+        reader: of the stream.
+
+    Raises:
+        StudioError: a file of the take is damaged.
+    """
+    from pipelines.takes.frame_numbers import FrameNumbers, trained_numbers
+
+    if not is_take(text):
+        return FrameNumbers()
+    trained, first = trained_numbers(Take.open(Path(text).expanduser())), capture_place(reader).first_frame
+    return FrameNumbers(tuple(trained.number(first + index) for index in range(reader.frame_count)))
 
 
 def original_of(text: str) -> Similarity:

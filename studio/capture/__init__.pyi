@@ -6,6 +6,7 @@ from .open_footage import (
     held_out_cameras,
     open_footage,
     refuse_unknown_cameras,
+    suggested_held_out,
 )
 from .settings import CaptureSettings
 
@@ -20,4 +21,5 @@ __all__ = [
     "open_footage",
     "refuse_unknown_cameras",
     "rig_of_footage",
+    "suggested_held_out",
 ]

@@ -135,11 +135,17 @@ def _held_out_note(held_out: Sequence[str], names: Sequence[str]) -> str:
         return f"Held out: {', '.join(held_out)}."
     if len(names) < 2:
         return ""
-    some = names[_SUGGESTED_STEP - 1 :: _SUGGESTED_STEP] or names[-1:]
     return (
         "No camera is held out, so quality is measured on cameras of training. To measure new views: "
-        f"capture.held_out: {inline_yaml(list(some))}."
+        f"capture.held_out: {inline_yaml(list(suggested_held_out(names)))}."
     )
+
+
+def suggested_held_out(names: Sequence[str]) -> tuple[str, ...]:
+    """The cameras to hold out for evaluation if nothing else is known of them: every eighth of several."""
+    if len(names) < 2:
+        return ()
+    return tuple(names[_SUGGESTED_STEP - 1 :: _SUGGESTED_STEP] or names[-1:])
 
 
 def _with_masks(

@@ -49,10 +49,10 @@ class Trim(Edit):
     """The frames that are baked and exported."""
 
     first: int = Field(ge=0, le=10_000_000)
-    """In point: the first frame, counted from 0 in the take."""
+    """In point: number of the first frame in the footage."""
 
     last: int = Field(ge=0, le=10_000_000)
-    """Out point: the last frame."""
+    """Out point: that of the last frame."""
 
     @model_validator(mode="after")
     def _in_order(self) -> Trim:
@@ -60,10 +60,9 @@ class Trim(Edit):
             raise ValueError(f"the last frame, {self.last}, is before the first, {self.first}")
         return self
 
-    @property
-    def range(self) -> range:
-        """The frames."""
-        return range(self.first, self.last + 1)
+    def holds(self, frame: int) -> bool:
+        """Whether a frame is kept."""
+        return self.first <= frame <= self.last
 
 
 class CropBox(Edit):
@@ -213,11 +212,11 @@ class Region(Edit):
     """Greatest depth; None: no limit."""
 
     drawn: int | None = Field(default=None, ge=0, le=10_000_000)
-    """The frame on which it was drawn, counted from 0 in the take: of its group, the splats are removed that are inside
-    in this frame, wherever they move. None: no such frame."""
+    """The frame on which it was drawn, by its number in the footage: of its group, the splats are removed that are
+    inside in this frame, wherever they move. None: no such frame."""
 
     frames: tuple[int, int] | None = None
-    """First and last frame for which it holds, counted from 0 in the take; None: all. A splat lives as long as its
+    """Numbers in the footage of the first and last frame for which it holds; None: all. A splat lives as long as its
     group, so it is removed from the whole group."""
 
     @model_validator(mode="after")
@@ -227,7 +226,7 @@ class Region(Edit):
         if self.far is not None and self.far <= self.near:
             raise ValueError("far must be greater than near")
         if self.frames is not None and not 0 <= self.frames[0] <= self.frames[1]:
-            raise ValueError("frames must be a first and a last frame, counted from 0")
+            raise ValueError("frames must be a first and a last frame number")
         return self
 
 
@@ -246,7 +245,7 @@ class DetailMark(Edit):
     path: tuple[tuple[Annotated[int, Field(ge=0, le=10_000_000)], Vector], ...] = Field(
         min_length=1, max_length=100_000
     )
-    """Frames, counted from 0 in the take and ascending, and where the middle of the ball is in them. It moves straight
+    """Frame numbers in the footage, ascending, and where the middle of the ball is in these frames. It moves straight
     from one to the next, and stays before the first and after the last."""
 
     @model_validator(mode="after")
@@ -256,7 +255,7 @@ class DetailMark(Edit):
         return self
 
     def at(self, frame: int) -> np.ndarray:
-        """(3,) the middle of the ball in a frame, counted from 0 in the take."""
+        """(3,) the middle of the ball in a frame, by its number in the footage."""
         frames = [one for one, _ in self.path]
         places = np.array([place for _, place in self.path])
         return np.array([np.interp(frame, frames, places[:, axis]) for axis in range(3)])

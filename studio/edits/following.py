@@ -46,9 +46,8 @@ def follow(
     if number is None or not len(inside := _inside(means_at(frame), center, radius)):
         raise StudioError(
             "edits.nothing_there",
-            f"there are no splats within {radius:.4g} of ({', '.join(f'{value:.4g}' for value in center)}) in frame "
-            f"{frame}",
-            value=frame,
+            f"there are no splats within {radius:.4g} of ({', '.join(f'{value:.4g}' for value in center)}) in this "
+            "frame",
             fix="Mark a place on the performer, in a trained frame, or with a larger radius.",
         )
     path: Path = {frame: np.asarray(center, np.float64)}

@@ -7,7 +7,7 @@ which the edit holds. In the group in which a region was drawn, those inside in 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from itertools import pairwise, product
 
@@ -29,23 +29,23 @@ class Paths:
     """Where the splats of a group are, and how opaque.
 
     Attributes:
-        indices: the frames, counted from 0 in the take.
+        frames: their numbers in the footage.
         means: (F, N, 3) world units.
         opacities: (F, N), 0 to 1.
     """
 
-    indices: range
+    frames: Sequence[int]
     means: np.ndarray
     opacities: np.ndarray
 
     @classmethod
-    def of(cls, indices: range, frames: Iterable[Gaussians]) -> Paths:
-        """Of frames with the same splats in each; `frames` is iterated once."""
+    def of(cls, numbers: Sequence[int], frames: Iterable[Gaussians]) -> Paths:
+        """Of frames with the same splats in each, and with these numbers; `frames` is iterated once."""
         means, opacities = [], []
         for frame in frames:
             means.append(frame.means.detach().cpu().numpy())
             opacities.append(frame.opacities.detach().cpu().numpy().reshape(-1))
-        return cls(indices, np.stack(means), np.stack(opacities))
+        return cls(tuple(numbers), np.stack(means), np.stack(opacities))
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,12 +103,12 @@ def select(edits: EditList, paths: Paths) -> Selection:
 
 def in_region(region: Region, paths: Paths) -> np.ndarray:
     """(N,) bool: the splats of a group that a region removes."""
-    first, last = region.frames or (paths.indices[0], paths.indices[-1])
-    frames = [at for at, index in enumerate(paths.indices) if first <= index <= last]
+    first, last = region.frames or (paths.frames[0], paths.frames[-1])
+    frames = [at for at, number in enumerate(paths.frames) if first <= number <= last]
     if not frames:
         return np.zeros(paths.means.shape[1], bool)
-    if region.drawn is not None and region.drawn in paths.indices:
-        return _inside(region, paths.means[paths.indices.index(region.drawn)])
+    if region.drawn is not None and region.drawn in paths.frames:
+        return _inside(region, paths.means[paths.frames.index(region.drawn)])
     return _mostly(np.stack([_inside(region, paths.means[at]) for at in frames]))
 
 

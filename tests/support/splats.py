@@ -1,10 +1,13 @@
-"""The splats that the files in tests/data/splats were converted from, and checks of splats: drawn, and finite."""
+"""Splats of the files in tests/data/splats, checks of splats, and the file of a trained group."""
 
 from __future__ import annotations
 
 import numpy as np
 import torch
 
+from pipelines.takes.atomic_files import write_model
+from pipelines.takes.stage_files import TrainedGroup
+from pipelines.takes.take import Take
 from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize
 from tests.support.rigs import camera_at
@@ -42,3 +45,9 @@ def assert_drawable(splats: Gaussians) -> None:
         assert torch.isfinite(values).all(), name
     assert torch.isfinite(splats.log_scales.exp().square()).all()
     assert torch.allclose(splats.unit_quats.norm(dim=-1), torch.ones(len(splats)), atol=1e-3)
+
+
+def write_group(take: Take, group: int, frames: range) -> None:
+    """Write a trained group's group.json, for frames that have the same numbers in the take and in the footage."""
+    file = take.train_group(group) / "group.json"
+    write_model(file, TrainedGroup(group=group, first=frames[0], frames=tuple(frames), splats=1, sh_degree=0))

@@ -16,7 +16,7 @@ from gui.models.playback.stream_source import StreamSource
 from pipelines.takes.edited import EditedGroup
 from pipelines.takes.edits import read_edits
 from pipelines.takes.frame_files import read_frame
-from pipelines.takes.frame_numbers import FrameNumbers, trained_numbers
+from pipelines.takes.frame_numbers import FrameNumbers, trained_groups, trained_numbers
 from pipelines.takes.take import Take
 from pipelines.takes.videos import FALLBACK_FPS
 from studio.cameras import Camera, Rig
@@ -109,11 +109,8 @@ class TrainedSource:
         if not self._files:
             raise StudioError("take.not_trained", "no trained frames yet", file=take.root / "train", fix="Run Train.")
         self.frame_count = len(self._files)
-        edits, ends = read_edits(take.edits), (*starts[1:], self.frame_count)
-        self._groups = [
-            EditedGroup(take, number, range(start, end), edits)
-            for number, (start, end) in enumerate(zip(starts, ends, strict=True))
-        ]
+        edits = read_edits(take.edits)
+        self._groups = [EditedGroup(take, group, edits) for group in trained_groups(take)]
         self._cache = frame_cache()
 
     def gaussians(self, frame: int) -> Gaussians:

@@ -11,7 +11,6 @@ import numpy as np
 
 from gui.drawing.palette import ACCENT as HEAD
 from gui.drawing.palette import PANEL as BACKGROUND
-from studio.edits.edit_list import Trim
 
 TRACK = (66, 69, 74)
 TRACK_OTHER_GROUP = (80, 84, 90)
@@ -28,7 +27,7 @@ class Timeline:
         frame_count: at least 1.
         group_starts: first frame of each group; groups alternate between two shades.
         first, shown: the part that is shown, see `TimelineZoom`.
-        trim: the frames that are kept; None for all.
+        kept: the frames that are not trimmed off; None for all.
     """
 
     width: int
@@ -37,7 +36,7 @@ class Timeline:
     group_starts: Sequence[int] = (0,)
     first: float = 0.0
     shown: float | None = None
-    trim: Trim | None = None
+    kept: range | None = None
 
     def frame_at(self, x: float) -> int:
         """The frame under column x; clamped to the first and the last."""
@@ -61,9 +60,9 @@ class Timeline:
 
     def shade(self, pixels: np.ndarray) -> None:
         """Darken the columns of frames that are trimmed off in (rows, width, 3) pixels."""
-        if self.trim is None:
+        if self.kept is None:
             return
-        for columns in (slice(0, self.span(self.trim.first)[0]), slice(self.span(self.trim.last + 1)[0], None)):
+        for columns in (slice(0, self.span(self.kept.start)[0]), slice(self.span(self.kept.stop)[0], None)):
             pixels[:, columns] = (0.3 * pixels[:, columns] + 0.7 * np.array(BACKGROUND)).astype(np.uint8)
 
     def group_of(self, frame: int) -> int:

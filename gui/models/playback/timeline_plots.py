@@ -12,7 +12,6 @@ from gui.drawing.palette import ACCENT, BAD, DIM, FAIR, GROUND, LINE, PANEL, RAI
 from gui.models.playback.timeline import Timeline
 from pipelines.takes.frame_numbers import FrameNumbers
 from studio.comparison.metrics import FLICKER, MAIN
-from studio.edits.edit_list import Trim
 
 _STEPS = [digit * 10**zeros for zeros in range(9) for digit in (1, 2, 5)]
 """Distances of numbered frames."""
@@ -141,7 +140,7 @@ class TimelinePlots:
     Attributes:
         width, height: pixels.
         em: font size, pixels.
-        frame_count, group_starts, first, shown, trim: as in `Timeline`.
+        frame_count, group_starts, first, shown, kept: as in `Timeline`.
         strip: height of the strip of images above the plots, pixels; 0 for none.
         span: first and last frame of the selected span; None for none.
         fps: frame rate, for times beside the numbers of frames; 0 for none.
@@ -155,7 +154,7 @@ class TimelinePlots:
     group_starts: Sequence[int] = (0,)
     first: float = 0.0
     shown: float | None = None
-    trim: Trim | None = None
+    kept: range | None = None
     strip: int = 0
     span: tuple[int, int] | None = None
     fps: float = 0.0
@@ -181,7 +180,7 @@ class TimelinePlots:
         """Mapping of columns, counted from `left`, to frames."""
         width = max(self.width - self.left - self.right, 1)
         return Timeline(
-            width, self.track_height, self.frame_count, self.group_starts, self.first, self.shown, self.trim
+            width, self.track_height, self.frame_count, self.group_starts, self.first, self.shown, self.kept
         )
 
     def frame_at(self, x: float) -> int:

@@ -53,7 +53,7 @@ class ExportRequest(NamedTarget):
         title: name of the source; the default file name begins with it.
         folder: default output folder.
         of: "decoded" or "trained"; "" for a bare stream.
-        ranges: frames to choose from by label, counted from 0 in the take or stream; those of `ALL_FRAMES` are all.
+        ranges: frames to choose from by label, as `v3studio export --frames` takes them; those of `ALL_FRAMES` are all.
         frames: the chosen label.
         seconds, size, background: options of a movie; the last two from `MOVIE_SIZES` and `MOVIE_BACKGROUNDS`.
     """
@@ -175,7 +175,7 @@ class Exports:
             )  # fmt: skip
         arguments = ["export", *request.arguments()]
         keys = self._keys(request) if request.kind == "camera-path" else []
-        frames = _exported(request)
+        frames = request.chosen
         scratch = Path(tempfile.mkdtemp(prefix="v3studio-export-"))
         if keys:
             write_path_keys(keys, scratch / "path.json")
@@ -265,25 +265,10 @@ def _size_of(result: Mapping[str, JsonData]) -> str:
     return f"\n{size_words(size)} in {counted(files, 'file')}"
 
 
-def _exported(request: ExportRequest) -> range | None:
-    """The chosen frames, counted from 0 in what is exported; None for all."""
-    if request.chosen is None or not request.of:
-        return request.chosen
-    place, count = _place_of(request)
-    first, last = request.chosen[0] - place.first_frame, request.chosen[-1] - place.first_frame
-    if first < 0 or last >= count:
-        raise StudioError(
-            "export.frames_left_out",
-            f"{request.frames}: not all of these frames are in what is exported",
-            value=request.frames,
-            fix="Choose other frames, or change the trim in Edit.",
-        )
-    return range(first, last + 1)
-
-
 def _place_of(request: ExportRequest) -> tuple[CapturePlace, int]:
     """Where what `v3studio export` reads of a take lies in the take, and its number of frames."""
     from pipelines.takes.edits import read_edits
+    from pipelines.takes.frame_numbers import trained_numbers
     from pipelines.takes.take import Take
     from pipelines.takes.videos import capture_place, decoded_video, open_reader, trained_video
     from studio.stream import CapturePlace
@@ -293,7 +278,6 @@ def _place_of(request: ExportRequest) -> tuple[CapturePlace, int]:
             place, original = capture_place(reader), decoded_video(reader).original
             return CapturePlace(place.first_frame, original.after(place.world)), reader.frame_count
     root = Path(request.source)
-    edits = read_edits(Take.open(root).edits)
-    first = edits.trim.first if edits.trim is not None else 0
-    video = trained_video(root)
+    take, video = Take.open(root), trained_video(root)
+    first, edits = trained_numbers(take).index(video.number(0)) or 0, read_edits(take.edits)
     return CapturePlace(first, video.original.after(edits.similarity)), video.frame_count

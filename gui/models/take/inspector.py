@@ -85,7 +85,8 @@ def why_no_figures(player: PlayerPresenter) -> str:
         trim = player.context.edits.trim if player.context is not None else None
     except StudioError:  # reported where the edits are shown
         trim = None
-    return "Trimmed off." if trim is not None and player.frame not in trim.range else "Not evaluated yet."
+    number = player.transport.number(player.frame)
+    return "Trimmed off." if trim is not None and not trim.holds(number) else "Not evaluated yet."
 
 
 def span_block(player: PlayerPresenter, evaluation: Evaluation, camera: str, first: int, last: int) -> Block:

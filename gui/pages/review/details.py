@@ -30,7 +30,7 @@ def marked(take: Take, frame: int, view: Camera, means: np.ndarray, x: float, y:
 
     Args:
         take: with trained frames, through which the ball is followed.
-        frame: on screen, counted from 0 in the take.
+        frame: on screen, by its number in the footage.
         view: of the screen.
         means: (N, 3) splats that are seen.
         x, y: pixel.

@@ -9,6 +9,8 @@ import numpy as np
 from gui.pages.review.tools import FLOATERS
 from pipelines.takes.edited import edits_of_group, read_paths
 from pipelines.takes.frame_files import read_frame
+from pipelines.takes.frame_numbers import trained_groups
+from pipelines.takes.groups import Group
 from pipelines.takes.take import Take
 from studio.edits.edit_list import EditList, Floaters
 from studio.edits.selection import Paths, Selection, select
@@ -26,16 +28,14 @@ class EditedFrame:
     """See the module. For one thread.
 
     Attributes:
-        number: the frame, counted from 0.
-        group: its group, counted from 0.
-        indices: frames of the group.
+        at: its place in the group.
+        group: its group.
         gaussians: N splats of the frame.
         paths: of the group.
     """
 
-    number: int
-    group: int
-    indices: range
+    at: int
+    group: Group
     gaussians: Gaussians
     paths: Paths
 
@@ -57,20 +57,22 @@ class EditedFrame:
         files, starts = take.trained_files() if take is not None else ([], ())
         if take is None or not files:
             raise StudioError("take.not_trained", "there is nothing to edit yet", fix="Run Train.")
-        self.number = min(frame, len(files) - 1)
-        self.group = bisect_right(starts, self.number) - 1
-        self.indices = range(starts[self.group], (*starts[1:], len(files))[self.group])
-        key = (take.root, self.group, self.indices, files[self.indices[0]].stat().st_mtime_ns)
+        index = min(frame, len(files) - 1)
+        number = bisect_right(starts, index) - 1
+        start, end = starts[number], (*starts[1:], len(files))[number]
+        key = (take.root, number, start, end, files[start].stat().st_mtime_ns)
         if self._paths_of != key:
-            self.paths = read_paths(take, self.group, self.indices)
+            self.group = trained_groups(take)[number]
+            self.paths = read_paths(take, self.group)
             self._paths_of, self._selections = key, {}
-        if self._frame_of != (key, self.number):
-            self.gaussians = read_frame(files[self.number])
-            self._frame_of = (key, self.number)
+        self.at = index - start
+        if self._frame_of != (key, index):
+            self.gaussians = read_frame(files[index])
+            self._frame_of = (key, index)
 
     def selection(self, edits: EditList) -> Selection:
         """What edits of the take remove of the group."""
-        edits = edits_of_group(edits, self.indices)
+        edits = edits_of_group(edits, self.group)
         if edits not in self._selections:
             while len(self._selections) >= KEPT:
                 self._selections.pop(next(iter(self._selections)))
@@ -87,9 +89,8 @@ class EditedFrame:
 
     def seen(self, removed: np.ndarray) -> np.ndarray:
         """(M, 3) float64: the frame's splats that can be seen, without the removed (N,) ones."""
-        at = self.indices.index(self.number)
-        visible = ~removed & (self.paths.opacities[at] > SEEN)
+        visible = ~removed & (self.paths.opacities[self.at] > SEEN)
         if not visible.any():
             visible = ~removed
-        found: np.ndarray = self.paths.means[at][visible].astype(np.float64)
+        found: np.ndarray = self.paths.means[self.at][visible].astype(np.float64)
         return found

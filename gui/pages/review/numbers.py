@@ -28,14 +28,13 @@ TITLES = {
 }
 
 
-def fields_of(edits: EditList, kind: str, up: np.ndarray, frames: FrameNumbers) -> list[Field]:
+def fields_of(edits: EditList, kind: str, up: np.ndarray) -> list[Field]:
     """Key, label and text of each number of an edit.
 
     Args:
         edits: of the take, with what is selected.
         kind: a key of `TITLES`.
         up: (3,) unit vector: up in the world of the capture.
-        frames: numbers of the take's frames.
     """
     world = edits.similarity
     if kind == "crop":
@@ -74,8 +73,8 @@ def fields_of(edits: EditList, kind: str, up: np.ndarray, frames: FrameNumbers) 
         ]
     trim = edits.trim
     return [
-        ("first", "In point", "" if trim is None else str(frames.number(trim.first))),
-        ("last", "Out point", "" if trim is None else str(frames.number(trim.last))),
+        ("first", "In point", "" if trim is None else str(trim.first)),
+        ("last", "Out point", "" if trim is None else str(trim.last)),
     ]
 
 
@@ -101,7 +100,8 @@ def with_numbers(
     """The edits with what was typed into the fields; a sentence if it makes no sense.
 
     Args:
-        edits, kind, up, frames: as for `fields_of`.
+        edits, kind, up: as for `fields_of`.
+        frames: numbers of the take's frames.
         texts: by key.
     """
     try:
@@ -125,8 +125,8 @@ def _with_numbers(edits: EditList, kind: str, texts: dict[str, str], up: np.ndar
         box = edits.crop
         if (
             box is not None
-            and fields_of(edits, kind, up, frames)[0][2] == texts["low"]
-            and (fields_of(edits, kind, up, frames)[1][2] == texts["high"])
+            and fields_of(edits, kind, up)[0][2] == texts["low"]
+            and (fields_of(edits, kind, up)[1][2] == texts["high"])
         ):
             return edits  # a turned box has no such corners
         return edits.with_(
@@ -154,15 +154,14 @@ def _with_numbers(edits: EditList, kind: str, texts: dict[str, str], up: np.ndar
         }
         world = World.model_validate(placed)
         return edits.with_(world=None if world == World() else world)
-    first, last = (_index(_number(texts[key], key), frames) for key in ("first", "last"))
+    first, last = (_frame(_number(texts[key], key), frames) for key in ("first", "last"))
     return edits.with_(trim=Trim(first=first, last=last))
 
 
-def _index(number: float, frames: FrameNumbers) -> int:
-    index = frames.index(int(number)) if number.is_integer() else None
-    if index is None:
+def _frame(number: float, frames: FrameNumbers) -> int:
+    if not number.is_integer() or frames.index(int(number)) is None:
         raise ValueError(f"the take has no frame {number:g}")
-    return index
+    return int(number)
 
 
 def _with_detail(edits: EditList, texts: dict[str, str]) -> EditList:

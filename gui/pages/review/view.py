@@ -207,7 +207,7 @@ class EditView(OrbitView):
             self._refuse("Nothing is selected in this group. Select splats first.")
             return
         *starts, count = self._group_ends()
-        drawn = edits.regions[-1].drawn or 0
+        drawn = self.numbers.index(edits.regions[-1].drawn or 0) or 0
         group = bisect_right(starts, drawn) - 1
         if len(starts) == 1:
             self.remove_selected(None)
@@ -220,7 +220,8 @@ class EditView(OrbitView):
         """Remove what a lasso or the brush has selected.
 
         Args:
-            frames: the first and the last frame in which it is removed, always from whole groups; None: in all.
+            frames: numbers of the first and the last frame in which it is removed, always from whole groups; None: in
+                all.
         """
         edits = self.pending
         if edits is None:
@@ -242,16 +243,13 @@ class EditView(OrbitView):
             self.refusal.emit(why)
 
     def _trim(self, key: str) -> None:
-        edits, last = self.edits, max(self._trained_count() - 1, 0)
-        now = edits.trim or Trim(first=0, last=last)
-        first, end = (self.frame, now.last) if key == "in" else (now.first, self.frame)
-        if first > end:
-            first, end = (first, last) if key == "in" else (0, end)
-        whole = (first, end) == (0, last)
-        self.commit(
-            edits.with_(trim=None if whole else Trim(first=first, last=end)),
-            f"trim to frames {self.numbers.number(first)} to {self.numbers.number(end)}",
-        )
+        whole = Trim(first=self.numbers.number(0), last=self.numbers.number(max(self._trained_count() - 1, 0)))
+        frame, now = self.numbers.number(self.frame), self.edits.trim or whole
+        first, last = (frame, now.last) if key == "in" else (now.first, frame)
+        if first > last:
+            first, last = (first, whole.last) if key == "in" else (whole.first, last)
+        trim = Trim(first=first, last=last)
+        self.commit(self.edits.with_(trim=None if trim == whole else trim), f"trim to frames {first} to {last}")
 
     def set_scale(self, start: np.ndarray, end: np.ndarray, distance: float) -> bool:
         """Scale the world so that two points are `distance` apart; returns whether that was possible."""
@@ -333,11 +331,11 @@ class EditView(OrbitView):
         edits, points = self.edits, stroke.points
         if len(points) < (3 if stroke.radius is None else 1):
             return
-        points = points[:: -(-len(points) // MOST_POINTS)]
+        points, number = points[:: -(-len(points) // MOST_POINTS)], self.numbers.number(self.frame)
         try:
             region = Region(
-                view=RegionView.of(self._view()), outline=points, radius=stroke.radius, drawn=self.frame,
-                frames=(self.frame,) * 2,
+                view=RegionView.of(self._view()), outline=points, radius=stroke.radius, drawn=number,
+                frames=(number, number),
             )  # fmt: skip
             self.pending = edits.with_(regions=(*edits.regions, region))
         except ValueError:
@@ -377,7 +375,8 @@ class EditView(OrbitView):
         if take is None:
             return
         try:
-            mark = marked(take, min(self.frame, max(self._trained_count() - 1, 0)), self._view(), self._seen, x, y)
+            frame = min(self.frame, max(self._trained_count() - 1, 0))
+            mark = marked(take, self.numbers.number(frame), self._view(), self._seen, x, y)
             if mark is None:
                 self._refuse(NOBODY)
                 return
@@ -402,7 +401,8 @@ class EditView(OrbitView):
         if self.tool == "ground" and edits.ground is not None and len(self._seen):
             return [ground_handle(edits.ground, np.median(self._seen, axis=0))]
         if self.tool == "detail":
-            return [one for one in detail_handles(edits, self.frame, self.up) if one.movable(self._view())]
+            found = detail_handles(edits, self.numbers.number(self.frame), self.up)
+            return [one for one in found if one.movable(self._view())]
         return []
 
     def _trained_count(self) -> int:
@@ -467,8 +467,7 @@ class EditView(OrbitView):
         shown = picture.colored(edited.gaussians, removed, selected, state.show_removed)
         splats = draw_layer(shown, view)
         canvas.pixels = picture.over(splats, BACKGROUNDS[state.background])
-        at = edited.indices.index(edited.number)
-        picture.draw_selected(canvas, view, edited.paths.means[at][selected])
+        picture.draw_selected(canvas, view, edited.paths.means[edited.at][selected])
         self._draw_over(canvas, view, state, splats)
         if state.tool == "floaters":
             limits = (state.pending or state.edits).floaters
@@ -483,9 +482,10 @@ class EditView(OrbitView):
         """Write what is kept, and what to do next."""
         edited, size = self._edited, round(0.9 * state.em)
         trim, total = state.edits.trim, len(edited.gaussians)
-        outside = "   trimmed off" if trim is not None and edited.number not in trim.range else ""
+        number = edited.paths.frames[edited.at]
+        outside = "   trimmed off" if trim is not None and not trim.holds(number) else ""
         kept = total - self.counts["removed"]
-        words = f"group {edited.group}: {kept:,} of {counted(total, 'splat')} kept{outside}"
+        words = f"group {edited.group.index}: {kept:,} of {counted(total, 'splat')} kept{outside}"
         compare.label(canvas, 0.6 * state.em, 0.6 * state.em, words, size=size)
         pending, selected, back = state.pending, self.counts["selected"], self.counts["back"]
         floaters = pending.floaters if pending is not None else None
@@ -506,7 +506,7 @@ class EditView(OrbitView):
         if edits.crop is not None:
             picture.draw_lines(canvas, view, picture.box_lines(edits.crop, state.tool == "crop"), splats)
         for mark in edits.details:
-            draw_detail(canvas, view, mark, state.frame, state.tool == "detail")
+            draw_detail(canvas, view, mark, self._edited.paths.frames[self._edited.at], state.tool == "detail")
         if edits.world is not None or state.tool in ("origin", "up", "scale"):
             picture.draw_world(canvas, view, edits, 0.25 * reach)
         picture.draw_clicks(canvas, view, state.clicks)
@@ -516,7 +516,7 @@ class EditView(OrbitView):
 
     @property
     def status(self) -> str:
-        found = describe(self.edits, numbers=self.numbers)
+        found = describe(self.edits)
         if not found:
             return "No edits. They change what is baked and exported."
         # in a narrow window, more would not fit; List shows all

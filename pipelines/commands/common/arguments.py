@@ -18,7 +18,7 @@ SETTINGS_NOTE = """settings:
 """
 
 
-ALL_FRAMES = (0, None, 1)
+ALL_FRAMES = (None, None, 1)
 """What `frame_range` returns for ":"."""
 
 
@@ -145,17 +145,16 @@ def add_json(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print events as JSON lines; the last one has the result")
 
 
-def frame_range(text: str) -> tuple[int, int | None, int]:
+def frame_range(text: str) -> tuple[int | None, int | None, int]:
     """The type of frame ranges: "A:B", "A:B:S" or parts of it, frames A to B - 1 in steps of S, as in Python.
 
     Returns:
-        first frame, frame to stop before (None: the end), and step.
+        as `parse_frame_range`.
     """
     try:
-        start, stop, step = parse_frame_range(text)
+        return parse_frame_range(text)
     except ValueError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
-    return start or 0, stop, step
 
 
 def add_frames(parser: argparse.ArgumentParser, text: str) -> None:
@@ -165,7 +164,7 @@ def add_frames(parser: argparse.ArgumentParser, text: str) -> None:
         type=frame_range,
         default=ALL_FRAMES,
         metavar="A:B[:S]",
-        help=f"{text}: A to B - 1 in steps of S, counted from 0",
+        help=f"{text}: A to B - 1, or every Sth of them, by their numbers in the footage (of a stream: counted from 0)",
     )
 
 

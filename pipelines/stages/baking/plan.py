@@ -13,13 +13,13 @@ from pipelines.stages.inputs import Inputs
 from pipelines.stages.params import Params, key_of, settings_affecting
 from pipelines.takes.atomic_files import digest_of_file, read_model
 from pipelines.takes.edited import EditedGroup, edits_of_group
-from pipelines.takes.edits import edit_params
+from pipelines.takes.edits import edit_params, no_frames_left
+from pipelines.takes.frame_numbers import FrameNumbers
 from pipelines.takes.groups import Group
 from pipelines.takes.records import result_of
 from pipelines.takes.stage_files import BakedGroupNote
 from pipelines.takes.take import group_name
 from studio.edits.edit_list import Trim
-from studio.errors import StudioError
 
 if TYPE_CHECKING:
     from studio.cameras import Camera
@@ -52,9 +52,12 @@ class Part:
 def parts_of(groups: Sequence[Group], first_size: int | None, trim: Trim | None = None) -> tuple[Part, ...]:
     """The stream's groups: those of the take within its trim, the first one cut after `first_size` frames if it is
     longer."""
-    start, stop = (trim.first, trim.last + 1) if trim is not None else (0, groups[-1].indices[-1] + 1)
-    kept = [(group, range(max(group.first, start), min(group.indices[-1] + 1, stop))) for group in groups]
-    ranges = [(group, indices) for group, indices in kept if indices]
+    kept = range(groups[-1].indices[-1] + 1)
+    if trim is not None:
+        kept = FrameNumbers(tuple(frame for group in groups for frame in group.frames)).within(trim.first, trim.last)
+    start, stop = kept.start, kept.stop
+    within = [(group, range(max(group.first, start), min(group.indices[-1] + 1, stop))) for group in groups]
+    ranges = [(group, indices) for group, indices in within if indices]
     if first_size is not None and ranges and len(ranges[0][1]) > first_size:
         group, whole = ranges[0]
         ranges[:1] = [(group, whole[:first_size]), (group, whole[first_size:])]
@@ -70,15 +73,7 @@ def planned_parts(inputs: Inputs) -> tuple[Part, ...]:
     trim = inputs.edits.trim
     found = parts_of(inputs.groups, inputs.config.bake.first_group_size, trim)
     if not found and trim is not None:
-        last = len(inputs.footage.raw.frames) - 1
-        raise StudioError(
-            "edits.no_frames_left",
-            f"the take is trimmed to frames {trim.first} to {trim.last}, but it has frames 0 to {last}",
-            file=inputs.take.edits,
-            value=[trim.first, trim.last],
-            fix="Set other frames with `v3studio edit trim`, or remove the trim with `v3studio edit remove trim`.",
-            expected=[0, last],
-        )
+        raise no_frames_left(inputs.take, trim, inputs.footage.raw.frames)
     return found
 
 
@@ -90,7 +85,7 @@ def baked_frames(inputs: Inputs) -> range:
 
 def edited_group(inputs: Inputs, part: Part) -> EditedGroup:
     """The trained group of a part, with the take's edits."""
-    return EditedGroup(inputs.take, part.trained.index, part.trained.indices, inputs.edits)
+    return EditedGroup(inputs.take, part.trained, inputs.edits)
 
 
 def stream_cameras(inputs: Inputs) -> list[Camera]:
@@ -165,7 +160,7 @@ class BakePlan:
     def key(self, part: Part, known: Mapping[Path, str] | None = None) -> str:
         """Digest of everything that a part is made from; `known` as for `baked`."""
         inputs, trained = self.inputs, part.trained
-        edits = edits_of_group(inputs.edits, trained.indices)
+        edits = edits_of_group(inputs.edits, trained)
         frames = [inputs.take.trained_frame(trained.index, index) for index in part.indices]
         if edits.removes:
             frames += [inputs.take.trained_frame(trained.index, index) for index in trained.indices]
@@ -182,7 +177,7 @@ class BakePlan:
     def frames_needed(self, part: Part) -> int:
         """Number of trained frames of its group without which a part cannot be baked. All, where splats are removed,
         since all frames decide which, and where splats are fine-tuned, on frames of the whole group."""
-        removes = edits_of_group(self.inputs.edits, part.trained.indices).removes
+        removes = edits_of_group(self.inputs.edits, part.trained).removes
         whole = removes or finetuned_rungs(self.inputs.config)
         return len(part.trained.indices) if whole else part.indices[-1] + 1 - part.trained.first
 

@@ -66,7 +66,7 @@ def _sound(inputs: Inputs, plan: BakePlan, reporter: StageReporter) -> AudioEntr
     if footage.sound is None:
         return None
     trim = inputs.edits.trim
-    frames = footage.frames if trim is None else footage.frames[trim.first : trim.last + 1]
+    frames = tuple(frame for frame in footage.frames if trim is None or trim.holds(frame))
     cut = footage.sound.cut(frames, footage.spec.frame_range[2])
     audio = bake_sound(cut, plan.folder)
     for seconds, where in ((cut.missing_before, "begins"), (cut.missing_after, "ends")):

@@ -120,7 +120,7 @@ class RungTraining:
         resume = read_tensors(checkpoint, key)
         if resume is not None:
             reporter.log(f"group {group.index}: resuming {rung.kept} at step {int(resume['done'])}")
-        unedited = EditedFrames(EditedGroup(inputs.take, group.index, group.indices, EditList()), group.indices)
+        unedited = EditedFrames(EditedGroup(inputs.take, group, EditList()), group.indices)
         footage = inputs.footage.trained
         cameras = [footage.rig[name] for name in footage.train_cameras]
         contribution = rendered_contribution(unedited, cameras, inputs.device, reporter.check)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import signal
 from dataclasses import replace
@@ -25,6 +26,7 @@ from studio.formats.camera_path import Key, look_at, write_path_keys
 from studio.gaussians import Gaussians
 from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
 from tests.support.events import events_in
+from tests.support.splats import write_group
 
 CENTER = np.array([0.2, 0.1, 0.3])
 
@@ -58,6 +60,7 @@ def take(tmp_path_factory: pytest.TempPathFactory) -> Path:
         frames = [body(index, splats) for index in range(first, first + count)]
         for index, frame in enumerate(frames, first):
             write_frame(take.trained_frame(group, index), frame, FrameMetadata())
+        write_group(take, group, range(first, first + count))
         entries.append(bake_group(frames, take.stream, group, first, settings))
     metadata = {"suggested_camera": RIG["side"].to_dict(), "up": [0.0, 0.0, 1.0], "background": [1.0, 0.0, 0.0]}
     write_manifest(take.stream, entries, 12.5, settings, metadata)
@@ -248,6 +251,23 @@ def test_a_trimmed_take_of_which_a_part_is_trained(take, tmp_path):
     video = trained_video(whole)
     assert (video.frame_count, video.group_starts) == (3, (0, 2))
     assert torch.equal(video.read(2).means, body(3, 75).means)
+
+
+def test_frames_have_their_numbers_in_the_footage(here, take, tmp_path):
+    whole = Path(shutil.copytree(take, tmp_path / "take"))
+    for path in sorted((whole / "train").glob("group_*/group.json")):
+        values = json.loads(path.read_text())
+        path.write_text(json.dumps(values | {"frames": [60 + 2 * frame for frame in values["frames"]]}))
+    options = ("--format", "ply", "--frames", "62:66")
+    for of in ("trained", "decoded"):
+        assert here("export", whole, "--of", of, *options, "--out", tmp_path / of).returncode == 0
+        assert sorted(path.name for path in (tmp_path / of).iterdir()) == ["frame_0062.ply", "frame_0064.ply"]
+    change_edits(whole / "edits.json", EditList(trim=Trim(first=63, last=67)), "trim")
+    video = trained_video(whole)
+    assert (video.frame_count, video.number(0), video.number(1)) == (2, 64, 66)
+    assert torch.equal(video.read(0).means, trained_video(take).read(2).means)
+    before = here("export", whole, "--of", "trained", *options, "--out", tmp_path / "early")
+    assert (before.returncode, "64 to 66" in before.stderr) == (1, True)
 
 
 def test_no_stream_yet_is_a_sentence_with_both_ways_out(here, take, tmp_path):

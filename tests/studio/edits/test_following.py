@@ -46,7 +46,7 @@ def test_it_is_not_followed_where_nothing_is_left() -> None:
 
 
 def test_a_ball_around_nothing_is_refused() -> None:
-    with refuses("edits.nothing_there", value=3):
+    with refuses("edits.nothing_there"):
         follow(head_and_body, GROUPS, 3, np.array([9.0, 9.0, 9.0]), 0.1, 2.0)
     with refuses("edits.nothing_there"):
         follow(head_and_body, GROUPS, 20, place(3), 0.1, 2.0)

@@ -29,6 +29,7 @@ from studio.stream import StreamReader
 from tests.support.errors import refuses
 from tests.support.looping import heard
 from tests.support.players import settle
+from tests.support.splats import write_group
 from tests.support.streams import group_files
 from tests.support.waiting import wait_until
 
@@ -220,6 +221,8 @@ def make_take(root: Path, frames: int, stream: Path | None = None) -> Take:
             torch.zeros(50, 1, 3),
         )
         save_file(splats.state_dict(), path)
+        first = index - index % 8
+        write_group(take, index // 8, range(first, min(first + 8, frames)))
     pose = np.array([[1, 0, 0, 0], [0, 0, -1, 0.9], [0, 1, 0, 4], [0, 0, 0, 1]], dtype=float)
     camera = Camera("front", 640, 360, np.array([[500.0, 0, 320], [0, 500, 180], [0, 0, 1]]), pose)
     take.rig.parent.mkdir(exist_ok=True)

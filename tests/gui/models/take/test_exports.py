@@ -20,7 +20,7 @@ from studio.formats.ply import read as read_ply
 from studio.stream import CapturePlace, StreamReader
 from tests.support.errors import refuses
 from tests.support.looping import wait_in_loop
-from tests.support.splats import converted_splats
+from tests.support.splats import converted_splats, write_group
 from tests.support.streams import bake_numbered, set_capture
 
 
@@ -89,6 +89,7 @@ def test_views_of_a_trimmed_and_placed_take_become_those_of_what_is_exported(
         splats = converted_splats(0)
         for frame in range(9):
             write_frame(take.trained_frame(0, frame), splats, FrameMetadata())
+        write_group(take, 0, range(9))
         change_edits(take.edits, EditList(trim=Trim(first=2, last=7), world=world), "trim")
     exports, chosen = Exports(), request("camera-path", take.root, tmp_path / "out.mp4")
     chosen.of = of

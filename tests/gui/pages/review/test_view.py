@@ -319,7 +319,7 @@ def test_numbers_in_fields_say_what_is_there_and_set_it() -> None:
     ):
         new = with_numbers(edits, kind, texts, up, FrameNumbers())
         assert isinstance(new, EditList)
-        assert {key: text for key, _, text in fields_of(new, kind, up, FrameNumbers())} == texts
+        assert {key: text for key, _, text in fields_of(new, kind, up)} == texts
         assert with_numbers(new, kind, dict.fromkeys(texts, ""), up, FrameNumbers()).model_dump()[kind] is None
     box = with_numbers(edits, "crop", {"low": "-1 0 -1", "high": "1 3.5 1"}, up, FrameNumbers()).crop
     assert box.holds(np.array([[0, 0, 1.1], [0, 0, 2.7], [0, 0, 2.8]])).tolist() == [True, True, False]

@@ -1,0 +1,126 @@
+"""What there is in a folder of footage, before there is a take: for `v3studio init` and the window's dialog."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pipelines.stages.camera_file import camera_file, camera_file_text
+from studio.capture import CaptureSettings, Footage, find_cameras, open_footage, suggested_held_out
+from studio.errors import Message, StudioError
+from studio.masks.mask_files import FileMaskSource
+from studio.progress import ProgressFn, no_progress
+from studio.storage import is_address
+
+STRIP = 10
+"""Most frames of the strip of frames."""
+
+THUMBNAIL = 96
+"""Height of a thumbnail, pixels."""
+
+BACKGROUND = 0.35
+"""Brightness of what is not in the mask, where there are mask files."""
+
+
+@dataclass(frozen=True, eq=False)
+class Inspection:
+    """See the module.
+
+    Attributes:
+        lines: what was found, one sentence each.
+        problems: what is wrong with it.
+        rigs: calibration files to choose from with `capture.rig`; empty if there is one, or none.
+        cameras: names of all cameras, also of those that are not used.
+        unmasked: those without mask files, although others have them.
+        suggested: cameras to hold out for evaluation, unless some are.
+        frames: numbers of the frames that all cameras have.
+        filmed_fps: frames per second that the files give; None if they give none.
+        thumbnails: (H, W, 3) uint8 RGB of the first frame by camera, darker outside of the mask; empty for footage in
+            object storage, which would have to be copied.
+        strip: the same of some frames of one camera, by their number.
+    """
+
+    lines: tuple[str, ...] = ()
+    problems: tuple[Message, ...] = ()
+    rigs: tuple[str, ...] = ()
+    cameras: tuple[str, ...] = ()
+    unmasked: tuple[str, ...] = ()
+    suggested: tuple[str, ...] = ()
+    frames: tuple[int, ...] = ()
+    filmed_fps: float | None = None
+    thumbnails: dict[str, np.ndarray] = field(default_factory=dict)
+    strip: dict[int, np.ndarray] = field(default_factory=dict)
+
+
+def inspect(capture: CaptureSettings, progress: ProgressFn | None = None) -> Inspection:
+    """Look at footage.
+
+    Args:
+        capture: where it is and how to read it.
+        progress: called with images read for thumbnails and all of them; may raise `Cancelled`. None: no thumbnails.
+
+    Raises:
+        StudioError: it cannot be opened, as in `open_footage`.
+    """
+    footage = open_footage(capture, None, strict=False)
+    try:
+        return _found(capture, footage, progress)
+    finally:
+        footage.close()
+
+
+def _found(capture: CaptureSettings, footage: Footage, progress: ProgressFn | None) -> Inspection:
+    rigs: Sequence[str] = ()
+    try:
+        camera_file(footage.spec)
+    except StudioError as error:
+        rigs = error.message.fields.get("found", ())
+    masks = footage.mask_source
+    masked = masks.cameras if isinstance(masks, FileMaskSource) else footage.camera_names
+    cameras = find_cameras(capture)
+    shown = progress is not None and not is_address(capture.root)
+    thumbnails, strip = _images(footage, progress or no_progress) if shown else ({}, {})
+    return Inspection(
+        lines=(*footage.description.splitlines(), *camera_file_text(footage).splitlines()),
+        problems=(*footage.problems, *footage.warnings),
+        rigs=tuple(rigs),
+        cameras=cameras,
+        unmasked=tuple(name for name in cameras if name not in masked),
+        suggested=() if footage.held_out_cameras else suggested_held_out(footage.camera_names),
+        frames=footage.frames,
+        filmed_fps=footage.filmed_fps,
+        thumbnails=thumbnails,
+        strip=strip,
+    )
+
+
+def _images(footage: Footage, progress: ProgressFn) -> tuple[dict[str, np.ndarray], dict[int, np.ndarray]]:
+    at = np.unique(np.linspace(0, len(footage.frames) - 1, min(STRIP, len(footage.frames))).round().astype(int))
+    strip = [footage.frames[index] for index in at]
+    wanted = [(name, footage.frames[0]) for name in footage.camera_names]
+    middle = footage.camera_names[len(footage.camera_names) // 2]
+    wanted += [(middle, frame) for frame in strip]
+    images = []
+    for number, (camera, frame) in enumerate(wanted):
+        progress(number, len(wanted))
+        images.append(_thumbnail(footage, camera, frame))
+    count = len(footage.camera_names)
+    found = {name: image for (name, _), image in zip(wanted, images[:count], strict=False) if image is not None}
+    return found, {frame: image for frame, image in zip(strip, images[count:], strict=True) if image is not None}
+
+
+def _thumbnail(footage: Footage, camera: str, frame: int) -> np.ndarray | None:
+    """None for an image that cannot be read, which the check of the footage reports."""
+    import cv2
+
+    try:
+        image = footage.raw_image(camera, frame)
+        if isinstance(footage.mask_source, FileMaskSource) and camera in footage.mask_source.cameras:
+            mask = footage.raw_mask(camera, frame)
+            image = np.where(mask[..., None] > 127, image, BACKGROUND * image).astype(np.uint8)
+    except StudioError:
+        return None
+    width = max(round(THUMBNAIL * image.shape[1] / image.shape[0]), 1)
+    return np.ascontiguousarray(cv2.resize(image, (width, THUMBNAIL), interpolation=cv2.INTER_AREA))
