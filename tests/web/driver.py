@@ -18,6 +18,7 @@ PATIENCE = 120_000  # milliseconds; the machine may be busy
 TYPES = {
     ".html": "text/html",
     ".js": "text/javascript",
+    ".mjs": "text/javascript",
     ".json": "application/json",
     ".mp4": "video/mp4",
     ".m4a": "audio/mp4",

@@ -196,9 +196,8 @@ def test_a_paused_picture_is_sorted_for_the_view(page):
     page.evaluate(
         """() => {
           const {engine} = document.querySelector('v3-player');
-          const receive = engine.receive.bind(engine);
           window.orders = [];
-          engine.receive = message => { if (message.type === 'order') orders.push(message.frame); receive(message); };
+          engine.stream.on('order', ({frame}) => orders.push(frame));
         }"""
     )
     page.call("setView", {"azimuth": 150})

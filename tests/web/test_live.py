@@ -110,7 +110,7 @@ def test_a_stream_that_is_baked_again_during_playback(site, baked, open_page):
     page.handle.wait_for_timeout(1500)  # in which the others would have been tried
     assert page.seen("notice") == []
     assert len(page.seen("updated")) == 1
-    assert page.evaluate("() => document.querySelector('v3-player').engine.leftOut.size") == 0
+    assert page.evaluate("() => document.querySelector('v3-player').engine.stream.leftOut.size") == 0
     assert not page.handle.locator("v3-player .spinner").is_visible()
     page.call("setSpeed", 1)
     page.evaluate("() => { window.seen.time = []; window.seen.ready = []; }")

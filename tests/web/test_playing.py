@@ -227,7 +227,7 @@ def test_without_webcodecs_on_an_insecure_page(site, stream, open_page):
     page = open_page("?t=0", host="player.test")
     engine = page.evaluate(
         """() => { const e = document.querySelector("v3-player").engine;
-          return [isSecureContext, e.path, e.info.checksums]; }"""
+          return [isSecureContext, e.stream.path, e.info.checksums]; }"""
     )
     assert engine == [False, "video", False]
     page.call("play")

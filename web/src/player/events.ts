@@ -32,23 +32,3 @@ export interface PlayerEvents {
   /** Nothing can be played. */
   failed: string;
 }
-
-type Handler<T> = (value: T) => void;
-
-export class Emitter {
-  private readonly handlers = new Map<keyof PlayerEvents, Set<Handler<never>>>();
-
-  on<K extends keyof PlayerEvents>(event: K, handler: Handler<PlayerEvents[K]>): void {
-    let set = this.handlers.get(event);
-    if (set === undefined) this.handlers.set(event, (set = new Set()));
-    set.add(handler);
-  }
-
-  protected emit<K extends keyof PlayerEvents>(event: K, value: PlayerEvents[K]): void {
-    for (const handler of this.handlers.get(event) ?? []) (handler as Handler<PlayerEvents[K]>)(value);
-  }
-
-  protected removeAll(): void {
-    this.handlers.clear();
-  }
-}

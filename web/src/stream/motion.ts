@@ -18,7 +18,7 @@ export class MotionTables {
   /** (B, 3) mean cell of each block, rounded down. */
   readonly centers: Float64Array;
   /** (N) distance of each splat's value from the first one of its tile in the image. */
-  private readonly offsets: Uint32Array;
+  readonly offsets: Uint32Array;
   /** (N, 3) centers in the keyframe, and their places in their blocks, in units of the blocks' radius. */
   private readonly keyframe: Float32Array;
   private readonly local: Float32Array;

@@ -235,7 +235,7 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost {
     this.wantsToPlay ||= this.hasAttribute("autoplay") && !reducesMotion();
     try {
       const embedded = file === null && source.startsWith("#") ? embeddedFiles(source) : null;
-      this.player.open(source, embedded, file);
+      void this.player.open(source, embedded, file);
     } catch (error) {
       this.showFailure(`The address "${source}" cannot be opened: ${messageOf(error)}.`);
     }

@@ -6,7 +6,8 @@ import { bytes, count, milliseconds, plural } from "./format.ts";
 const PATHS = { webcodecs: "WebCodecs", "webcodecs-software": "WebCodecs, software", video: "video element" } as const;
 
 export function figures(player: Player): [string, string][] {
-  const { statistics: s, info, group } = player;
+  const { statistics: s, info, group, stream } = player;
+  const received = bytes(stream.receivedBytes);
   const wanted = Number(((info?.fps ?? 0) * player.speed).toFixed(2));
   const interval = s.interval.mean(60);
   const { drawn, all } = player.splats;
@@ -23,17 +24,17 @@ export function figures(player: Player): [string, string][] {
     ["Render", s.gpu.count > 0 ? `${milliseconds(s.draw.mean())} CPU, ${milliseconds(s.gpu.mean())} GPU` : `${milliseconds(s.draw.mean())} CPU`],
     ["Main thread", `${milliseconds(s.main.mean())} per frame`],
     ["Image", `${width} × ${height}`],
-    ["Bandwidth", player.bandwidth === 0 ? "–" : `${player.bandwidth.toFixed(1)} Mbit/s`],
+    ["Bandwidth", stream.bandwidth === 0 ? "–" : `${stream.bandwidth.toFixed(1)} Mbit/s`],
     // Of several renditions, only one of each group is fetched.
-    ["Received", info?.renditions === 1 ? `${bytes(player.receivedBytes)} of ${bytes(info.totalBytes)}` : bytes(player.receivedBytes)],
+    ["Received", info?.renditions.length === 1 ? `${received} of ${bytes(info.totalBytes)}` : received],
   ];
   if (info !== null) {
     rows.push(["Stream", `${info.profile}, ${info.codec}, SH ${group?.shDegree ?? info.shDegree}`]);
     if (group !== null) {
       const rate = `${bytes(group.bytes / group.frames)} per frame, ${((8e-6 * group.bytes * info.fps) / group.frames).toFixed(1)} Mbit/s`;
-      rows.push(["Rendition", info.renditions === 1 ? rate : `${group.rendition} (one of ${info.renditions}), ${rate}`]);
+      rows.push(["Rendition", info.renditions.length === 1 ? rate : `${group.rendition} (one of ${info.renditions.length}), ${rate}`]);
     }
-    rows.push(["Player", `${player.path === null ? "–" : PATHS[player.path]}, WebGL2`]);
+    rows.push(["Player", `${stream.path === null ? "–" : PATHS[stream.path]}, WebGL2`]);
     rows.push(["Checked", info.checksums ? "sizes and SHA-256" : "sizes only; SHA-256 requires HTTPS"]);
   }
   return rows;

@@ -101,7 +101,7 @@ export class Timeline {
 
   /** Shows which groups are in memory and which are skipped. */
   updateBuffered(): void {
-    const { info, fetchedGroups, leftOut } = this.player;
+    const { info, fetchedGroups, leftOut } = this.player.stream;
     if (info === null) return;
     const stops: string[] = [];
     const fetched = new Set(fetchedGroups);

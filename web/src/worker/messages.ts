@@ -37,12 +37,14 @@ export interface OpenRequest {
   /** Largest side of a texture that the device can render from. */
   readonly maxTexture: number;
   readonly loop: boolean;
+  /** Id of the rendition to fetch; null for each group in the one that suits. */
+  readonly rendition: string | null;
 }
 
 /** What the page asks of an opened stream. */
 export type SessionRequest =
-  /** Decode a frame and sort it along the axis. The latest request wins. */
-  | { readonly type: "present"; readonly frame: number; readonly axis: DepthAxis; readonly seek: boolean }
+  /** Decode a frame and sort it along the axis; null for its splats as arrays. The latest request wins. */
+  | { readonly type: "present"; readonly frame: number; readonly axis: DepthAxis | null; readonly seek: boolean }
   /** Sort one of the last two decoded frames along another axis. `request` is returned with the order. */
   | { readonly type: "sort"; readonly request: number; readonly frame: number; readonly axis: DepthAxis }
   | { readonly type: "loop"; readonly loop: boolean }
@@ -80,6 +82,15 @@ export type VideoRequest =
     }
   | { readonly type: "video-close"; readonly source: number };
 
+export interface RenditionInfo {
+  readonly id: string;
+  /** Maximum number of splats of a frame. */
+  readonly splats: number;
+  readonly shDegree: number;
+  /** Bits per second. */
+  readonly bandwidth: number;
+}
+
 /** What the player needs to know about a stream. */
 export interface StreamInfo extends Metadata {
   readonly profile: "motion" | "planes";
@@ -89,7 +100,7 @@ export interface StreamInfo extends Metadata {
   readonly shDegree: number;
   /** Of all files, in all renditions. */
   readonly totalBytes: number;
-  readonly renditions: number;
+  readonly renditions: readonly RenditionInfo[];
   readonly groups: readonly Span[];
   readonly box: { readonly min: Vector; readonly max: Vector };
   /** Whether groups are still being added. */
@@ -148,9 +159,32 @@ export interface Picture {
   readonly timings: Timings;
 }
 
+/** A frame's splats: float32, in one buffer. Values are those of docs/STREAM.md, "Splats". */
+export interface Splats {
+  readonly frame: number;
+  readonly group: number;
+  /** Id of the rendition that they are from. */
+  readonly rendition: string;
+  readonly count: number;
+  readonly shDegree: number;
+  /** Added to the diagonal of every projected covariance, in square pixels. */
+  readonly dilation: number;
+  /** (N, 3) centers in world units. */
+  readonly means: Float32Array<ArrayBuffer>;
+  /** (N, 4) unit quaternions, wxyz. */
+  readonly quats: Float32Array<ArrayBuffer>;
+  /** (N, 3) standard deviations along the axes in world units. */
+  readonly scales: Float32Array<ArrayBuffer>;
+  /** (N) 0 to 1. */
+  readonly opacities: Float32Array<ArrayBuffer>;
+  /** (N, (degree + 1)^2, 3) coefficients of RGB: color = 0.5 + sum of basis * coefficient, in 3DGS' order and signs. */
+  readonly sh: Float32Array<ArrayBuffer>;
+}
+
 export type FromWorker =
   | { readonly type: "opened"; readonly info: StreamInfo }
   | { readonly type: "picture"; readonly picture: Picture }
+  | { readonly type: "splats"; readonly splats: Splats }
   | {
       readonly type: "order";
       readonly request: number;

@@ -3,6 +3,7 @@
 import { messageOf, Rebaked, StreamError } from "../stream/errors.ts";
 import { GroupTable } from "../stream/group_table.ts";
 import { groupOfFrame, isMotion, type Manifest, MANIFEST_NAME, type Rendition, whatChanged } from "../stream/manifest.ts";
+import type { MotionTables } from "../stream/motion.ts";
 import { planePositions } from "../stream/planes.ts";
 import { DepthSorter } from "../stream/sort.ts";
 import { ArchiveSource, rangesOf } from "./archive.ts";
@@ -16,6 +17,7 @@ import { type Prepared, PreparedGroups } from "./prepared_groups.ts";
 import { RateRule } from "./rate_rule.ts";
 import { pictureSize, setupOf } from "./setup.ts";
 import { readChecked, type Source } from "./source.ts";
+import { dequantize, splatArrays, splatFloats } from "./splats.ts";
 import { GroupStore } from "./store.ts";
 import { StreamFiles } from "./stream_files.ts";
 import type { VideoChannel } from "./video_pictures.ts";
@@ -50,7 +52,7 @@ export class Session {
   /** Whether the playhead moves, and the group of the last requested frame. */
   private moving = false;
   private playing = 0;
-  private wanted: { readonly frame: number; readonly axis: DepthAxis } | null = null;
+  private wanted: { readonly frame: number; readonly axis: DepthAxis | null } | null = null;
   private running = false;
   /** Cancels waiting for the frame in progress, because another one was requested. */
   private interrupt: (() => void) | null = null;
@@ -95,11 +97,15 @@ export class Session {
       });
     const table = new GroupTable(manifest, (page) => sameBake(() => files.page(page, manifest)));
     const rates = manifest.renditions.map(({ bandwidth }) => bandwidth);
+    const ids = manifest.renditions.map(({ id }) => id);
+    const fixed = request.rendition === null ? 0 : ids.indexOf(request.rendition);
+    if (fixed < 0) throw new StreamError(`The stream has no rendition "${request.rendition}"; it has ${ids.join(", ")}.`);
     const choice = {
       // Files in the page or on this computer need no network: the best rendition, always.
-      rule: rates.length > 1 && remote ? new RateRule(rates) : null,
+      rule: rates.length > 1 && remote && request.rendition === null ? new RateRule(rates) : null,
+      fixed,
       rates,
-      ids: manifest.renditions.map(({ id }) => id),
+      ids,
       fps: manifest.fps,
       fits: (group: Rendition): boolean => Math.max(...pictureSize(group)) <= request.maxTexture,
     };
@@ -214,7 +220,7 @@ export class Session {
     }
   }
 
-  private async bring(opened: Opened, frame: number, axis: DepthAxis): Promise<void> {
+  private async bring(opened: Opened, frame: number, axis: DepthAxis | null): Promise<void> {
     const { manifest, store, groups } = opened;
     const index = groupOfFrame(manifest.spans, frame);
     if (index !== this.playing && this.outdated.delete(this.playing)) this.drop(opened, this.playing);
@@ -268,14 +274,30 @@ export class Session {
     if (this.soundWanted) await this.bringSound(opened);
   }
 
-  private deliver(prepared: Prepared, frame: number, within: number, { data: luma, decode }: Luma, axis: DepthAxis): void {
+  private deliver(prepared: Prepared, frame: number, within: number, luma: Luma, axis: DepthAxis | null): void {
+    if (axis === null) this.deliverSplats(prepared, frame, within, luma.data);
+    else this.deliverPicture(prepared, frame, within, luma, axis);
+  }
+
+  private deliverSplats({ group, tables, milliseconds }: Prepared, frame: number, within: number, luma: Uint8Array<ArrayBuffer>): void {
+    const { splats: count, sh_degree: shDegree, id: rendition, dilation } = group;
+    const { buffer } = this.pool.take(4 * count * splatFloats(shDegree));
+    const arrays = splatArrays(buffer, count, shDegree);
+    const blocks = tables?.blocks(within) ?? null;
+    fillPositions(group, tables, within, luma, blocks, arrays.means);
+    dequantize(setupOf(group, tables, milliseconds), tables, within, luma, blocks, arrays);
+    this.pool.give(luma);
+    const splats = { frame, group: group.index, rendition, count, shDegree, dilation, ...arrays };
+    this.post({ type: "splats", splats }, [buffer]);
+  }
+
+  private deliverPicture(prepared: Prepared, frame: number, within: number, { data: luma, decode }: Luma, axis: DepthAxis): void {
     const { group, tables } = prepared;
     const began = performance.now();
     const blocks = tables?.blocks(within) ?? null;
     const oldest = this.decoded.length > 1 ? this.decoded.pop()!.positions : null;
     const positions = oldest?.length === 3 * group.splats ? oldest : new Float32Array(3 * group.splats);
-    if (isMotion(group)) tables!.positions(within, luma, blocks!, positions);
-    else planePositions(group, luma, positions);
+    fillPositions(group, tables, within, luma, blocks, positions);
     const dequantize = performance.now() - began;
     const decoded = { frame, positions, pixels: tables?.pixels ?? null };
     this.decoded.unshift(decoded);
@@ -375,6 +397,18 @@ export class Session {
   }
 }
 
+function fillPositions(
+  group: Rendition,
+  tables: MotionTables | null,
+  within: number,
+  luma: Uint8Array,
+  blocks: Float32Array | null,
+  positions: Float32Array,
+): void {
+  if (isMotion(group)) tables!.positions(within, luma, blocks!, positions);
+  else planePositions(group, luma, positions);
+}
+
 function streamInfo({ manifest, files }: Opened): StreamInfo {
   return {
     profile: manifest.profile,
@@ -383,7 +417,7 @@ function streamInfo({ manifest, files }: Opened): StreamInfo {
     frameCount: manifest.frame_count,
     shDegree: manifest.renditions[0].sh_degree,
     totalBytes: manifest.total_bytes,
-    renditions: manifest.renditions.length,
+    renditions: manifest.renditions.map(({ id, splats, sh_degree: shDegree, bandwidth }) => ({ id, splats, shDegree, bandwidth })),
     groups: manifest.spans,
     box: manifest.bounding_box,
     ...manifest.metadata,

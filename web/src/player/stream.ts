@@ -1,0 +1,250 @@
+/**
+ * A stream without a page: a worker fetches, verifies and decodes it. A player asks for sorted images (`present`), which the
+ * GPU dequantizes; other engines ask for splats (`frame`).
+ */
+
+import { StreamError } from "../stream/errors.ts";
+import { groupOfFrame } from "../stream/manifest.ts";
+import type { EmbeddedFiles } from "../worker/embedded.ts";
+import type { DecodePath, DepthAxis, FromWorker, Picture, Splats, StreamInfo, ToWorker } from "../worker/messages.ts";
+import { takeEarlyFiles } from "./early_files.ts";
+import { Emitter } from "./emitter.ts";
+import { takeWorker } from "./spare_worker.ts";
+import { VideoReader } from "./video_reader.ts";
+
+type Message<Type extends FromWorker["type"]> = Extract<FromWorker, { type: Type }>;
+
+export interface StreamEvents {
+  /** The manifest has been read. */
+  opened: StreamInfo;
+  /** A live stream has more frames, or is complete. */
+  grown: StreamInfo;
+  /** Other groups are in memory. */
+  fetched: { readonly groups: readonly number[] };
+  /** A group was fetched again in a better rendition. */
+  improved: { readonly group: number };
+  /** A group cannot be played; asking for its frames fails. */
+  leftOut: { readonly group: number; readonly message: string };
+  /** Answers to `present` and `sort`. */
+  picture: Picture;
+  order: Message<"order">;
+  splats: Splats;
+  sound: Message<"sound">;
+  /** Another bake has taken the stream's place; open it again to see that one. */
+  updated: undefined;
+  /** A message for the viewer; playback continues. */
+  notice: string;
+  /** Nothing can be played. */
+  failed: string;
+}
+
+export interface StreamOptions {
+  /** How to decode; by default, the first one that works. `video` needs a page. */
+  readonly path?: DecodePath | "auto";
+  /** Whether the first group follows the last one, when groups are fetched ahead. */
+  readonly loop?: boolean;
+  /** The id of the rendition to fetch; by default, each group in the one that the connection and the device sustain. */
+  readonly rendition?: string | null;
+}
+
+interface Asked {
+  readonly frame: number;
+  readonly resolve: (splats: Splats | null) => void;
+  readonly reject: (error: StreamError) => void;
+}
+
+export class V3Stream extends Emitter<StreamEvents> {
+  info: StreamInfo | null = null;
+  /** How images are decoded. */
+  path: DecodePath | null = null;
+  /** Of the connection, in Mbit/s; 0 while it is not known. */
+  bandwidth = 0;
+  receivedBytes = 0;
+  /** Groups in memory. */
+  fetchedGroups: readonly number[] = [];
+  /** Groups that cannot be played, and why. */
+  readonly leftOut = new Map<number, string>();
+  /** Largest side of a texture that the device can render from, in pixels, for users of `present`. Set before opening. */
+  maxTexture = Infinity;
+  private readonly worker = takeWorker();
+  private readonly videos = new VideoReader((message, transfer) => this.post(message, transfer));
+  private asked: Asked[] = [];
+  private failure: string | null = null;
+  private readonly options: Required<StreamOptions>;
+
+  constructor(options: StreamOptions = {}) {
+    super();
+    this.options = { path: "auto", loop: true, rendition: null, ...options };
+    this.worker.onmessage = (event: MessageEvent<FromWorker>): void => this.receive(event.data);
+    this.worker.onerror = (event): void => this.fail(`The player's worker failed: ${event.message}.`);
+  }
+
+  /**
+   * Opens a stream by the URL of its folder, its manifest or its one file (`.v3s`), from files that the page itself
+   * holds, or from a file on this computer; closes the one before.
+   *
+   * @throws StreamError - there is no stream, or it cannot be decoded here
+   */
+  open(address: string, files: EmbeddedFiles | null = null, archive: File | null = null): Promise<StreamInfo> {
+    this.rejectAll("Another stream was opened.");
+    this.info = this.failure = null;
+    this.leftOut.clear();
+    this.fetchedGroups = [];
+    const inPage = "document" in globalThis;
+    const url = new URL(address, inPage ? document.baseURI : location.href).href;
+    const early = inPage && files === null && archive === null ? takeEarlyFiles(url) : null;
+    const { options, maxTexture } = this;
+    const request: ToWorker = { type: "open", url, files, archive, early, maxTexture, ...options };
+    this.post(request, early === null ? [] : [early.port]);
+    const opened = new Promise<StreamInfo>((resolve, reject) => {
+      this.opening = { resolve, reject };
+    });
+    opened.catch(() => undefined); // `failed` reports it, too
+    return opened;
+  }
+
+  private opening: { readonly resolve: (info: StreamInfo) => void; readonly reject: (error: StreamError) => void } | null = null;
+
+  /**
+   * A frame's splats. While one is decoded, only the newest call is kept: those before it get null.
+   *
+   * @param seek - interrupt what is in progress
+   * @throws StreamError - the frame's group cannot be played, or nothing can
+   * @throws RangeError - there is no such frame
+   */
+  frame(frame: number, seek = false): Promise<Splats | null> {
+    const { info, failure } = this;
+    if (info === null) return Promise.reject(new StreamError(failure ?? "The stream is not open yet."));
+    if (!Number.isInteger(frame) || frame < 0 || frame >= info.frameCount)
+      return Promise.reject(new RangeError(`There is no frame ${frame}; the stream has ${info.frameCount}.`));
+    const why = failure ?? this.leftOut.get(groupOfFrame(info.groups, frame));
+    if (why !== undefined) return Promise.reject(new StreamError(why));
+    return new Promise((resolve, reject) => {
+      this.asked.push({ frame, resolve, reject });
+      this.post({ type: "present", frame, axis: null, seek });
+    });
+  }
+
+  /** Asks for a frame's image, sorted along the axis: the event `picture`. The newest request replaces those before it. */
+  present(frame: number, axis: DepthAxis, seek: boolean): void {
+    this.post({ type: "present", frame, axis, seek });
+  }
+
+  /** Asks for another order of one of the last two frames: the event `order`, with the number of the request. */
+  sort(request: number, frame: number, axis: DepthAxis): void {
+    this.post({ type: "sort", request, frame, axis });
+  }
+
+  /** Whether the playhead moves: what is fetched ahead depends on it. */
+  set playing(playing: boolean) {
+    this.post({ type: "playing", playing });
+  }
+
+  set loop(loop: boolean) {
+    this.post({ type: "loop", loop });
+  }
+
+  /** How many frames of a group were shown, and dropped since decoding was late, for the choice of renditions. */
+  played(group: number, shown: number, dropped: number): void {
+    this.post({ type: "played", group, shown, dropped });
+  }
+
+  /** Returns memory that is no longer needed, such as `splats.means.buffer`; its arrays are empty afterwards. */
+  recycle(...buffers: ArrayBuffer[]): void {
+    this.post({ type: "recycle", buffers }, buffers);
+  }
+
+  /** The graphics context was lost: the next image comes with its group's setup. */
+  forgetSetup(): void {
+    this.post({ type: "forget-setup" });
+  }
+
+  close(): void {
+    this.worker.terminate();
+    this.videos.dispose();
+    this.rejectAll("The stream was closed.");
+    this.removeAll();
+  }
+
+  private post(message: ToWorker, transfer: Transferable[] = []): void {
+    this.worker.postMessage(message, transfer);
+  }
+
+  private fail(message: string): void {
+    this.failure = message;
+    this.rejectAll(message);
+    this.emit("failed", message);
+  }
+
+  private rejectAll(message: string): void {
+    const error = new StreamError(message);
+    this.opening?.reject(error);
+    this.opening = null;
+    for (const { reject } of this.asked) reject(error);
+    this.asked = [];
+  }
+
+  /** Ends what was asked up to the call that the splats answer. */
+  private answer(splats: Splats): void {
+    const at = this.asked.findIndex(({ frame }) => frame === splats.frame);
+    this.asked.splice(0, at + 1).forEach(({ resolve }, i) => resolve(i === at ? splats : null));
+    this.emit("splats", splats);
+  }
+
+  private receive(message: FromWorker): void {
+    switch (message.type) {
+      case "opened":
+        this.info = message.info;
+        this.opening?.resolve(message.info);
+        this.opening = null;
+        this.emit("opened", message.info);
+        break;
+      case "grown":
+        this.info = message.info;
+        this.emit("grown", message.info);
+        break;
+      case "picture":
+        this.emit("picture", message.picture);
+        break;
+      case "splats":
+        this.answer(message.splats);
+        break;
+      case "left-out": {
+        const { group, message: why } = message;
+        this.leftOut.set(group, why);
+        const { groups } = this.info!;
+        const lost = this.asked.filter(({ frame }) => groupOfFrame(groups, frame) === group);
+        this.asked = this.asked.filter((one) => !lost.includes(one));
+        for (const { reject } of lost) reject(new StreamError(why));
+        if (this.leftOut.size === groups.length) this.fail(why);
+        else this.emit("leftOut", message);
+        break;
+      }
+      case "fetched":
+        this.bandwidth = message.bandwidth;
+        this.receivedBytes = message.bytes;
+        this.fetchedGroups = message.groups;
+        this.emit("fetched", message);
+        break;
+      case "failed":
+        this.fail(message.message);
+        break;
+      case "rebaked":
+        this.emit("updated", undefined);
+        break;
+      case "trouble":
+        this.emit("notice", message.message);
+        break;
+      case "path":
+        this.path = message.path;
+        break;
+      case "order":
+      case "improved":
+      case "sound":
+        this.emit(message.type, message);
+        break;
+      default:
+        this.videos.receive(message);
+    }
+  }
+}
