@@ -263,6 +263,7 @@ MODULES = {
     "pillow": "PIL",
     "ruamel.yaml": "ruamel",
     "usd-core": "pxr",
+    "openimageio": "OpenImageIO",
 }
 NEVER_IMPORTED = {"s3fs", "gcsfs", "adlfs"}  # fsspec imports them
 FROM_TORCH = {"triton"}  # torch's CUDA builds for Linux bring the version that fits them
@@ -273,7 +274,7 @@ def test_what_is_imported_is_declared_and_what_is_declared_is_imported() -> None
 
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extras = project["optional-dependencies"]
-    shipped = ("matting", "usd", "s3", "gs", "azure", "cluster")
+    shipped = ("matting", "usd", "film", "s3", "gs", "azure", "cluster")
     wanted = [*project["dependencies"], *(text for name in shipped for text in extras[name])]
     names = {Requirement(text).name for text in wanted} - NEVER_IMPORTED
     declared = {MODULES.get(name, name) for name in names}

@@ -13,6 +13,7 @@ from gui.models.take.exports import (
     MOVIE_BACKGROUNDS,
     MOVIE_SIZES,
     MOVIES,
+    SIZED,
     WHOLE,
     ExportRequest,
 )
@@ -107,7 +108,8 @@ class OutputActions:
             form.widgets["line"].text_value = request.target
             form.widgets["frames"].enabled = request.kind not in WHOLE
             form.widgets["seconds"].enabled = request.kind == "turntable"
-            form.widgets["size"].enabled = form.widgets["background"].enabled = request.kind in MOVIES
+            form.widgets["size"].enabled = request.kind in SIZED
+            form.widgets["background"].enabled = request.kind in MOVIES
 
         def start() -> None:
             try:

@@ -1,4 +1,4 @@
-"""`v3studio export`: writes frames of a take or a stream in other programs' formats, or as a movie."""
+"""`v3studio export`: writes frames of a take or a stream in other programs' formats, or rendered as EXR or a movie."""
 
 from __future__ import annotations
 
@@ -23,14 +23,17 @@ if TYPE_CHECKING:
 
     from studio.audio import Pcm
     from studio.cameras import Camera
+    from studio.formats.camera_path import Key
     from studio.gaussians import Gaussians
     from studio.progress import ProgressFn
+    from studio.similarity import Similarity
     from studio.splat_video import SplatVideo
 
 DEFAULT_OF = "decoded"
 """Which frames of a take are exported by default: those that a player shows. Also the default in the window."""
 
 _NOTE = "formats:\n" + "\n".join(f"  {name:12} {one.written}" for name, one in EXPORTS.items())
+_SIZE = "1280x720"
 _TURNTABLE_SECONDS = 6.0  # shortest turn; a faster one is hard to watch
 
 
@@ -38,8 +41,8 @@ def register(commands: Any) -> None:
     """Add the command to the command line."""
     export = commands.add_parser(
         "export",
-        help="export frames as PLY, SPZ, GLB, USD or VideoGS, or as a movie",
-        description="Export frames of a take or a stream in other programs' formats, or as a movie.",
+        help="export frames as PLY, SPZ, GLB, USD, VideoGS or EXR, or as a movie",
+        description="Export frames of a take or a stream in other programs' formats, or rendered as EXR or a movie.",
         epilog=_NOTE,
     )
     export.add_argument("source", metavar="SOURCE", help="folder of a take or a stream, or an http(s):// URL")
@@ -54,8 +57,8 @@ def register(commands: Any) -> None:
     )
     export.add_argument(
         "--axes", choices=("world", "viewer"),
-        help="ply, spz, glb, usd: axes of the capture, or upright by the convention of the format (default: world for "
-        "ply, viewer for the others)",
+        help="ply, spz, glb, usd, exr, cameras of film tools: axes of the capture, or upright by the convention of the "
+        "format (default: world for ply, viewer for the others)",
     )  # fmt: skip
     export.add_argument(
         "--sh-degree",
@@ -68,12 +71,38 @@ def register(commands: Any) -> None:
         "--spz-version", type=int, choices=(3, 4), help="spz: 4 (default), or 3 for viewers that cannot read it yet"
     )
     export.add_argument("--qp", type=int, default=22, help="videogs: QP of H.264, 0 (lossless) to 51 (default: 22)")
-    export.add_argument("--size", default="1280x720", metavar="WxH", help="movies: size in pixels (default: 1280x720)")
+    export.add_argument(
+        "--size", metavar="WxH", help=f"movies, exr: size in pixels (default: {_SIZE}; that of a camera of the footage)"
+    )
     export.add_argument("--seconds", type=float, help="movies: duration (default: that of the path or the source)")
     export.add_argument("--fps", type=float, help="movies: frames per second (default: that of the source)")
     export.add_argument("--crf", type=int, default=18, help="movies: CRF of x264, 0 to 51 (default: 18)")
     export.add_argument("--background", metavar="R,G,B", help="movies: 0 to 1 each (default: that of the source)")
-    export.add_argument("--path", type=Path, metavar="FILE", help="camera-path: camera keyframes, or a rig.json")
+    export.add_argument(
+        "--path", type=Path, metavar="FILE",
+        help="camera-path, exr: camera keyframes, a rig.json, or a camera of a USD or Nuke (.nk) file",
+    )  # fmt: skip
+    export.add_argument(
+        "--camera", metavar="NAME", help="exr: camera of the footage, if there is no --path; else, camera of that file"
+    )
+    export.add_argument(
+        "--start-number", type=int, metavar="N",
+        help="usd, exr, and cameras of film tools: number of the first frame (default: that in the footage)",
+    )  # fmt: skip
+    export.add_argument(
+        "--color-space", choices=("acescg", "rec709", "srgb"), default="acescg",
+        help="exr: scene-linear ACEScg (default) or Rec.709, or sRGB values as trained",
+    )  # fmt: skip
+    export.add_argument(
+        "--overscan", type=int, default=0, metavar="PIXELS", help="exr: beyond each side of the image (default: 0)"
+    )
+    export.add_argument(
+        "--shutter", type=float, default=0.0, metavar="DEGREES",
+        help="exr: angle of the shutter for motion blur, 0 (default: none) to 360",
+    )  # fmt: skip
+    export.add_argument(
+        "--shutter-samples", type=int, default=16, metavar="N", help="exr: rendered instants per frame (default: 16)"
+    )
     export.add_argument("--turns", type=float, default=1.0, help="turntable: number of turns (default: 1)")
     export.add_argument("--elevation", type=float, default=10.0, help="turntable: elevation in degrees (default: 10)")
     add_json(export)
@@ -81,7 +110,7 @@ def register(commands: Any) -> None:
 
 
 def _export(arguments: argparse.Namespace) -> int:
-    size = _size(arguments.size)
+    size = _size(arguments.size or _SIZE)
     if arguments.spz_version is not None and arguments.format != "spz":
         raise invalid_option(
             "--spz-version",
@@ -89,13 +118,7 @@ def _export(arguments: argparse.Namespace) -> int:
             "Remove --spz-version.",
             arguments.spz_version,
         )
-    if (arguments.path is not None) != (arguments.format == "camera-path"):
-        needs = arguments.format == "camera-path"
-        raise invalid_option(
-            "--path",
-            "--format camera-path needs --path FILE" if needs else f"--format {arguments.format} does not take --path",
-            "Add --path FILE." if needs else "Remove --path.",
-        )
+    _check_path(arguments)
     from pipelines.takes.videos import decoded_video, is_take, open_reader, stream_numbers, trained_video
 
     if EXPORTS[arguments.format].holds == "stream":
@@ -110,14 +133,17 @@ def _export(arguments: argparse.Namespace) -> int:
             _need_stream(arguments.source)
             reader = stack.enter_context(open_reader(arguments.source))
             video = replace(decoded_video(reader), numbers=stream_numbers(arguments.source, reader).known)
-        if EXPORTS[arguments.format].holds == "movie" or arguments.format == "usd":
+        holds = EXPORTS[arguments.format].holds
+        if holds == "movie" or arguments.format == "usd":
             video = replace(video, sound=_sound(arguments, stack, video))
         video = _chosen(video, arguments.frames, arguments.sh_degree)
         stack.enter_context(replacing(arguments.out, arguments.overwrite, partial(_is_export, arguments.format)))
         notes: list[str] = []
         progress = stack.enter_context(working(f"export {arguments.format}", json_output(arguments)))
-        if EXPORTS[arguments.format].holds == "movie":
+        if holds == "movie":
             written = _movie(video, arguments, size, progress)
+        elif holds == "plates":
+            written = _plates(video, arguments, size, progress)
         else:
             seen: set[float] = set()
             noting = _noting_dilations(video, seen)
@@ -130,6 +156,22 @@ def _export(arguments: argparse.Namespace) -> int:
         say_note(arguments, note)
     arguments.result = {"path": str(arguments.out), "format": arguments.format, "written": written}
     return 0
+
+
+def _check_path(arguments: argparse.Namespace) -> None:
+    """Whether the format takes the options that say where the camera is."""
+    follows = EXPORTS[arguments.format].follows_path
+    if arguments.path is not None and not follows:
+        raise invalid_option("--path", f"--format {arguments.format} does not take --path", "Remove --path.")
+    if follows and arguments.path is None and (arguments.format != "exr" or arguments.camera is None):
+        other = " or --camera NAME" if arguments.format == "exr" else ""
+        raise invalid_option(
+            "--path", f"--format {arguments.format} needs --path FILE{other}", f"Add --path FILE{other}."
+        )
+    if arguments.camera is not None and not follows:
+        raise invalid_option(
+            "--camera", f"--format {arguments.format} does not take --camera", "Remove --camera.", arguments.camera
+        )
 
 
 def _is_export(name: str, out: Path) -> bool:
@@ -323,6 +365,7 @@ def _usd(video: SplatVideo, arguments: argparse.Namespace, progress: ProgressFn)
     out: Path = arguments.out
     rotation = axes_of(video, EXPORTS["usd"].up, _for_viewers(arguments))
     cameras = footage_cameras(arguments.source, decoded=arguments.of != "trained")
+    video = replace(video, numbers=_numbers(video, arguments))
     with ExitStack() as stack:
         if video.sound is not None and out.suffix.lower() != ".usdz":
             stack.enter_context(replacing(out.with_suffix(".wav"), arguments.overwrite, Path.is_file))
@@ -334,7 +377,7 @@ def _usd(video: SplatVideo, arguments: argparse.Namespace, progress: ProgressFn)
 
 
 def _movie(video: SplatVideo, arguments: argparse.Namespace, size: tuple[int, int], progress: ProgressFn) -> str:
-    from studio.formats.camera_path import CameraPath, read_path_keys, turntable
+    from studio.formats.camera_path import FILM_FORMATS, CameraPath, turntable
     from studio.formats.movie import movie_sound, render_movie
 
     if arguments.background is not None:
@@ -347,12 +390,12 @@ def _movie(video: SplatVideo, arguments: argparse.Namespace, size: tuple[int, in
         circling = turntable(video, *size, turns=arguments.turns, elevation=arguments.elevation)
         camera = lambda at: circling(at / seconds)  # noqa: E731
     else:
-        keys = read_path_keys(arguments.path, arguments.seconds or video.duration)
-        if not video.original.is_identity:
-            back = video.original.inverse
-            keys = [replace(key, camera=back.camera(key.camera)) for key in keys]
+        keys = _keys(video, arguments, size)
+        film = arguments.path.suffix.lower() in FILM_FORMATS and len(keys) > 1
+        if film:  # its camera may move before and after the video
+            keys = [key for key in keys if key.frame is not None and 0 <= key.frame < video.frame_count]
         path = CameraPath(keys, *size)
-        seconds = arguments.seconds or path.duration or video.duration
+        seconds = arguments.seconds or (path.duration + 1 / video.fps if film else path.duration) or video.duration
         camera = path.camera
         if path.has_frames:
             frame = path.frame
@@ -361,6 +404,77 @@ def _movie(video: SplatVideo, arguments: argparse.Namespace, size: tuple[int, in
     sound, why = movie_sound(video, frame, seconds, fps)
     heard = ", with sound" if sound is not None else f", without sound: {why}" if why else ""
     return f"{counted(count, 'frame')} of {size[0]}x{size[1]}{heard}"
+
+
+def _keys(video: SplatVideo, arguments: argparse.Namespace, size: tuple[int, int]) -> list[Key]:
+    """The keys of the camera path in the world of the splats."""
+    from studio.formats.camera_path import FILM_FORMATS, read_film_keys, read_path_keys
+
+    if arguments.path.suffix.lower() in FILM_FORMATS:
+        keys = read_film_keys(arguments.path, arguments.camera, size, _numbers(video, arguments), video.fps)
+        back = _film_world(video, arguments).inverse
+    elif arguments.camera is not None:
+        raise invalid_option(
+            "--camera",
+            f"--camera chooses a camera of a {', '.join(FILM_FORMATS)} file, not of {arguments.path.name}",
+            "Remove --camera.",
+            arguments.camera,
+        )
+    else:
+        keys = read_path_keys(arguments.path, arguments.seconds or video.duration)
+        back = video.original.inverse
+    return [replace(key, camera=back.camera(key.camera)) for key in keys]
+
+
+def _film_world(video: SplatVideo, arguments: argparse.Namespace) -> Similarity:
+    """From the world of the splats to that of film tools: with y up, unless `--axes world`."""
+    from studio.formats.sequence import axes_of
+    from studio.similarity import Similarity
+
+    rotation = axes_of(video, EXPORTS["usd"].up, arguments.axes != "world")
+    return video.original if rotation is None else Similarity(video.original.scale, rotation)
+
+
+def _numbers(video: SplatVideo, arguments: argparse.Namespace) -> tuple[int, ...]:
+    """Frame numbers for film tools."""
+    first = arguments.start_number
+    indices = range(video.frame_count)
+    return tuple(video.number(index) if first is None else first + index for index in indices)
+
+
+def _plates(video: SplatVideo, arguments: argparse.Namespace, size: tuple[int, int], progress: ProgressFn) -> str:
+    from pipelines.takes.videos import footage_cameras
+    from studio.cameras import Rig
+    from studio.formats.camera_path import CameraPath, Key
+    from studio.formats.exr import export_exr
+    from studio.formats.plates import Shutter
+
+    if arguments.path is None:
+        rig = Rig(footage_cameras(arguments.source, decoded=arguments.of != "trained"))
+        if not rig.cameras:
+            problem = f"--camera {arguments.camera} needs a take with cameras"
+            raise invalid_option("--camera", problem, "Add --path FILE.", arguments.camera, file=arguments.source)
+        chosen = rig[arguments.camera]
+        own = size if arguments.size else (chosen.width, chosen.height)
+        label, path = chosen.name, CameraPath([Key(0.0, chosen)], *own)
+    else:
+        label, path = arguments.camera or arguments.path.stem, CameraPath(_keys(video, arguments, size), *size)
+
+    def camera(index: float) -> Camera:
+        seconds = path.seconds_of(index) if path.has_frames else index / video.fps
+        return replace(path.camera(seconds), name=label)
+
+    written = export_exr(
+        replace(video, numbers=_numbers(video, arguments)),
+        arguments.out,
+        camera,
+        _film_world(video, arguments),
+        arguments.color_space,
+        arguments.overscan,
+        Shutter(arguments.shutter, arguments.shutter_samples),
+        progress,
+    )
+    return f"{counted(video.frame_count, 'frame')} of {camera(0).width}x{camera(0).height}, {written:,} bytes"
 
 
 def _color(text: str) -> tuple[float, float, float]:

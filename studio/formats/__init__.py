@@ -44,23 +44,25 @@ class Format:
     Attributes:
         name: of the module in `studio.formats`, and of `v3studio export --format`.
         holds: "frame": one file per frame; "sequence": a folder or a file with all frames; "stream": one file; "movie":
-            rendered, one file.
+            rendered, one file; "plates": rendered, one file per frame.
         suffix: of its files; "" for a folder.
         title: for lists in the window.
         written: what `v3studio export` writes, for its help; "" if the format is only read.
         readable: whether `v3studio import` reads it, as far as it is a format of splats.
         up: conventional up direction; splats are rotated to it on export unless `keeps_axes`.
         keeps_axes: whether exports have the axes of the capture by default.
+        follows_path: whether it is rendered along a camera path.
     """
 
     name: str
-    holds: Literal["frame", "sequence", "stream", "movie"]
+    holds: Literal["frame", "sequence", "stream", "movie", "plates"]
     suffix: str
     title: str
     written: str = ""
     readable: bool = False
     up: Up = _COLMAP
     keeps_axes: bool = True
+    follows_path: bool = False
 
     @property
     def module(self) -> Any:
@@ -102,7 +104,14 @@ FORMATS = (
         "one .v3s file with the whole stream as it is, which all players except the browser open",
     ),
     Format("turntable", "movie", ".mp4", "Movie: turntable", "an MP4 of a camera circling the performer"),
-    Format("camera-path", "movie", ".mp4", "Movie: camera path", "an MP4 along the cameras in --path"),
+    Format(
+        "camera-path", "movie", ".mp4", "Movie: camera path", "an MP4 along the cameras in --path", follows_path=True
+    ),
+    Format(
+        "exr", "plates", ".exr", "EXR plates: camera path",
+        "a folder of numbered EXR files for compositing: colors with alpha, depth, position, normals, motion",
+        up=_Y_UP, keeps_axes=False, follows_path=True,
+    ),
 )  # fmt: skip
 """All formats, in the order in which they are listed."""
 

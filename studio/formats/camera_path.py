@@ -11,10 +11,13 @@ splat video shown at that time (it may pause or run backwards), set in all keys 
 loops at its own rate. `easing` says how the camera moves to the next key: "smooth" (the default: on a curve through all
 keys, without a stop), "ease" (on this curve, slowly away from the key and slowly to the next one), "linear" (straight,
 at a constant speed) or "hold" (stays, then cuts). A rig.json or cameras.json is accepted as a path through its cameras.
+
+Files of film tools are read as well (`FILM_FORMATS`): their cameras have one place for each frame of the footage.
 """
 
 from __future__ import annotations
 
+import importlib
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -23,6 +26,7 @@ from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator
+from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation, RotationSpline, Slerp
 
 from studio.atomic_files import write_json
@@ -30,12 +34,18 @@ from studio.camera_files import read_rig
 from studio.camera_files.common import read_json
 from studio.cameras import Camera, Rig, look_at_pose
 from studio.errors import StudioError
+from studio.formats import USD_SUFFIXES
 from studio.json_types import JsonObject
 from studio.splat_video import SplatVideo
 
 FORMAT = "v3studio-camera-path"
 VERSION = 1
 EASINGS = ("smooth", "ease", "linear", "hold")
+
+FILM_FORMATS = {".nk": "nuke_cameras"} | dict.fromkeys(USD_SUFFIXES, "usd_cameras")
+"""Modules of `studio.formats` that read cameras of film tools, by suffix: `read_cameras(path, width, height)` returns
+the cameras by name and frame number, with y up and in meters."""
+
 _SAMPLED_FRAMES = 5  # frames of the video from which the subject is located
 
 
@@ -148,6 +158,27 @@ class CameraPath:
         assert self._frame is not None
         return float(self._frame(np.clip(self._times[0] + seconds, self._times[0], self._times[-1])))
 
+    def seconds_of(self, frame: float) -> float:
+        """When the path shows a frame: seconds after the first key, at the first or the last key for frames outside.
+
+        Raises:
+            StudioError: frames stand still or run backward (camera_path.frames_not_ascending).
+        """
+        if (np.diff(self._frames) <= 0).any():
+            raise StudioError(
+                "camera_path.frames_not_ascending",
+                "the frames of the keys stand still or run backward, so that a frame has no camera of its own",
+                value=list(self._frames),
+                fix="Use ascending frames, or no frames, in the camera path.",
+            )
+        if len(self._cameras) == 1:
+            return 0.0
+        shown = self._frame
+        assert shown is not None
+        wanted = float(np.clip(frame, self._frames[0], self._frames[-1]))
+        start = self._times[0]
+        return float(brentq(lambda time: shown(time) - wanted, start, self._times[-1], xtol=1e-9) - start)
+
 
 def check_easing(easing: str) -> None:
     """Check that an easing is one of `EASINGS`.
@@ -204,6 +235,51 @@ def read_path_keys(path: Path, seconds: float) -> list[Key]:
     if not isinstance(entries, list) or not entries:
         raise StudioError("camera_path.no_keys", "'keys' must be a list with at least one key", file=path)
     return [_key(path, index, entry) for index, entry in enumerate(entries)]
+
+
+def read_film_keys(
+    path: Path, name: str | None, size: tuple[int, int], numbers: Sequence[int], fps: float
+) -> list[Key]:
+    """The keys of a camera in a file of a film tool: one for each of its frames, or one without a frame.
+
+    Args:
+        path: a file of `FILM_FORMATS`.
+        name: of the camera; None: there is only one.
+        size: of the image, for formats that do not have it.
+        numbers: frame numbers of the video, ascending.
+        fps: of the video.
+
+    Raises:
+        StudioError: the file cannot be read, has no such camera (camera_path.which_camera), or its frames and those of
+            the video do not overlap (camera_path.other_frames).
+    """
+    module = importlib.import_module(f"studio.formats.{FILM_FORMATS[path.suffix.lower()]}")
+    found: dict[str, dict[int, Camera]] = module.read_cameras(path, *size)
+    if (name is None and len(found) > 1) or (name is not None and name not in found):
+        raise StudioError(
+            "camera_path.which_camera",
+            f"the file has the cameras {', '.join(found)}" + ("" if name is None else f", not '{name}'"),
+            file=path,
+            value=name,
+            fix="Choose one with --camera NAME.",
+            expected=list(found),
+        )
+    cameras = found[name or next(iter(found))]
+    if len(cameras) == 1:
+        return [Key(0.0, next(iter(cameras.values())))]
+    if max(cameras) < numbers[0] or min(cameras) > numbers[-1]:
+        raise StudioError(
+            "camera_path.other_frames",
+            f"the camera moves in frames {min(cameras)} to {max(cameras)}; the footage has {numbers[0]} to "
+            f"{numbers[-1]}",
+            file=path,
+            value=[min(cameras), max(cameras)],
+            fix="Say with --start-number which number the first frame has in the film tool.",
+            expected=[numbers[0], numbers[-1]],
+        )
+    step = numbers[1] - numbers[0] if len(numbers) > 1 else 1
+    indices = {number: (number - numbers[0]) / step for number in sorted(cameras)}
+    return [Key(index / fps, cameras[number], index, "linear") for number, index in indices.items()]
 
 
 def _rig_keys(rig: Rig, seconds: float) -> list[Key]:

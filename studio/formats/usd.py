@@ -282,6 +282,15 @@ def _add_sound(pxr: Any, stage: Any, name: str, start: float) -> None:
     sound.CreateStartTimeAttr(pxr.Sdf.TimeCode(start))
 
 
+def opened_stage(pxr: Any, path: Path) -> Any:
+    """The stage of a USD file. Raises StudioError (usd.unsupported) if it is not one."""
+    try:
+        return pxr.Usd.Stage.Open(str(path))
+    except pxr.Tf.ErrorException as error:
+        problem = f"this is not a USD file ({str(error).strip().splitlines()[-1].strip()})"
+        raise StudioError("usd.unsupported", problem, file=path) from None
+
+
 class UsdFrames:
     """The splats of a USD file, frame by frame.
 
@@ -295,10 +304,7 @@ class UsdFrames:
 
     def __init__(self, path: Path) -> None:
         self.path, self._pxr = path, usd()
-        try:
-            self._stage = self._pxr.Usd.Stage.Open(str(path))
-        except self._pxr.Tf.ErrorException as error:
-            raise self._error(f"this is not a USD file ({str(error).strip().splitlines()[-1].strip()})") from None
+        self._stage = opened_stage(self._pxr, path)
         geometry = self._pxr.UsdGeom
         shown = [
             prim

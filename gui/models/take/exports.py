@@ -27,14 +27,16 @@ from studio.json_types import JsonData
 if TYPE_CHECKING:
     from studio.stream import CapturePlace
 
-FORMATS = {one.name: (one.title, "" if one.holds == "frame" else one.suffix) for one in EXPORTS.values()}
+_FOLDERS = ("frame", "plates")
+FORMATS = {one.name: (one.title, "" if one.holds in _FOLDERS else one.suffix) for one in EXPORTS.values()}
 """Export formats: label, and the file extension (none for folders)."""
 
 ALL_FRAMES = "all"
-WHOLE = ("camera-path", *(one.name for one in EXPORTS.values() if one.holds == "stream"))
+WHOLE = tuple(one.name for one in EXPORTS.values() if one.follows_path or one.holds == "stream")
 """Formats that always have all frames, or those of their views."""
 
 MOVIES = tuple(one.name for one in EXPORTS.values() if one.holds == "movie")
+SIZED = tuple(one.name for one in EXPORTS.values() if one.holds in ("movie", "plates"))
 MOVIE_SIZES = ("1280x720", "1920x1080", "720x1280", "1080x1080", "640x360")
 MOVIE_BACKGROUNDS: dict[str, tuple[float, float, float] | None] = {"as captured": None, **BACKGROUNDS}
 """Background of the movie by label; None is the capture's own."""
@@ -55,7 +57,7 @@ class ExportRequest(NamedTarget):
         of: "decoded" or "trained"; "" for a bare stream.
         ranges: frames to choose from by label, as `v3studio export --frames` takes them; those of `ALL_FRAMES` are all.
         frames: the chosen label.
-        seconds, size, background: options of a movie; the last two from `MOVIE_SIZES` and `MOVIE_BACKGROUNDS`.
+        seconds, size, background: options of a movie, size of plates, too; from `MOVIE_SIZES` and `MOVIE_BACKGROUNDS`.
     """
 
     kind: str
@@ -100,11 +102,10 @@ class ExportRequest(NamedTarget):
         found = [self.source, "--format", self.kind, "--out", str(self.path), "--json"]
         if self.of:
             found += ["--of", self.of]
-        if self.kind not in MOVIES:
-            return found
-        found += ["--size", self.size]
+        if self.kind in SIZED:
+            found += ["--size", self.size]
         color = MOVIE_BACKGROUNDS[self.background]
-        if color is not None:
+        if color is not None and self.kind in MOVIES:
             found += ["--background", ",".join(f"{value:g}" for value in color)]
         if self.kind == "turntable":
             try:
@@ -174,7 +175,7 @@ class Exports:
                 fix="Choose another name.",
             )  # fmt: skip
         arguments = ["export", *request.arguments()]
-        keys = self._keys(request) if request.kind == "camera-path" else []
+        keys = self._keys(request) if EXPORTS[request.kind].follows_path else []
         frames = request.chosen
         scratch = Path(tempfile.mkdtemp(prefix="v3studio-export-"))
         if keys:

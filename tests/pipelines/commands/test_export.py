@@ -10,6 +10,7 @@ from pathlib import Path
 
 import av
 import numpy as np
+import OpenEXR
 import pytest
 import torch
 
@@ -23,6 +24,7 @@ from studio.cameras import Rig
 from studio.edits.edit_list import EditList, Trim
 from studio.formats import read_splats
 from studio.formats.camera_path import Key, look_at, write_path_keys
+from studio.formats.usd import UsdFrames
 from studio.gaussians import Gaussians
 from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
 from tests.support.events import events_in
@@ -208,6 +210,54 @@ def test_movies(here, take, tmp_path):
     assert done.stdout.endswith("rig.mp4: 5 frames of 48x32\n"), done.stderr  # as long as the video
 
 
+def test_plates_have_the_numbers_of_the_footage_and_the_world_of_the_usd_file(here, take, tmp_path):
+    options = ("--format", "exr", "--shutter", "180", "--shutter-samples", "2", "--json")
+    done = here("export", take, *options, "--camera", "side", "--frames", "1:3", "--out", tmp_path / "side")
+    assert done.returncode == 0, done.stderr
+    assert sorted(path.name for path in (tmp_path / "side").iterdir()) == ["plate.0001.exr", "plate.0002.exr"]
+    *_, end = events_in(done.stdout)
+    assert isinstance(end, Finished)
+    assert "2 frames of 96x64" in end.result["written"]
+    file = OpenEXR.File(str(tmp_path / "side" / "plate.0001.exr"))
+    places = np.stack([file.channels()[f"P.{axis}"].pixels for axis in "XYZ"], -1)
+    usd = here("export", take, "--format", "usd", "--out", tmp_path / "a.usda", "--start-number", "1001")
+    assert usd.returncode == 0, usd.stderr
+    splats = UsdFrames(tmp_path / "a.usda")
+    assert splats.times == [1001, 1002, 1003, 1004, 1005]
+    means = splats.read(1002).means.numpy()
+    drawn = places[file.channels()["RGBA"].pixels[..., 3] > 0.9]
+    assert np.abs(drawn.mean(0) - means.mean(0)).max() < 0.2
+    assert drawn[:, 1].std() > 1.5 * drawn[:, 2].std()  # y is up: the body is twice as high as wide
+
+    # the same camera, by way of the USD file
+    path = ("--path", tmp_path / "a.usda", "--camera", "side", "--start-number", "1001", "--size", "96x64")
+    done = here("export", take, *options, *path, "--frames", "1:3", "--out", tmp_path / "again")
+    assert done.returncode == 0, done.stderr
+    again = OpenEXR.File(str(tmp_path / "again" / "plate.1001.exr"))
+    for name, channel in file.channels().items():
+        np.testing.assert_allclose(again.channels()[name].pixels, channel.pixels, atol=2e-3, rtol=1e-3)
+    done = here("export", take, "--format", "camera-path", *path, "--out", tmp_path / "a.mp4")
+    assert done.stdout.endswith("a.mp4: 5 frames of 96x64\n"), done.stderr
+
+
+def test_plates_along_a_path(here, take, tmp_path):
+    keys = [Key(0, RIG["front"], 0.0), Key(1, RIG["side"], 4.0)]
+    write_path_keys(keys, tmp_path / "path.json")
+    path = ("--format", "exr", "--path", tmp_path / "path.json", "--size", "96x64", "--overscan", "4")
+    done = here("export", take / "stream", *path, "--out", tmp_path / "plates")
+    assert done.returncode == 0, done.stderr
+    assert len(list((tmp_path / "plates").iterdir())) == 5
+    done = here("export", take / "stream", *path, "--out", tmp_path / "plates")
+    assert (done.returncode, "--overwrite" in done.stderr) == (1, True)
+    done = here("export", take / "stream", *path, "--out", tmp_path / "plates", "--overwrite", "--frames", "0:2")
+    assert done.returncode == 0, done.stderr
+    assert len(list((tmp_path / "plates").iterdir())) == 2
+    write_path_keys([keys[0], replace(keys[1], frame=0.0)], tmp_path / "path.json")
+    done = here("export", take / "stream", *path, "--out", tmp_path / "more")
+    assert (done.returncode, "stand still" in done.stderr) == (1, True)
+    assert not (tmp_path / "more").exists()
+
+
 def test_mistakes_are_one_sentence(here, take, tmp_path):
     out = tmp_path / "out"
     cases = [
@@ -216,6 +266,10 @@ def test_mistakes_are_one_sentence(here, take, tmp_path):
         ([take, "--format", "ply", "--out", tmp_path / "a.ply"], "5 frames cannot be written to one file"),
         ([take / "stream", "--of", "trained", "--format", "ply", "--out", out], "--of trained needs a take"),
         ([take, "--format", "camera-path", "--out", tmp_path / "a.mp4"], "needs --path"),
+        ([take, "--format", "exr", "--out", out], "needs --path FILE or --camera NAME"),
+        ([take, "--format", "exr", "--camera", "top", "--out", out], "no camera named 'top'"),
+        ([take / "stream", "--format", "exr", "--camera", "side", "--out", out], "--camera side needs a take"),
+        ([take, "--format", "ply", "--camera", "side", "--out", out], "does not take --camera"),
         (
             [take, "--format", "turntable", "--out", tmp_path / "a.mp4", "--size", "big"],
             "--size 'big' is not",

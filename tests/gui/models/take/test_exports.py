@@ -73,9 +73,9 @@ def test_what_fails_is_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert exports.result.endswith(": the disk is full")
 
 
-@pytest.mark.parametrize("of", ["decoded", "trained"])
+@pytest.mark.parametrize(("of", "kind"), [("decoded", "camera-path"), ("trained", "exr")])
 def test_views_of_a_trimmed_and_placed_take_become_those_of_what_is_exported(
-    of: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    of: str, kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Frames 2 to 7 of the take, in a world that is ten times as large."""
     from studio.formats.camera_path import read_path_keys
@@ -91,7 +91,7 @@ def test_views_of_a_trimmed_and_placed_take_become_those_of_what_is_exported(
             write_frame(take.trained_frame(0, frame), splats, FrameMetadata())
         write_group(take, 0, range(9))
         change_edits(take.edits, EditList(trim=Trim(first=2, last=7), world=world), "trim")
-    exports, chosen = Exports(), request("camera-path", take.root, tmp_path / "out.mp4")
+    exports, chosen = Exports(), request(kind, take.root, tmp_path / "out.mp4")
     chosen.of = of
     views = [OrbitCamera().orbit(turn, 0).camera(1280, 720) for turn in (0, 60, 90)]
     exports.path.add(views[0], 2)
@@ -99,6 +99,7 @@ def test_views_of_a_trimmed_and_placed_take_become_those_of_what_is_exported(
     started: list[str] = []
     monkeypatch.setattr(exports, "_run", lambda request, arguments, scratch: started.extend(arguments))
     exports.start(chosen)
+    assert started[started.index("--size") + 1] == "1280x720"
     keys = read_path_keys(Path(started[started.index("--path") + 1]), 10.0)
     assert [key.frame for key in keys] == [0, 5]
     points = np.random.default_rng(1).normal(0, 0.3, (50, 3))

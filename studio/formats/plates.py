@@ -1,0 +1,159 @@
+"""What a compositor needs of one frame: its colors with alpha, and where each pixel is, faces and moves.
+
+Colors may be blurred by motion: the mean of several instants while the shutter is open. Between two frames of a group,
+whose splats correspond, splats move on straight lines; at the ends of a group they move on as they did.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+import torch
+
+from studio.cameras import Camera
+from studio.gaussians import Gaussians
+from studio.rasterizer import preferred_device, rasterize
+from studio.rasterizer.features import mean_features
+from studio.similarity import Similarity
+from studio.splat_video import SplatVideo
+from studio.torch_rotations import quats_to_matrices
+
+FAR = 1e10
+"""Depth where there is nothing, as renderers write it."""
+
+
+@dataclass(frozen=True)
+class Plate:
+    """Layers of one frame, float32.
+
+    Attributes:
+        rgba: (H, W, 4) premultiplied colors in the space that was asked for, and alpha.
+        depth: (H, W) mean distance along the viewing axis; `FAR` where nothing is drawn.
+        position: (H, W, 3) place in the world at that depth; 0 where nothing is drawn.
+        normal: (H, W, 3) unit vector in the world, toward the camera; 0 where nothing is drawn.
+        forward: (H, W, 2) pixels to the right and up from this frame to the next; 0 where nothing is drawn.
+    """
+
+    rgba: np.ndarray
+    depth: np.ndarray
+    position: np.ndarray
+    normal: np.ndarray
+    forward: np.ndarray
+
+
+@dataclass(frozen=True)
+class Shutter:
+    """When the colors of a frame are recorded.
+
+    Attributes:
+        angle: degrees for which the shutter is open, around the time of the frame, 0 to 360; 0: an instant.
+        samples: number of instants whose mean is taken, at least 1.
+    """
+
+    angle: float = 0.0
+    samples: int = 1
+
+    @property
+    def times(self) -> list[float]:
+        """The instants, in frames after the frame."""
+        if self.angle == 0:
+            return [0.0]
+        return [((index + 0.5) / self.samples - 0.5) * self.angle / 360 for index in range(self.samples)]
+
+
+class Plates:
+    """Renders the plates of a video.
+
+    Args:
+        video: the splats.
+        camera: returns the camera at an index of a frame, also between two of them, in the world of the splats.
+        world: from the world of the splats to that of the plates.
+        linear: from (H, W, 4) premultiplied sRGB to the color space of the plates.
+        shutter: of the colors; the other layers show the frame itself.
+    """
+
+    def __init__(
+        self,
+        video: SplatVideo,
+        camera: Callable[[float], Camera],
+        world: Similarity,
+        linear: Callable[[np.ndarray], np.ndarray],
+        shutter: Shutter,
+    ) -> None:
+        self._video, self._camera, self._world = video, camera, world
+        self._linear, self._shutter = linear, shutter
+        self._device = preferred_device()
+        self._read: dict[int, Gaussians] = {}
+        self._groups = {index: group for group in video.groups for index in group}
+
+    def render(self, index: int) -> Plate:
+        """The plate of a frame. Raises StudioError if it cannot be read."""
+        camera = self._camera(index)
+        splats = self._frame(index)
+        colors = [self._colors(index, time) for time in self._shutter.times]
+        with torch.no_grad():
+            rendered = rasterize(splats, camera)
+        drawn = rendered.alpha.cpu().numpy() > 0
+        depth = rendered.depth.cpu().numpy()
+        shape = (*depth.shape, 3)
+        columns, rows = np.meshgrid(np.arange(shape[1]) + 0.5, np.arange(shape[0]) + 0.5)
+        places = camera.unproject(np.stack([columns, rows], -1).reshape(-1, 2), depth.reshape(-1)).reshape(shape)
+        facing = mean_features(splats, camera, _normals(splats, camera)).cpu().numpy()
+        moving = mean_features(splats, camera, self._motion(index, splats)).cpu().numpy()[..., :2]
+        length = np.linalg.norm(facing, axis=-1, keepdims=True)
+        plate = Plate(
+            rgba=np.mean(colors, axis=0),
+            depth=np.where(drawn, depth * self._world.scale, FAR),
+            position=np.where(drawn[..., None], self._world.points(places), 0),
+            normal=self._world.directions(facing / np.maximum(length, 1e-12)),
+            forward=moving,
+        )
+        return Plate(**{one.name: getattr(plate, one.name).astype(np.float32) for one in fields(plate)})
+
+    def _colors(self, index: int, time: float) -> np.ndarray:
+        splats = self._at(index, time)
+        with torch.no_grad():
+            rendered = rasterize(splats, self._camera(index + time))
+        return self._linear(torch.cat([rendered.image, rendered.alpha[..., None]], -1).cpu().numpy())
+
+    def _frame(self, index: int) -> Gaussians:
+        if index not in self._read:
+            self._read = {at: one for at, one in self._read.items() if abs(at - index) <= 1}
+            self._read[index] = self._video.read(index).to(self._device)
+        return self._read[index]
+
+    def _at(self, index: int, time: float) -> Gaussians:
+        """The splats `time` frames after a frame, from -0.5 to 1."""
+        group = self._groups[index]
+        step = 1 if (time > 0 and index + 1 in group) or index - 1 not in group else -1
+        if time == 0 or index + step not in group:
+            return self._frame(index)
+        return _between(self._frame(index), self._frame(index + step), time * step)
+
+    def _motion(self, index: int, splats: Gaussians) -> torch.Tensor:
+        """(N, 3) pixels to the right and up to the next frame, and 0."""
+        here, _ = self._camera(index).project(splats.means.cpu().numpy())
+        there, depths = self._camera(index + 1).project(self._at(index, 1.0).means.cpu().numpy())
+        moved = np.where((depths > 0)[:, None], (there - here) * [1, -1], 0)
+        moved = np.nan_to_num(np.column_stack([moved, np.zeros(len(moved))]), posinf=0, neginf=0)
+        return torch.from_numpy(moved).to(splats.means)
+
+
+def _between(first: Gaussians, second: Gaussians, share: float) -> Gaussians:
+    """Splats on the straight line from one frame to another; `share` may be below 0."""
+    opposite = (first.quats * second.quats).sum(-1, keepdim=True) < 0
+    ends = dict(replace(second, quats=torch.where(opposite, -second.quats, second.quats)).items())
+    mixed = {name: torch.lerp(tensor, ends[name], share) for name, tensor in first.items()}
+    return Gaussians(**mixed, dilation=first.dilation)
+
+
+def _normals(splats: Gaussians, camera: Camera) -> torch.Tensor:
+    """(N, 3) the thinnest direction of each splat, toward the camera."""
+    axes = quats_to_matrices(splats.unit_quats)
+    thinnest = splats.log_scales.argmin(-1)
+    normals = axes[torch.arange(len(axes), device=axes.device), :, thinnest]
+    toward = torch.as_tensor(camera.center).to(splats.means) - splats.means
+    flipped = torch.where((normals * toward).sum(-1, keepdim=True) < 0, -normals, normals)
+    return torch.nan_to_num(flipped)

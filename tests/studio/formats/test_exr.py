@@ -1,0 +1,211 @@
+"""EXR plates, read by OpenEXR's own library, against closed forms and the rasterizer."""
+
+import resource
+import sys
+from dataclasses import replace
+
+import numpy as np
+import OpenEXR
+import pytest
+import torch
+
+from studio.cameras import Camera
+from studio.formats.exr import export_exr
+from studio.formats.plates import FAR, Shutter
+from studio.gaussians import Gaussians
+from studio.rasterizer import rasterize
+from studio.similarity import Similarity
+from studio.splat_video import SplatVideo
+from tests.support.errors import refuses
+
+EYE, FOCAL = 3.0, 60.0
+CAMERA = Camera.look_at((0, 0, EYE), (0, 0, 0), width=64, height=48, field_of_view=43.6)  # looks along -z, y is up
+ACES = [[0.6131, 0.3395, 0.0474], [0.0702, 0.9164, 0.0135], [0.0206, 0.1096, 0.8698]]  # from linear Rec.709
+
+
+def splat(*center: float, spread: float = 0.1, color: tuple[float, ...] = (0.8, 0.5, 0.2)) -> Gaussians:
+    """One flat splat that faces +z, and has the opacity 0.95."""
+    sh = (torch.tensor([[color]]) - 0.5) / 0.28209479
+    scales = torch.tensor([[spread, spread, spread / 100]])
+    return Gaussians.from_activated(
+        torch.tensor([center]).float(), torch.tensor([[1.0, 0, 0, 0]]), scales, torch.tensor([0.95]), sh
+    )
+
+
+def moving(*centers: tuple[float, float, float], groups: tuple[int, ...] = (0,)) -> SplatVideo:
+    frames = [splat(*center) for center in centers]
+    return SplatVideo("test", 24.0, len(frames), groups, frames.__getitem__)
+
+
+def exported(folder, video: SplatVideo, camera: Camera = CAMERA, world: Similarity | None = None, **options):  # type: ignore[no-untyped-def]
+    """The header and the layers of each frame."""
+    export_exr(video, folder, options.pop("path", lambda index: camera), world or Similarity(), **options)
+    files = [OpenEXR.File(str(path)) for path in sorted(folder.iterdir())]
+    names = {"Z": "Z", "P": "P.XYZ", "N": "N.XYZ", "forward": "forward.uv"}
+    found = []
+    for file in files:
+        channels = file.channels()
+        layers = {"rgba": channels["RGBA"].pixels.astype(np.float32)}
+        for name, listed in names.items():
+            head, _, parts = listed.partition(".")
+            keys = [f"{head}.{part}" for part in parts] or [head]
+            layers[name] = np.stack([channels[key].pixels.astype(np.float32) for key in keys], -1)
+        found.append((file.header(), layers))
+    return found
+
+
+def encoded(linear: np.ndarray) -> np.ndarray:
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055)
+
+
+def over(rgba: np.ndarray, color: np.ndarray) -> np.ndarray:
+    """Porter and Duff 1984."""
+    return rgba[..., :3] + (1 - rgba[..., 3:]) * color
+
+
+@pytest.mark.parametrize("space", ["srgb", "rec709", "acescg"])
+def test_over_a_color_it_is_the_renderers_image(tmp_path, make_video, space):
+    video = make_video((2,), splats=300)
+    camera = Camera.look_at((2.0, 0, 0.2), (0, 0, 0), (0, 0, 1), width=64, height=48)
+    color = np.array([0.2, 0.7, 0.4])
+    ((_, layers), _) = exported(tmp_path / "out", video, camera, color_space=space)
+    rgba = layers["rgba"]
+    alpha = rgba[..., 3:]
+    if space != "srgb":  # splats are blended in sRGB
+        straight = np.divide(rgba[..., :3], alpha, out=np.zeros_like(rgba[..., :3]), where=alpha > 0)
+        linear = straight if space == "rec709" else straight @ np.linalg.inv(ACES).T
+        rgba = np.concatenate([encoded(linear) * alpha, alpha], -1)
+    meant = rasterize(video.read(0), camera, torch.tensor(color)).image.numpy()
+    assert ((alpha > 0.1) & (alpha < 0.9)).sum() > 50
+    np.testing.assert_allclose(over(rgba, color), meant, atol=2.5e-3)
+
+
+def test_place_normal_and_camera_of_one_splat(tmp_path):
+    at = np.array([0.3, 0.2, 0.5])
+    world = Similarity(2.0, np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]), np.array([10.0, 0, 0]))
+    ((header, layers),) = exported(tmp_path / "out", moving((0.3, 0.2, 0.5)), world=world, shutter=Shutter(90, 2))
+    pixel = CAMERA.project(at[None])[0][0]
+    column, row = (int(value) for value in pixel)
+    assert layers["Z"][row, column, 0] == pytest.approx(2 * (EYE - at[2]), rel=1e-5)
+    assert layers["Z"][0, 0, 0] == np.float32(FAR)
+    assert not layers["P"][0, 0].any()
+    np.testing.assert_allclose(layers["P"][row, column], world.points(at), atol=2 * 0.5 * (EYE - at[2]) / CAMERA.fx)
+    np.testing.assert_allclose(layers["N"][row, column], world.directions(np.array([0, 0, 1.0])), atol=1e-3)
+    place = np.append(layers["P"][row, column], 1)
+    local = place @ header["worldToCamera"]
+    np.testing.assert_allclose(local[2], -layers["Z"][row, column, 0], rtol=1e-5)  # it looks along -z
+    clip = place @ header["worldToNDC"]
+    ndc = clip[:2] / clip[3]
+    back = (ndc * [1, -1] + 1) / 2 * [64, 48]
+    np.testing.assert_allclose(back, [column + 0.5, row + 0.5], atol=1e-3)
+    assert header["screenWindowWidth"] == pytest.approx(64 / CAMERA.fx)
+    assert header["pinholeFocalLength"] / header["sensorOverallDimensions"][0] == pytest.approx(CAMERA.fx / 64)
+    assert (header["framesPerSecond"], header["shutterAngle"], header["cameraLabel"]) == (24, 90, "view")
+
+
+def test_motion_is_in_pixels_to_the_right_and_up(tmp_path):
+    video = moving((0, 0, 0), (0.1, 0.05, 0), (0.3, 0.05, 0), (0, 0, 0), groups=(0, 3))
+    frames = exported(tmp_path / "out", video)
+    scale = CAMERA.fx / EYE
+    expected = [
+        (0.1, 0.05),
+        (0.2, 0),
+        (0.2, 0),
+        (0, 0),
+    ]  # the last frame of a group moves on, a single one stands still
+    for (_, layers), motion in zip(frames, expected, strict=True):
+        drawn = layers["rgba"][..., 3] > 0
+        assert drawn.sum() > 20
+        np.testing.assert_allclose(
+            layers["forward"][drawn], np.tile(np.multiply(motion, scale), (drawn.sum(), 1)), atol=1e-3
+        )
+        assert not layers["forward"][~drawn].any()
+
+
+def test_a_moving_camera_moves_the_image(tmp_path):
+    path = lambda index: replace(CAMERA, world_to_camera=CAMERA.world_to_camera + np.eye(4, k=3) * 0.1 * index)  # noqa: E731
+    (_, (_, layers)) = exported(tmp_path / "out", moving((0, 0, 0), (0, 0, 0)), path=path)
+    drawn = layers["rgba"][..., 3] > 0
+    np.testing.assert_allclose(layers["forward"][drawn, 0], 0.1 * CAMERA.fx / EYE, rtol=1e-4)
+
+
+def test_blur_is_the_mean_while_the_shutter_is_open(tmp_path):
+    step, samples = 0.2, 6
+    video = moving((-step, 0, 0), (0, 0, 0), (step, 0, 0))
+    sharp = exported(tmp_path / "sharp", video, color_space="srgb")
+    blurred = exported(tmp_path / "blurred", video, color_space="srgb", shutter=Shutter(360, samples))
+    columns = np.arange(64) + 0.5
+
+    def moments(layers) -> tuple[float, float, float]:  # type: ignore[no-untyped-def]
+        weights = layers["rgba"][..., 3].sum(0).astype(np.float64)
+        mean = (weights * columns).sum() / weights.sum()
+        return weights.sum(), mean, (weights * (columns - mean) ** 2).sum() / weights.sum()
+
+    for (_, still), (_, moved) in zip(sharp, blurred, strict=True):
+        (area, middle, spread), (same_area, same_middle, wider) = moments(still), moments(moved)
+        assert same_area == pytest.approx(area, rel=0.01)
+        assert same_middle == pytest.approx(middle, abs=0.02)
+        distance = step * CAMERA.fx / EYE
+        assert wider - spread == pytest.approx(distance**2 * (1 - 1 / samples**2) / 12, rel=0.05)
+        np.testing.assert_array_equal(moved["Z"], still["Z"])
+
+
+def test_overscan_is_around_the_image(tmp_path):
+    video = replace(moving((0.6, 0, 0), (0.6, 0, 0)), numbers=(1001, 1002))
+    (header, layers), (later, _) = exported(tmp_path / "wide", video, overscan=7)
+    (_, inside), _ = exported(tmp_path / "plain", video)
+    assert [path.name for path in sorted((tmp_path / "wide").iterdir())] == ["plate.1001.exr", "plate.1002.exr"]
+    assert (header["imageCounter"], later["imageCounter"]) == (1001, 1002)
+    assert np.array(header["dataWindow"]).tolist() == [[-7, -7], [70, 54]]
+    assert np.array(header["displayWindow"]).tolist() == [[0, 0], [63, 47]]
+    for name, layer in layers.items():
+        np.testing.assert_allclose(layer[7:-7, 7:-7], inside[name], atol=1e-4)
+
+
+def test_splats_that_cannot_be_drawn_leave_the_others_alone(tmp_path):
+    broken = Gaussians.cat(splat(0, 0, 0), splat(0, 0, float("nan")))
+    video = SplatVideo("test", 24.0, 1, (0,), lambda index: broken)
+    ((_, layers),) = exported(tmp_path / "out", video)
+    ((_, meant),) = exported(tmp_path / "one", moving((0, 0, 0)))
+    for name, layer in layers.items():
+        np.testing.assert_allclose(layer, meant[name], atol=1e-4)
+    empty = SplatVideo("test", 24.0, 1, (0,), lambda index: broken[:0])
+    ((_, layers),) = exported(tmp_path / "empty", empty)
+    assert not layers["rgba"].any()
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("overscan", {"overscan": -1}),
+        ("shutter", {"shutter": Shutter(400, 2)}),
+        ("samples", {"shutter": Shutter(90, 0)}),
+        ("size with overscan", {"overscan": 9000}),
+    ],
+)
+def test_numbers_out_of_range(tmp_path, name, options):
+    with refuses("export.invalid_setting", name=name):
+        export_exr(moving((0, 0, 0)), tmp_path / "out", lambda index: CAMERA, Similarity(), **options)
+
+
+def test_what_exists_stays(tmp_path):
+    (tmp_path / "out").mkdir()
+    with refuses("export.already_exists"):
+        export_exr(moving((0, 0, 0)), tmp_path / "out", lambda index: CAMERA, Similarity())
+
+
+def test_a_full_disk_leaves_nothing(tmp_path):
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2000, hard))
+    try:
+        with refuses("export.write_failed"):
+            export_exr(moving((0, 0, 0)), tmp_path / "out", lambda index: CAMERA, Similarity())
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_without_the_package(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "OpenImageIO", None)
+    with refuses("exr.missing"):
+        export_exr(moving((0, 0, 0)), tmp_path / "out", lambda index: CAMERA, Similarity())
