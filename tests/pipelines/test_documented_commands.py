@@ -37,6 +37,8 @@ SHORTER = {
     "0:20": "0:2",
     "--at 0.1 -0.1 1.4 --radius 0.15": "--at 0 0 0.5 --radius 0.3",
     "--group 17": "--group 1",
+    "--camera cam00": "--camera cam0",
+    "--size 640x360": "--size 96x72",
     "--format turntable": "--format turntable --size 64x48 --seconds 0.2",
     "my_masks:bright": "my_masks:bright --until initialize",
 }
