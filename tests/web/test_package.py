@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import re
 import shutil
 import subprocess
 import tarfile
@@ -146,6 +147,22 @@ def test_a_worker_decodes_what_python_decodes(package_site, baked, open_page, pr
     assert got["late"][-1] == 8  # the newest call is answered
     assert "no frame 9" in got["refused"]
     assert 'no rendition "none"' in got["missing"]
+
+
+def test_the_guides_programs_run(package_site, open_page):
+    guide = (ROOT / "docs" / "guides" / "web.md").read_text(encoding="utf-8")
+    programs = re.findall(r"```js\n(.*?)```", guide, re.DOTALL)
+    assert len(programs) == 4
+    pages = [(package_site.folder / f"{engine}.html").read_text() for engine in ("three", "playcanvas")]
+    maps = [json.loads(re.search(r'"importmap">(.*?)</script>', page, re.DOTALL)[1])["imports"] for page in pages]
+    modules = {"@v3studio/player/stream": "./node_modules/@v3studio/player/stream.js", **maps[0], **maps[1]}
+    page_text = f'<script type="importmap">{json.dumps({"imports": modules})}</script><iframe></iframe>'
+    (package_site.folder / "programs.html").write_text(f"<!doctype html>{page_text}")
+    page = open_page(address=f"http://127.0.0.1:{package_site.port}/programs.html", wait=False)
+    for number, program in enumerate(programs):
+        text = f"{program}\nglobalThis.done = {number};"
+        page.handle.add_script_tag(content=text, type="module")
+        page.handle.wait_for_function("number => globalThis.done === number", arg=number)
 
 
 _AIM = {

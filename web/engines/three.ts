@@ -20,6 +20,8 @@ interface Dyno {
 /** A `SplatMesh` whose splats are those of the frame that is due. */
 export class V3Performer extends SplatMesh {
   readonly playback: SplatPlayback;
+  /** With which the shown splats were trained, in square pixels: a SparkRenderer's `preBlurAmount`, with no `blurAmount`. */
+  dilation = 0.3;
 
   constructor(options: StreamOptions = {}) {
     super({ extSplats: new ExtSplats(), editable: false });
@@ -59,6 +61,7 @@ export class V3Performer extends SplatMesh {
   private show(splats: Splats): void {
     const target = this.extSplats!;
     const { means, quats, scales, opacities, sh, count, shDegree } = splats;
+    this.dilation = splats.dilation;
     const arrays = target.ensureSplats(count);
     target.numSplats = count;
     const width = 3 * (shDegree + 1) ** 2;

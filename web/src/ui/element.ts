@@ -1,5 +1,5 @@
 /**
- * `<v3-player src="...">`: the player with its controls. docs/WEB.md lists its attributes, methods and events.
+ * `<v3-player src="...">`: the player with its controls. docs/guides/web.md lists its attributes, methods and events.
  */
 
 import type { PartialView } from "../render/camera.ts";

@@ -1,5 +1,5 @@
 /**
- * The message interface for iframes, version 1 (docs/WEB.md). Commands are harmless, so any embedding page may send them;
+ * The message interface for iframes, version 1 (docs/guides/web.md). Commands are harmless, so any embedding page may send them;
  * replies go to the embedding page.
  */
 
