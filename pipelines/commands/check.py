@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import shlex
-from contextlib import nullcontext
+from contextlib import closing, nullcontext
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,18 +16,20 @@ from studio.progress import ProgressFn
 
 if TYPE_CHECKING:
     from pipelines.takes.take import Take
+    from studio.capture import Footage
 
 
 def register(commands: Any) -> None:
     """Add the command to the command line."""
     command = commands.add_parser(
         "check",
-        help="find damaged files of a take or a stream",
+        help="find damaged files of a take, a stream or footage",
         description="Read all results of a take, or all files of a stream, and compare them with the checksums that "
-        "were recorded when they were written. Exit code 1 if a file is damaged, changed or missing.",
+        "were recorded when they were written. Of footage, read all frames and masks. Exit code 1 if a file is "
+        "damaged, changed or missing.",
     )
     command.add_argument(
-        "place", metavar="PLACE", help="folder of a take or a stream, a .v3s file, or the URL of a stream"
+        "place", metavar="PLACE", help="folder of a take, a stream or footage, a .v3s file, or the URL of a stream"
     )
     command.add_argument(
         "--remove", action="store_true", help="delete damaged files of a take, so that the next run makes them"
@@ -40,19 +42,51 @@ def _check(arguments: argparse.Namespace) -> int:
     place = Path(arguments.place).expanduser()
     if place.name == "take.json" and place.is_file():
         place = place.parent
-    # an address is a stream, and so is a folder with a manifest; of other folders, `Take.open` says what they lack
-    if "://" not in arguments.place and place.is_dir() and not (place / "manifest.json").is_file():
-        return _check_take(arguments, place)
-    return _check_stream(arguments)
+    # an address is a stream, and so is a folder with a manifest
+    if "://" in arguments.place or not place.is_dir() or (place / "manifest.json").is_file():
+        return _check_stream(arguments)
+    from pipelines.takes.take import Take
+
+    try:
+        take = Take.open(place)
+    except StudioError as error:
+        footage = _footage(place) if error.code == "take.not_a_take" and not error.fields["lost"] else None
+        if footage is None:
+            raise
+        return _check_footage(arguments, footage)
+    return _check_take(arguments, take, place)
 
 
-def _check_take(arguments: argparse.Namespace, folder: Path) -> int:
+def _footage(folder: Path) -> Footage | None:
+    from pipelines.commands.common.source import read_settings
+    from studio.capture import open_footage
+
+    try:
+        return open_footage(read_settings(folder).capture, None, strict=False)
+    except StudioError:
+        return None
+
+
+def _check_footage(arguments: argparse.Namespace, footage: Footage) -> int:
+    from pipelines.commands.common.working import json_output, working
+    from pipelines.stages.camera_file import camera_file_text
+    from studio.capture import check_footage
+
+    with working("check", json_output(arguments)) as report, closing(footage):
+        problems = [str(problem) for problem in check_footage(footage, report)]
+        found = [*footage.description.splitlines(), *camera_file_text(footage).splitlines()]
+    arguments.result = {"footage": found, "problems": problems}
+    if not arguments.json:
+        images = counted(len(footage.frames) * len(footage.camera_names), "image")
+        print("\n".join([*found, *problems, f"{images} checked, {len(problems) or 'no'} problems"]))
+    return 1 if problems else 0
+
+
+def _check_take(arguments: argparse.Namespace, take: Take, folder: Path) -> int:
     from pipelines.commands.common.working import json_output, working
     from pipelines.stages import STAGE_NAMES
     from pipelines.takes.integrity import check_take
-    from pipelines.takes.take import Take
 
-    take = Take.open(folder)
     report: ProgressFn
     # what is deleted must not have been made again since it was checked
     with take.locked("v3studio check --remove") if arguments.remove else nullcontext():

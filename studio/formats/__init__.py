@@ -129,7 +129,7 @@ def suffix_of(path: Path) -> str:
     return ".sog" if path.name.lower() == META else path.suffix.lower()
 
 
-def _format(path: Path, known: Iterable[str], what: str) -> Format:
+def _format(path: Path, known: Iterable[str], what: str, also: str = "") -> Format:
     suffix, suffixes = suffix_of(path), list(known)
     if suffix not in suffixes:
         raise StudioError(
@@ -137,10 +137,14 @@ def _format(path: Path, known: Iterable[str], what: str) -> Format:
             f"splats can be {what} {', '.join(suffixes)} files, not {path.suffix or 'a file without extension'}",
             file=path,
             value=path.suffix,
-            fix="Convert it, or give the file the extension of its format.",
+            fix=f"Convert it, or give the file the extension of its format.{also}",
             expected=suffixes,
         )
     return FRAME_FILES[suffix]
+
+
+def _read_format(path: Path) -> Format:
+    return _format(path, READ_SUFFIXES, "read from", " `v3studio import` reads USD, too.")
 
 
 def ignore(note: str) -> None:
@@ -156,7 +160,7 @@ def read_rows(path: Path, note: Note = ignore) -> Gaussians:
         StudioError: the extension is not supported, or the file is missing, damaged, does not contain splats, or
             contains what would change their meaning and is not supported.
     """
-    found: Gaussians = _format(path, READ_SUFFIXES, "read from").module.read(path, note)
+    found: Gaussians = _read_format(path).module.read(path, note)
     return found
 
 
@@ -187,14 +191,14 @@ def dropped(count: int) -> str:
 
 def up_of(path: Path) -> Up:
     """Direction that points up in a file: what it says, if it says so, or the convention of its format."""
-    known = _format(path, READ_SUFFIXES, "read from")
+    known = _read_format(path)
     said: Up | None = known.module.said_up(path) if known.name == "ply" else None
     return known.up if said is None else said
 
 
 def splats_size(path: Path) -> tuple[int, int]:
     """Number of splats and SH degree of a file, from its header only. Raises StudioError as `read_splats`."""
-    count, degree = _format(path, READ_SUFFIXES, "read from").module.size(path)
+    count, degree = _read_format(path).module.size(path)
     return count, degree
 
 

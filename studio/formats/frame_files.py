@@ -122,7 +122,7 @@ def find_frames(place: Path) -> list[tuple[int, Path]]:
             "import.no_files",
             f"{only}no {', '.join(READ_SUFFIXES)} files in this folder",
             file=place,
-            fix="Specify a folder with one file per frame.",
+            fix="Specify a folder with one file per frame, or a USD file.",
         )
     if list(formats) == [META]:
         return [(0, paths[0])]

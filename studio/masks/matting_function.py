@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import inspect
 import sys
+import traceback
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
-from studio.errors import StudioError
+from studio.errors import Cancelled, StudioError
 from studio.masks.filters import keep_components
 from studio.masks.mask_cache import MaskCache
 from studio.masks.mask_source import GarbageMasks
@@ -67,8 +68,8 @@ class FunctionMaskSource:
         """See `MaskSource`.
 
         Raises:
-            StudioError: `mask.function_output`: the function did not return a mask of the image's size in 0..1.
-            Exception: any exception raised by the function.
+            StudioError: `mask.function_failed`: the function raised an exception, which is the cause;
+                `mask.function_output`: it did not return a mask of the image's size in 0..1.
         """
         image = np.ascontiguousarray(image[:, :, :3])
         mask = self._cache.read(image) if self._cache is not None else None
@@ -94,7 +95,21 @@ class FunctionMaskSource:
         return self._files + (self._garbage.files() if self._garbage is not None else [])
 
     def _compute(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
-        values = np.asarray(self._function(image, camera, frame))
+        try:
+            values = np.asarray(self._function(image, camera, frame))
+        except (StudioError, Cancelled, MemoryError):
+            raise
+        except Exception as error:
+            place = traceback.extract_tb(error.__traceback__)[-1]
+            raise StudioError(
+                "mask.function_failed",
+                f"{self._name}, camera '{camera}', frame {frame}: {type(error).__name__}: {error} "
+                f"({Path(place.filename).name}, line {place.lineno})",
+                file=self._files[0] if self._files else None,
+                fix="Correct the function.",
+                camera=camera,
+                frame=frame,
+            ) from error
         problem = ""
         found: object = None
         if values.shape != image.shape[:2] or values.dtype.kind != "f":

@@ -123,6 +123,22 @@ def test_what_people_made_is_read(take: Take, here: Callable) -> None:
     assert take.edits.read_text() == "{"
 
 
+def test_footage_is_read_and_described(here: Callable, finished: Path, tmp_path: Path) -> None:
+    footage = tmp_path / "capture"
+    shutil.copytree(finished / "capture", footage)
+    whole = here("check", footage)
+    assert whole.returncode == 0
+    assert "6 cameras, 5 frames" in whole.stdout
+    broken = footage / "images" / "cam2" / "003.png"
+    broken.write_bytes(broken.read_bytes()[:100])
+    damaged = here("check", footage, "--json")
+    assert damaged.returncode == 1
+    (problem,) = result_of(damaged.stdout)["problems"]
+    assert str(broken) in problem
+    (tmp_path / "empty").mkdir()
+    assert here("check", tmp_path / "empty").returncode == 1, "neither a take nor footage"
+
+
 @pytest.mark.parametrize(
     "name", ["../victim/file", ".", "/etc/passwd", "stream/../../victim/file", "a" * 300, "a\0b", ""]
 )

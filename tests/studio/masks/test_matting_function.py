@@ -218,6 +218,16 @@ def test_any_function_can_compute_masks(three_videos: Path) -> None:
     assert np.abs(footage.mask("cam1", 6) - footage.image("cam1", 6).mean(axis=2)).max() <= 0.5
 
 
+def test_a_function_that_fails_names_camera_frame_and_line() -> None:
+    def failing(image: np.ndarray, camera: str, frame: int) -> np.ndarray:
+        raise KeyError(camera)
+
+    with refuses("mask.function_failed", file=Path(__file__), camera="a", frame=3) as caught:
+        FunctionMaskSource(failing).mask("a", 3, noisy())
+    assert isinstance(caught.value.__cause__, KeyError)
+    assert "KeyError: 'a'" in caught.value.problem
+
+
 @pytest.mark.parametrize(
     ("function", "value", "text"),
     [
