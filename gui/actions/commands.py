@@ -100,6 +100,7 @@ class Actions:
             "export": self._outputs.export,
             "path": self.path.toggle,
             "add_key": self.path.add,
+            "read_keys": self.path.ask_file,
             "clear_keys": self.path.clear,
             "stop_export": window.exports.stop,
             **{f"share {form}": partial(self.shares.ask, form) for form in FORMS},

@@ -85,6 +85,7 @@ MENUS: dict[str, tuple[Item | None, ...]] = {
         None,
         Item("path", "Camera path editor", "P"),
         Item("add_key", "Add view to camera path", "K", needs="splats"),
+        Item("read_keys", "Camera path from file...", needs="splats"),
         Item("clear_keys", "Clear camera path"),
         None,
         Item("stop_export", "Stop export", needs=""),

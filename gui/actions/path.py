@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 
@@ -13,7 +14,10 @@ from gui.models.playback.thumbnails import Thumbnails
 from gui.models.scene.orbit import OrbitCamera
 from gui.models.ttl_cache import TtlCache
 from gui.shell import Shell
+from gui.widgets.dialogs.folder import ask_path
+from pipelines.takes.camera_paths import PATH_SUFFIXES, keys_in_take
 from pipelines.takes.take import Take
+from studio.errors import StudioError
 from studio.formats.camera_path import CameraPath
 
 
@@ -65,8 +69,36 @@ class PathActions:
 
     def clear(self) -> None:
         """Remove all views."""
-        if self.editor.keys and self._done(self.editor.clear):
+        if self.editor.keys and self._done(lambda: self.editor.load([])):
             self._window.notices.show("The camera path is empty now. Ctrl+Z brings it back.")
+
+    def ask_file(self) -> None:
+        """Ask for a file with a camera path, or a camera of a film tool, whose views replace those of the path."""
+        opened, dialogs = self._window.player.opened, self._window.dialogs
+        if opened is not None:
+            start = dialogs.usual_folder(Path(opened.path))
+            ask_path(dialogs, "Camera path from a file", start, "file", self.read, endings=PATH_SUFFIXES)
+
+    def read(self, file: str, camera: str | None = None) -> None:
+        """Read a file; ask for the camera if it has several."""
+        window, opened = self._window, self._window.player.opened
+        if opened is None:
+            return
+        of = next((name for name in ("decoded", "trained") if name in opened.sources), "")
+        try:
+            keys = keys_in_take(str(opened.path), of if opened.take is not None else "", Path(file), camera)
+        except StudioError as error:
+            if error.code != "camera_path.which_camera":
+                window.notices.show(str(error), bad=True, topic="path")
+                return
+            names = error.message.fields.get("expected", [])
+            window.dialogs.line(
+                "camera", "Which camera?", f"The file has {', '.join(names)}:", names[0],
+                [("read", "Open", lambda name: self.read(file, name)), ("close", "Cancel", lambda _: None)],
+            )  # fmt: skip
+            return
+        if self._done(lambda: self.editor.load(keys)) and not window.path_panel.shown:
+            self.toggle()
 
     def act(self, what: str, row: int) -> None:
         """Do what was clicked in the panel (`drawing.path_list.HINTS`)."""

@@ -110,9 +110,10 @@ class PathEditor:
         self._set([replace(key, time=key.time - start) for key in left], "a removed view of the camera path")
         self.selected = min(index, len(left) - 1) if left else None
 
-    def clear(self) -> None:
-        """Remove all views."""
-        self._set([], "the camera path")
+    def load(self, keys: Sequence[Key]) -> None:
+        """Replace all views by keys with numbers of frames; none: remove them."""
+        views = [PathKey(key.camera, int(key.frame or 0), key.time - keys[0].time, key.easing) for key in keys]
+        self._set(views, "the camera path")
         self.selected = None
 
     def move(self, index: int, by: int) -> None:

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from studio.formats.camera_path import Key
     from studio.gaussians import Gaussians
     from studio.progress import ProgressFn
-    from studio.similarity import Similarity
     from studio.splat_video import SplatVideo
 
 DEFAULT_OF = "decoded"
@@ -408,31 +407,17 @@ def _movie(video: SplatVideo, arguments: argparse.Namespace, size: tuple[int, in
 
 def _keys(video: SplatVideo, arguments: argparse.Namespace, size: tuple[int, int]) -> list[Key]:
     """The keys of the camera path in the world of the splats."""
-    from studio.formats.camera_path import FILM_FORMATS, read_film_keys, read_path_keys
+    from pipelines.takes.camera_paths import path_keys
 
-    if arguments.path.suffix.lower() in FILM_FORMATS:
-        keys = read_film_keys(arguments.path, arguments.camera, size, _numbers(video, arguments), video.fps)
-        back = _film_world(video, arguments).inverse
-    elif arguments.camera is not None:
-        raise invalid_option(
-            "--camera",
-            f"--camera chooses a camera of a {', '.join(FILM_FORMATS)} file, not of {arguments.path.name}",
-            "Remove --camera.",
-            arguments.camera,
-        )
-    else:
-        keys = read_path_keys(arguments.path, arguments.seconds or video.duration)
-        back = video.original.inverse
-    return [replace(key, camera=back.camera(key.camera)) for key in keys]
-
-
-def _film_world(video: SplatVideo, arguments: argparse.Namespace) -> Similarity:
-    """From the world of the splats to that of film tools: with y up, unless `--axes world`."""
-    from studio.formats.sequence import axes_of
-    from studio.similarity import Similarity
-
-    rotation = axes_of(video, EXPORTS["usd"].up, arguments.axes != "world")
-    return video.original if rotation is None else Similarity(video.original.scale, rotation)
+    return path_keys(
+        video,
+        arguments.path,
+        camera=arguments.camera,
+        size=size,
+        seconds=arguments.seconds,
+        numbers=_numbers(video, arguments),
+        upright=arguments.axes != "world",
+    )
 
 
 def _numbers(video: SplatVideo, arguments: argparse.Namespace) -> tuple[int, ...]:
@@ -443,6 +428,7 @@ def _numbers(video: SplatVideo, arguments: argparse.Namespace) -> tuple[int, ...
 
 
 def _plates(video: SplatVideo, arguments: argparse.Namespace, size: tuple[int, int], progress: ProgressFn) -> str:
+    from pipelines.takes.camera_paths import film_world
     from pipelines.takes.videos import footage_cameras
     from studio.cameras import Rig
     from studio.formats.camera_path import CameraPath, Key
@@ -468,7 +454,7 @@ def _plates(video: SplatVideo, arguments: argparse.Namespace, size: tuple[int, i
         replace(video, numbers=_numbers(video, arguments)),
         arguments.out,
         camera,
-        _film_world(video, arguments),
+        film_world(video, upright=arguments.axes != "world"),
         arguments.color_space,
         arguments.overscan,
         Shutter(arguments.shutter, arguments.shutter_samples),

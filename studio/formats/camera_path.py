@@ -240,7 +240,9 @@ def read_path_keys(path: Path, seconds: float) -> list[Key]:
 def read_film_keys(
     path: Path, name: str | None, size: tuple[int, int], numbers: Sequence[int], fps: float
 ) -> list[Key]:
-    """The keys of a camera in a file of a film tool: one for each of its frames, or one without a frame.
+    """The keys of a camera in a file of a film tool: one for each of its frames, or one if it stands still.
+
+    Frames between those of the video are left out; keys before and after the video have frames outside of it.
 
     Args:
         path: a file of `FILM_FORMATS`.
@@ -278,7 +280,8 @@ def read_film_keys(
             expected=[numbers[0], numbers[-1]],
         )
     step = numbers[1] - numbers[0] if len(numbers) > 1 else 1
-    indices = {number: (number - numbers[0]) / step for number in sorted(cameras)}
+    frames = [number for number in sorted(cameras) if (number - numbers[0]) % step == 0]
+    indices = {number: (number - numbers[0]) // step for number in frames}
     return [Key(index / fps, cameras[number], index, "linear") for number, index in indices.items()]
 
 

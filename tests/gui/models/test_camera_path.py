@@ -61,7 +61,7 @@ def test_views_are_ordered_and_timed(tmp_path: Path) -> None:
     for _ in range(2):
         assert history.undo().startswith("Undone")
     assert [key.easing for key in editor.keys] == ["smooth"] * 3
-    editor.clear()
+    editor.load([])
     assert not (tmp_path / "camera_path.json").exists()
     history.undo()
     assert len(read_path_keys(tmp_path / "camera_path.json", 1.0)) == 3

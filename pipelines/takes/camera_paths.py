@@ -1,0 +1,102 @@
+"""Camera paths for a video, from any file that has one: keys drawn here, rigs, and cameras of film tools."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from pipelines.takes.edits import read_edits
+from pipelines.takes.take import Take
+from pipelines.takes.videos import capture_place, decoded_video, open_reader, stream_numbers, trained_video
+from studio.errors import StudioError
+from studio.formats.camera_path import FILM_FORMATS, Key, read_film_keys, read_path_keys
+from studio.formats.sequence import axes_of
+from studio.similarity import Similarity
+from studio.splat_video import SplatVideo
+
+PATH_SUFFIXES = (".json", *FILM_FORMATS)
+"""Extensions of files with a camera path."""
+
+Y_UP = (0.0, 1.0, 0.0)
+
+
+def film_world(video: SplatVideo, *, upright: bool = True) -> Similarity:
+    """From the world of a video's splats to that of film tools, which has y up and is that of exported USD files.
+
+    Args:
+        video: the splats.
+        upright: False: the axes and the place of the capture.
+    """
+    rotation = axes_of(video, Y_UP, upright)
+    return video.original if rotation is None else Similarity(video.original.scale, rotation)
+
+
+def path_keys(
+    video: SplatVideo,
+    path: Path,
+    *,
+    camera: str | None = None,
+    size: tuple[int, int] = (1280, 720),
+    seconds: float | None = None,
+    numbers: Sequence[int] = (),
+    upright: bool = True,
+) -> list[Key]:
+    """The keys of a camera path in the world of the video's splats.
+
+    Args:
+        video: the splats; key frames are its indices.
+        path: a file with one of `PATH_SUFFIXES`, or another that `read_rig` reads.
+        camera: name of the camera in a file of a film tool; None: it has only one.
+        size: of the image in pixels, for formats that do not have it.
+        seconds: over which the cameras of a rig are spread; None: the video's duration.
+        numbers: of the video's frames in the film tool; none: `SplatVideo.number`.
+        upright: as for `film_world`.
+
+    Raises:
+        StudioError: the file cannot be read, or `camera` names none of its cameras (camera_path.which_camera).
+    """
+    if path.suffix.lower() in FILM_FORMATS:
+        known = numbers or [video.number(index) for index in range(video.frame_count)]
+        keys = read_film_keys(path, camera, size, known, video.fps)
+        back = film_world(video, upright=upright).inverse
+    elif camera is not None:
+        raise StudioError(
+            "camera_path.which_camera",
+            f"only files with {', '.join(FILM_FORMATS)} have cameras with names, not this one",
+            file=path,
+            value=camera,
+            fix="Remove --camera.",
+        )
+    else:
+        keys = read_path_keys(path, video.duration if seconds is None else seconds)
+        back = video.original.inverse
+    return [replace(key, camera=back.camera(key.camera)) for key in keys]
+
+
+def keys_in_take(source: str, of: str, path: Path, camera: str | None = None) -> list[Key]:
+    """The keys of a camera path in the world of a take before its edits, with the numbers of their frames.
+
+    Args:
+        source: folder of a take; or of a stream, or its URL, whose own world and numbers count.
+        of: "decoded" or "trained", the frames that `v3studio export` would read; "" for a stream.
+        path, camera: as for `path_keys`. A camera that stands still has a key at both ends of the video.
+
+    Raises:
+        StudioError: as `path_keys`, or the take or the stream cannot be read.
+    """
+    if of == "trained":
+        video, world = trained_video(source), read_edits(Take.open(Path(source)).edits).similarity
+    else:
+        with open_reader(source) as reader:
+            video = replace(decoded_video(reader), numbers=stream_numbers(source, reader).known)
+            world = capture_place(reader).world if of else Similarity()
+    keys = path_keys(video, path, camera=camera)
+    if len(keys) == 1:
+        keys = [keys[0], replace(keys[0], time=keys[0].time + video.duration - 1 / video.fps)]
+    found = []
+    for key in keys:
+        index = round(key.time * video.fps if key.frame is None else key.frame)
+        if 0 <= index < video.frame_count:
+            found.append(replace(key, camera=world.inverse.camera(key.camera), frame=float(video.number(index))))
+    return found

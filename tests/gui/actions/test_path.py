@@ -1,0 +1,59 @@
+"""A camera path from a file, in the window's editor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gui.actions.path import PathActions
+from gui.models.history import History
+from gui.models.loop import Signal
+from gui.models.notices import Notices
+from gui.models.playback.player import PlayerPresenter
+from gui.models.take.exports import Exports
+from tests.support.streams import bake_numbered
+
+NUKE = "Camera3 {\n inputs 0\n translate {{curve x1 1 2 3 4} 0 30}\n name %s\n}\n"
+
+
+class Window:
+    """What the actions use of the main window; its dialog keeps what can be answered."""
+
+    def __init__(self, stream: Path) -> None:
+        self.player, self.notices, self.exports = PlayerPresenter(), Notices(), Exports()
+        self.player.opened = SimpleNamespace(path=stream, sources={"decoded": None}, take=None)  # type: ignore[assignment]
+        self.exports.path.open(None, History())
+        self.dialogs, self.path_panel = SimpleNamespace(line=self._line), SimpleNamespace(shown=True)
+        self.changed: Signal[[]] = Signal()
+        self.answers: dict[str, Callable[[str], None]] = {}
+
+    def _line(self, kind: str, title: str, text: str, note: str, answers: Any) -> None:
+        self.answers = {name: act for name, _, act in answers}
+
+
+@pytest.fixture
+def window(tmp_path: Path) -> Window:
+    bake_numbered(tmp_path / "stream", (6,), 25)
+    return Window(tmp_path / "stream")
+
+
+def test_a_camera_of_a_film_tool_becomes_the_path(window: Window, tmp_path: Path) -> None:
+    actions = PathActions(window, lambda: None)  # type: ignore[arg-type]
+    file = tmp_path / "shot.nk"
+    file.write_text(NUKE % "first" + NUKE.replace("30", "40") % "second")
+    actions.read(str(file))
+    window.answers["read"]("second")
+    path = window.exports.path
+    assert [key.frame for key in path.keys] == [1, 2, 3, 4]
+    cameras = [path.path(640, 360).camera(seconds) for seconds in (0, path.duration)]
+    assert np.linalg.norm(cameras[1].center - cameras[0].center) == pytest.approx(3)
+    file.write_text("Blur {\n size 3\n}\n")
+    actions.read(str(file))
+    assert "no node Camera2" in window.notices.text
+    assert len(path.keys) == 4, "kept"
+    actions.close()
