@@ -41,6 +41,7 @@ export class Player extends Playback<Picture> {
   private outside: Renderer | null = null;
   /** The center of the viewer's head in an immersive session. */
   private head: Pinhole | null = null;
+  /** Of the next animation frame; 0 before the first image, until which nothing is due. */
   private handle = 0;
   private handlerTime = 0;
 
@@ -65,7 +66,6 @@ export class Player extends Playback<Picture> {
     this.stream.on("picture", timed((picture) => this.received(picture)));
     this.stream.on("order", timed((order) => this.sorted(order)));
     canvas.addEventListener("webglcontextrestored", () => this.restore(), { signal: this.stop.signal });
-    this.handle = requestAnimationFrame(this.tick);
   }
 
   /** Draws no more to the page: an immersive session draws, with its own renderer, and advances the clock. */
@@ -106,7 +106,6 @@ export class Player extends Playback<Picture> {
   override open(address: string, files: EmbeddedFiles | null = null, archive: File | null = null): Promise<StreamInfo> {
     this.group = null;
     this.drawn = 0;
-    if (this.handle === 0) this.handle = requestAnimationFrame(this.tick);
     return super.open(address, files, archive);
   }
 
@@ -240,6 +239,7 @@ export class Player extends Playback<Picture> {
     this.discard(picture);
     this.screen.dirty = true;
     if (first) this.screen.render(now);
+    if (this.handle === 0) this.handle = requestAnimationFrame(this.tick);
   }
 
   protected override discard({ luma, order }: Picture): void {

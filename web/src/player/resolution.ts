@@ -9,7 +9,7 @@ const HOPE = 0.8;
 /** Maximum initial number of pixels, while the speed of the device is unknown. */
 const FIRST_PIXELS = 2.1e6;
 /** The same without a GPU. */
-const FIRST_PIXELS_IN_SOFTWARE = 1.5e5;
+const FIRST_PIXELS_IN_SOFTWARE = 6e4;
 
 export class Resolution {
   /** Time budget of a drawing in milliseconds. */

@@ -121,6 +121,7 @@ export class Controls {
     player.on("ready", () => {
       this.busy(false);
       this.part(".poster").classList.add("gone");
+      this.host.classList.add("begun");
       this.timeline.updateBuffered();
       this.showPlaying(player.playing);
       this.awake();
