@@ -40,6 +40,7 @@ def main() -> None:
     settings = {
         "capture.root": str(SAMPLE),
         "capture.masks": performer,
+        "capture.cameras": [f"cam{number:02d}" for number in range(1, 16, 2)],
         "capture.frames": ":1",
         "capture.scale": 0.25,
         "initialize.points": 2000,

@@ -98,7 +98,7 @@ def update_marks(take: Take, groups: Sequence[Group]) -> bool:
         whether the report changed.
 
     Raises:
-        StudioError: there is no report (`take.no_report`), or a version without marks wrote it (`take.old_report`).
+        StudioError: there is no report (`take.no_report`), or it has no place for marks (`take.damaged`).
     """
     if not (take.report.is_file() and take.evaluation.is_file()):
         raise StudioError(
@@ -109,8 +109,8 @@ def update_marks(take: Take, groups: Sequence[Group]) -> bool:
     _, end, tail = rest.partition(_END)
     if not (begin and end):
         raise StudioError(
-            "take.old_report",
-            "written by an earlier version, without marks",
+            "take.damaged",
+            "the report has no place for marks",
             file=take.report,
             fix=f"Run `v3studio evaluate --take {take.root} --force`.",
             stage="evaluate",

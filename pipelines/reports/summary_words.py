@@ -14,12 +14,12 @@ def summary_words(stage: str, summary: Mapping[str, JsonData]) -> str:
 
     Args:
         stage: name of the stage.
-        summary: as in the event `stage_finished` and in the stage's record, also of an earlier version; figures that
-            are not known here are added with their names.
+        summary: as in the event `stage_finished` and in the stage's record; figures that are not known here are
+            added with their names.
     """
     rest = dict(summary)
     words = [part for part in _WORDS[stage](rest) if part] if stage in _WORDS else []
-    # whatever is left over: figures of other versions, and of stages added by others
+    # whatever is left over: figures of stages added by others
     words += [f"{name.replace('_', ' ')} {_plain(value)}" for name, value in rest.items() if value is not None]
     return ", ".join(words)
 

@@ -56,7 +56,7 @@ class FrameQuality(Quality):
 
     flicker: float | None = None
     """RMS change of the decoded residual from the frame before, in levels of 0 to 255, mean over cameras; None for the
-    first frame and in older evaluations."""
+    first frame."""
 
     cameras: dict[str, Quality]
     """By camera name; cameras that do not see the performer in this frame are left out."""

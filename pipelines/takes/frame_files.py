@@ -38,7 +38,7 @@ class FrameMetadata(Result):
     """Training step of a checkpoint."""
 
     digest: str = ""
-    """BLAKE2b-128 of the tensors' bytes, all that follows the file's header; "" in files of earlier versions."""
+    """BLAKE2b-128 of the tensors' bytes, all that follows the file's header."""
 
 
 def write_frame(path: Path, gaussians: Gaussians, about: FrameMetadata) -> None:
@@ -142,7 +142,7 @@ def _load(path: Path) -> dict[str, Tensor]:
     except MemoryError:
         raise SafetensorError("it does not fit into memory") from None
     about = _metadata(data)
-    if about.digest and about.digest != _digest(data):
+    if about.digest != _digest(data):
         raise SafetensorError("checksum differs")
     return tensors
 

@@ -71,7 +71,7 @@ class Mark(Result):
     """Who wrote the note, as they gave their name in the browser; "" for marks of the window."""
 
     view: MarkView | None = None
-    """None in marks that version 0.2 or earlier has made."""
+    """None: not known."""
 
     @property
     def words(self) -> str:

@@ -59,7 +59,6 @@ def test_splats_made_from_others_keep_their_dilation(way: str) -> None:
 
 
 def test_the_usual_dilation_is_not_stored() -> None:
-    """Files of takes that do not set it are those of earlier versions."""
     assert "dilation" not in splats(0.3).state_dict()
     stored = splats(0.1).state_dict()
     assert float(stored["dilation"]) == 0.1

@@ -259,7 +259,7 @@ def test_a_take_that_another_program_runs_is_waited_for(queue: QueueFile, tmp_pa
     assert order == ["starts", "unlocked", "ended"]
 
 
-def test_the_commands(finished: Path, tmp_path: Path, cli: Callable[..., Any]) -> None:
+def test_the_commands(finished: Path, tmp_path: Path, here: Callable[..., Any], cli: Callable[..., Any]) -> None:
     option = ("--queue", tmp_path / "queue.json")
     shutil.copytree(finished, tmp_path / "copy")
     settings, take = tmp_path / "copy" / "ball.yaml", tmp_path / "copy" / "take"
@@ -267,7 +267,7 @@ def test_the_commands(finished: Path, tmp_path: Path, cli: Callable[..., Any]) -
     broken.write_text(settings.read_text().replace("root: capture", "root: nothing"))
 
     def add(*arguments: object) -> Any:
-        return cli("queue", "add", *arguments, *option)
+        return here("queue", "add", *arguments, *option)
 
     assert add(broken, "--take", tmp_path / "one").returncode == 0
     assert add(take).returncode == 0
@@ -275,9 +275,9 @@ def test_the_commands(finished: Path, tmp_path: Path, cli: Callable[..., Any]) -
     assert (refused.returncode, "group_size" in refused.stderr) == (2, True)
     missing = add(settings)
     assert (missing.returncode, "--take takes/first" in missing.stderr) == (2, True)
-    assert "queue run` starts it" in cli("queue", "list", *option).stdout
+    assert "queue run` starts it" in here("queue", "list", *option).stdout
     done = cli("queue", "run", *option)
     assert (done.returncode, "1 done, 1 failed" in done.stdout) == (1, True), done.stdout + done.stderr
-    takes = result_of(cli("queue", "list", "--json", *option).stdout)["takes"]
+    takes = result_of(here("queue", "list", "--json", *option).stdout)["takes"]
     assert [entry["state"] for entry in takes] == ["failed", "done"]
     assert "nothing" in takes[0]["message"]

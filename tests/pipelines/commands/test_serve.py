@@ -206,16 +206,6 @@ def test_streams_elsewhere_are_not_served_through_links(stream, tmp_path, capsys
             assert ask(port, f"/{name}/manifest.json")[0] == 404
 
 
-def test_of_several_each_has_its_own_path(stream, tmp_path):
-    for name in ("a", "b"):
-        shutil.copytree(stream, tmp_path / name, symlinks=True)
-    (tmp_path / "secret.txt").write_text("secret")
-    with running(build_app(find_streams(str(tmp_path)))) as port:
-        assert ask(port, "/b/manifest.json")[2] == (stream / "manifest.json").read_bytes()
-        assert ask(port, "/secret.txt")[0] == 404
-        assert ask(port, "/")[2].decode().count("manifest.json") == 2
-
-
 def test_names_are_taken_as_they_are_or_skipped(tmp_path, capsys):
     for name in (b"a", b"{a}", b"{b:int}", b"\xff"):
         folder = tmp_path / os.fsdecode(name)

@@ -11,7 +11,6 @@ import pytest
 
 from pipelines.share.serving import serve
 from studio.stream.manifest import MANIFEST_NAME
-from tests.support.errors import refuses
 
 
 def test_several_streams_with_a_secret_over_https(tmp_path: Path) -> None:
@@ -37,11 +36,3 @@ def test_several_streams_with_a_secret_over_https(tmp_path: Path) -> None:
     serving.close()
     with pytest.raises(URLError):
         urlopen(serving.address, context=trust)
-
-
-def test_what_cannot_be_served(tmp_path: Path) -> None:
-    with refuses("serve.no_stream"):
-        serve(tmp_path)
-    (tmp_path / MANIFEST_NAME).write_text("{}", encoding="utf-8")
-    with serve(tmp_path) as first, refuses("serve.port_in_use"):
-        serve(tmp_path, port=int(first.bases[0].rpartition(":")[2]))

@@ -51,7 +51,7 @@ def test_two_bakes_are_kept_and_compared(finished: Path, take: Take, here: Calla
     assert contents(take.bakes / "fine" / "stream") == first, "baking again leaves what is kept"
     listed = {row["name"]: row for row in result_of(here("bake", "list", take.root, "--json").stdout)["bakes"]}
     assert {name: (row["settings"]["bake.quality"], row["is_stream"]) for name, row in listed.items()} == {
-        "fine": (20, False),
+        "fine": (22, False),
         "coarse": (40, True),
     }
     with StreamReader.open(Path(listed["coarse"]["folder"]) / "stream") as reader:
@@ -60,7 +60,7 @@ def test_two_bakes_are_kept_and_compared(finished: Path, take: Take, here: Calla
     measured = json.loads((finished / "take" / "evaluation.json").read_text())["summary"]["psnr_decoded"]
     assert (listed["fine"]["psnr_decoded"], listed["coarse"]["psnr_decoded"]) == (measured, None)
     kept = [take.bakes / name for name in ("fine", "coarse")]
-    assert [load_config(folder / "config.yaml").bake.quality for folder in kept] == [20, 40]
+    assert [load_config(folder / "config.yaml").bake.quality for folder in kept] == [22, 40]
     compared = here("compare", *kept, "--frames", "::5", "--images", 0, "--out", tmp_path / "compared", "--json")
     assert compared.returncode == 0, compared.stderr
     fine, coarse = result_of(compared.stdout)["takes"]
@@ -139,7 +139,7 @@ def test_a_kept_bake_is_chosen_and_removed(take: Take, here: Callable) -> None:
     assert here("bake", "choose", take.root, "fine").returncode == 0
     assert contents(take.stream) == first
     assert take.evaluation.read_bytes() == evaluation
-    assert load_config(take.config).bake.quality == 20
+    assert load_config(take.config).bake.quality == 22
     assert set(states(here, take.root).values()) == {"done"}, "nothing runs again"
     assert check_take(take, STAGE_NAMES).damage == ()
     assert here("bake", "remove", take.root, "fine", "other").returncode == 1

@@ -17,19 +17,19 @@ from studio.meshing.silhouettes import Silhouettes
 def test_correct_masks_agree(
     two_balls: Callable[..., list[Any]], scale: float, origin: tuple[float, float, float]
 ) -> None:
-    agreement = mask_agreement(Silhouettes(two_balls(12, scale, origin)), 4)
-    assert len(agreement) == 12
+    agreement = mask_agreement(Silhouettes(two_balls(9, scale, origin)), 4)
+    assert len(agreement) == 9
     assert max(one.missing for one in agreement.values()) < 0.01
     assert not contradicting(agreement)
 
 
 @pytest.mark.parametrize("what", ["empty", "of another camera", "shifted"])
 def test_a_wrong_mask_is_named(two_balls: Callable[..., list[Any]], what: str) -> None:
-    views = two_balls(12)
+    views = two_balls(9)
     mask = views[4].mask
     wrong = {
         "empty": np.zeros_like(mask),
-        "of another camera": views[10].mask,
+        "of another camera": views[8].mask,
         "shifted": np.roll(mask, 40, 1),
     }
     views[4] = replace(views[4], mask=np.ascontiguousarray(wrong[what]))
@@ -37,7 +37,7 @@ def test_a_wrong_mask_is_named(two_balls: Callable[..., list[Any]], what: str) -
 
 
 def test_masks_of_another_rig_have_no_common_volume(two_balls: Callable[..., list[Any]]) -> None:
-    views = two_balls(12)
+    views = two_balls(9)
     for number, view in enumerate(views):
         mask = np.zeros_like(view.mask)
         row, column = divmod(number, 4)
@@ -50,20 +50,20 @@ def test_masks_of_another_rig_have_no_common_volume(two_balls: Callable[..., lis
 @pytest.mark.parametrize("pixels", [1e9, 4000.0])
 def test_the_place_of_a_contradiction_is_named(two_balls: Callable[..., list[Any]], pixels: float) -> None:
     """In pixels of the view, also if the masks are compared at a smaller size."""
-    views = two_balls(12)
+    views = two_balls(9)
     mask = views[4].mask.copy()
     patch = (4, 6, 44, 30)
     assert not mask[patch[1] : patch[3], patch[0] : patch[2]].any()
     mask[patch[1] : patch[3], patch[0] : patch[2]] = 255
     views[4] = replace(views[4], mask=mask)
-    box = mask_agreement(Silhouettes(views, max_pixels=pixels * 12), 4)["cam04"].box
+    box = mask_agreement(Silhouettes(views, max_pixels=pixels * 9), 4)["cam04"].box
     assert box is not None
     assert np.abs(np.subtract(box, patch)).max() <= 6
 
 
 def test_a_performer_near_a_camera_does_not_contradict(two_balls: Callable[..., list[Any]]) -> None:
     """There, the points of the volume are many pixels apart."""
-    views = two_balls(12)
+    views = two_balls(9)
     here = views[4].camera
     pose = here.world_to_camera.copy()
     pose[2, 3] -= 0.75 * float(np.linalg.norm(here.center))
@@ -82,7 +82,7 @@ def test_a_performer_near_a_camera_does_not_contradict(two_balls: Callable[..., 
 
 
 def test_the_frame_of_a_late_camera_is_found(two_balls: Callable[..., list[Any]]) -> None:
-    views = two_balls(12)
+    views = two_balls(9)
     right = views[4].mask
     views[4] = replace(views[4], mask=np.roll(right, 20, 1))
     shapes = Silhouettes(views)

@@ -226,10 +226,3 @@ def test_a_long_stream_starts_without_its_pages(make_ladder, monkeypatch):
         assert [group.first_frame for group in reader.groups] == [0, 2, 4, 6, 8, 10]
         assert reader.groups[-1].first_frame == 10
         reader.verify()
-
-
-def test_settings_that_contradict_each_other():
-    with pytest.raises(ValueError, match="its own qp"):
-        BakeSettings(ladder=(Rung(qp=20),), quality="40 dB")
-    with pytest.raises(ValueError, match="the same"):
-        BakeSettings(ladder=(Rung(qp=20), Rung(qp=20)))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 import shutil
 import threading
 from collections.abc import Iterator
@@ -12,18 +11,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from safetensors.torch import save_file
 
 from gui.models.evaluation import Evaluation
 from gui.models.marks import Marks
 from gui.models.playback.player import PlayerPresenter
-from gui.models.playback.sources import open_path
 from gui.models.playback.stream_source import StreamSource
 from gui.models.take.inspector import review_blocks
 from gui.models.worker import LatestWorker
+from pipelines.takes.frame_files import FrameMetadata, write_frame
 from pipelines.takes.take import Take
 from studio.cameras import Camera, Rig
-from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.stream import StreamReader
 from tests.support.errors import refuses
@@ -211,8 +208,6 @@ def make_take(root: Path, frames: int, stream: Path | None = None) -> Take:
     take = Take.create(root)
     generator = torch.Generator().manual_seed(1)
     for index in range(frames):
-        path = take.trained_frame(index // 8, index)
-        path.parent.mkdir(parents=True, exist_ok=True)
         splats = Gaussians.from_activated(
             torch.rand(50, 3, generator=generator) + index,
             torch.ones(50, 4),
@@ -220,7 +215,7 @@ def make_take(root: Path, frames: int, stream: Path | None = None) -> Take:
             torch.full((50,), 0.9),
             torch.zeros(50, 1, 3),
         )
-        save_file(splats.state_dict(), path)
+        write_frame(take.trained_frame(index // 8, index), splats, FrameMetadata())
         first = index - index % 8
         write_group(take, index // 8, range(first, min(first + 8, frames)))
     pose = np.array([[1, 0, 0, 0], [0, 0, -1, 0.9], [0, 1, 0, 4], [0, 0, 0, 1]], dtype=float)
@@ -283,14 +278,6 @@ def test_what_was_chosen_comes_back_after_a_bake(player: PlayerPresenter, stream
         shutil.copytree(stream_folder, take.stream)
         assert player.refresh(), player.message
         assert player.what == chosen
-
-
-def test_foreign_takes_are_sentences(tmp_path: Path) -> None:
-    take = Take.create(tmp_path / "take")
-    assert open_path(take.root).sources == {}
-    (take.root / "take.json").write_text(json.dumps({"format": 99, "created_by": "v3studio 9"}))
-    with pytest.raises(StudioError, match="99"):
-        open_path(take.root)
 
 
 def test_worker_drops_what_is_overtaken_and_reports_errors() -> None:

@@ -9,7 +9,6 @@ from gui.drawing.canvas import Canvas
 from gui.models.scene import contents
 from gui.models.scene.gizmo import along, draw_gizmo
 from gui.models.scene.orbit import OrbitCamera
-from gui.models.scene.rest import RESTS_AFTER, Rest
 from gui.pages.stage_view import shown_at
 
 
@@ -58,16 +57,3 @@ def test_an_end_of_the_view_axes_is_where_its_axis_points_and_looks_along_it() -
     # the one in front is found where two lie over each other
     assert shown_at(ends, *ends[-1][1].mean(axis=0)) == ends[-1][0]
     assert shown_at(ends, 5, 250) == ""
-
-
-def test_a_view_rests_after_a_moment_without_a_change() -> None:
-    clock = [10.0]
-    rest = Rest(lambda: clock[0])
-    assert not rest.rests("a", moving=False)
-    clock[0] += RESTS_AFTER
-    assert rest.rests("a", moving=False)
-    assert not rest.rests("b", moving=False)
-    clock[0] += 2 * RESTS_AFTER
-    assert not rest.rests("b", moving=True)
-    clock[0] += 0.5 * RESTS_AFTER
-    assert not rest.rests("b", moving=False)

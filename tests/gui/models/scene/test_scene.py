@@ -104,17 +104,6 @@ def test_splats_alone_are_the_rasterizers_picture(scene: Scene) -> None:
     assert difference.max() <= 1
 
 
-def test_it_is_sharp_at_rest_and_quick_when_it_moves(scene: Scene) -> None:
-    scene.show("splats", "grid", "volume")
-    small = scene.picture()
-    large = scene.picture(rests=True)
-    assert (small.shape, large.shape) == ((250, 360, 3), (500, 720, 3))
-    shrunk = cv2.resize(large, DRAWN, interpolation=cv2.INTER_AREA)
-    assert np.abs(shrunk.astype(float) - small).mean() < 6
-    scene.views.drag(30, 0, True, 500)
-    assert scene.picture().shape == (250, 360, 3)
-
-
 def test_the_mesh_is_as_far_away_as_its_vertices(scene: Scene, finished_project: Path) -> None:
     path = Take.open(finished_project / "take").initialize_group(0) / "mesh.ply"
     mesh, camera = RaycastMesh(path), scene.player.orbit.camera(*FULL)
