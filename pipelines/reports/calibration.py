@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from pipelines.reports.page import rendered
 from pipelines.takes.atomic_files import Result, write_text
 from pipelines.takes.checked_cameras import NOT_CHECKED, CheckedCameras, checked_cameras
 from pipelines.takes.take import Take
@@ -237,16 +238,9 @@ def render_calibration(report: CalibrationReport, names: Sequence[str], checked:
         names: cameras in the order to show.
         checked: how they were checked.
     """
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader("pipelines.reports", "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-    )
     most = max((max(map(max, figures.coverage_map)) for figures in report.cameras.values()), default=1)
-    return environment.get_template("calibration.html.j2").render(
+    return rendered(
+        "calibration.html.j2",
         report=report,
         names=[name for name in names if name in report.cameras],
         verdict=checked.verdict,

@@ -7,12 +7,12 @@ import datetime
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from pipelines.config import Config
 from pipelines.reports.images import encode
+from pipelines.reports.page import rendered
 from pipelines.reports.plots import mark_rows, plots
 from pipelines.reports.tables import metric_texts
 from pipelines.takes.atomic_files import digest_of, write_text
@@ -58,7 +58,7 @@ def render_report(
         evaluation: its evaluation.
         samples: images to show.
     """
-    return _rendered(
+    return rendered(
         "report.html.j2",
         title=take.root.name,
         made=datetime.datetime.now().isoformat(sep=" ", timespec="minutes"),
@@ -128,7 +128,7 @@ def update_marks(take: Take, groups: Sequence[Group]) -> bool:
 def _over_time(take: Take, groups: Sequence[Group], evaluation: Evaluation) -> str:
     """The part of the report with the marks, between two comments."""
     marks, error = _marks(take)
-    body = _rendered(
+    body = rendered(
         "over_time.html.j2",
         plots=plots(take, groups, evaluation, marks),
         marks=mark_rows(evaluation, marks),
@@ -148,18 +148,6 @@ def _marks(take: Take) -> tuple[dict[int, str], str]:
 def _note_of(marks: dict[int, str], error: str) -> str:
     """A comment in the report by which its marks are recognized."""
     return f"<!-- marks {digest_of([sorted(marks.items()), error])} -->"
-
-
-def _rendered(template: str, **values: Any) -> str:
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader("pipelines.reports", "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-    )
-    return environment.get_template(template).render(**values)
 
 
 @dataclass(frozen=True)

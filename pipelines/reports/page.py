@@ -1,0 +1,14 @@
+"""HTML pages from the templates of this package."""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+def rendered(template: str, **values: Any) -> str:
+    """The page of a template in `templates/`. Values are escaped; one that the template names and is missing raises."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    loader = PackageLoader("pipelines.reports", "templates")
+    environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
+    return environment.get_template(template).render(**values)
