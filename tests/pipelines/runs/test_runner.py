@@ -222,7 +222,7 @@ def test_a_baking_setting_reruns_baking_and_evaluation_only(project):
     assert project.states("bake.quality=35") == {
         "calibrate": "done", "initialize": "done", "train": "done", "bake": "stale", "evaluate": "stale"
     }  # fmt: skip
-    assert project.found["bake"].reason == "bake.quality changed from 20 to 35"
+    assert project.found["bake"].reason == "bake.quality changed from 22 to 35"
     size = json.loads(project.take.evaluation.read_text())["protocol"]["total_bytes"]
     assert ran(project.run("bake.quality=35")) == ["bake", "evaluate"]
     assert project.bytes_of("train") == before
