@@ -27,7 +27,7 @@ def main() -> None:
         plys = scratch / "plys"
         plys.mkdir()
         for frame in range(6):
-            v3.write_splats(plys / f"{frame:06d}.ply", swinging_cloud(1500, frame / 100))
+            v3.write_splats(swinging_cloud(1500, frame / 100), plys / f"{frame:06d}.ply")
 
     video = v3.open_import(plys, arguments.fps)
     print(f"{plys}: {video.frame_count} frames; groups start at frames {video.group_starts}")

@@ -202,12 +202,12 @@ def splats_size(path: Path) -> tuple[int, int]:
     return count, degree
 
 
-def write_splats(path: Path | str, gaussians: Gaussians, **options: Any) -> None:
+def write_splats(gaussians: Gaussians, path: Path | str, **options: Any) -> None:
     """Write a file of one frame. Not atomic: callers write to a temporary name.
 
     Args:
-        path: file to write.
         gaussians: one frame.
+        path: file to write.
         options: of the format; SPZ has `version`, 3 or 4.
 
     Raises:

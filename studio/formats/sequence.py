@@ -268,14 +268,14 @@ def export_sequence(
         for index in range(video.frame_count):
             progress(index, video.frame_count)
             path = temporary / f"frame_{video.number(index):0{digits}d}{suffix}"
-            write_splats(path, _placed(video, index, rotation), **_offset(video, rotation), **options)
+            write_splats(_placed(video, index, rotation), path, **_offset(video, rotation), **options)
         progress(video.frame_count, video.frame_count)
 
 
 def export_frame(video: SplatVideo, path: Path, rotation: np.ndarray | None = None, **options: Any) -> None:
     """Write the first frame to a file, in the format of its extension. Raises StudioError as `export_sequence`."""
     with new_file(path) as temporary:
-        write_splats(temporary, _placed(video, 0, rotation), **_offset(video, rotation), **options)
+        write_splats(_placed(video, 0, rotation), temporary, **_offset(video, rotation), **options)
 
 
 def _placed(video: SplatVideo, index: int, rotation: np.ndarray | None) -> Gaussians:

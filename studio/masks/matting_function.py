@@ -52,14 +52,14 @@ class FunctionMaskSource:
         function: MaskFunction,
         name: str | None = None,
         *,
-        files: Sequence[Path] | None = None,
+        files: Sequence[Path | str] | None = None,
         cache: MaskCache | None = None,
         components: int | None = None,
         garbage: GarbageMasks | None = None,
     ) -> None:
         self._function = function
         self._name = getattr(function, "__name__", "mask function") if name is None else name
-        self._files = _source_files(function) if files is None else list(files)
+        self._files = _source_files(function) if files is None else [Path(file) for file in files]
         self._cache = cache
         self._components = components
         self._garbage = garbage

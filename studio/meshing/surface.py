@@ -72,7 +72,7 @@ class Mesh:
                 total[:, axis] += np.bincount(self.faces[:, corner], normal[:, axis], len(self.vertices))
         return total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-30)
 
-    def save(self, path: Path) -> None:
+    def save(self, path: Path | str) -> None:
         """Write a PLY file, atomically.
 
         Raises:
@@ -90,7 +90,7 @@ class Mesh:
                 )
 
     @classmethod
-    def load(cls, path: Path) -> Mesh:
+    def load(cls, path: Path | str) -> Mesh:
         """Read a mesh file (PLY, OBJ, ...).
 
         Raises:

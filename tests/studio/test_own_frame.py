@@ -145,7 +145,7 @@ def test_imports_far_away_get_their_own_frame_and_exports_undo_it(tmp_path, orig
 
 def test_float32_positions_far_away_have_lost_digits(tmp_path):
     splats = video(Similarity()).read(0)
-    write_splats(tmp_path / "far.ply", replace(splats, means=splats.means + 5e6))
+    write_splats(replace(splats, means=splats.means + 5e6), tmp_path / "far.ply")
     found = open_import(tmp_path / "far.ply")
     assert any("steps of 0.5 units" in note for note in found.notes)
     np.testing.assert_allclose(found.original.points(found.read(0).means.numpy()), splats.means + 5e6, atol=1e-3)

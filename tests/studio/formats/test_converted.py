@@ -99,7 +99,7 @@ def test_minimal_files(name):
 def test_our_spz_has_the_values_of_the_reference_implementation(tmp_path, degree, version):
     """splat-transform writes through the WebAssembly build of Niantic's own code."""
     theirs = DATA / (f"degree{degree}-v3.spz" if version == 3 else f"degree{degree}.spz")
-    write_splats(tmp_path / "a.spz", converted_splats(degree), version=version)
+    write_splats(converted_splats(degree), tmp_path / "a.spz", version=version)
     mine, other = read_splats(tmp_path / "a.spz"), read_splats(theirs)
     for name, values in other.items():
         if name == "means":  # ours have more fractional bits

@@ -43,7 +43,7 @@ def read_glb(data: bytes):
 @pytest.mark.parametrize("degree", [0, 1, 3])
 def test_against_the_specification(tmp_path, make_splats, degree):
     splats = make_splats(77, degree)
-    write_splats(tmp_path / "a.glb", splats)
+    write_splats(splats, tmp_path / "a.glb")
     content, primitive, arrays = read_glb((tmp_path / "a.glb").read_bytes())
     assert content["asset"]["version"] == "2.0"
     assert content["extensionsUsed"] == ["KHR_gaussian_splatting"]

@@ -16,7 +16,7 @@ from tests.support.errors import refuses
 def test_round_trip_is_exact(tmp_path, make_splats, degree):
     splats = make_splats(degree=degree)
     path = tmp_path / "frame_0000.ply"
-    write_splats(path, splats)
+    write_splats(splats, path)
     assert splats_size(path) == (300, degree)
     found = read_splats(path)
     for (name, mine), (_, theirs) in zip(splats.items(), found.items(), strict=True):
@@ -30,7 +30,7 @@ def test_the_head_and_the_order_are_those_of_3dgs(tmp_path, make_splats):
     """Parsed by hand: the property list of the released trainer, little-endian floats, SH by channel."""
     splats = make_splats(5, degree=1)
     path = tmp_path / "a.ply"
-    write_splats(path, splats)
+    write_splats(splats, path)
     head, _, body = path.read_bytes().partition(b"end_header\n")
     lines = head.decode("ascii").splitlines()
     assert lines[:3] == ["ply", "format binary_little_endian 1.0", "element vertex 5"]
@@ -50,7 +50,7 @@ def test_the_head_and_the_order_are_those_of_3dgs(tmp_path, make_splats):
 
 def test_open3d_reads_it(tmp_path, make_splats):
     splats = make_splats(degree=2)
-    write_splats(tmp_path / "a.ply", splats)
+    write_splats(splats, tmp_path / "a.ply")
     cloud = o3d.t.io.read_point_cloud(str(tmp_path / "a.ply"))
     np.testing.assert_array_equal(cloud.point.positions.numpy(), splats.means.numpy())
     np.testing.assert_allclose(
@@ -136,7 +136,7 @@ def test_what_cannot_be_written(tmp_path, make_splats):
     ):
         for ending in ("ply", "spz", "glb"):
             with refuses(code, file=tmp_path / f"a.{ending}", **fields):
-                write_splats(tmp_path / f"a.{ending}", wrong)
+                write_splats(wrong, tmp_path / f"a.{ending}")
     assert list(tmp_path.iterdir()) == []
     with refuses("splat_file.unsupported_format", value=".splat", expected=[".ply", ".spz", ".glb"]):
-        write_splats(tmp_path / "a.splat", splats)
+        write_splats(splats, tmp_path / "a.splat")

@@ -90,7 +90,7 @@ def test_checkpoints_of_one_folder_per_frame(folder):
         for iteration in (7000, 30000):
             place = folder / str(frame) / "point_cloud" / f"iteration_{iteration}"
             place.mkdir(parents=True)
-            write_splats(place / "point_cloud.ply", body(frame, splats=100 + iteration // 1000))
+            write_splats(body(frame, splats=100 + iteration // 1000), place / "point_cloud.ply")
     video = open_import(folder)
     assert (video.frame_count, len(video.read(2))) == (3, 130)
     np.testing.assert_allclose(video.read(2).means, body(10, splats=130).means, atol=1e-6)
@@ -166,14 +166,14 @@ def test_positions_that_float32_cannot_hold_are_noted(folder, away, noted):
     for index in range(2):
         frame = body(index)
         frame.means[:, 1] += away
-        write_splats(folder / f"f{index}.ply", frame)
+        write_splats(frame, folder / f"f{index}.ply")
     assert sum("steps of" in note for note in open_import(folder).notes) == noted
 
 
 def test_a_body_without_outliers_is_read_as_it_is(folder):
     ball = body(0, splats=2000)
     ball.means[:30] += torch.tensor([5.0, 0.0, 0.0])  # 1.5% of the splats, a few meters away
-    write_splats(folder / "f0.ply", ball)
+    write_splats(ball, folder / "f0.ply")
     video = open_import(folder)
     assert torch.equal(video.read(0).means, ball.means)
     assert video.notes == ()
@@ -202,10 +202,10 @@ def test_a_folder_of_more_than_one_format_is_refused_by_name(folder):
 
 
 def test_a_videogs_folder_with_other_files_is_refused(folder):
-    write_splats(folder / "f0.ply", body(0))
+    write_splats(body(0), folder / "f0.ply")
     export_videogs(open_import(folder), folder / "out")
     assert open_import(folder / "out").frame_count == 1
-    write_splats(folder / "out" / "f0.ply", body(0))
+    write_splats(body(0), folder / "out" / "f0.ply")
     with refuses("import.mixed_formats", file=folder / "out", value=["VideoGS", ".ply"]):
         open_import(folder / "out")
 
@@ -243,7 +243,7 @@ def test_sequences_of_each_format_are_baked(folder, tmp_path, name):
 @pytest.mark.parametrize("ending", [".ply", ".spz"])
 def test_one_body_is_one_group(folder, ending):
     for frame in range(6):
-        write_splats(folder / f"f{frame}{ending}", body(frame))
+        write_splats(body(frame), folder / f"f{frame}{ending}")
     video = open_import(folder, fps=12)
     assert (video.frame_count, video.fps, video.group_starts) == (6, 12, (0,))
     assert video.up.tolist() == ([0, -1, 0] if ending == ".ply" else [0, 1, 0])
@@ -262,7 +262,7 @@ def test_groups_begin_where_splats_can_no_longer_be_followed(folder):
         body(6, splats=80),
     ]
     for index, frame in enumerate(frames):
-        write_splats(folder / f"f{index}.ply", frame)
+        write_splats(frame, folder / f"f{index}.ply")
     told = []
     video = open_import(folder, progress=lambda done, total, **figures: told.append((done, total)))
     assert video.group_starts == (0, 2, 4, 5)
@@ -274,7 +274,7 @@ def test_groups_begin_where_splats_can_no_longer_be_followed(folder):
 def test_baked_and_played(folder, tmp_path):
     frames = [body(index, degree=1) for index in range(5)] + [body(5, splats=70)]
     for index, frame in enumerate(frames):
-        write_splats(folder / f"f{index:02d}.ply", frame)
+        write_splats(frame, folder / f"f{index:02d}.ply")
     manifest = bake_video(open_import(folder, fps=10), tmp_path / "stream", BakeSettings(quality=0), group_size=3)
     assert [group.frame_count for group in manifest.groups] == [3, 2, 1]
     assert manifest.sh_degree == 1
@@ -297,20 +297,20 @@ def test_baked_and_played(folder, tmp_path):
 
 
 def test_one_file_is_a_video_of_one_frame(folder, tmp_path):
-    write_splats(folder / "one.ply", body(0))
+    write_splats(body(0), folder / "one.ply")
     manifest = bake_video(open_import(folder / "one.ply"), tmp_path / "stream", BakeSettings())
     assert manifest.frame_count == 1
 
 
 def test_a_damaged_frame_leaves_nothing_behind(folder, tmp_path):
     for frame in range(3):
-        write_splats(folder / f"f{frame}.ply", body(frame))
+        write_splats(body(frame), folder / f"f{frame}.ply")
     video = open_import(folder)
     path = folder / "f2.ply"
     path.write_bytes(path.read_bytes()[:-100])
     with refuses("splat_file.unreadable", file=path):
         bake_video(video, tmp_path / "stream", BakeSettings())
-    write_splats(path, body(2))
+    write_splats(body(2), path)
 
     def stop(done, total, **figures):
         if done == 2:

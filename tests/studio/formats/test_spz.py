@@ -96,7 +96,7 @@ def by_the_description(data: bytes, expected_version: int) -> dict[str, np.ndarr
 def test_what_is_written_says_what_was_meant(tmp_path, make_splats, degree, version):
     splats = make_splats(120, degree)
     path = tmp_path / "a.spz"
-    write_splats(path, splats, version=version)
+    write_splats(splats, path, version=version)
     found = by_the_description(path.read_bytes(), version)
     np.testing.assert_allclose(found["means"], splats.means, atol=0.5 / 2**14 + 1e-7)
     np.testing.assert_allclose(found["opacities"], splats.opacities, atol=0.5 / 255 + 1e-6)
@@ -120,22 +120,22 @@ def test_what_is_written_says_what_was_meant(tmp_path, make_splats, degree, vers
 @pytest.mark.parametrize("version", [3, 4])
 def test_equal_splats_give_equal_bytes(tmp_path, make_splats, version):
     for name in ("a.spz", "b.spz"):
-        write_splats(tmp_path / name, make_splats(), version=version)
+        write_splats(make_splats(), tmp_path / name, version=version)
     assert (tmp_path / "a.spz").read_bytes() == (tmp_path / "b.spz").read_bytes()
 
 
 def test_version_4_is_the_default_and_2_is_not_written(tmp_path, make_splats):
-    write_splats(tmp_path / "a.spz", make_splats(5))
+    write_splats(make_splats(5), tmp_path / "a.spz")
     assert (tmp_path / "a.spz").read_bytes()[:5] == b"NGSP\x04"
     with refuses("splat_file.unsupported_version", file=tmp_path / "b.spz", value=2):
-        write_splats(tmp_path / "b.spz", make_splats(5), version=2)
+        write_splats(make_splats(5), tmp_path / "b.spz", version=2)
 
 
 @pytest.mark.parametrize("size", [1e-4, 1.0, 300.0, 1e6])
 def test_positions_of_any_size(tmp_path, make_splats, size):
     splats = make_splats(50)
     scaled = Gaussians(**{**dict(splats.items()), "means": splats.means * size})
-    write_splats(tmp_path / "a.spz", scaled)
+    write_splats(scaled, tmp_path / "a.spz")
     error = (read_splats(tmp_path / "a.spz").means - scaled.means).abs().max()
     farthest, extent = scaled.means.abs().max(), (scaled.means.max(0).values - scaled.means.min(0).values).max()
     step = max(min(extent / 2**16, 2**-12), 2**-20, 2 * farthest / 2**23)
@@ -146,12 +146,12 @@ def test_too_far_out(tmp_path, make_splats):
     splats = make_splats(5)
     far = Gaussians(**{**dict(splats.items()), "means": splats.means + 1e8})
     with refuses("splat_file.position_range", file=tmp_path / "a.spz"):
-        write_splats(tmp_path / "a.spz", far)
+        write_splats(far, tmp_path / "a.spz")
 
 
 def test_damage(tmp_path, make_splats):
     path = tmp_path / "a.spz"
-    write_splats(path, make_splats(64), version=3)
+    write_splats(make_splats(64), path, version=3)
     good = path.read_bytes()
     plain = gzip.decompress(good)
 
@@ -192,7 +192,7 @@ def test_other_axes_are_turned_to_those_of_the_format(tmp_path, make_splats, num
     """Positions, covariances and colors of the record's axes, against the letters of its name."""
     splats = make_splats(degree=3)
     path = tmp_path / "a.spz"
-    write_splats(path, splats)
+    write_splats(splats, path)
     plain = read_splats(path)
     data = bytearray(path.read_bytes())
     record = struct.pack("<III", 0xADBE0003, 4, number)
@@ -218,7 +218,7 @@ def test_other_axes_are_turned_to_those_of_the_format(tmp_path, make_splats, num
 
 def test_extensions_after_the_attributes_of_version_3_and_damaged_ones(tmp_path, make_splats):
     path = tmp_path / "a.spz"
-    write_splats(path, make_splats(), version=3)
+    write_splats(make_splats(), path, version=3)
     plain = bytearray(gzip.decompress(path.read_bytes()))
     plain[14] |= 2
     meant = read_splats(path)
@@ -245,7 +245,7 @@ def test_extensions_after_the_attributes_of_version_3_and_damaged_ones(tmp_path,
 def test_other_records_and_flags_are_never_misread(tmp_path_factory, make_splats, kind, body, flags):
     """The same splats and a note that names what was ignored, or an error."""
     path = tmp_path_factory.mktemp("spz") / "a.spz"
-    write_splats(path, make_splats(20))
+    write_splats(make_splats(20), path)
     meant, data = read_splats(path), bytearray(path.read_bytes())
     record = struct.pack("<II", kind, len(body)) + body
     data[14] = flags | 2
