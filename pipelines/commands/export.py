@@ -310,7 +310,7 @@ def _chosen(video: SplatVideo, frames: tuple[int | None, int | None, int], sh_de
 
 
 def _size(text: str) -> tuple[int, int]:
-    width, height = _parts("--size", text, r"(\d{1,5})x(\d{1,5})", "WxH", "1280x720")
+    width, height = _parts("--size", text, r"([1-9]\d{0,4})x([1-9]\d{0,4})", "WxH", "1280x720")
     return int(width), int(height)
 
 

@@ -10,6 +10,7 @@ from pipelines.takes.edits import read_edits
 from pipelines.takes.take import Take
 from pipelines.takes.videos import capture_place, decoded_video, open_reader, stream_numbers, trained_video
 from studio.errors import StudioError
+from studio.formats import EXPORTS
 from studio.formats.camera_path import FILM_FORMATS, Key, read_film_keys, read_path_keys
 from studio.formats.sequence import axes_of
 from studio.similarity import Similarity
@@ -17,8 +18,6 @@ from studio.splat_video import SplatVideo
 
 PATH_SUFFIXES = (".json", *FILM_FORMATS)
 """Extensions of files with a camera path."""
-
-Y_UP = (0.0, 1.0, 0.0)
 
 
 def film_world(video: SplatVideo, *, upright: bool = True) -> Similarity:
@@ -28,7 +27,7 @@ def film_world(video: SplatVideo, *, upright: bool = True) -> Similarity:
         video: the splats.
         upright: False: the axes and the place of the capture.
     """
-    rotation = axes_of(video, Y_UP, upright)
+    rotation = axes_of(video, EXPORTS["exr"].up, upright)
     return video.original if rotation is None else Similarity(video.original.scale, rotation)
 
 

@@ -74,7 +74,7 @@ class CameraPath:
 
     Args:
         keys: at least one key, with ascending times.
-        width, height: size of the movie in pixels; the cameras of all keys must have the same aspect ratio.
+        width, height: size of the images in pixels; the cameras of all keys must have the same aspect ratio.
 
     Raises:
         StudioError: there are no keys (camera_path.no_keys), their times are not ascending (camera_path.times), a
@@ -200,8 +200,7 @@ def _fitted(camera: Camera, width: int, height: int) -> Camera:
     if abs(camera.width / camera.height / (width / height) - 1) > 0.01:
         raise StudioError(
             "camera_path.aspect_ratio",
-            f"camera {camera.name} is {camera.width}x{camera.height}, which differs in aspect ratio from the movie's "
-            f"{width}x{height}",
+            f"camera {camera.name} is {camera.width}x{camera.height}, another aspect ratio than {width}x{height}",
             value=(camera.width, camera.height),
             fix="Choose a size with the same aspect ratio.",
             camera=camera.name,

@@ -274,6 +274,7 @@ def test_mistakes_are_one_sentence(here, take, tmp_path):
             [take, "--format", "turntable", "--out", tmp_path / "a.mp4", "--size", "big"],
             "--size 'big' is not",
         ),
+        ([take, "--format", "exr", "--camera", "side", "--out", out, "--size", "0x64"], "--size '0x64' is not"),
         (
             [take, "--format", "turntable", "--out", tmp_path / "a.mp4", "--background", "red"],
             "--background 'red' is",
