@@ -86,6 +86,15 @@ def test_fingers_and_their_help(stream, open_page):
     page.handle.keyboard.press("Shift")  # there is a keyboard after all
     assert "Space" in page.handle.locator("v3-player .help").inner_text()
     page.handle.keyboard.press("Escape")
+    line = page.handle.locator("v3-player .timeline").bounding_box()
+    at = line["y"] + line["height"] / 2
+    page.touch("touchStart", [(line["x"] + 1, at)])
+    page.evaluate("() => document.querySelector('v3-player').classList.add('idle')")  # the finger has rested for long
+    page.touch("touchMove", [(line["x"] + 30, at)])
+    page.wait("!player.classList.contains('idle')")
+    page.touch("touchMove", [(line["x"] + 1, at)])
+    page.touch("touchEnd", [])
+    page.wait("player.state.frame === 0")
     home = page.state["view"]
     page.touch("touchStart", [(200, 200)])
     for step in range(1, 6):

@@ -88,13 +88,12 @@ export class Controls {
       });
     const refused = (name: string): void => this.notice(`${name} is not a stream in one file (.v3s).`);
     acceptDrops(stage, (file) => host.open(file), refused, signal);
-    host.addEventListener("pointermove", (event) => {
-      if (event.pointerType === "mouse") this.awake();
-    }, { signal });
-    // The comparison of the review lies over the image and keeps its pointer events to itself.
-    host.addEventListener("pointerdown", (event) => {
-      if (event.composedPath().some((part) => part instanceof Element && part.classList.contains("wipe"))) this.awake();
-    }, { signal, capture: true });
+    // Fingers on the image decide themselves; the comparison of the review keeps its events to itself, hence the capture.
+    const stay = (event: PointerEvent): void => {
+      const onControls = event.composedPath().some((part) => part instanceof Element && part.matches(".wipe, .bar"));
+      if (onControls || event.pointerType === "mouse") this.awake();
+    };
+    for (const kind of ["pointerdown", "pointermove"] as const) host.addEventListener(kind, stay, { signal, capture: true });
     document.addEventListener("fullscreenchange", () => {
       const full = document.fullscreenElement === host;
       this.relabel("full", full ? ICONS.small : ICONS.full, full ? "Exit full screen" : "Full screen");
