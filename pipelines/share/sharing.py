@@ -130,7 +130,7 @@ def share(
         progress: called with (files done, files).
 
     Raises:
-        StudioError: `share.out_exists`, `share.too_large`, `share.no_player`, no stream in `source`,
+        StudioError: `output.exists`, `output.not_ours`, `share.too_large`, `share.no_player`, no stream in `source`,
             a damaged stream, or a disk that is full or not writable.
     """
     player = read_player()
@@ -139,7 +139,7 @@ def share(
     (_check_file if single_file else _check_folder)(out)
     if not overwrite and (out.is_file() or (out / RECORD_NAME).is_file()):
         raise StudioError(
-            "share.out_exists", "already exists", file=out, fix="Choose another name, or add --overwrite to replace it."
+            "output.exists", "already exists", file=out, fix="Choose another name, or add --overwrite to replace it."
         )
     with stream_to_share(str(source)) as stream, disk_errors(out):
         if single_file and stream.total_bytes > MAX_SINGLE_FILE_BYTES:
@@ -203,22 +203,22 @@ def _write_folder(
 
 
 def _check_folder(out: Path) -> None:
-    """Raises StudioError (`share.out_exists`) unless `out` is missing, empty, or an earlier share and nothing else."""
+    """Raises StudioError (`output.not_ours`) unless `out` is missing, empty, or an earlier share and nothing else."""
     if not os.path.lexists(out):
         return
     fix = "Choose another folder, or delete it."
     if not out.is_dir() or out.is_symlink():
-        raise StudioError("share.out_exists", "exists and is not a folder", file=out, fix=fix)
+        raise StudioError("output.not_ours", "exists and is not a folder", file=out, fix=fix)
     present = {path.relative_to(out).as_posix() for path in out.rglob("*") if not path.is_dir() or path.is_symlink()}
     if not present and not any(out.iterdir()):
         return
     listed = _recorded(out / RECORD_NAME)
     if listed is None:
-        raise StudioError("share.out_exists", "exists and is not an earlier share", file=out, fix=fix)
+        raise StudioError("output.not_ours", "exists and is not an earlier share", file=out, fix=fix)
     strange = sorted(present - listed - {RECORD_NAME})
     if strange:
         raise StudioError(
-            "share.out_exists",
+            "output.not_ours",
             f"is an earlier share, but holds files that are not part of it, {strange[0]} first",
             file=out,
             value=strange[0],
@@ -321,7 +321,7 @@ def _in_script(text: str) -> str:
 
 
 def _check_file(out: Path) -> None:
-    """Raises StudioError (`share.out_exists`) unless `out` is missing, or an earlier share."""
+    """Raises StudioError (`output.not_ours`) unless `out` is missing, or an earlier share."""
     if not os.path.lexists(out):
         return
     if out.is_file():
@@ -329,7 +329,7 @@ def _check_file(out: Path) -> None:
             if _MARK in file.read(4096):
                 return
     raise StudioError(
-        "share.out_exists",
+        "output.not_ours",
         "exists and is not an earlier share",
         file=out,
         fix="Choose another name, or delete it.",

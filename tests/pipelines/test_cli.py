@@ -175,6 +175,7 @@ def test_bake_to_a_target(here, finished, tmp_path):
     small = baked("--bake.quality", f"{target:.3f} KB")
     for group in small:
         assert group.bytes <= 1000 * target * group.frame_count
+    assert {group.video.qp for group in baked("--bake.quality", "40")} == {40}, "the target is replaced, too"
 
 
 def test_typos_are_answered_with_what_is_similar(here):

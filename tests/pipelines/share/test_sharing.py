@@ -168,25 +168,25 @@ def test_an_earlier_share_is_replaced_and_nothing_else(stream, tmp_path):
     out.mkdir()
     first = share(str(stream), out, PageText(title="One")).path
     old = contents(first)
-    with refuses("share.out_exists", file=out):
+    with refuses("output.exists", file=out):
         share(str(stream), out, PageText(title="Two"))
     assert contents(first) == old
     second = share(str(stream), out, PageText(title="Two"), overwrite=True).path
     assert contents(second).keys() == old.keys()
     assert b"Two" in (second / "index.html").read_bytes()
     (out / "stream" / "notes.txt").write_text("mine")
-    with refuses("share.out_exists", file=out, value="stream/notes.txt"):
+    with refuses("output.not_ours", file=out, value="stream/notes.txt"):
         share(str(stream), out, overwrite=True)
     (out / "stream" / "notes.txt").unlink()
     (out / "share.json").write_text("{}")
-    with refuses("share.out_exists", file=out):
+    with refuses("output.not_ours", file=out):
         share(str(stream), out, overwrite=True)
-    with refuses("share.out_exists", file=stream):
+    with refuses("output.not_ours", file=stream):
         share(str(stream), stream, overwrite=True)
     (tmp_path / "file").write_text("mine")
     (tmp_path / "link").symlink_to(tmp_path / "elsewhere")
     for name in ("file", "link"):
-        with refuses("share.out_exists", file=tmp_path / name):
+        with refuses("output.not_ours", file=tmp_path / name):
             share(str(stream), tmp_path / name, overwrite=True)
     assert b"Two" in (out / "index.html").read_bytes()
 
@@ -248,7 +248,7 @@ def test_a_single_file_holds_the_stream_as_it_is(stream, tmp_path):
 def test_a_single_file_is_not_written_over_others_nor_for_long_streams(stream, tmp_path, monkeypatch):
     mine = tmp_path / "mine.html"
     mine.write_text("<p>mine")
-    with refuses("share.out_exists", file=mine):
+    with refuses("output.not_ours", file=mine):
         share_page(str(stream), mine, overwrite=True)
     size = sum(map(len, contents(stream).values()))
     monkeypatch.setattr(sharing, "MAX_SINGLE_FILE_BYTES", size)
