@@ -125,9 +125,10 @@ web/engines/node_modules/.stamp: web/engines/package-lock.json web/engines/packa
 	@touch $@
 
 PACKAGE ?= build/package
-web-package: web/node_modules/.stamp web/engines/node_modules/.stamp ## build the npm package @v3studio/player into build/
+CAST ?= v3studio/player/cast
+web-package: web/node_modules/.stamp web/engines/node_modules/.stamp ## build the npm package @v3studio/player, and the page of a cast
 	@$(NODE) web/schema.mjs
-	@$(NODE) web/pack.mjs "$(PACKAGE)"
+	@$(NODE) web/pack.mjs "$(PACKAGE)" "$(CAST)"
 	@cd "$(PACKAGE)" && $(NPM) pack --silent --pack-destination ..
 
 web-lint: web/node_modules/.stamp web/engines/node_modules/.stamp

@@ -1,7 +1,7 @@
 // Builds the player into ../v3studio/player: the page, one script with the worker inside, a second script that only pages
 // for reviews load.
 import { build } from "esbuild";
-import { mkdir, readFile, rm, writeFile } from "node:fs/promises";
+import { mkdir, readFile, writeFile } from "node:fs/promises";
 import { join } from "node:path";
 import { gzipSync } from "node:zlib";
 import { common, here, plugins, styles, workerText } from "./bundle.mjs";
@@ -13,7 +13,6 @@ const REVIEW_LIMIT = 20_000;
 const player = await build({ ...common, plugins, entryPoints: ["src/main.ts"], format: "esm", write: false });
 const review = await build({ ...common, plugins: [styles], entryPoints: ["src/review/main.ts"], format: "esm", write: false });
 
-await rm(out, { recursive: true, force: true });
 await mkdir(out, { recursive: true });
 const script = player.outputFiles[0].text;
 const page = await readFile(join(here, "src", "index.html"), "utf8");

@@ -1,6 +1,8 @@
 // Builds the npm package @v3studio/player into a folder, from which `npm pack` makes an archive.
 //
-// node pack.mjs FOLDER
+// node pack.mjs FOLDER PAGES
+//
+// PAGES is the folder for the page of a cast, whose script includes three.js and Spark.
 import { build } from "esbuild";
 import { spawnSync } from "node:child_process";
 import { copyFile, mkdir, readdir, readFile, rm, writeFile } from "node:fs/promises";
@@ -8,7 +10,7 @@ import { join, resolve } from "node:path";
 import { gzipSync } from "node:zlib";
 import { common, here, plugins } from "./bundle.mjs";
 
-const out = resolve(process.argv[2]);
+const [out, pages] = process.argv.slice(2, 4).map((name) => resolve(name));
 const ADAPTER_LIMIT = 6_000;
 const ENTRIES = { player: "src/main.ts", stream: "src/package.ts", three: "engines/three.ts", playcanvas: "engines/playcanvas.ts" };
 const ENGINES = { three: "^0.187.0", "@sparkjsdev/spark": "^2.2.0", playcanvas: "^2.23.3" };
@@ -26,6 +28,15 @@ await build({
   chunkNames: "shared-[hash]",
   outdir: out,
 });
+
+await rm(pages, { recursive: true, force: true });
+await build({ ...common, plugins, entryPoints: { "v3-cast": "engines/cast.ts" }, format: "esm", outdir: pages });
+await copyFile(join(here, "engines", "cast.html"), join(pages, "index.html"));
+const bundled = ["three", "@sparkjsdev/spark", "fflate"].map(async (name) => {
+  const license = await readFile(join(here, "engines", "node_modules", name, "LICENSE"), "utf8");
+  return `${name}\n\n${license.trim()}\n`;
+});
+await writeFile(join(pages, "licenses.txt"), (await Promise.all(bundled)).join("\n\n"));
 
 const types = join(out, "types");
 const tsc = join(here, "node_modules", "typescript", "bin", "tsc");

@@ -25,7 +25,11 @@ def register(commands: Any) -> None:
         description="Write a folder with the browser player and the stream that any web server can serve, below any "
         "path; nothing is loaded from elsewhere. Or write one HTML file that opens from the disk.",
     )
-    share.add_argument("source", metavar="SOURCE", help="folder of a take or a stream, or an http(s):// URL")
+    share.add_argument(
+        "source",
+        metavar="SOURCE",
+        help="folder of a take or a stream, an http(s):// URL, or the .json document of a cast",
+    )
     share.add_argument(
         "--out", type=Path, required=True, metavar="PATH", help="folder to write, or .html file (at most 32 MB)"
     )

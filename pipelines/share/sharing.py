@@ -5,24 +5,22 @@ Nothing is loaded from elsewhere.
 
 from __future__ import annotations
 
-import json
 import os
 import re
 from base64 import b64encode
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from html import escape
 from pathlib import Path
 from typing import Literal
 
+from pipelines.share.cast import is_cast, write_cast
 from pipelines.share.page import GENERATOR, PAGE_NAME, PageText, player_page, preview_tags
 from pipelines.share.player_files import PlayerFiles, read_player
+from pipelines.share.shared_folder import RECORD_NAME, check_folder, shared_folder
 from pipelines.share.stream_to_share import StreamToShare, stream_to_share
-from pipelines.takes.atomic_files import atomic_path, disk_errors, remove
-from pipelines.version import program_version
-from studio.atomic_files import leftovers, remove_leftovers, temporary_path
-from studio.bounded_files import parse_json
+from pipelines.takes.atomic_files import atomic_path, disk_errors
+from studio.atomic_files import remove_leftovers
 from studio.errors import StudioError
 from studio.json_types import JsonObject
 from studio.progress import ProgressFn, no_progress
@@ -30,11 +28,6 @@ from studio.stream.manifest import MANIFEST_NAME
 
 MAX_SINGLE_FILE_BYTES = 32_000_000
 """Largest stream that is put into one file: a browser holds the whole page in memory several times."""
-
-RECORD_NAME = "share.json"
-"""Lists what a shared folder consists of, so that it can be replaced, and nothing else."""
-
-RECORD_FORMAT, RECORD_VERSION = "v3studio-share", 1
 
 _MARK = f'<meta name="generator" content="{GENERATOR}'.encode()
 _HOLDER = "v3-stream"  # id of the element that holds the stream's files
@@ -123,7 +116,7 @@ def share(
         v3studio.share("my-take", "site", v3studio.PageText(title="Walk", license="CC BY 4.0"))
 
     Args:
-        source: folder of a take or a stream, or a URL.
+        source: folder of a take or a stream, or a URL; or the JSON document of a cast (`pipelines.share.cast`).
         out: folder to write, or HTML file, whose name ends in .html, for streams of at most 32,000,000 bytes.
         text: of the page; what is None is taken from the stream.
         overwrite: replace an earlier share, when the new one is complete; anything else is never replaced.
@@ -133,14 +126,16 @@ def share(
         StudioError: `output.exists`, `output.not_ours`, `share.too_large`, `share.no_player`, no stream in `source`,
             a damaged stream, or a disk that is full or not writable.
     """
-    player = read_player()
     out = Path(out).expanduser().absolute()
     single_file = out.suffix.lower() in (".html", ".htm")
-    (_check_file if single_file else _check_folder)(out)
+    (_check_file if single_file else check_folder)(out)
     if not overwrite and (out.is_file() or (out / RECORD_NAME).is_file()):
         raise StudioError(
             "output.exists", "already exists", file=out, fix="Choose another name, or add --overwrite to replace it."
         )
+    if is_cast(str(source)):
+        return _share_cast(Path(source).expanduser(), out, text or PageText(), single_file, progress)
+    player = read_player()
     with stream_to_share(str(source)) as stream, disk_errors(out):
         if single_file and stream.total_bytes > MAX_SINGLE_FILE_BYTES:
             raise StudioError(
@@ -156,6 +151,23 @@ def share(
         return write(stream, out, stream.text(text or PageText()), player, progress)
 
 
+def _share_cast(source: Path, out: Path, text: PageText, single_file: bool, progress: ProgressFn) -> Shared:
+    if single_file:
+        raise StudioError("share.bad_cast", "a cast is shared as a folder", file=out, fix="Name a folder with --out.")
+    title, written = write_cast(source, out, text, progress)
+    player = sum(size for name, size in written.items() if "/" not in name and name != RECORD_NAME)
+    return Shared(
+        form="folder",
+        path=out,
+        title=title,
+        files=len(written),
+        total_bytes=sum(written.values()),
+        stream_bytes=sum(size for name, size in written.items() if "/" in name),
+        player_bytes=player,
+        poster_bytes=0,
+    )
+
+
 # A folder
 
 
@@ -164,32 +176,17 @@ def _write_folder(
 ) -> Shared:
     """index.html, the player and the poster, the stream below `stream/`, and a record of them."""
     files = stream.reader.files
-    written: dict[str, int] = {}
-    with _replaced(out) as folder:
-
-        def write(name: str, data: bytes) -> None:
-            target = folder / name
-            target.parent.mkdir(parents=True, exist_ok=True)
-            target.write_bytes(data)
-            written[name] = len(data)
-
+    with shared_folder(out, text.title) as folder:
         progress(0, len(files) + 1)
         beside = stream.page_files(text, player, f"stream/{MANIFEST_NAME}")
         for done, file in enumerate(files, start=1):
             progress(done, len(files) + 1)
-            write(f"stream/{file.path}", stream.reader.checked(file))
-        write(f"stream/{MANIFEST_NAME}", stream.reader.manifest_bytes)
+            folder.write(f"stream/{file.path}", stream.reader.checked(file))
+        folder.write(f"stream/{MANIFEST_NAME}", stream.reader.manifest_bytes)
         for name, data in beside.items():
-            write(name, data)
-        record = {
-            "format": RECORD_FORMAT,
-            "version": RECORD_VERSION,
-            "program": f"v3studio {program_version()}",
-            "title": text.title,
-            "files": [{"path": name, "bytes": size} for name, size in sorted(written.items())],
-        }
-        write(RECORD_NAME, (json.dumps(record, indent=1, ensure_ascii=False) + "\n").encode())
+            folder.write(name, data)
         progress(len(files) + 1, len(files) + 1)
+    written = folder.written
     return Shared(
         form="folder",
         path=out,
@@ -200,69 +197,6 @@ def _write_folder(
         player_bytes=written[PAGE_NAME] + sum(len(data) for data in player.hashed().values()),
         poster_bytes=len(next(iter(beside.values()))),
     )
-
-
-def _check_folder(out: Path) -> None:
-    """Raises StudioError (`output.not_ours`) unless `out` is missing, empty, or an earlier share and nothing else."""
-    if not os.path.lexists(out):
-        return
-    fix = "Choose another folder, or delete it."
-    if not out.is_dir() or out.is_symlink():
-        raise StudioError("output.not_ours", "exists and is not a folder", file=out, fix=fix)
-    present = {path.relative_to(out).as_posix() for path in out.rglob("*") if not path.is_dir() or path.is_symlink()}
-    if not present and not any(out.iterdir()):
-        return
-    listed = _recorded(out / RECORD_NAME)
-    if listed is None:
-        raise StudioError("output.not_ours", "exists and is not an earlier share", file=out, fix=fix)
-    strange = sorted(present - listed - {RECORD_NAME})
-    if strange:
-        raise StudioError(
-            "output.not_ours",
-            f"is an earlier share, but holds files that are not part of it, {strange[0]} first",
-            file=out,
-            value=strange[0],
-            fix="Move them away, or choose another folder.",
-        )
-
-
-def _recorded(path: Path) -> set[str] | None:
-    """Files that a share's record lists; None if it is not one."""
-    try:
-        record = parse_json(path.read_bytes())
-        if record["format"] != RECORD_FORMAT:
-            return None
-        return {str(file["path"]) for file in record["files"]}
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
-
-
-@contextmanager
-def _replaced(out: Path) -> Iterator[Path]:
-    """A temporary folder beside `out` that takes its place when the block succeeds, and is deleted otherwise."""
-    new, old = temporary_path(out), temporary_path(out, ".old")
-    for path in leftovers(out.parent, out, ".old"):
-        if os.path.lexists(out):
-            remove(path)
-        else:  # killed between the renames: it is the earlier share
-            os.rename(path, out)
-    remove_leftovers(out.parent, out)
-    remove(new)
-    new.mkdir(parents=True)
-    try:
-        yield new
-        _check_folder(out)  # it took a while: somebody may have written there meanwhile
-        if os.path.lexists(out):
-            os.rename(out, old)
-        try:
-            os.rename(new, out)
-        except OSError:
-            if old.exists():
-                os.rename(old, out)
-            raise
-    finally:
-        remove(new)
-    remove(old)
 
 
 # One HTML file

@@ -14,9 +14,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import support
+import torch
 from driver import Site, psnr
 from PIL import Image
 
+from pipelines.share.sharing import share
+from studio.formats import ply
+from studio.gaussians import Gaussians
 from tests.support.shared import made_once
 
 pytestmark = pytest.mark.web
@@ -38,7 +42,8 @@ def installed(tmp_path_factory):
     def make(folder: Path) -> None:
         stamps = ["node", "web/node_modules/.stamp", "web/engines/node_modules/.stamp"]
         kept = [word for stamp in stamps for word in ("-o", stamp)]
-        command = ["make", "--no-print-directory", "web-package", f"PACKAGE={folder / 'package'}", *kept]
+        command = ["make", "--no-print-directory", "web-package", f"PACKAGE={folder / 'package'}"]
+        command += [f"CAST={folder / 'player' / 'cast'}", *kept]
         subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True)
         modules = folder / "node_modules"
         [archive] = folder.glob("*.tgz")
@@ -212,6 +217,20 @@ _AIM = {
 }
 
 
+def steady_shot(page, script, argument=None):
+    """(H, W, 3) integers: the page once nothing changes any more after a script; engines sort on other threads."""
+
+    def screenshot():
+        page.evaluate("async () => { for (let i = 0; i < 4; i++) await new Promise(requestAnimationFrame); }")
+        return page.handle.screenshot()
+
+    page.evaluate(script, argument)
+    images = [b"", screenshot()]
+    while images[-1] != images[-2] or len(images) < 4:
+        images.append(screenshot())
+    return np.asarray(Image.open(io.BytesIO(images[-1])).convert("RGB")).astype(int)
+
+
 @pytest.mark.parametrize("engine", ["three", "playcanvas"])
 def test_an_engine_shows_the_performer_among_meshes(package_site, open_page, engine):
     address = f"http://127.0.0.1:{package_site.port}/{engine}.html"
@@ -221,17 +240,8 @@ def test_an_engine_shows_the_performer_among_meshes(package_site, open_page, eng
     page.evaluate(_AIM[engine], {"view": support.camera_values(view), "frame": 6})
     page.handle.wait_for_function("example.performer.playback.frame === 6")
 
-    def screenshot():
-        page.evaluate("async () => { for (let i = 0; i < 4; i++) await new Promise(requestAnimationFrame); }")
-        return page.handle.screenshot()
-
     def shot(front=False, back=False, figure=True):
-        """Once nothing changes any more: engines sort on a thread of their own."""
-        page.evaluate("(what) => window.look(what)", [front, back, figure])
-        images = [b"", screenshot()]
-        while images[-1] != images[-2] or len(images) < 4:
-            images.append(screenshot())
-        return np.asarray(Image.open(io.BytesIO(images[-1])).convert("RGB")).astype(int)
+        return steady_shot(page, "(what) => window.look(what)", [front, back, figure])
 
     python = support.PythonFrames(package_site.stream)
     want, other = (support.draw(python.gaussians(frame), view) for frame in (6, 8))
@@ -252,3 +262,48 @@ def test_an_engine_shows_the_performer_among_meshes(package_site, open_page, eng
     post = differs(back, nothing) & figure
     assert post.sum() > 50
     assert differs(shot(back=True), back)[post].mean() > 0.5  # the performer hides it
+
+
+def test_a_cast_has_performers_in_their_places_with_shadows(package_site, installed, open_page, tmp_path, monkeypatch):
+    monkeypatch.setattr("pipelines.share.cast.player_folder", lambda: installed.parent / "player")
+    ball = Gaussians(
+        torch.zeros(1, 3),
+        torch.tensor([[1.0, 0, 0, 0]]),
+        torch.full((1, 3), -2.5),
+        torch.tensor([6.0]),
+        torch.tensor([[[1.77, -1.77, -1.77]]]),
+    )
+    ply.write(tmp_path / "ball.ply", ball)
+    stream = str(package_site.stream)
+    document = {
+        "format": "v3studio-cast",
+        "version": 1,
+        "background": [0, 0, 1],
+        "camera": {"position": [0, 1, 4], "target": [0, 0.5, 0]},
+        "ground": {"color": [0.8, 0.8, 0.8], "shadow": 0.9},
+        "items": [
+            {"stream": stream, "position": [-0.8, 0, 0]},
+            {"stream": stream, "position": [0.8, 0, 0], "start": 1000},
+            {"splats": "ball.ply", "position": [0, 1, 0]},
+        ],
+    }
+    (tmp_path / "cast.json").write_text(json.dumps(document))
+    share(tmp_path / "cast.json", package_site.folder / "together")
+    page = open_page(address=f"http://127.0.0.1:{package_site.port}/together/index.html", size=(400, 300), wait=False)
+    frames = "cast.parts.map(({performer}) => performer.playback.frame)"
+    page.handle.wait_for_function(f"globalThis.cast?.parts.length === 2 && {frames}[0] > 2")
+    assert page.evaluate(f"() => {frames}[1]") == 0  # it has not begun
+    page.handle.locator("button").click()
+    assert page.handle.locator("button").inner_text() == "Play"
+    look = """(visible) => { for (const {performer} of cast.parts) performer.visible = visible; }"""
+    shown, hidden = steady_shot(page, look, True), steady_shot(page, look, False)
+    columns = np.flatnonzero((np.abs(shown - hidden).max(axis=2) > 40).any(axis=0))
+    left, right = columns[columns < 200], columns[columns >= 200]
+    # Seen from 4 m at 40 degrees, 0.8 m are 82 pixels.
+    assert abs(left.mean() - 118) < 20
+    assert abs(right.mean() - 282) < 20
+    assert hidden[60:130, 190:210].max(axis=(0, 1))[0] > 200  # the ball, over a blue background
+    # Without shadows, the ground is as bright on the left as in the middle.
+    ground = hidden[185:215, :, 0].min(axis=0)
+    assert ground[110:126].min() < 0.7 * ground[190:210].min()
+    assert ground[274:290].min() < 0.7 * ground[190:210].min()

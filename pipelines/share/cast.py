@@ -1,0 +1,232 @@
+"""`share` of a cast: a page that shows several streams with static splats and models, as a small JSON document says."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from html import escape
+from pathlib import Path
+from typing import Annotated, Literal
+from urllib.parse import quote
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from pipelines.share.page import PAGE_NAME, PageText
+from pipelines.share.player_files import hashed_name, player_folder
+from pipelines.share.shared_folder import SharedFolder, shared_folder
+from pipelines.share.stream_to_share import stream_to_share
+from pipelines.takes.atomic_files import disk_errors
+from studio.bounded_files import TextError, parse_json
+from studio.errors import StudioError, violation
+from studio.progress import ProgressFn
+from studio.stream.manifest import MANIFEST_NAME
+
+CAST_NAME = "cast.json"
+SCRIPT_NAME = "v3-cast.js"
+LICENSES_NAME = "licenses.txt"
+"""Of what the script includes: three.js and Spark."""
+
+MAX_ITEMS = 100
+MAX_FILE_BYTES = 1_000_000_000
+"""Of a static file."""
+
+SPLATS = (".ply", ".splat", ".ksplat", ".spz", ".sog")
+MODELS = (".glb",)
+
+Number = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
+Unit = Annotated[float, Field(ge=0, le=1)]
+Triple = tuple[Number, Number, Number]
+Color = tuple[Unit, Unit, Unit]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Item(_Part):
+    """A stream, static splats or a model: exactly one of them."""
+
+    stream: str | None = None
+    """Folder of a take or a stream, a .v3s file, or a URL; paths are relative to the document."""
+
+    splats: str | None = None
+    """A .ply, .splat, .ksplat, .spz or .sog file."""
+
+    model: str | None = None
+    """A .glb file."""
+
+    position: Triple = (0.0, 0.0, 0.0)
+    """Of the origin, in meters; y is up, and the ground is at 0. A stream's lowest point is put on its position."""
+
+    turn: Triple = (0.0, 0.0, 0.0)
+    """Degrees about x, y and z."""
+
+    scale: float = Field(default=1.0, gt=0, le=1e6)
+
+    start: float = Field(default=0.0, ge=0, le=1e6)
+    """Seconds until a stream begins; until then it shows its first frame."""
+
+    @model_validator(mode="after")
+    def _is_one(self) -> Item:
+        if sum(one is not None for one in (self.stream, self.splats, self.model)) != 1:
+            raise ValueError("must have exactly one of stream, splats and model")
+        for value, endings in ((self.splats, SPLATS), (self.model, MODELS)):
+            if value is not None and not value.lower().endswith(endings):
+                raise ValueError(f"must end in {' or '.join(endings)}, found {value}")
+        return self
+
+
+class View(_Part):
+    """The first view; `fov` is vertical, in degrees."""
+
+    position: Triple = (0.0, 1.5, 4.5)
+    target: Triple = (0.0, 0.8, 0.0)
+    fov: float = Field(default=40.0, ge=5, le=120)
+
+
+class GroundPlane(_Part):
+    """A disk at y = 0 with the performers' soft contact shadows, whose darkest parts have the opacity `shadow`."""
+
+    color: Color = (0.5, 0.5, 0.5)
+    radius: float = Field(default=5.0, gt=0, le=1e6)
+    shadow: Unit = 0.5
+
+
+class Cast(_Part):
+    """The document. Colors are sRGB, 0 to 1."""
+
+    format: Literal["v3studio-cast"]
+    version: Literal[1]
+    title: str = Field(default="V3 Studio", max_length=300)
+    background: Color = (0.0, 0.0, 0.0)
+    camera: View = View()
+    ground: GroundPlane | None = GroundPlane()
+    items: tuple[Item, ...] = Field(min_length=1, max_length=MAX_ITEMS)
+
+
+def is_cast(source: str) -> bool:
+    """Whether a user names a document, and not the manifest of a stream or of a take."""
+    path = Path(source)
+    return path.suffix.lower() == ".json" and path.name not in (MANIFEST_NAME, "take.json")
+
+
+def read_cast(path: Path) -> Cast:
+    """Read the document.
+
+    Raises:
+        StudioError: `share.bad_cast`.
+    """
+    fix = 'docs/guides/web.md, "A cast", describes the document.'
+    try:
+        return Cast.model_validate(parse_json(path.read_bytes(), unique=True))
+    except FileNotFoundError:
+        raise StudioError("share.bad_cast", "no such file", file=path, fix="Check the path.") from None
+    except (TextError, OSError) as error:
+        raise StudioError("share.bad_cast", f"cannot be read: {error}", file=path, fix=fix) from None
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(map(str, first["loc"]))
+        problem = f"{where or 'the document'} {violation(first)}"
+        raise StudioError("share.bad_cast", problem, file=path, fix=fix, key=where) from None
+
+
+def write_cast(source: Path, out: Path, text: PageText, progress: ProgressFn) -> tuple[str, dict[str, int]]:
+    """Write the page of a cast into a folder.
+
+    Args:
+        source: the document.
+        out: the folder.
+        text: title, credits and license; by default the document's title, and what the streams say.
+        progress: called with (items done, items).
+
+    Returns:
+        the page's title, and the bytes of each file.
+
+    Raises:
+        StudioError: `share.bad_cast` (also for a text that the page has no place for), `share.no_player`, no stream
+            where an item names one, or a disk that is full.
+    """
+    cast = read_cast(source)
+    page, script, licenses = _page_files()
+    unused = [name for name in ("description", "intro", "view", "address") if getattr(text, name) is not None]
+    if unused:
+        fix = f"Leave out {' and '.join('--' + name for name in unused)}."
+        raise StudioError("share.bad_cast", f"the page of a cast has no {unused[0]}", file=source, fix=fix)
+    text = replace(text, title=text.title or cast.title).plain()
+    title = text.title or ""
+    placed: dict[str, str] = {}
+    streams: list[PageText] = []
+    with disk_errors(out), shared_folder(out, title) as folder:
+        for number, item in enumerate(cast.items):
+            progress(number, len(cast.items))
+            for named in (item.stream, item.splats, item.model):
+                if named is not None and named not in placed:
+                    if named == item.stream:
+                        placed[named], said = _add_stream(named, source, folder, len(placed))
+                        streams.append(said)
+                    else:
+                        placed[named] = _add_file(named, source, folder, len(placed))
+        values = cast.model_dump(mode="json", exclude_none=True)
+        for item_values in values["items"]:
+            for kind in ("stream", "splats", "model"):
+                if kind in item_values:
+                    item_values[kind] = placed[item_values[kind]]
+        values.setdefault("ground", None)
+        name = hashed_name(SCRIPT_NAME, script)
+        folder.write(name, script)
+        folder.write(LICENSES_NAME, licenses)
+        folder.write(CAST_NAME, json.dumps(values, indent=1).encode())
+        filled = page.replace("<title>V3 Studio</title>", f"<title>{escape(title)}</title>").replace(SCRIPT_NAME, name)
+        filled = filled.replace("<footer></footer>", f"<footer>{escape(_credits(text, streams))}</footer>")
+        folder.write(PAGE_NAME, filled.encode())
+        progress(len(cast.items), len(cast.items))
+    return title, folder.written
+
+
+def _page_files() -> tuple[str, bytes, bytes]:
+    """Page, script and licenses."""
+    try:
+        folder = player_folder() / "cast"
+        page = (folder / "index.html").read_text(encoding="utf-8")
+        return page, (folder / SCRIPT_NAME).read_bytes(), (folder / LICENSES_NAME).read_bytes()
+    except OSError as error:
+        raise StudioError(
+            "share.no_player", "the page of a cast is not built", fix="Run `make web-package`."
+        ) from error
+
+
+def _beside(named: str, source: Path) -> str:
+    return named if "://" in named else str(source.parent / Path(named).expanduser())
+
+
+def _credits(text: PageText, streams: Sequence[PageText]) -> str:
+    """Credits and license in one line: those given, or else each of the streams' once."""
+    lines = [[one.credits or "", one.license or ""] for one in streams]
+    given = [[text.credits or "", text.license or ""]] if text.credits or text.license else lines
+    return "; ".join(dict.fromkeys(", ".join(part for part in line if part) for line in given if any(line)))
+
+
+def _add_stream(named: str, source: Path, folder: SharedFolder, number: int) -> tuple[str, PageText]:
+    """Copy a stream; its new address, and what it says of itself."""
+    with stream_to_share(_beside(named, source)) as stream:
+        for file in stream.reader.files:
+            folder.write(f"{number}/{file.path}", stream.reader.checked(file))
+        folder.write(f"{number}/{MANIFEST_NAME}", stream.reader.manifest_bytes)
+        return f"{number}/{MANIFEST_NAME}", stream.text(PageText())
+
+
+def _add_file(named: str, source: Path, folder: SharedFolder, number: int) -> str:
+    """Copy a static file; its new address."""
+    path = Path(_beside(named, source))
+    try:
+        size = path.stat().st_size
+        if size > MAX_FILE_BYTES:
+            problem = f"has {size:,} bytes; at most {MAX_FILE_BYTES:,} are shared"
+            raise StudioError("share.bad_cast", problem, file=path, value=size, fix="Reduce the number of its splats.")
+        data = path.read_bytes()
+    except OSError as error:
+        problem = f"cannot be read: {error.strerror}"
+        raise StudioError("share.bad_cast", problem, file=path, fix=f"Correct the path in {source}.") from None
+    folder.write(f"{number}/{path.name}", data)
+    return f"{number}/{quote(path.name)}"

@@ -1,0 +1,122 @@
+"""A folder that `share` writes: it takes the place of an earlier share when it is complete, and of nothing else."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from pipelines.takes.atomic_files import remove
+from pipelines.version import program_version
+from studio.atomic_files import leftovers, remove_leftovers, temporary_path
+from studio.bounded_files import parse_json
+from studio.errors import StudioError
+
+RECORD_NAME = "share.json"
+"""Lists what a shared folder consists of, so that it can be replaced, and nothing else."""
+
+RECORD_FORMAT, RECORD_VERSION = "v3studio-share", 1
+
+
+class SharedFolder:
+    """Files of a share.
+
+    Attributes:
+        written: bytes of each file, by its path relative to the folder.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self.written: dict[str, int] = {}
+
+    def write(self, name: str, data: bytes) -> None:
+        """Write a file, and the folders that it is in."""
+        target = self._folder / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(data)
+        self.written[name] = len(data)
+
+
+@contextmanager
+def shared_folder(out: Path, title: str | None) -> Iterator[SharedFolder]:
+    """A folder that takes the place of `out`, with a record of its files, when the block succeeds.
+
+    Raises:
+        StudioError: `output.not_ours`, something else is at `out`.
+    """
+    with _replaced(out) as folder:
+        files = SharedFolder(folder)
+        yield files
+        record = {
+            "format": RECORD_FORMAT,
+            "version": RECORD_VERSION,
+            "program": f"v3studio {program_version()}",
+            "title": title,
+            "files": [{"path": name, "bytes": size} for name, size in sorted(files.written.items())],
+        }
+        files.write(RECORD_NAME, (json.dumps(record, indent=1, ensure_ascii=False) + "\n").encode())
+
+
+def check_folder(out: Path) -> None:
+    """Raises StudioError (`output.not_ours`) unless `out` is missing, empty, or an earlier share and nothing else."""
+    if not os.path.lexists(out):
+        return
+    fix = "Choose another folder, or delete it."
+    if not out.is_dir() or out.is_symlink():
+        raise StudioError("output.not_ours", "exists and is not a folder", file=out, fix=fix)
+    present = {path.relative_to(out).as_posix() for path in out.rglob("*") if not path.is_dir() or path.is_symlink()}
+    if not present and not any(out.iterdir()):
+        return
+    listed = _recorded(out / RECORD_NAME)
+    if listed is None:
+        raise StudioError("output.not_ours", "exists and is not an earlier share", file=out, fix=fix)
+    strange = sorted(present - listed - {RECORD_NAME})
+    if strange:
+        raise StudioError(
+            "output.not_ours",
+            f"is an earlier share, but holds files that are not part of it, {strange[0]} first",
+            file=out,
+            value=strange[0],
+            fix="Move them away, or choose another folder.",
+        )
+
+
+def _recorded(path: Path) -> set[str] | None:
+    """Files that a share's record lists; None if it is not one."""
+    try:
+        record = parse_json(path.read_bytes())
+        if record["format"] != RECORD_FORMAT:
+            return None
+        return {str(file["path"]) for file in record["files"]}
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+@contextmanager
+def _replaced(out: Path) -> Iterator[Path]:
+    """A temporary folder beside `out` that takes its place when the block succeeds, and is deleted otherwise."""
+    new, old = temporary_path(out), temporary_path(out, ".old")
+    for path in leftovers(out.parent, out, ".old"):
+        if os.path.lexists(out):
+            remove(path)
+        else:  # killed between the renames: it is the earlier share
+            os.rename(path, out)
+    remove_leftovers(out.parent, out)
+    remove(new)
+    new.mkdir(parents=True)
+    try:
+        yield new
+        check_folder(out)  # it took a while: somebody may have written there meanwhile
+        if os.path.lexists(out):
+            os.rename(out, old)
+        try:
+            os.rename(new, out)
+        except OSError:
+            if old.exists():
+                os.rename(old, out)
+            raise
+    finally:
+        remove(new)
+    remove(old)

@@ -1,0 +1,111 @@
+"""`v3studio share` of a cast: one page with several streams and static splats, and the documents that are refused."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from pipelines.share.cast import read_cast
+from pipelines.share.page import PageText
+from pipelines.share.sharing import share
+from tests.support.errors import refuses
+from tests.support.streams import bake_numbered, contents, edit_manifest
+
+ROOT = Path(__file__).parents[3]
+ITEM = {"stream": "walk"}
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """A folder with the stream `walk`, splats, and the built page."""
+    said = {"credits": "Jane <Doe>", "license": "CC BY 4.0"}
+    edit_manifest(bake_numbered(tmp_path / "walk", [2], 25.0), lambda values: values.update(metadata=said))
+    (tmp_path / "a chair #1.ply").write_bytes(b"ply")
+    built = tmp_path / "player" / "cast"
+    built.mkdir(parents=True)
+    (built / "v3-cast.js").write_text("run()")
+    (built / "licenses.txt").write_text("MIT")
+    page = '<title>V3 Studio</title><script type="module" src="v3-cast.js"></script><footer></footer>'
+    (built / "index.html").write_text(page)
+    monkeypatch.setattr("pipelines.share.cast.player_folder", lambda: built.parent)
+    return tmp_path
+
+
+def document(place: Path, *items: object, **values: object) -> Path:
+    path = place / "cast.json"
+    path.write_text(json.dumps({"format": "v3studio-cast", "version": 1, "items": items or [ITEM], **values}))
+    return path
+
+
+def test_the_page_has_each_stream_once(place):
+    chair = {"splats": "a chair #1.ply", "scale": 2}
+    cast = document(place, ITEM, {**ITEM, "start": 1.5, "turn": [0, 90, 0]}, chair, title="Two & a chair")
+    shared = share(cast, place / "site")
+    site = place / "site"
+    first, second, third = json.loads((site / "cast.json").read_text())["items"]
+    assert contents((site / first["stream"]).parent) == contents(place / "walk")
+    assert (second["stream"], second["start"], second["turn"]) == (first["stream"], 1.5, [0, 90, 0])
+    assert third["scale"] == 2
+    assert (site / third["splats"].replace("%20", " ").replace("%23", "#")).read_bytes() == b"ply"
+    page = (site / "index.html").read_text()
+    assert "<title>Two &amp; a chair</title>" in page
+    assert "Jane &lt;Doe&gt;, CC BY 4.0</footer>" in page
+    [script] = site.glob("v3-cast.*.js")
+    assert f'src="{script.name}"' in page
+    assert shared.total_bytes == sum(path.stat().st_size for path in site.rglob("*") if path.is_file())
+    share(cast, site, PageText(title="Other", credits="Somebody"), overwrite=True)
+    assert "Somebody</footer>" in (site / "index.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("change", "key"),
+    [
+        ({"version": 2}, "version"),
+        ({"sound": "a.wav"}, "sound"),
+        ({"camera": {"fov": 0}}, "camera.fov"),
+        ({"ground": {"shadow": 2}}, "ground.shadow"),
+        ({"items": []}, "items"),
+        ({"items": [{**ITEM, "position": [0, 0]}]}, "items.0.position.2"),
+        ({"items": [{**ITEM, "position": [0, 0, float("nan")]}]}, "items.0.position.2"),
+        ({"items": [{**ITEM, "scale": 0}]}, "items.0.scale"),
+        ({"items": [{**ITEM, "start": -1}]}, "items.0.start"),
+        ({"items": [ITEM, {**ITEM, "model": "a.glb"}]}, "items.1"),
+        ({"items": [{"model": "a.obj"}]}, "items.0"),
+    ],
+)
+def test_a_document_that_is_refused_names_the_value(place, change, key):
+    cast = document(place, **change) if "items" not in change else document(place)
+    cast.write_text(json.dumps({**json.loads(cast.read_text()), **change}))
+    with refuses("share.bad_cast", file=cast, key=key):
+        share(cast, place / "site")
+    assert not (place / "site").exists()
+
+
+def test_the_example_and_the_guide_describe_casts(place):
+    example = share(ROOT / "examples" / "web" / "cast.json", place / "example")
+    assert example.stream_bytes > 500_000
+    guide = (ROOT / "docs" / "guides" / "web.md").read_text(encoding="utf-8")
+    [written] = re.findall(r"```json\n(.*?)```", guide, re.DOTALL)
+    (place / "guide.json").write_text(written)
+    assert len(read_cast(place / "guide.json").items) == 4
+
+
+def test_what_is_missing_leaves_the_earlier_share(place):
+    site = place / "site"
+    share(document(place), site)
+    before = contents(site)
+    with refuses("share.bad_cast", file=place / "none.spz"):
+        share(document(place, ITEM, {"splats": "none.spz"}), site, overwrite=True)
+    with refuses("stream.not_found"):
+        share(document(place, {"stream": "none"}), site, overwrite=True)
+    with refuses("share.bad_cast"):
+        share(document(place), site, PageText(view="30,10"), overwrite=True)
+    (place / "cast.json").write_text("{")
+    with refuses("share.bad_cast", file=place / "cast.json"):
+        share(place / "cast.json", site, overwrite=True)
+    assert contents(site) == before
+    with refuses("share.bad_cast"):
+        share(document(place), place / "one.html")
