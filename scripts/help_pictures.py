@@ -141,9 +141,9 @@ def truth(take: Path) -> np.ndarray:
     return np.asarray(performer_over(context_of(take).footage.calibrated, CAMERA, FRAME, (0.0, 0.0, 0.0)))
 
 
-def difference_map(take: Path, baked: bool, number: int, good: Path) -> np.ndarray:
+def difference_map(take: Path, number: int, good: Path) -> np.ndarray:
     """Heat map of a render against the footage."""
-    return heat(difference(render(take, baked, number), truth(good)))
+    return heat(difference(render(take, True, number), truth(good)))
 
 
 def save(path: Path, pixels: np.ndarray) -> None:
@@ -169,8 +169,8 @@ def pictures(take: Path, work: Path) -> Iterator[tuple[str, np.ndarray]]:
     yield "train_bad", render(work / "few", False, 0)[box]
     yield "bake_good", render(take, True, FRAME)[box]
     yield "bake_bad", render(work / "coarse", True, FRAME)[box]
-    yield "review_good", difference_map(take, True, FRAME, take)[box]
-    yield "review_bad", difference_map(work / "late", True, 0, take)[box]
+    yield "review_good", difference_map(take, FRAME, take)[box]
+    yield "review_bad", difference_map(work / "late", 0, take)[box]
 
 
 def main() -> None:

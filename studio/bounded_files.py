@@ -239,14 +239,14 @@ def _read_unsized(file: BinaryIO, most: int) -> bytes:
     return b"".join(parts)
 
 
-def read_bounded_text(path: Path, encoding: str = "utf-8", limit: int = BOUNDS.size) -> str:
-    """The same as text, with every line ending as a newline.
+def read_bounded_text(path: Path) -> str:
+    """A UTF-8 text of at most `BOUNDS.size` bytes, with every line ending as a newline.
 
     Raises:
         OSError: as `read_bounded`.
         UnicodeDecodeError: another encoding.
     """
-    return read_bounded(path, limit).decode(encoding).replace("\r\n", "\n").replace("\r", "\n")
+    return read_bounded(path).decode().replace("\r\n", "\n").replace("\r", "\n")
 
 
 def need_utf8(path: Path) -> None:

@@ -135,8 +135,7 @@ class InputOrder:
         pressed: called with the code of each key whose press is passed on, also of those that repeat.
     """
 
-    def __init__(self, window: int | None, now: Callable[[], float] = time.monotonic) -> None:
-        self._now = now
+    def __init__(self, window: int | None) -> None:
         self._order = Order()
         self._kept: list[Input] = []
         self._held_since: float | None = None
@@ -199,8 +198,8 @@ class InputOrder:
         if not hold:
             self._held_since = None
         elif self._held_since is None:
-            self._held_since = self._now()
-        held = self._held_since is not None and self._now() < self._held_since + LONGEST_HOLD
+            self._held_since = time.monotonic()
+        held = self._held_since is not None and time.monotonic() < self._held_since + LONGEST_HOLD
         events, self._kept = (self._of_earlier() if release else [], self._kept) if held else (self._kept, [])
         if not events:
             return set()

@@ -18,17 +18,14 @@ class MenuBar:
 
     Args:
         boxes: (width, height) of the menus, pixels; () if they are not known.
-        ends: right ends of the titles, em.
 
     Attributes:
         height: height of the bar, pixels; 0 while it is hidden.
     """
 
-    def __init__(
-        self, em: float, boxes: Sequence[tuple[float, float]] = (), ends: Sequence[float] = _TITLE_ENDS
-    ) -> None:
+    def __init__(self, em: float, boxes: Sequence[tuple[float, float]] = ()) -> None:
         self._boxes = list(boxes)
-        self._ends = [end * em for end in ends]
+        self._ends = [end * em for end in _TITLE_ENDS]
         self._open: int | None = None
         self._followed = False
         self.height = 0.0

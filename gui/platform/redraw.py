@@ -8,7 +8,6 @@ that is known, or else for a while.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 
 AGAIN_SECONDS = (0.05, 0.12, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 
@@ -21,13 +20,12 @@ class Redraws:
     """After `changed`, `due` is true immediately and after each of `AGAIN_SECONDS`, but at least `pause` seconds apart,
     and not after `FRAMES` frames that are reported with `drawn`.
 
-    Args:
+    Attributes:
         pause: minimum seconds between two draws. If the CPU draws the window, draws compete with rendering.
     """
 
-    def __init__(self, now: Callable[[], float] = time.monotonic, pause: float = 0.0) -> None:
-        self._now = now
-        self.pause = pause
+    def __init__(self) -> None:
+        self.pause = 0.0
         self._times: list[float] = []
         self._last = -float("inf")
         self._frames = 0  # on the screen since the change
@@ -35,7 +33,7 @@ class Redraws:
 
     def changed(self) -> None:
         """Note that something on screen has changed."""
-        start = self._now()
+        start = time.monotonic()
         # a due redraw stays due; otherwise steady changes would postpone it forever
         first = min(start, *self._times[:1]) if self._times else start
         self._times = [first, *(start + delay for delay in AGAIN_SECONDS)]
@@ -51,13 +49,13 @@ class Redraws:
     @property
     def pausing(self) -> bool:
         """Whether the last draw was less than `pause` seconds ago."""
-        return self._now() < self._last + self.pause
+        return time.monotonic() < self._last + self.pause
 
     def due(self) -> bool:
         """Whether to draw now; call at each tick."""
         if self.pausing:
             return False
-        now = self._now()
+        now = time.monotonic()
         waiting = [due for due in self._times if due > now]
         due = len(waiting) < len(self._times)
         self._times = waiting

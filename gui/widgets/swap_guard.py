@@ -19,10 +19,8 @@ class SwapGuard:
         pointer: position of the pointer in the window, pixels; None where it is not known, and then nothing is refused.
     """
 
-    def __init__(
-        self, pointer: Callable[[], tuple[int, int] | None], em: float, now: Callable[[], float] = time.monotonic
-    ) -> None:
-        self._pointer, self._rest, self._now = pointer, REST * em, now
+    def __init__(self, pointer: Callable[[], tuple[int, int] | None], em: float) -> None:
+        self._pointer, self._rest = pointer, REST * em
         self._at: tuple[int, int] | None = None
         self._seen: float | None = None
 
@@ -33,11 +31,11 @@ class SwapGuard:
     def drawn(self) -> None:
         """The window is drawn: from now on the user can see what has changed."""
         if self._at is not None and self._seen is None:
-            self._seen = self._now()
+            self._seen = time.monotonic()
 
     def refuses(self) -> bool:
         """Whether a click that comes now is to be ignored."""
-        if self._at is None or (self._seen is not None and self._now() >= self._seen + WAIT):
+        if self._at is None or (self._seen is not None and time.monotonic() >= self._seen + WAIT):
             return False
         pointer = self._pointer()
         if pointer is None:

@@ -15,7 +15,6 @@ from studio.capture.patterns import VIDEO_EXTENSIONS
 from studio.capture.timecode import Timecode, read_timecode, timecode_offsets
 from studio.counts import counted
 from studio.errors import Message, StudioError
-from studio.progress import ProgressFn, no_progress
 
 SOUND_RATE = 500
 """Sample rate of the compared loudness signals, in Hz."""
@@ -150,13 +149,7 @@ def _solve(count: int, pairs: Sequence[tuple[int, int, float, float]]) -> np.nda
     return lags
 
 
-def check_sync(
-    footage: Footage,
-    *,
-    method: str = "auto",
-    seconds: float = 1.0,
-    progress: ProgressFn = no_progress,
-) -> SyncReport:
+def check_sync(footage: Footage, *, method: str = "auto", seconds: float = 1.0) -> SyncReport:
     """Estimate the offsets between the cameras of a capture.
 
     Args:
@@ -164,7 +157,6 @@ def check_sync(
         method: "sound", "motion", "timecode", or "auto": sound if all cameras have it, otherwise motion. Timecodes are
             only right if the cameras' clocks were set to each other, so they have to be asked for.
         seconds: largest offset to search, in seconds; timecodes have no limit.
-        progress: called for each camera and frame when motion is measured; may raise `Cancelled`.
 
     Raises:
         StudioError: `sync.seconds`, `sync.one_camera`, `sync.no_sound` (method "sound"), `sync.too_few_frames`
@@ -201,7 +193,7 @@ def check_sync(
                 value=len(footage.frames),
                 expected=_MIN_FRAMES,
             )
-        signals = motion_signals(footage, progress)
+        signals = motion_signals(footage)
         lags, best = offsets_of(signals, min(round(seconds * footage.fps), len(footage.frames) // 3))
         used = "motion"
     unsure = tuple(name for name in names if not np.isfinite(lags[name]))
@@ -252,16 +244,14 @@ def _by_timecode(footage: Footage) -> SyncReport:
     )
 
 
-def motion_signals(footage: Footage, progress: ProgressFn = no_progress) -> dict[str, np.ndarray]:
+def motion_signals(footage: Footage) -> dict[str, np.ndarray]:
     """Camera to (frames - 1,) square roots of the mean change between consecutive frames in gray levels."""
     import cv2
 
     found = {}
-    total = len(footage.camera_names) * len(footage.frames)
-    for number, name in enumerate(footage.camera_names):
+    for name in footage.camera_names:
         before, values = None, []
-        for index, frame in enumerate(footage.frames):
-            progress(number * len(footage.frames) + index, total)
+        for frame in footage.frames:
             image = footage.raw_image(name, frame)
             factor = min(1.0, 240 / max(image.shape[:2]))
             small = cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)

@@ -73,8 +73,9 @@ class CachedObject:
         fetches: False: blocks that are not in the cache read as zeros.
     """
 
-    def __init__(self, pointer: Pointer, store: Store | None = None) -> None:
-        self._pointer, self._store = pointer, store
+    def __init__(self, pointer: Pointer) -> None:
+        self._pointer = pointer
+        self._store: Store | None = None
         self._cache = disk_cache(Path(pointer.cache))
         self.size, self.name = pointer.size, f"{pointer.store}/{pointer.path}"
         self.fetches = True

@@ -50,16 +50,10 @@ class SceneRenderer:
 
     Args:
         read_mesh: reads a mesh file.
-        draw: renders splats.
     """
 
-    def __init__(
-        self,
-        read_mesh: Callable[[Path], Surface] = no_mesh,
-        draw: Callable[[Gaussians, Camera], SplatLayer] = draw_layer,
-    ) -> None:
+    def __init__(self, read_mesh: Callable[[Path], Surface] = no_mesh) -> None:
         self.reader = SceneReader(read_mesh)
-        self._draw = draw
 
     def __call__(
         self, gaussians: Gaussians, view: Camera, wanted: SceneWanted, frame: int, background: Color
@@ -77,7 +71,7 @@ class SceneRenderer:
             StudioError: a damaged file.
         """
         contents = self.reader.read(wanted, frame).seen_from(view.center)
-        splats = self._draw(gaussians, view) if "splats" in wanted.parts else None
+        splats = draw_layer(gaussians, view) if "splats" in wanted.parts else None
         surfaces = Surfaces(view.width, view.height)
         if contents.mesh is not None:
             pixels, depth = contents.mesh.seen(view)
