@@ -120,6 +120,13 @@ def test_what_cannot_be_played_is_refused_in_a_sentence(site, baked, open_page):
         assert said in page.seen("error")[0]
         assert failure.inner_text().startswith(page.seen("error")[0])
     assert not any("secret" in path for path, _ in site.requests)
+    for address in ("javascript:alert(1)", "data:application/json,{}", "file:///etc/passwd", "blob:x"):
+        page.evaluate(open_other, address)
+        page.wait("(seen.error ?? []).length")
+        assert "http and https" in page.seen("error")[0]
+        assert not page.seen("notice"), "it is not tried again"
+    page.evaluate(open_other, "#]::")
+    failure.get_by_text("#]::", exact=False).wait_for()
     shutil.copytree(baked(), site.folder / "whole")
     page.evaluate(open_other, "whole/")
     page.wait_ready()

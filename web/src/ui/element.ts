@@ -237,7 +237,7 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost {
       const embedded = file === null && source.startsWith("#") ? embeddedFiles(source) : null;
       void this.player.open(source, embedded, file);
     } catch (error) {
-      this.showFailure(`The address "${source}" cannot be opened: ${messageOf(error)}.`);
+      this.showFailure(`The address "${source}" cannot be opened: ${messageOf(error).replace(/\.$/, "")}.`);
     }
   }
 

@@ -123,6 +123,8 @@ export class Session {
     if (files !== null) return { source: new EmbeddedSource(files), name: MANIFEST_NAME };
     if (archive !== null) return { source: new ArchiveSource(rangesOf(archive), archive.name), name: MANIFEST_NAME };
     const address = new URL(url);
+    if (!["http:", "https:"].includes(address.protocol))
+      throw new StreamError(`Streams are played from http and https addresses; found "${address.protocol}".`);
     const packed = /\.v3s$/i.test(address.pathname);
     if (!packed && !address.pathname.endsWith(".json"))
       address.pathname = `${address.pathname.replace(/\/$/, "")}/${MANIFEST_NAME}`;
