@@ -192,7 +192,7 @@ class Preview(Event):
 
 @dataclass(frozen=True, kw_only=True)
 class Log(Event):
-    """A detail that is only shown in logs."""
+    """A detail: what was found in the footage, or what a stage decided."""
 
     kind: ClassVar[str] = "log"
     message: str

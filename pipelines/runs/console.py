@@ -125,8 +125,10 @@ class Bars:
             self._stop()  # restores the cursor, even if the watchdog is about to end the process
             if event.outcome == "cancelled":
                 self._say(f"[yellow]cancelled:[/yellow] {_plain(event.message)}")
-        elif isinstance(event, Log | Preview):
-            pass  # only for logs and the window
+        elif isinstance(event, Log):
+            self._say(f"[dim]{_plain(event.message)}[/dim]")
+        elif isinstance(event, Preview):
+            pass  # only for the window
 
     def _warn(self, event: Warned) -> None:
         """Print a warning, but of many of one kind only the first few."""

@@ -238,6 +238,8 @@ def _from_footage(inputs: Inputs, reporter: StageReporter) -> tuple[Rig, Calibra
         if last or not lacking:
             break
         reporter.log(f"{counted(len(frames), 'frame')}: {lacking} More frames are tried.")
+    if few := _lacking(result.report):
+        reporter.log(few)
     rig, points = result.rig, result.points
     report = result.report.model_copy(
         update={

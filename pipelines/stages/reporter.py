@@ -207,7 +207,7 @@ class StageReporter:
         self._emit(Preview(stage=self.stage, path=str(path), caption=caption, **where))
 
     def log(self, message: str) -> None:
-        """Report a detail that is only shown in logs."""
+        """Report a detail; see `Log`."""
         self._emit(Log(stage=self.stage, message=message))
 
     def warn(self, message: Message | str) -> None:

@@ -160,7 +160,8 @@ def run_group(inputs: Inputs, group: Group, reporter: StageReporter) -> None:
 def _announced(inputs: Inputs, group: Group, reporter: StageReporter) -> int:
     """Number of frames that are trained already, which is reported."""
     finished = _finished(inputs, group)
-    reporter.log(f"group {group.index}: {finished} of {counted(len(group.frames), 'frame')} are already trained")
+    if finished:
+        reporter.log(f"group {group.index}: {finished} of {counted(len(group.frames), 'frame')} are already trained")
     return finished
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from pipelines.events import Finished, StageFinished, Warned
+from pipelines.events import Finished, Log, StageFinished, Warned
 from pipelines.runs.console import MOST_ALIKE, Bars
 
 
@@ -24,3 +24,9 @@ def test_warnings_of_one_kind_are_grouped(capfd: pytest.CaptureFixture[str]) -> 
         "warning: dark again",
     ]
     assert len(lines) == MOST_ALIKE + 3
+
+
+def test_what_was_found_is_printed(capfd: pytest.CaptureFixture[str]) -> None:
+    with Bars() as show:
+        show(Log(stage="initialize", message="Masks: alpha channel [of the images]."))
+    assert "Masks: alpha channel [of the images]." in capfd.readouterr().out
