@@ -107,22 +107,16 @@ def test_every_luma_byte_is_what_python_decodes(site, baked, open_page, decoder,
     for frame, picture in enumerate(want):
         luma = np.frombuffer(base64.b64decode(got[frame]["luma"]), np.uint8)
         assert np.array_equal(luma, picture.reshape(-1)), f"frame {frame}"
+    come_back_to_front(got[3]["order"], python.gaussians(3))
     python.close()
 
 
-def test_splats_come_back_to_front(stream, open_page):
-    page = open_page("?t=0", setup=lambda handle: handle.add_init_script(f"({_TAP})()"))
-    page.seek_frame(3)
-    entry = page.evaluate("() => window.pictures.at(-1)")
-    python = support.PythonFrames(stream)
-    gaussians = python.gaussians(3)
-    python.close()
-    tile = page.evaluate("() => Math.ceil(Math.sqrt(1500) / 16) * 16")
-    splat_of = {pixel: splat for splat, pixel in enumerate(support.morton_pixels(tile, len(gaussians)))}
-    order = np.frombuffer(base64.b64decode(entry["order"]), np.uint32)
-    splats = [splat_of[int(pixel)] for pixel in order]
+def come_back_to_front(order, gaussians):
+    """All splats, sorted for the suggested camera, with which the player starts."""
+    pixels = support.morton_pixels(48, len(gaussians))  # of 1500 splats in a tile of 48 x 48
+    splat_of = {pixel: splat for splat, pixel in enumerate(pixels)}
+    splats = [splat_of[int(pixel)] for pixel in np.frombuffer(base64.b64decode(order), np.uint32)]
     assert sorted(splats) == list(range(len(gaussians)))
-    # The player starts with the suggested camera.
     view = support.camera(0)
     depths = (gaussians.means.numpy() @ view.rotation.T + view.translation)[:, 2]
     steps = np.diff(depths[splats])
