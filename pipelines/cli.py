@@ -131,7 +131,8 @@ def _exit_code(error: StudioError) -> int:
     """2 for what is wrong with the arguments, also with settings among them; 1 for everything else."""
     from pipelines.config.loading import COMMAND_LINE
 
-    return 2 if error.code.startswith("command.") or error.file == COMMAND_LINE else 1
+    places = {mistake.get("file") for mistake in error.fields.get("mistakes", ())} or {error.file}
+    return 2 if error.code.startswith("command.") or places == {COMMAND_LINE} else 1
 
 
 def _print_end(

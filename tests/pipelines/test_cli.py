@@ -50,6 +50,7 @@ def test_wrong_usage_is_2_and_a_failure_1(here, tmp_path):
     refused = here("config", "--train.max-splts", "3")
     assert refused.returncode == 2
     assert refused.stderr == ("error: command line: unknown setting train.max_splts. Did you mean train.max_splats?\n")
+    assert here("config", "--train.max-splts", "3", "--train.dropout", "9").returncode == 2
     nowhere = here("bake")
     assert nowhere.returncode == 2
     assert "--take takes/first" in nowhere.stderr
