@@ -115,9 +115,10 @@ def test_training_outlives_a_failure(take, published, monkeypatch):
     assert [event.code for event in events if isinstance(event, Warned)] == ["bake.live_failed"]
 
 
-def test_training_with_live_gives_the_stream_of_a_bake(here, take, published):
+@pytest.mark.parametrize("joint", [0, 2])
+def test_training_with_live_gives_the_stream_of_a_bake(here, take, published, joint):
     shutil.rmtree(take.root / "train" / "group_001")
-    result = here("train", take.root, "--live", "--bake.preset", "ultrafast")
+    result = here("train", take.root, "--live", "--bake.preset", "ultrafast", "--train.joint_iterations", joint)
     assert result.returncode == 0, result.stderr
     assert published == [([3], True), ([3, 2], False)]
     before = contents(take.stream)
