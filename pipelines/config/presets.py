@@ -30,6 +30,7 @@ PRESETS: Mapping[str, Mapping[str, JsonValue]] = {
         "train.mlp_width": 32,
         "train.finetune_iterations": 80,
         "train.finetune_means": True,
+        "train.joint_iterations": 0,
     },
     "standard": {
         "initialize.points": 36_000,
@@ -52,6 +53,7 @@ PRESETS: Mapping[str, Mapping[str, JsonValue]] = {
         "train.mlp_width": 32,
         "train.finetune_iterations": 250,
         "train.finetune_means": True,
+        "train.joint_iterations": 100,
     },
     "final": {
         "initialize.points": 50_000,
@@ -74,6 +76,7 @@ PRESETS: Mapping[str, Mapping[str, JsonValue]] = {
         "train.mlp_width": 64,
         "train.finetune_iterations": 2000,
         "train.finetune_means": False,
+        "train.joint_iterations": 0,
     },
 }
 """Values by dotted name. preview: a quick look. standard: the schedule of sample_configs/quickstart.yaml, for CPUs.
