@@ -72,7 +72,7 @@ STAGES = (
         "train", "Train", "train the Gaussians", version=2, weight=85, dependencies=("calibrate", "initialize"),
     ),
     Stage(
-        "bake", "Bake", "encode the trained Gaussians as a stream", version=2, weight=3, dependencies=("train",),
+        "bake", "Bake", "encode the trained Gaussians as a stream", version=3, weight=3, dependencies=("train",),
     ),
     Stage(
         "evaluate", "Review", "measure the quality on held-out cameras and write the report", version=2,

@@ -20,6 +20,9 @@ MAX_VALUE = 1e9
 
 MAX_LOG_SCALE = math.log(MAX_VALUE)
 
+MAX_SHAPE = 1e4
+"""Largest magnitude of a number of a splat's shape, the square root of a size: three of these make a size below 1e9."""
+
 OPACITY_MARGIN = 1e-6
 """Opacities are clamped to this distance from 0 and 1, so that their logits are finite."""
 
@@ -77,10 +80,11 @@ class Attribute:
         components: names in `planes`; {k} stands for each SH coefficient.
         channels: names in `motion`, likewise.
         steps: of the channels. An error of one step is about equally visible in every channel (found by rendering
-            trained groups with one attribute coarsened at a time). For means, relative to the size of a typical splat.
+            trained groups with one attribute coarsened at a time). For means, relative to the size of a typical splat;
+            for scales, to its square root.
         bits: of a component: 16, in two planes, or 8.
         held: whether `planes` keeps it at QP 22 where the QP is higher (paper, "Compression QP Setting").
-        largest: the largest value that can be rendered.
+        largest: the largest value of a component that can be rendered.
         activate, inverse: from the tensor to components, and back.
         to_channels, from_channels: from components to channels, rows of (..., C, N), and back.
     """
@@ -131,8 +135,8 @@ ATTRIBUTES = (
         "quats",
         (4,),
         ("quat_w", "quat_x", "quat_y", "quat_z"),
-        ("rotation_0", "rotation_1", "rotation_2"),
-        (0.0015,) * 3,
+        (),  # shape_xx to shape_yz have both rotation and scale
+        (),
         held=True,
     ),
     Attribute(
@@ -141,8 +145,8 @@ ATTRIBUTES = (
         "log_scales",
         (3,),
         ("log_scale_0", "log_scale_1", "log_scale_2"),
-        ("log_scale_0", "log_scale_1", "log_scale_2"),
-        (0.017,) * 3,
+        ("shape_xx", "shape_yy", "shape_zz", "shape_xy", "shape_xz", "shape_yz"),
+        (0.011,) * 3 + (0.008,) * 3,
         held=True,
         largest=MAX_LOG_SCALE,
     ),
@@ -174,12 +178,13 @@ ATTRIBUTES = (
 
 BY_NAME = {attribute.name: attribute for attribute in ATTRIBUTES}
 _COMPONENT_ORDER = ("means", "sh", "opacities", "scales", "quats")
-_LARGEST = {name: one.largest for one in ATTRIBUTES for name in (*one.components, *one.channels)}
+_BOUNDS = {name: (-MAX_VALUE, one.largest) for one in ATTRIBUTES for name in one.components}
+_BOUNDS |= dict.fromkeys(BY_NAME["scales"].channels, (-MAX_SHAPE, MAX_SHAPE))
 
 
-def largest(name: str) -> float:
-    """The largest value of a component or channel that can be rendered."""
-    return _LARGEST.get(name, MAX_VALUE)
+def value_bounds(name: str) -> tuple[float, float]:
+    """The least and the largest value of a component or channel that can be rendered."""
+    return _BOUNDS.get(name, (-MAX_VALUE, MAX_VALUE))
 
 
 @dataclass(frozen=True)

@@ -30,13 +30,13 @@ from studio.counts import counted
 from studio.dilation import DILATION, MAX_DILATION, MIN_DILATION
 from studio.errors import StudioError, violation
 from studio.json_types import JsonObject
-from studio.stream.attributes import MAX_VALUE, channels, components, largest
+from studio.stream.attributes import MAX_VALUE, channels, components, value_bounds
 from studio.stream.codecs import CODECS, CodecName
 from studio.stream.layout import plane_side, tile_side
 
 FORMAT: Final = "v3studio-stream"
 PAGE_FORMAT: Final = "v3studio-stream-page"
-VERSION: Final = 3
+VERSION: Final = 4
 MANIFEST_NAME: Final = "manifest.json"
 
 FILES: Final = "files"
@@ -323,7 +323,7 @@ class ComponentEntry(Model):
     def _check(self) -> ComponentEntry:
         ordered = self.min <= self.max
         _require(ordered, "range_order", f"minimum {self.min} of {self.name} exceeds its maximum {self.max}")
-        most = largest(self.name)
+        most = value_bounds(self.name)[1]
         _require(self.max <= most, "value_range", f"maximum {self.max:g} of {self.name[:40]} exceeds {most:g}")
         return self
 
@@ -376,11 +376,12 @@ class ChannelEntry(Model):
 
     @model_validator(mode="after")
     def _check(self) -> ChannelEntry:
-        low, high, most = self.offset - 128 * self.step, self.offset + 127 * self.step, largest(self.name)
+        low, high = self.offset - 128 * self.step, self.offset + 127 * self.step
+        least, most = value_bounds(self.name)
         _require(
-            low >= -MAX_VALUE and high <= most,
+            low >= least and high <= most,
             "value_range",
-            f"values of {self.name[:40]} reach from {low:g} to {high:g}; they must be from {-MAX_VALUE:g} to {most:g}",
+            f"values of {self.name[:40]} reach from {low:g} to {high:g}; they must be from {least:g} to {most:g}",
         )
         return self
 
@@ -605,7 +606,7 @@ class Manifest(Model):
     """The manifest as stored.
 
     Attributes:
-        format, version: "v3studio-stream"; 3.
+        format, version: "v3studio-stream"; 4.
         profile: "planes" or "motion".
         fps: frame rate of playback.
         frame_count: over all groups.
@@ -624,7 +625,7 @@ class Manifest(Model):
     """
 
     format: Literal["v3studio-stream"] = FORMAT
-    version: Literal[3] = VERSION
+    version: Literal[4] = VERSION
     profile: Literal["motion", "planes"]
     fps: Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)]
     frame_count: Annotated[int, Field(ge=1, le=MAX_FRAMES)]

@@ -9,18 +9,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from studio.rotations import mrp_to_quats
-from studio.stream.attributes import MAX_VALUE, largest
+from studio.stream.attributes import MAX_VALUE, value_bounds
 from studio.stream.manifest import BlockTable, ChannelEntry, Lattice, MotionRendition
 from studio.stream.morton import deinterleave
 from studio.stream.motion_blocks import Blocks
 from studio.stream.sidefile import Cursor, decode_octree, deflate, encode_octree, inflate, split
 
 MAX_CLASS = 15
-"""Largest class; the step of residuals doubles with each class."""
+"""Largest class, which has four bits; the step of residuals doubles with each class."""
 
 MAX_BITS = 16
 """Largest number of bits per axis of the keyframe's means."""
 
+_RUN_BYTES = 4
 _LABEL_BYTES = 2
 _MOTION_BYTES = 4
 _ESCAPE_BYTES = 4
@@ -70,8 +71,8 @@ class Side:
         beyond = np.where(code < 0, code, code - 255)
         return [
             *encode_octree(self.codes, bits),
-            *split(np.diff(self.labels, prepend=0), _LABEL_BYTES),
-            self.classes.astype(np.uint8).tobytes(),
+            *_label_runs(self.labels),
+            _in_pairs(self.classes),
             *split(_time_differences(self.affine), _MOTION_BYTES),
             *split(_time_differences(self.rotation), _MOTION_BYTES),
             *split(np.array([len(code)]), _ESCAPE_BYTES),
@@ -91,12 +92,11 @@ class Side:
         cursor = Cursor(inflate(data, group.side.raw_bytes))
         splats, blocks, moved = group.splats, group.blocks.count, group.frame_count - 1
         codes = decode_octree(cursor, group.positions.bits, splats)
-        labels = np.cumsum(cursor.integers(splats, _LABEL_BYTES))
+        labels = _from_label_runs(cursor, splats)
         if labels.min() < 0 or labels.max() >= blocks:
             raise ValueError("a splat belongs to a nonexistent block")
-        classes = cursor.take(splats)
-        if classes.max() > MAX_CLASS:
-            raise ValueError(f"a splat has class {classes.max()}; the maximum is {MAX_CLASS}")
+        pairs = cursor.take((splats + 1) // 2)
+        classes = np.stack([pairs & 15, pairs >> 4], axis=1).reshape(-1)[:splats]
         affine = _from_time_differences(cursor.integers(moved * 12 * blocks, _MOTION_BYTES), (moved, 12, blocks))
         if np.abs(affine).max(initial=0) * group.blocks.step > MAX_VALUE:
             raise ValueError(f"a block moves by more than {MAX_VALUE:g}")
@@ -122,6 +122,42 @@ class Side:
         return cls(codes, labels, classes, affine, rotation, Escapes(channel, splat, frame, code))
 
 
+def _label_runs(labels: np.ndarray) -> list[bytes]:
+    """Labels as runs: their lengths, and how each differs from the run before it; 0: it is as the one before that."""
+    starts = np.flatnonzero(np.diff(labels, prepend=-1))
+    lengths = np.diff(starts, append=len(labels))
+    own = labels[starts]
+    before, earlier = (np.concatenate([np.zeros(k, np.int64), own])[: len(own)] for k in (1, 2))
+    changes = np.where(own == earlier, 0, own - before)
+    return [
+        *split(np.array([len(starts)]), _RUN_BYTES),
+        *split(lengths - 1, _RUN_BYTES),
+        *split(changes, _LABEL_BYTES),
+    ]
+
+
+def _from_label_runs(cursor: Cursor, splats: int) -> np.ndarray:
+    """Inverse of `_label_runs`: (splats,) int64. Raises ValueError if the runs do not have so many splats."""
+    count = int(cursor.integers(1, _RUN_BYTES)[0])
+    if not 1 <= count <= splats:
+        raise ValueError(f"the number of runs of labels is {count}")
+    lengths = cursor.integers(count, _RUN_BYTES) + 1
+    if lengths.min() < 1 or lengths.sum() != splats:
+        raise ValueError("the runs of labels do not match the number of splats")
+    own, before, earlier = [], 0, 0
+    for change in cursor.integers(count, _LABEL_BYTES).tolist():
+        before, earlier = (earlier if change == 0 else before + change), before
+        own.append(before)
+    return np.repeat(np.array(own), lengths)
+
+
+def _in_pairs(classes: np.ndarray) -> bytes:
+    """Classes as four bits, two in a byte: there are few, and a Huffman code has at least one bit for each byte."""
+    pairs = np.zeros((len(classes) + 1) // 2 * 2, dtype=np.uint8)
+    pairs[: len(classes)] = classes
+    return (pairs[::2] | pairs[1::2] << 4).tobytes()
+
+
 def _time_differences(values: np.ndarray) -> np.ndarray:
     """Second differences over the first axis, with two zeros before it: small for steady motion."""
     return np.diff(values, n=2, axis=0, prepend=np.zeros((2, *values.shape[1:]), dtype=np.int64))
@@ -134,10 +170,10 @@ def _from_time_differences(values: np.ndarray, shape: tuple[int, ...]) -> np.nda
 
 def _check_values(channels: Sequence[ChannelEntry], channel: np.ndarray, code: np.ndarray) -> None:
     """Raises ValueError for an escape whose value is out of the bounds of its channel, which cannot be drawn."""
-    bounds = np.array([(entry.offset, entry.step, largest(entry.name)) for entry in channels])
-    offset, step, high = bounds[channel].T
+    bounds = np.array([(entry.offset, entry.step, *value_bounds(entry.name)) for entry in channels])
+    offset, step, low, high = bounds[channel].T
     values = offset + (code - 128) * step
-    wrong = np.flatnonzero((values < -MAX_VALUE) | (values > high))
+    wrong = np.flatnonzero((values < low) | (values > high))
     if len(wrong):
         first = wrong[0]
         raise ValueError(f"an escape in {channels[channel[first]].name} has the value {values[first]:g}")

@@ -124,7 +124,7 @@ class BakeSettings(Settings):
 
     attribute_qps: dict[QpAttribute, QP] = Field(default={})
     """QPs of single attributes, overriding quality; example: {opacities: 26}. means_low is the low bytes of the means
-    in planes, their residuals in motion."""
+    in planes, their residuals in motion, where scales is both scale and rotation."""
 
     preset: Preset = "medium"
     """Encoder effort: slower presets produce smaller files."""
@@ -187,6 +187,13 @@ class BakeSettings(Settings):
         if self.smooth_paths and self.profile == "planes":
             raise Conflict(
                 "smooth_paths requires profile motion", "Set smooth_paths to null.", "smooth_paths", "profile"
+            )
+        if self.profile == "motion" and "quats" in self.attribute_qps:
+            raise Conflict(
+                "a QP of quats requires profile planes: in motion, scales is the QP of rotation and scale together",
+                "Remove quats from attribute_qps.",
+                "attribute_qps",
+                "profile",
             )
         if self.profile == "planes" and self.codec != "h264":
             raise Conflict(

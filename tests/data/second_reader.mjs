@@ -5,8 +5,8 @@
 //
 // STREAM: a folder or a .v3s file. LUMA: a folder with the decoded luma of each video, "PATH.y" with "/" in PATH replaced by
 // "__": all pictures in the order of display, rows from the top, without padding (decoding H.264 is left to libav).
-// OUT: a folder for the decoded frames, "RENDITION_FRAME.f64", little-endian: center (3), rotation (w, x, y, z), scale (3),
-// opacity (1), spherical harmonics ((degree + 1)^2 x red, green, blue) of each splat. Prints one JSON line per frame.
+// OUT: a folder for the decoded frames, "RENDITION_FRAME.f64", little-endian: center (3), covariance (xx, yy, zz, xy, xz,
+// yz), opacity (1), spherical harmonics ((degree + 1)^2 x red, green, blue) of each splat. Prints one JSON line per frame.
 
 import { createHash } from "node:crypto";
 import { closeSync, fstatSync, openSync, readFileSync, readSync, statSync, writeFileSync } from "node:fs";
@@ -76,7 +76,7 @@ function readManifest(source) {
   const bytes = source("manifest.json", LARGEST_FILE);
   const manifest = JSON.parse(new TextDecoder("utf-8", { fatal: true }).decode(bytes));
   need(manifest.format === "v3studio-stream", "not a stream", manifest.format);
-  need(manifest.version === 3, "version is not 3", manifest.version);
+  need(manifest.version === 4, "version is not 4", manifest.version);
   const text = bytes.toString("latin1");
   need(/^[0-9a-f]{64}$/.test(manifest.manifest_sha256), "manifest_sha256 is no SHA-256");
   need(text.split(manifest.manifest_sha256).length === 2, "manifest_sha256 occurs more than once");
@@ -229,10 +229,20 @@ function readSide(rendition, bytes) {
     for (let i = 0; i <= more; i++) cells.push(leaves[leaf]);
   });
   need(cells.length === n, "cells hold fewer splats than there are");
-  const labels = accumulated(side.numbers(n, 2));
-  need(labels.every((label) => label >= 0 && label < blocks.count), "label of no block");
-  const classes = side.take(n);
-  need(classes.every((c) => c <= 15), "class above 15");
+  const runs = side.numbers(1, 4)[0];
+  need(wholeNumber(runs, 1, n), "wrong number of runs");
+  const lengths = side.numbers(runs, 4).map((more) => more + 1);
+  const changes = side.numbers(runs, 2);
+  const labels = [];
+  for (let run = 0, before = [0, 0]; run < runs; run++) {
+    before = [changes[run] === 0 ? before[1] : before[0] + changes[run], before[0]];
+    need(before[0] >= 0 && before[0] < blocks.count, "label of no block");
+    need(lengths[run] >= 1 && labels.length + lengths[run] <= n, "runs of more splats than there are");
+    for (let i = 0; i < lengths[run]; i++) labels.push(before[0]);
+  }
+  need(labels.length === n, "runs of fewer splats than there are");
+  const pairs = side.take(Math.ceil(n / 2));
+  const classes = Array.from({ length: n }, (_, i) => (i % 2 === 0 ? pairs[i / 2] % 16 : pairs[(i - 1) / 2] >> 4));
   const motions = predicted(side.numbers((frames - 1) * 12 * blocks.count, 4), frames, 12 * blocks.count);
   const turns = predicted(side.numbers((frames - 1) * 3 * blocks.count, 4), frames, 3 * blocks.count);
   const count = side.numbers(1, 4)[0];
@@ -252,8 +262,8 @@ function readSide(rendition, bytes) {
 }
 
 function motionNames(degree) {
-  const names = ["residual_x", "residual_y", "residual_z", "rotation_0", "rotation_1", "rotation_2"];
-  names.push("log_scale_0", "log_scale_1", "log_scale_2", "opacity");
+  const names = ["residual_x", "residual_y", "residual_z"];
+  names.push("shape_xx", "shape_yy", "shape_zz", "shape_xy", "shape_xz", "shape_yz", "opacity");
   for (let k = 0; k < (degree + 1) ** 2; k++) names.push(`sh_${k}_y`, `sh_${k}_co`, `sh_${k}_cg`);
   return names;
 }
@@ -278,8 +288,20 @@ function unitFromRodrigues(x, y, z) {
   return [(1 - square) / (1 + square), (2 * x) / (1 + square), (2 * y) / (1 + square), (2 * z) / (1 + square)];
 }
 
-function product([a, b, c, d], [e, f, g, h]) {
-  return [a * e - b * f - c * g - d * h, a * f + b * e + c * h - d * g, a * g - b * h + c * e + d * f, a * h + b * g - c * f + d * e];
+function matrixOf([w, x, y, z]) {
+  return [
+    [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+    [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+    [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+  ];
+}
+
+const product = (a, b) => a.map((row) => [0, 1, 2].map((k) => row[0] * b[0][k] + row[1] * b[1][k] + row[2] * b[2][k]));
+
+/** xx, yy, zz, xy, xz and yz of a times its transpose. */
+function covariance(a) {
+  const dot = (i, k) => a[i][0] * a[k][0] + a[i][1] * a[k][1] + a[i][2] * a[k][2];
+  return [dot(0, 0), dot(1, 1), dot(2, 2), dot(0, 1), dot(0, 2), dot(1, 2)];
 }
 
 function* motionFrames(source, lumaFolder, rendition) {
@@ -298,7 +320,7 @@ function* motionFrames(source, lumaFolder, rendition) {
     sums[label][3] += 1;
   });
   const centers = sums.map(([x, y, z, count]) => [x, y, z].map((sum) => Math.floor(sum / count)));
-  const size = 11 + 3 * (rendition.sh_degree + 1) ** 2;
+  const size = 10 + 3 * (rendition.sh_degree + 1) ** 2;
   for (let t = 0; t < frames; t++) {
     const codes = channels.map((_, c) => {
       const corner = Math.floor(c / columns) * tile * width + (c % columns) * tile;
@@ -316,12 +338,13 @@ function* motionFrames(source, lumaFolder, rendition) {
         for (let j = 0; j < 4; j++) out[k] += u[j] * state.motions[t][(3 * j + k) * blocks.count + label] * blocks.step;
       }
       const turn = [0, 1, 2].map((k) => state.turns[t][k * blocks.count + label] * blocks.rotation_step);
-      out.set(product(unitFromRodrigues(...turn), unitFromRodrigues(values[3][i], values[4][i], values[5][i])), 3);
-      for (let k = 0; k < 3; k++) out[7 + k] = Math.exp(values[6 + k][i]);
-      out[10] = Math.min(1, Math.max(0, values[9][i]));
+      const [xx, yy, zz, xy, xz, yz] = values.slice(3, 9).map((row) => row[i]);
+      const shape = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]];
+      out.set(covariance(product(matrixOf(unitFromRodrigues(...turn)), product(shape, shape))), 3);
+      out[9] = Math.min(1, Math.max(0, values[9][i]));
       for (let c = 10; c < channels.length; c += 3) {
         const [y, co, cg] = [values[c][i], values[c + 1][i], values[c + 2][i]];
-        out.set([y + co - cg, y + cg, y - co - cg], c + 1);
+        out.set([y + co - cg, y + cg, y - co - cg], c);
       }
     }
     yield frame;
@@ -345,7 +368,7 @@ function* planesFrames(source, lumaFolder, rendition) {
     Object.fromEntries(planes.map((video) => [video.part, readVideo(source, lumaFolder, video, side, side, frames)])),
   );
   const coefficients = 3 * (rendition.sh_degree + 1) ** 2;
-  const size = 11 + coefficients;
+  const size = 10 + coefficients;
   for (let t = 0; t < frames; t++) {
     const frame = new Float64Array(n * size);
     for (let i = 0; i < n; i++) {
@@ -359,7 +382,8 @@ function* planesFrames(source, lumaFolder, rendition) {
       });
       const [opacity, ...rest] = values.slice(3 + coefficients);
       const norm = Math.hypot(...rest.slice(3));
-      const out = [...values.slice(0, 3), ...rest.slice(3).map((q) => q / norm), ...rest.slice(0, 3).map(Math.exp)];
+      const axes = matrixOf(rest.slice(3).map((q) => q / norm)).map((row) => row.map((r, k) => r * Math.exp(rest[k])));
+      const out = [...values.slice(0, 3), ...covariance(axes)];
       frame.set([...out, Math.min(1, Math.max(0, opacity)), ...values.slice(3, 3 + coefficients)], i * size);
     }
     yield frame;

@@ -34,22 +34,26 @@ def performer(frames: int, splats: int = 900) -> list[Gaussians]:
 
 
 def attribute_errors(frames: Sequence[Gaussians], decoded: Sequence[Gaussians]) -> dict[str, float]:
-    """Root mean square error over all frames: means in world units, angle in degrees, log scales, opacity and SH."""
+    """Root mean square error over all frames: means in world units, opacity, SH, covariance relative to its trace."""
     index = linear_sum_assignment(cdist(_looks(decoded[0]), _looks(frames[0])))[1]
-    axes = Rotation.create_group("O")
-    squares: dict[str, list[np.ndarray]] = {name: [] for name in ("means", "angle", "log_scales", "opacity", "sh")}
+    squares: dict[str, list[np.ndarray]] = {name: [] for name in ("means", "opacity", "sh", "covariance")}
     for frame, found in zip(frames, decoded, strict=True):
         truth = frame[torch.from_numpy(index)]
         squares["means"].append((truth.means - found.means).square().numpy().ravel())
         squares["opacity"].append((truth.opacities - found.opacities).square().numpy())
         squares["sh"].append((truth.sh - found.sh).square().numpy().ravel())
-        squares["log_scales"].append(
-            np.square(np.sort(truth.log_scales.numpy(), axis=1) - np.sort(found.log_scales.numpy(), axis=1)).ravel()
-        )
-        one, two = (Rotation.from_quat(each.quats.numpy()[:, [1, 2, 3, 0]]) for each in (truth, found))
-        angle = np.min([((one.inv() * two) * axis).magnitude() for axis in axes], axis=0)
-        squares["angle"].append(np.degrees(angle) ** 2)
+        one, two = _covariances(truth), _covariances(found)
+        error = np.linalg.norm(one - two, axis=(1, 2)) / np.trace(one, axis1=1, axis2=2)
+        squares["covariance"].append(error**2)
     return {name: float(np.sqrt(np.concatenate(parts).mean())) for name, parts in squares.items()}
+
+
+def _covariances(gaussians: Gaussians) -> np.ndarray:
+    """(N, 3, 3)."""
+    axes = (
+        Rotation.from_quat(gaussians.quats.numpy(), scalar_first=True).as_matrix() * gaussians.scales.numpy()[:, None]
+    )
+    return axes @ axes.transpose(0, 2, 1)
 
 
 def _looks(gaussians: Gaussians) -> np.ndarray:

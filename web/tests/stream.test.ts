@@ -211,8 +211,8 @@ void test("splats are sorted back to front, the later one first at equal depth",
 
 void test("another format or version is refused in a sentence", () => {
   const text = new TextDecoder().decode(bytes("motion.json"));
-  for (const version of ["2", "4", '"3"', "null"])
-    assert.throws(() => parseManifest(text.replace('"version":3', `"version":${version}`), 1), /has format version .* plays version 3/);
+  for (const version of ["3", "5", '"4"', "null"])
+    assert.throws(() => parseManifest(text.replace('"version":4', `"version":${version}`), 1), /has format version .* plays version 4/);
   assert.throws(() => parseManifest("[", 1), /not readable JSON/);
   for (const other of ["{}", "null", "[]"]) assert.throws(() => parseManifest(other, 2), /not the manifest/);
 });
@@ -276,7 +276,7 @@ const REFUSED: readonly (readonly [place: string, value: unknown, message: RegEx
   ["groups.0.renditions.0.video.checks.1.picture", 0, /checks\.1\.picture/],
   ["groups.0.renditions.0.channels.2.step", 0, /channels\.2\.step/],
   ["groups.0.renditions.0.channels.2.name", "constructor", /channels do not match/],
-  ["groups.0.renditions.0.channels.6.offset", 90, /log_scale_0 beyond/],
+  ["groups.0.renditions.0.channels.6.offset", 90_000, /shape_xy beyond/],
   ["groups.0.renditions.0.channels.10.step", 1e9, /sh_0_y beyond/],
   ["groups.0.renditions.0.blocks.radius", 1e-300, /blocks\.radius/],
   ["groups.0.renditions.0.blocks.count", 32767, /32767 blocks/],

@@ -5,7 +5,9 @@
 #define VS_ISA exact
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
+#include <limits>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -27,14 +29,16 @@ struct DequantizeJob {
     const std::int32_t* escape_splats;                // (E,) ascending within a channel
     const float* escape_codes;                        // (E,) instead of the pixels
     const float *gains, *keyframe, *local;            // (N,), (N, 3), (N, 4)
-    const std::int32_t* labels;                       // (N,) rows of `maps` and `turned`
-    const float *maps, *turned;                       // (B, 4, 3), (B, 4) quaternions; may be null: nothing moves
+    const std::int32_t* labels;                       // (N,) rows of `maps` and `rotations`
+    const float *maps, *rotations;                    // (B, 4, 3), (B, 4) quaternions; may be null: nothing moves
     float *means, *quats, *log_scales, *logits, *sh;  // results
 };
 
 constexpr int DEQUANTIZE_BLOCK = 256;  // splats whose channels fit into the cache; a multiple of LANES
-constexpr int DEQUANTIZE_CHANNELS = 10;  // means, rotations, log scales, opacity; then 3 for each SH coefficient
+constexpr int DEQUANTIZE_CHANNELS = 10;  // means, shapes, opacity; then 3 for each SH coefficient
 constexpr float OPACITY_MARGIN = 1e-6f;  // as in attributes.py
+constexpr int JACOBI_SWEEPS = 3;  // as in shapes.py
+constexpr float SMALLEST_SCALE = 1e-12f;
 
 // Values of one channel of the block's splats.
 static void dequantize_channel(const DequantizeJob& job, int channel, std::int64_t begin, int n, float* out) {
@@ -52,11 +56,40 @@ static void dequantize_channel(const DequantizeJob& job, int channel, std::int64
     for (int i = 0; i < n; i++) out[i] = out[i] * step + offset;
 }
 
+// One Jacobi rotation of each of the block's symmetric matrices: it makes the entry (P, Q) zero. `shape` has the
+// entries in the order of the channels, `quat` what the axes were turned by so far, AROUND the component of the turn.
+template <int P, int Q, int AROUND, int SIGN>
+static void jacobi(float (*shape)[DEQUANTIZE_BLOCK], float (*quat)[DEQUANTIZE_BLOCK]) {
+    constexpr int OTHER = 3 - P - Q, PQ = 2 + P + Q, OP = 2 + OTHER + P, OQ = 2 + OTHER + Q;
+    constexpr int B = AROUND == 1 ? 2 : 1, C = AROUND == 3 ? 2 : 3;
+    constexpr float FLIP = AROUND == 2 ? -1 : 1;
+    for (int i = 0; i < DEQUANTIZE_BLOCK; i++) {
+        const float across = shape[PQ][i], difference = shape[Q][i] - shape[P][i];
+        const float reach = std::fabs(difference) +
+                            std::sqrt(difference * difference + (2 * across) * (2 * across));
+        float tangent = 2 * across / std::max(reach, std::numeric_limits<float>::min());
+        tangent = difference < 0 ? -tangent : tangent;
+        const float cosine = 1 / std::sqrt(1 + tangent * tangent), sine = tangent * cosine;
+        shape[P][i] -= tangent * across;
+        shape[Q][i] += tangent * across;
+        shape[PQ][i] = 0;
+        const float first = shape[OP][i], second = shape[OQ][i];
+        shape[OP][i] = cosine * first - sine * second;
+        shape[OQ][i] = sine * first + cosine * second;
+        const float half = std::sqrt((1 + cosine) / 2), turn = SIGN * sine / (2 * half);
+        const float w = quat[0][i], a = quat[AROUND][i], b = quat[B][i], c = quat[C][i];
+        quat[0][i] = w * half - a * turn;
+        quat[AROUND][i] = w * turn + a * half;
+        quat[B][i] = b * half + FLIP * (c * turn);
+        quat[C][i] = c * half - FLIP * (b * turn);
+    }
+}
+
 static void dequantize_all(const DequantizeJob& job, int threads) {
     auto block = [&](int task) {
         const std::int64_t begin = std::int64_t(task) * DEQUANTIZE_BLOCK;
         const int n = int(std::min<std::int64_t>(DEQUANTIZE_BLOCK, job.count - begin));
-        alignas(64) float value[4][DEQUANTIZE_BLOCK] = {};
+        alignas(64) float value[6][DEQUANTIZE_BLOCK] = {}, turned[4][DEQUANTIZE_BLOCK] = {};
         for (int k = 0; k < 3; k++) dequantize_channel(job, k, begin, n, value[k]);
         for (int i = 0; i < n; i++) {
             const std::int64_t splat = begin + i;
@@ -71,15 +104,19 @@ static void dequantize_all(const DequantizeJob& job, int threads) {
             for (int k = 0; k < 3; k++) job.means[3 * splat + k] = moved[k] + value[k][i] * job.gains[splat];
         }
 
-        for (int k = 0; k < 3; k++) dequantize_channel(job, 3 + k, begin, n, value[k]);
+        for (int k = 0; k < 6; k++) dequantize_channel(job, 3 + k, begin, n, value[k]);
+        for (int i = 0; i < n; i++) turned[0][i] = 1;
+        for (int sweep = 0; sweep < JACOBI_SWEEPS; sweep++) {
+            jacobi<0, 1, 3, -1>(value, turned);
+            jacobi<0, 2, 2, 1>(value, turned);
+            jacobi<1, 2, 1, -1>(value, turned);
+        }
         for (int i = 0; i < n; i++) {
             const std::int64_t splat = begin + i;
-            const float x = value[0][i], y = value[1][i], z = value[2][i];
-            const float square = (x * x + y * y) + z * z, whole = 1 + square;
-            const float b[4] = {(1 - square) / whole, 2 * x / whole, 2 * y / whole, 2 * z / whole};
+            const float b[4] = {turned[0][i], turned[1][i], turned[2][i], turned[3][i]};
             float* quat = job.quats + 4 * splat;
-            if (job.turned) {
-                const float* a = job.turned + 4 * std::int64_t(job.labels[splat]);
+            if (job.rotations) {
+                const float* a = job.rotations + 4 * std::int64_t(job.labels[splat]);
                 quat[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3];
                 quat[1] = a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2];
                 quat[2] = a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1];
@@ -88,9 +125,12 @@ static void dequantize_all(const DequantizeJob& job, int threads) {
                 for (int k = 0; k < 4; k++) quat[k] = b[k];
             }
         }
-
         for (int k = 0; k < 3; k++) {
-            dequantize_channel(job, 6 + k, begin, n, value[k]);
+            for (int i = 0; i < n; i += LANES) {
+                const VFloat root = load<float>(value[k] + i);
+                const VFloat scale = vmax<float>(root * root, broadcast<float>(SMALLEST_SCALE));
+                store<float>(value[k] + i, 0.69314718f * vlog2(scale));
+            }
             for (int i = 0; i < n; i++) job.log_scales[3 * (begin + i) + k] = value[k][i];
         }
 
@@ -136,7 +176,7 @@ std::int64_t largest(const In<std::int32_t>& indices, const char* name) {
 void dequantize(In<std::uint8_t> picture, In<std::int32_t> pixels, In<std::int64_t> first, In<float> steps,
                 In<float> offsets, In<std::int64_t> escape_starts, In<std::int32_t> escape_splats,
                 In<float> escape_codes, In<float> gains, In<float> keyframe, In<float> local, In<std::int32_t> labels,
-                std::optional<In<float>> maps, std::optional<In<float>> turned, Out<float> means, Out<float> quats,
+                std::optional<In<float>> maps, std::optional<In<float>> rotations, Out<float> means, Out<float> quats,
                 Out<float> log_scales, Out<float> logits, Out<float> sh, int threads) {
     const std::size_t n = pixels.size(), channels = first.size();
     if (channels < 13 || (channels - 10) % 3) throw std::invalid_argument("there must be 10 + 3 K channels");
@@ -160,7 +200,7 @@ void dequantize(In<std::uint8_t> picture, In<std::int32_t> pixels, In<std::int64
     expect(local, 4 * n, "local");
     expect(labels, n, "labels");
     const std::size_t blocks = std::size_t(largest(labels, "labels") + 1);
-    if ((maps && maps->size() < 12 * blocks) || (turned && turned->size() < 4 * blocks))
+    if ((maps && maps->size() < 12 * blocks) || (rotations && rotations->size() < 4 * blocks))
         throw std::invalid_argument("a label is outside the blocks");
     expect(means, 3 * n, "means");
     expect(quats, 4 * n, "quats");
@@ -170,7 +210,7 @@ void dequantize(In<std::uint8_t> picture, In<std::int32_t> pixels, In<std::int64
     const VS_ISA::DequantizeJob job = {std::int64_t(n), int(coefficients), picture.data(), pixels.data(), first.data(),
                                steps.data(), offsets.data(), escape_starts.data(), escape_splats.data(),
                                escape_codes.data(), gains.data(), keyframe.data(), local.data(), labels.data(),
-                               maps ? maps->data() : nullptr, turned ? turned->data() : nullptr, means.data(),
+                               maps ? maps->data() : nullptr, rotations ? rotations->data() : nullptr, means.data(),
                                quats.data(), log_scales.data(), logits.data(), sh.data()};
     nb::gil_scoped_release release;
     VS_ISA::dequantize_all(job, checked_threads(threads));
@@ -184,7 +224,7 @@ void add_dequantize(nb::module_& m) {
           nb::arg("escape_starts").noconvert(), nb::arg("escape_splats").noconvert(),
           nb::arg("escape_codes").noconvert(), nb::arg("gains").noconvert(), nb::arg("keyframe").noconvert(),
           nb::arg("local").noconvert(), nb::arg("labels").noconvert(), nb::arg("maps").noconvert().none(),
-          nb::arg("turned").noconvert().none(), nb::arg("means").noconvert(), nb::arg("quats").noconvert(),
+          nb::arg("rotations").noconvert().none(), nb::arg("means").noconvert(), nb::arg("quats").noconvert(),
           nb::arg("log_scales").noconvert(), nb::arg("logits").noconvert(), nb::arg("sh").noconvert(),
           nb::arg("threads"), "Splats of a frame of the profile `motion`.");
 }

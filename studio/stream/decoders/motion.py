@@ -10,12 +10,13 @@ import torch
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.rasterizer.kernels import kernels_for
-from studio.rotations import mrp_to_quats, quat_multiply
+from studio.rotations import quat_multiply
 from studio.stream.attributes import ATTRIBUTES, channel_rows
 from studio.stream.decoders.decoder import DecodedFrame, GroupDecoder, check_luma
 from studio.stream.manifest import MotionRendition
 from studio.stream.morton import square_scan
 from studio.stream.motion_state import MotionState, Side
+from studio.stream.shapes import shape_axes
 from studio.stream.sources.source import BAKE_AGAIN
 from studio.stream.video import PlaneDecoder
 
@@ -77,7 +78,7 @@ class GroupTables:
             picture=np.ascontiguousarray(picture), **self._indices, steps=self._steps, offsets=self._offsets,
             escape_starts=np.searchsorted(channel, np.arange(len(group.channels) + 1)).astype(np.int64),
             escape_splats=splat.astype(np.int32), escape_codes=code, gains=self.gains, keyframe=self.state.keyframe,
-            local=self.state.blocks.local, maps=self.state.maps(index), turned=turned,
+            local=self.state.blocks.local, maps=self.state.maps(index), rotations=turned,
             **results, threads=threads,
         )  # fmt: skip
         return Gaussians(**found, dilation=group.dilation)
@@ -87,11 +88,11 @@ class GroupTables:
         values = self.values(index, picture)
         rows = channel_rows(self.group.sh_degree)
         means = self.state.positions(index) + (values[rows["means"]] * self.gains).T
-        quats = mrp_to_quats(values[rows["quats"]].T)
+        quats, log_scales = shape_axes(values[rows["scales"]])
         turned = self.state.rotations(index)
         if turned is not None:
             quats = quat_multiply(turned[self.state.labels], quats)
-        found = {"means": means, "quats": quats}
+        found = {"means": means, "quats": quats, "log_scales": log_scales}
         for one in ATTRIBUTES:
             if one.tensor not in found:
                 columns = np.ascontiguousarray(one.from_channels(values[rows[one.name]]).T)

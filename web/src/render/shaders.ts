@@ -73,11 +73,7 @@ uniform sampler2D blocks;
 uniform vec3 latticeMin;
 uniform vec2 lattice; // step; step / radius
 
-vec4 multiply(vec4 a, vec4 b) { // wxyz
-  return vec4(a.x * b.x - dot(a.yzw, b.yzw), a.x * b.yzw + b.x * a.yzw + cross(a.yzw, b.yzw));
-}
-
-bool read(out vec3 mean, out vec4 quat, out vec3 scale, out float opacity) {
+bool read(out vec3 mean, out mat3 axes, out float opacity) {
   uvec4 s = texelFetch(statics, here, 0);
   if (s.w == 0u) return false;
   vec3 cell = vec3(s.x & 65535u, s.x >> 16, s.y & 65535u);
@@ -89,10 +85,9 @@ bool read(out vec3 mean, out vec4 quat, out vec3 scale, out float opacity) {
   vec3 u = (cell - vec3(a0.w, a1.w, a2.w)) * lattice.y;
   vec3 moved = a3.xyz + u.x * a0.xyz + u.y * a1.xyz + u.z * a2.xyz;
   mean = latticeMin + (cell + 0.5) * lattice.x + moved + exp2(float(s.y >> 16)) * vec3(v(0), v(1), v(2));
-  vec3 p = vec3(v(3), v(4), v(5));
-  float square = dot(p, p);
-  quat = multiply(turn, vec4(1.0 - square, 2.0 * p) / (1.0 + square));
-  scale = exp(vec3(v(6), v(7), v(8)));
+  float xy = v(6), xz = v(7), yz = v(8);
+  mat3 shape = mat3(v(3), xy, xz, xy, v(4), yz, xz, yz, v(5));
+  axes = turned(turn) * (shape * shape);
   opacity = v(9);
   return true;
 }
@@ -115,15 +110,16 @@ float place(int axis) {
   return units[2 * axis].x + high * units[2 * axis].y + low * units[2 * axis + 1].y;
 }
 
-bool read(out vec3 mean, out vec4 quat, out vec3 scale, out float opacity) {
+bool read(out vec3 mean, out mat3 axes, out float opacity) {
   if (here.y * layoutOf.x + here.x >= splats) return false;
   mean = vec3(place(0), place(1), place(2));
   opacity = v(${opacity});
-  scale = exp(vec3(v(${opacity + 1}), v(${opacity + 2}), v(${opacity + 3})));
-  quat = vec4(v(${opacity + 4}), v(${opacity + 5}), v(${opacity + 6}), v(${opacity + 7}));
+  vec3 scale = exp(vec3(v(${opacity + 1}), v(${opacity + 2}), v(${opacity + 3})));
+  vec4 quat = vec4(v(${opacity + 4}), v(${opacity + 5}), v(${opacity + 6}), v(${opacity + 7}));
   float size = length(quat);
   if (!(size > 0.0)) return false;
-  quat /= size;
+  axes = turned(quat / size);
+  axes = mat3(scale.x * axes[0], scale.y * axes[1], scale.z * axes[2]);
   return true;
 }
 
@@ -156,31 +152,37 @@ uniform float dilation; // added to the diagonal of every projected covariance, 
 uniform vec2 size;
 uniform ivec2 origin; // where the words of the first splat go
 ${channels(channelCount(profile, shDegree))}
+
+mat3 turned(vec4 q) { // rotation of a unit quaternion
+  float w = q.x, x = q.y, y = q.z, z = q.w;
+  return mat3(
+    1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y),
+    2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x),
+    2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y));
+}
+
+/* A splat's center and opacity, and three axes: its covariance is axes * transpose(axes). */
 ${profile === "motion" ? MOTION(shDegree) : PLANES(shDegree)}
 
 void main() {
   here = ivec2(gl_FragCoord.xy) - origin;
   first = uvec4(0u);
   second = uvec4(0u);
-  vec3 mean, scale;
-  vec4 q;
+  vec3 mean;
+  mat3 axes;
   float opacity;
-  if (!read(mean, q, scale, opacity)) return;
+  if (!read(mean, axes, opacity)) return;
   vec3 local = rotation * mean + translation;
   if (!(local.z >= ${NEAR}) || !(opacity >= ${float(ALPHA_MIN)})) return;
   opacity = min(opacity, 1.0);
-  float w = q.x, x = q.y, y = q.z, z = q.w;
-  mat3 turned = rotation * mat3(
-    1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y),
-    2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x),
-    2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y));
+  axes = rotation * axes;
   vec2 flat2 = local.xy / local.z;
   vec2 bent = clamp(flat2, limits.xz, limits.yw);
   vec2 focal = lens.xy / local.z;
   // Rows of Jacobian * rotation * axes: the splat's axes in image space.
-  vec3 ax = scale.x * turned[0], ay = scale.y * turned[1], az = scale.z * turned[2];
-  vec3 u = focal.x * (vec3(ax.x, ay.x, az.x) - bent.x * vec3(ax.z, ay.z, az.z));
-  vec3 t = focal.y * (vec3(ax.y, ay.y, az.y) - bent.y * vec3(ax.z, ay.z, az.z));
+  axes = transpose(axes);
+  vec3 u = focal.x * (axes[0] - bent.x * axes[2]);
+  vec3 t = focal.y * (axes[1] - bent.y * axes[2]);
   float xx = dot(u, u), xy = dot(u, t), yy = dot(t, t);
   vec3 normal = cross(u, t);
   float det = dot(normal, normal) + dilation * (xx + yy) + dilation * dilation;

@@ -2,16 +2,18 @@
 
 export const MAX_VALUE = 1e9;
 const MAX_LOG_SCALE = Math.log(MAX_VALUE);
+const MAX_SHAPE = 1e4;
 
 /** Bounds of a component's or channel's values, so that everything rendered is finite: scales end where positions do. */
 export function valueBounds(name: string): readonly [low: number, high: number] {
+  if (name.startsWith("shape_")) return [-MAX_SHAPE, MAX_SHAPE];
   return [-MAX_VALUE, name.startsWith("log_scale") ? MAX_LOG_SCALE : MAX_VALUE];
 }
 
 /** Channels of the profile `motion`, in order: 10 + 3 (degree + 1)^2. */
 export function channelNames(shDegree: number): string[] {
-  const names = ["residual_x", "residual_y", "residual_z", "rotation_0", "rotation_1", "rotation_2"];
-  names.push("log_scale_0", "log_scale_1", "log_scale_2", "opacity");
+  const names = ["residual_x", "residual_y", "residual_z"];
+  names.push("shape_xx", "shape_yy", "shape_zz", "shape_xy", "shape_xz", "shape_yz", "opacity");
   for (let k = 0; k < (shDegree + 1) ** 2; k++) for (const part of ["y", "co", "cg"]) names.push(`sh_${k}_${part}`);
   return names;
 }

@@ -11,7 +11,7 @@ import type * as stored from "./manifest_types.ts";
 import { type Metadata, readMetadata } from "./metadata.ts";
 
 const FORMAT = "v3studio-stream";
-const VERSION = 3;
+const VERSION = 4;
 export const MANIFEST_NAME = "manifest.json";
 export const MAX_MANIFEST_BYTES = 64 << 20;
 /** Files are named by the first digits of their SHA-256. */

@@ -4,7 +4,6 @@ import { messageOf, StreamError } from "./errors.ts";
 import { valueBounds } from "./layout.ts";
 import type { MotionRendition } from "./manifest.ts";
 
-const MAX_CLASS = 15;
 const MAX_MOVE = 1e9;
 
 /** Contents of a side file; N splats, B blocks, F frames. */
@@ -152,8 +151,42 @@ function exceeds(values: Float64Array | Uint8Array, limit: number): boolean {
   return false;
 }
 
-/** Cumulative sums of differences into `values`, checked to be in the range 0 to `limit` - 1. */
-function accumulate<T extends Uint16Array | Uint32Array>(differences: Int32Array, values: T, limit: number, what: string): T {
+const WRONG_LABELS = "the runs of labels do not match the number of splats";
+
+/** Labels of all splats, from runs of equal ones. */
+function readLabels(cursor: Cursor, splats: number, blocks: number): Uint16Array {
+  const count = cursor.numbers(1, 4)[0];
+  if (count < 1 || count > splats) throw new StreamError(WRONG_LABELS);
+  const more = cursor.numbers(count, 4);
+  const changes = cursor.numbers(count, 2);
+  const labels = new Uint16Array(splats);
+  let at = 0;
+  let label = 0;
+  let earlier = 0;
+  for (let i = 0; i < count; i++) {
+    const next = changes[i] === 0 ? earlier : label + changes[i];
+    earlier = label;
+    label = next;
+    if (label < 0 || label >= blocks) throw new StreamError("a splat belongs to a block that does not exist");
+    if (more[i] < 0 || more[i] >= splats - at) throw new StreamError(WRONG_LABELS);
+    labels.fill(label, at, at + more[i] + 1);
+    at += more[i] + 1;
+  }
+  if (at !== splats) throw new StreamError(WRONG_LABELS);
+  return labels;
+}
+
+/** Classes of all splats, from two in a byte. */
+function readClasses(cursor: Cursor, splats: number): Uint8Array {
+  const pairs = cursor.take(Math.ceil(splats / 2));
+  const classes = new Uint8Array(splats);
+  for (let i = 0; i < splats; i++) classes[i] = (pairs[i >> 1] >> (4 * (i & 1))) & 15;
+  return classes;
+}
+
+/** Cumulative sums of differences, checked to be in the range 0 to `limit` - 1. */
+function accumulate(differences: Int32Array, limit: number, what: string): Uint32Array {
+  const values = new Uint32Array(differences.length);
   let sum = 0;
   for (let i = 0; i < differences.length; i++) {
     sum += differences[i];
@@ -174,14 +207,8 @@ export function parseSideFile(raw: Uint8Array, group: MotionRendition): SideFile
   const blocks = group.blocks.count;
   const moved = group.frame_count - 1;
   const cells = readOctree(cursor, group.positions.bits, splats);
-  const labels = accumulate(
-    cursor.numbers(splats, 2),
-    new Uint16Array(splats),
-    blocks,
-    "a splat belongs to a block that does not exist",
-  );
-  const classes = cursor.take(splats).slice();
-  if (exceeds(classes, MAX_CLASS)) throw new StreamError(`a splat has a class above ${MAX_CLASS}`);
+  const labels = readLabels(cursor, splats, blocks);
+  const classes = readClasses(cursor, splats);
   const motions = integrate(cursor.numbers(moved * 12 * blocks, 4), moved, 12 * blocks);
   if (exceeds(motions, MAX_MOVE / group.blocks.step))
     throw new StreamError(`a block moves farther than ${MAX_MOVE}`);
@@ -193,8 +220,8 @@ export function parseSideFile(raw: Uint8Array, group: MotionRendition): SideFile
   const outside = "an escape is outside the group";
   const channel = cursor.take(count);
   if (exceeds(channel, group.channels.length - 1)) throw new StreamError(outside);
-  const splat = accumulate(cursor.numbers(count, 4), new Uint32Array(count), splats, outside);
-  const frame = accumulate(cursor.numbers(count, 4), new Uint32Array(count), group.frame_count, outside);
+  const splat = accumulate(cursor.numbers(count, 4), splats, outside);
+  const frame = accumulate(cursor.numbers(count, 4), group.frame_count, outside);
   const beyond = cursor.numbers(count, 4);
   if (cursor.left > 0) throw new StreamError(`${cursor.left} bytes are left over`);
   for (let i = 1; i < count; i++) {

@@ -52,12 +52,13 @@ export function dequantize(
   const logScales: Target[] = [0, 1, 2].map((k) => [scales, 3, k]);
   const harmonics: Target[] = Array.from({ length: coefficients }, (_, k) => [sh, coefficients, k]);
   const opacity: Target = [opacities, 1, 0];
+  // In the profile `motion`, they hold the shapes until `findAxes`.
   const targets = motion
     ? [...rotations.slice(1), ...logScales, opacity, ...harmonics]
     : [...harmonics, opacity, ...logScales, ...rotations];
   const first = motion ? 3 : 6;
   const meaning = ([array]: Target): ((value: number) => number) =>
-    array === scales ? Math.exp : array === opacities ? clamped : same;
+    array === scales && !motion ? Math.exp : array === opacities ? clamped : same;
   targets.forEach((target, k) => {
     const channel = first + k;
     const finish = meaning(target);
@@ -77,6 +78,7 @@ export function dequantize(
     const [array, stride, begin] = target;
     array[stride * splat[e] + begin] = meaning(target)(units[2 * channel[e]] + code[e] * units[2 * channel[e] + 1]);
   }
+  findAxes(quats, scales);
   turn(quats, tables.side.labels, blocks!);
   mixColors(sh);
 }
@@ -93,18 +95,71 @@ function normalize(quats: Float32Array): void {
   }
 }
 
-/** From modified Rodrigues parameters within the blocks (x, y, z at 1 to 3 of each quaternion) to quaternions in the world. */
+const SWEEPS = 3;
+/** Two axes, the component of a quaternion that turns one to the other, and its sign. */
+const PAIRS = [
+  [0, 1, 3, -1],
+  [0, 2, 2, 1],
+  [1, 2, 1, -1],
+] as const;
+
+/**
+ * From shapes (xx, yy, zz at 1 to 3 of each quaternion, xy, xz, yz in the scales) to rotations and scales within the blocks:
+ * Jacobi rotations, as in studio/stream/shapes.py.
+ */
+function findAxes(quats: Float32Array, scales: Float32Array): void {
+  // Entry (p, q) is at 2 + p + q, entry (p, p) at p.
+  const shape = new Float64Array(6);
+  const quat = new Float64Array(4);
+  for (let i = 0, q = 0; i < scales.length; i += 3, q += 4) {
+    for (let k = 0; k < 3; k++) {
+      shape[k] = quats[q + 1 + k];
+      shape[3 + k] = scales[i + k];
+    }
+    quat.fill(0);
+    quat[0] = 1;
+    for (let sweep = 0; sweep < SWEEPS; sweep++)
+      for (const [a, b, around, sign] of PAIRS) rotate(shape, quat, a, b, around, sign);
+    quats.set(quat, q);
+    for (let k = 0; k < 3; k++) scales[i + k] = shape[k] * shape[k];
+  }
+}
+
+/** One Jacobi rotation: makes the entry (a, b) zero. */
+function rotate(shape: Float64Array, quat: Float64Array, a: number, b: number, around: number, sign: number): void {
+  const across = shape[2 + a + b];
+  if (across === 0) return;
+  const difference = shape[b] - shape[a];
+  const reach = Math.abs(difference) + Math.sqrt(difference * difference + 4 * across * across);
+  const tangent = ((difference < 0 ? -2 : 2) * across) / reach;
+  const cosine = 1 / Math.sqrt(1 + tangent * tangent);
+  const sine = tangent * cosine;
+  shape[a] -= tangent * across;
+  shape[b] += tangent * across;
+  shape[2 + a + b] = 0;
+  const other = 3 - a - b;
+  const first = shape[2 + other + a];
+  const second = shape[2 + other + b];
+  shape[2 + other + a] = cosine * first - sine * second;
+  shape[2 + other + b] = sine * first + cosine * second;
+  const half = Math.sqrt((1 + cosine) / 2);
+  const turned = (sign * sine) / (2 * half);
+  const next = (around % 3) + 1;
+  const last = (next % 3) + 1;
+  const [w, x, y, z] = [quat[0], quat[around], quat[next], quat[last]];
+  quat[0] = w * half - x * turned;
+  quat[around] = w * turned + x * half;
+  quat[next] = y * half + z * turned;
+  quat[last] = z * half - y * turned;
+}
+
+/** From rotations within the blocks to those in the world. */
 function turn(quats: Float32Array, labels: ArrayLike<number>, blocks: Float32Array): void {
   for (let q = 0, i = 0; q < quats.length; q += 4, i++) {
-    const px = quats[q + 1];
-    const py = quats[q + 2];
-    const pz = quats[q + 3];
-    const square = px * px + py * py + pz * pz;
-    const scale = 1 / (1 + square);
-    const w = (1 - square) * scale;
-    const x = 2 * px * scale;
-    const y = 2 * py * scale;
-    const z = 2 * pz * scale;
+    const w = quats[q];
+    const x = quats[q + 1];
+    const y = quats[q + 2];
+    const z = quats[q + 3];
     const at = BLOCK_FLOATS * labels[i] + 16;
     const bw = blocks[at];
     const bx = blocks[at + 1];
