@@ -37,8 +37,7 @@ def test_the_demo_differs_from_the_quickstart_in_its_schedule_only() -> None:
     quick, demo = (values_of(load_config(ROOT / "sample_configs" / f"{name}.yaml")) for name in ("quickstart", "demo"))
     assert {name for name, value in demo.items() if quick[name] != value} == {
         "train.keyframe_iterations", "train.densify_until", "train.prune_finetune_iterations", "train.prune_ratio",
-        "train.motion_views", "train.motion_acceleration", "train.finetune_iterations", "train.joint_iterations",
-        "bake.quality",
+        "train.motion_views", "train.motion_acceleration", "train.finetune_iterations", "bake.quality",
     }  # fmt: skip
 
 
