@@ -263,6 +263,7 @@ class MainWindow:
         self.views.close()
         self.serving.stop()
         self.stages.estimates.stop()
+        self.actions.new_take_dialog.close()
         self.actions.queue.close()
         self.actions.start.close()
         self.actions.clipboard.close()

@@ -33,6 +33,7 @@ class Inspection:
         problems: what is wrong with it.
         rigs: calibration files to choose from with `capture.rig`; empty if there is one, or none.
         cameras: names of all cameras, also of those that are not used.
+        used: those that a take would use.
         unmasked: those without mask files, although others have them.
         suggested: cameras to hold out for evaluation, unless some are.
         frames: numbers of the frames that all cameras have.
@@ -46,6 +47,7 @@ class Inspection:
     problems: tuple[Message, ...] = ()
     rigs: tuple[str, ...] = ()
     cameras: tuple[str, ...] = ()
+    used: tuple[str, ...] = ()
     unmasked: tuple[str, ...] = ()
     suggested: tuple[str, ...] = ()
     frames: tuple[int, ...] = ()
@@ -87,6 +89,7 @@ def _found(capture: CaptureSettings, footage: Footage, progress: ProgressFn | No
         problems=(*footage.problems, *footage.warnings),
         rigs=tuple(rigs),
         cameras=cameras,
+        used=footage.camera_names,
         unmasked=tuple(name for name in cameras if name not in masked),
         suggested=() if footage.held_out_cameras else suggested_held_out(footage.camera_names),
         frames=footage.frames,

@@ -102,6 +102,7 @@ PIPELINES = (
     "review",
     "batch",
     "runs",
+    "new_take",
     "inspection",
     "stages",
     "reports",

@@ -26,7 +26,6 @@ from gui.actions.start import StartActions
 from gui.models.loop import later
 from gui.models.preferences import BACKGROUND_NAMES, PICTURE_SIZES, Preferences
 from gui.models.stage_rows import TITLES
-from gui.models.take.new_take import NewTake
 from gui.models.take.setting_words import FOLDERS
 from gui.models.take.settings import SettingField, place_of
 from gui.models.take.shares import FORMS
@@ -34,13 +33,14 @@ from gui.platform.clipboard import Clipboard
 from gui.shell import Shell
 from gui.widgets.dialogs.folder import ask_path
 from gui.widgets.dialogs.form import Form
-from gui.widgets.dialogs.take import ask_new_take
+from gui.widgets.dialogs.take import NewTakeDialog
+from pipelines.new_take import NewTake
 from pipelines.takes.take import program_version
 from studio.errors import StudioError
 
 Action = Callable[[], object]
 
-SWITCHES = frozenset(getattr(gui.KeyName, name) for name in ("O", "S", "W", "D", "X", "F", "I", "J", "L", "SPACE"))
+SWITCHES = frozenset(getattr(gui.KeyName, name) for name in ("O", "S", "W", "D", "B", "X", "F", "I", "J", "L", "SPACE"))
 """Keys that act once while they are held; otherwise they would switch back and forth. None that opens a text field: the
 field would keep the release of the key, and its next press would be taken for a repeat."""
 
@@ -68,7 +68,8 @@ class Actions:
         self.clipboard = Clipboard()
         self.search = SearchActions(window, self.menu)
         others = {"new": self.new_take, "open": self._ask_open, "address": self._ask_address, "queue": self.queue.show}
-        self.start = StartActions(window, self.queue.queue, self.clipboard, others, self._ask_new_take)
+        self.new_take_dialog = NewTakeDialog(window.dialogs, self._create, window.changed)
+        self.start = StartActions(window, self.queue.queue, self.clipboard, others, self.new_take_dialog.show)
 
     def menu(self) -> dict[str, Action]:
         """Actions by key of `ITEMS`."""
@@ -150,6 +151,7 @@ class Actions:
             key.S: lambda: self._review("side by side"),
             key.W: lambda: self._review("wipe"),
             key.D: lambda: self._review("difference"),
+            key.B: self._exchange,
             key.Z: player.zoom_to_performer,
             key.L: lambda: transport.set_loop(not transport.loop),
             key.V: player.toggle_sound,
@@ -190,6 +192,11 @@ class Actions:
         self._window.select("review")
         if not (came and choice == views.player.mode):  # from elsewhere a key shows a comparison, never turns it off
             views.choose(choice)
+
+    def _exchange(self) -> None:
+        self._window.select("review")
+        self._window.views.leave()
+        self._window.player.exchange()
 
     def pick(self, field: SettingField) -> None:
         """Choose the file or the folder of a setting in a dialog."""
@@ -258,17 +265,14 @@ class Actions:
 
     def new_take(self) -> None:
         """Ask for footage, settings and the take's folder."""
-        self._ask_new_take(NewTake())
-
-    def _ask_new_take(self, new: NewTake) -> None:
-        ask_new_take(self._window.dialogs, new, self._create)
+        self.new_take_dialog.show(NewTake())
 
     def _create(self, new: NewTake) -> None:
         window = self._window
         try:
             root = new.create()
         except StudioError as error:
-            ask_new_take(window.dialogs, new, self._create, str(error))
+            self.new_take_dialog.show(new, str(error))
             return
         window.dialogs.close()
         window.open(str(root))

@@ -40,6 +40,7 @@ SHORTCUTS: dict[str, dict[str, str]] = {
     "Compare": {
         "1, 2, 3, 4": "show footage, trained, decoded, the other bake",
         "S": "side by side",
+        "B": "what comparisons are against, and back",
         "W": "wipe; drag the line",
         "D": "difference heat map",
     },

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from gui.models.playback.other_source import OTHER
+from gui.models.playback.other_source import OTHERS
 from gui.models.take.exports import (
     ALL_FRAMES,
     FORMATS,
@@ -72,9 +72,9 @@ class OutputActions:
         if opened is None or not opened.sources:
             window.notices.show("Nothing to export yet.")
             return
-        # the default first, if it exists
-        own = [name for name in opened.sources if name != OTHER]
-        sources = sorted(own, key=lambda name: name != DEFAULT_OF) if opened.take is not None else []
+        own = [name for name in opened.sources if name not in OTHERS]
+        first = "trained" if self._stale else DEFAULT_OF  # if it exists
+        sources = sorted(own, key=lambda name: name != first) if opened.take is not None else []
         folder = opened.path.parent if isinstance(opened.path, Path) else Path.home()
         request = ExportRequest(kind or self._kind, str(opened.path), opened.title, folder)
         request.of = sources[0] if sources else ""
@@ -82,6 +82,12 @@ class OutputActions:
         request.seconds = f"{max(length, LEAST_SECONDS):g}"
         request.ranges = self._ranges()
         self._ask_export(request, sources)
+
+    @property
+    def _stale(self) -> bool:
+        """Whether the take has changed since its stream was baked."""
+        workspace = self._window.workspace
+        return workspace.take is not None and workspace.row("bake").state == "stale"
 
     def _ranges(self) -> dict[str, range | None]:
         """Frames that can be exported: all, the one on screen, the selected span."""
@@ -129,11 +135,10 @@ class OutputActions:
         form.choice("background", "Background", list(MOVIE_BACKGROUNDS))
         form.output(lambda: self._ask_export(request, sources))
         changed()
-        source = (
-            "decoded: as played back from the stream (default, as in v3studio export).\ntrained: before baking."
-            if sources
-            else "Exports the splats decoded from the stream."
-        )
+        source = "Exports the splats decoded from the stream."
+        if sources:
+            stale = ", which does not have the last changes" if self._stale else ""
+            source = f"decoded: as played back from the stream{stale}.\ntrained: before baking."
         words = (source, "Seconds, size and background are for movies.", "Existing files are never overwritten.")
         parts = [form.grid, *map(dialogs.label, words)]
         form.show("export", "Export", parts, ("save", "Export", start), 90, error, "line")

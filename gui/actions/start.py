@@ -8,11 +8,11 @@ from urllib.parse import unquote
 
 from gui.models.folders import kind_of
 from gui.models.loop import LOOP
-from gui.models.take.new_take import NewTake, make_sample_take, sample_settings
 from gui.models.take.take_queue import TakeQueue
 from gui.pages.start.page import StartPage
 from gui.platform.clipboard import Clipboard
 from gui.shell import Shell
+from pipelines.new_take import NewTake, make_sample_take, sample_settings
 from studio.storage import is_address
 
 LOOK_EVERY = 0.25

@@ -26,6 +26,10 @@ LEAST_SIZE = 9
 """Of texts of images that are enlarged to the window: smaller ones cannot be read."""
 
 
+GAP = 4
+"""Pixels between images."""
+
+
 @dataclass(frozen=True)
 class Box:
     """Rectangle of an image within the viewport's image, in pixels."""
@@ -35,12 +39,30 @@ class Box:
     width: int
     height: int
 
+    def holds(self, x: float, y: float) -> bool:
+        """Whether a pixel is in it."""
+        return self.x <= x < self.x + self.width and self.y <= y < self.y + self.height
 
-def boxes(size: tuple[int, int], count: int) -> list[Box]:
-    """A number of equal boxes side by side in an image, whose size is (width, height)."""
-    gap = 4
-    each = max((size[0] - gap * (count - 1)) // count, 1)
-    return [Box(number * (each + gap), 0, each, size[1]) for number in range(count)]
+
+def boxes(size: tuple[int, int], count: int, shape: float) -> list[Box]:
+    """A number of equal boxes in rows that fill an image, whose size is (width, height).
+
+    Args:
+        size: of the image.
+        count: number of boxes.
+        shape: width by height of what is shown in each, which is as large as possible.
+    """
+
+    def of(columns: int) -> tuple[int, int]:
+        rows = -(-count // columns)
+        return max((size[0] - GAP * (columns - 1)) // columns, 1), max((size[1] - GAP * (rows - 1)) // rows, 1)
+
+    columns = max(range(count, 0, -1), key=lambda columns: min(of(columns)[0] / shape, of(columns)[1]))
+    width, height = of(columns)
+    return [
+        Box(number % columns * (width + GAP), number // columns * (height + GAP), width, height)
+        for number in range(count)
+    ]
 
 
 def side_by_side(

@@ -5,16 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from gui.models.history import Change, History
 from pipelines.takes.frame_numbers import FrameNumbers
 from studio.cameras import Camera
 from studio.errors import Message, StudioError
 from studio.formats.camera_path import EASINGS, CameraPath, Key, read_path_keys, write_path_keys
-
-if TYPE_CHECKING:
-    from studio.stream import CapturePlace
 
 KEY_SECONDS = 2.0
 """Seconds of the movie from the last view to one that is added."""
@@ -229,34 +225,3 @@ def fitted(camera: Camera, width: int, height: int) -> Camera:
     K[:2] *= scale
     K[0, 2] += 0.5 * (width - camera.width * scale)
     return Camera(camera.name, width, height, K, camera.world_to_camera)
-
-
-def in_export(keys: Sequence[Key], place: CapturePlace, frame_count: int, numbers: FrameNumbers) -> list[Key]:
-    """The keys, which count frames and lie as in the take, in the frames and the world of what is exported.
-
-    Args:
-        keys: with frames.
-        place: where what is exported lies in the take.
-        frame_count: its number of frames.
-        numbers: of the take's frames.
-
-    Raises:
-        StudioError: keys show other frames, such as those that are trimmed off (`export.frames_left_out`).
-    """
-    first, last = place.first_frame, place.first_frame + frame_count - 1
-    frames = [int(key.frame or 0) for key in keys]
-    left_out = {number: frame for number, frame in enumerate(frames, 1) if not first <= frame <= last}
-    if left_out:
-        views = ", ".join(f"view {number} (frame {numbers.number(frame)})" for number, frame in left_out.items())
-        raise StudioError(
-            "export.frames_left_out",
-            f"the camera path shows frames that the movie cannot have: {views}; "
-            f"it can have {numbers.number(first)} to {numbers.number(last)}",
-            value=list(left_out.values()),
-            fix="Drag their diamonds on the timeline to other frames, or remove these views.",
-            expected=[first, last],
-        )
-    return [
-        replace(key, camera=place.camera(key.camera), frame=float(frame - first))
-        for key, frame in zip(keys, frames, strict=True)
-    ]

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+from studio.capture.patterns import natural_key
 
 MOST_ENTRIES = 1000
 """Longer lists are truncated; any path can be typed."""
@@ -108,8 +109,8 @@ class FolderList:
         except OSError as error:
             self.message = f"{self.folder}: cannot be read ({error.strerror}). Choose another folder."
             return False
-        folders = sorted((name for name, is_folder in names if is_folder), key=natural)
-        files = sorted((name for name, is_folder in names if not is_folder and self._fits(name)), key=natural)
+        folders = sorted((name for name, is_folder in names if is_folder), key=natural_key)
+        files = sorted((name for name, is_folder in names if not is_folder and self._fits(name)), key=natural_key)
         shown = folders[:MOST_ENTRIES]
         self.entries = [Entry(self.folder / name, kind_of(self.folder / name)) for name in shown]
         self.entries += [Entry(self.folder / name, "file") for name in files[: MOST_ENTRIES - len(shown)]]
@@ -126,9 +127,3 @@ def kind_of(folder: Path) -> str:
     if (folder / "take.json").is_file():
         return "take"
     return "stream" if (folder / "manifest.json").is_file() else "folder"
-
-
-def natural(name: str) -> list[tuple[bool, int, str]]:
-    """Sort key for natural order: cam2 before cam10."""
-    parts = re.split(r"(\d+)", name.lower())
-    return [(part.isdecimal(), int(part) if part.isdecimal() else 0, part) for part in parts]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gui.models.stages import Inputs
-from studio.capture import find_cameras, held_out_cameras
+from pipelines.takes.camera_uses import CameraUses
 from studio.errors import StudioError
 
 
@@ -23,8 +23,7 @@ class HeldOut:
 
 def _found(context: Inputs) -> tuple[str, ...]:
     try:
-        spec = context.footage.capture
-        used = tuple(name for name in find_cameras(spec) if not spec.cameras or name in spec.cameras)
-        return held_out_cameras(spec, used)
+        uses = CameraUses.of(context.footage.capture).uses
+        return tuple(name for name, use in uses.items() if use == "held out")
     except StudioError:  # the Capture view shows the error
         return context.config.capture.held_out

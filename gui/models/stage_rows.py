@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from gui.models.stages import STAGES, Inputs
+from gui.models.stages import STAGES, Inputs, camera_file
 from pipelines.runs.staleness import StageStatus
 from studio.errors import Message, StudioError
 
@@ -58,6 +58,7 @@ class Assessment:
         footage_error: why the footage cannot be opened; None if it can.
         numbers: frame numbers in the footage's files; empty if it cannot be opened.
         fps, group_starts: frame rate and groups of the footage.
+        camera_file: name of the calibration file that is used; "" if the cameras are calibrated from the footage.
     """
 
     stages: dict[str, StageStatus] = field(default_factory=dict)
@@ -66,6 +67,7 @@ class Assessment:
     numbers: tuple[int, ...] = ()
     fps: float = 30.0
     group_starts: tuple[int, ...] = (0,)
+    camera_file: str = ""
 
 
 def assess(context: Inputs) -> Assessment:
@@ -80,4 +82,13 @@ def assess(context: Inputs) -> Assessment:
     words = f"{cameras} camera{'s' * (cameras != 1)}, {frames} frame{'s' * (frames != 1)}"
     starts = tuple(group.first for group in context.groups)
     numbers = tuple(int(frame) for frame in footage.frames)
-    return Assessment(status(context.take, context.config), words, None, numbers, float(footage.fps), starts)
+    stages = status(context.take, context.config)
+    return Assessment(stages, words, None, numbers, float(footage.fps), starts, _camera_file(context))
+
+
+def _camera_file(context: Inputs) -> str:
+    try:
+        found = camera_file(context.footage.capture)
+    except StudioError:  # Calibrate reports it
+        return context.config.capture.rig or ""
+    return found.name if found is not None else ""

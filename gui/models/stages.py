@@ -5,8 +5,8 @@ from __future__ import annotations
 from pipelines.stages import STAGES
 from pipelines.stages.baking.plan import Part
 from pipelines.stages.baking.trial import Trial, longest_part, measure
-from pipelines.stages.camera_file import camera_file_text
+from pipelines.stages.camera_file import camera_file
 from pipelines.stages.footage import performer_over
 from pipelines.stages.inputs import Inputs
 
-__all__ = ["STAGES", "Inputs", "Part", "Trial", "camera_file_text", "longest_part", "measure", "performer_over"]
+__all__ = ["STAGES", "Inputs", "Part", "Trial", "camera_file", "longest_part", "measure", "performer_over"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from gui.models.folders import natural
+from studio.capture.patterns import natural_key
 
 CAMERA = "camera"
 """Title of the column of names."""
@@ -39,7 +39,7 @@ class Sorting:
         """
         rows = list(range(len(names)))
         if self.column == CAMERA:
-            return sorted(rows, key=lambda row: natural(names[row]), reverse=self.descending)
+            return sorted(rows, key=lambda row: natural_key(names[row]), reverse=self.descending)
         if self.column not in columns:  # also of another report, which lacks it
             return rows
         figures = [_figure(words) for words in columns[self.column]]

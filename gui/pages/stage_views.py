@@ -27,6 +27,7 @@ from gui.pages.review.view import EditView
 from gui.pages.stage_view import StageView, shown_at
 from gui.pages.train import TrainView
 from pipelines.takes.frame_numbers import FrameNumbers
+from studio.edits.edit_list import EditList
 
 EDIT_KEYS = frozenset(key for key, _, _ in EDIT_CHOICES if key)
 
@@ -65,6 +66,7 @@ class StageViews:
         self.points = PointsView(workspace)
         self.editor = EditView(workspace)
         self.editing = False
+        self._edits = EditList()  # before the changes since they are on screen
         self.stage = "review"
         self._left_scene_of: object = None
         self._looks: tuple[str, OrbitCamera | None] = ("", None)
@@ -114,7 +116,7 @@ class StageViews:
             return
         player.transport.pause()
         self._go("review")
-        self.editing = True
+        self.editing, self._edits = True, self.editor.edits
         self.editor.begin(player.orbit, player.opened.up, player.opened.reach)
         self._looks = (player.camera, player.orbit)
         self.show_again()
@@ -127,6 +129,8 @@ class StageViews:
             self.editor.choose_tool("look")
             return True
         self.editing = False
+        if self.editor.edits != self._edits and self.player.what == "decoded":
+            self.player.choose("trained")  # the stream was baked before these edits
         if self.editor.orbit is not None:
             self.player.orbit = self.editor.orbit
         self.show_again()

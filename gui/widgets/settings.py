@@ -63,6 +63,7 @@ class SettingsList:
 
     Attributes:
         edited: whether the last press was on the fields, so that letters are meant for them.
+        camera_file: name of the calibration file that is used; "" if there is none.
     """
 
     def __init__(self, stage: str, em: float, actions: SettingActions, estimates: Estimates) -> None:
@@ -71,7 +72,7 @@ class SettingsList:
         self._has_presets = stage in PRESET_STAGES
         self._rows: dict[str, tuple[SettingField, Editor, gui.Label, gui.Checkbox]] = {}
         self._words: tuple[str, bool, str] | None = None
-        self._stage, self._camera_file = stage, ""
+        self._stage, self.camera_file = stage, ""
         self._typed = ""
         self._differing: list[str] = []
         self.edited = False
@@ -184,7 +185,7 @@ class SettingsList:
     def refilter(self) -> bool:
         """Apply the filter; return whether the list has changed, which requires `show` and a new layout. Deferred to
         the next tick, because the toolkit reports typing while it draws the window."""
-        words = (self._typed, self.all.checked, self._camera_file)
+        words = (self._typed, self.all.checked, self.camera_file)
         if self._words == words:
             return False
         self._words = words
@@ -193,7 +194,7 @@ class SettingsList:
         heading = ""
         found = matching(self._fields, self._typed)
         if not self._typed.strip() and not self.all.checked:
-            found = [field for field in found if field.basic and not (self._stage == "calibrate" and self._camera_file)]
+            found = [field for field in found if field.basic and not (self._stage == "calibrate" and self.camera_file)]
         beside = [text_room(field.label, self._em) for field in found if not _below(field, self._em)]
         room = max(beside, default=0.0)
         for field in found:
@@ -208,7 +209,7 @@ class SettingsList:
                 rows.add_child(near)
             self._add(rows, field, round(room + 0.5 * self._em))
         if not found:
-            given = f"Cameras from {self._camera_file}.\nTo calibrate instead, clear the\ncamera file in Capture."
+            given = f"Cameras from {self.camera_file}.\nTo calibrate instead, set the\ncamera file in Capture to none."
             rows.add_child(gui.Label(given if not self._typed.strip() else "No matching settings."))
         self._content.set_widget(rows)
         return True
@@ -244,7 +245,6 @@ class SettingsList:
 
     def show(self, config: Config) -> None:
         """Show the values of the settings, and what differs from the preset."""
-        self._camera_file = config.capture.rig or ""
         preset = preset_of(config)
         usual = differing(config, preset)
         names = {field.name for field in self._fields}

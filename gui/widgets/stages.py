@@ -266,6 +266,7 @@ class StagesPanel:
             layout |= put(panel.widget, visible=stage == self.selected and config is not None)
         if self.estimates.show(self._workspace.take, config):
             self._show_estimates()
+        self.settings["calibrate"].camera_file = self._workspace.assessment.camera_file
         if self.settings[self.selected].refilter():
             self._shown_config = None
             layout = True

@@ -33,9 +33,16 @@ def test_from_footage_to_a_wipe_and_a_run_that_outlives_the_window(
     window.click("dialog take")
     window.enter_text("dialog take", str(tmp_path / "take"))
     window.key("Return")
+    cameras = ["training", "training", "training", "training", "held out", "training"]
+    window.wait_for("the cameras", lambda s: [line.split(": ")[1] for line in s["lines"]] == cameras)
+    for use in ("held out", "not used", "training"):
+        window.click("dialog sheet", 0.05, 0.1)
+        window.wait_for(f"cam0 {use}", lambda s, use=use: s["lines"][0] == f"cam0: {use}")
+    window.drag("dialog sheet", (0.05, 0.9), (0.95, 0.9))
+    window.wait_for("the frames", lambda s: s["texts"]["dialog frames"] == "0 to 4")
     window.click("dialog create")
     window.wait_for("the footage", lambda s: s["stages"]["capture"][0] == "done" and s["stage"] == "capture")
-    assert (tmp_path / "take" / "config.yaml").is_file()
+    assert "frames: 0:5\n" in (tmp_path / "take" / "config.yaml").read_text()
     window.wait_for("thumbnails", lambda s: s["settled"])
 
     # a setting that is refused, and one that is accepted; letters typed into a field are not shortcuts

@@ -14,7 +14,7 @@ from gui.drawing.canvas import Canvas
 from gui.drawing.compare import Box
 from gui.drawing.palette import BAD, BLACK
 from gui.models.playback.image_zoom import ImageZoom
-from gui.models.playback.other_source import OTHER, OtherSource
+from gui.models.playback.other_source import OTHERS, OtherSource, shown_beside
 from gui.models.playback.sources import FrameSource
 from gui.models.scene.contents import SceneWanted
 from gui.models.scene.orbit import OrbitCamera
@@ -54,6 +54,8 @@ class RenderRequest:
         points: (N, 3) points of the performer, and the initial free view: side by side, the free view is reduced so
             that the narrow images contain the performer.
         scene: what mode "scene" shows.
+        em: font size, pixels of the image.
+        shape: width by height of the performer, which images side by side are arranged for.
         place: the point of the world that the frame's mark is about; None for none.
     """
 
@@ -74,6 +76,7 @@ class RenderRequest:
     home: OrbitCamera = field(default_factory=OrbitCamera)
     scene: SceneWanted | None = None
     em: float = 16.0
+    shape: float = 1.0
     place: tuple[float, float, float] | None = None
 
     @property
@@ -87,10 +90,7 @@ class RenderRequest:
         if self.mode in compare.ALONE:
             return (self.what,)
         if self.mode == "side by side":
-            order = (*(["footage"] if self.camera else []), "trained", "decoded", OTHER)
-            if OTHER in self.sources and not self.camera:
-                order = ("decoded", OTHER) if "decoded" in self.sources else ("trained", OTHER)
-            return tuple(name for name in order if name in self.sources or name == "footage")
+            return shown_beside(list(self.sources), self.camera)
         return (self.reference, self.what)
 
     @property
@@ -109,7 +109,7 @@ class RenderRequest:
             self.orbit is other.orbit
             and (self.scene and self.scene.key) == (other.scene and other.scene.key)
             and self.context is other.context
-            and all(self.sources.get(name) is other.sources.get(name) for name in ("trained", "decoded", OTHER))
+            and all(self.sources.get(name) is other.sources.get(name) for name in ("trained", "decoded", *OTHERS))
             and (self.frame, self.mode, self.what, self.reference, self.camera, self.image_zoom, self.size,
                 self.background, self.wipe, self.place)
             == (other.frame, other.mode, other.what, other.reference, other.camera, other.image_zoom, other.size,
@@ -180,7 +180,7 @@ class FrameRenderer:
             return self._scene(request, request.scene, capture)
         names = request.names
         apart = request.mode == "side by side"
-        where = compare.boxes(request.size, len(names) if apart else 1)
+        where = compare.boxes(request.size, len(names) if apart else 1, request.shape)
         parts = [self._part(request, name, where[0], capture) for name in names]
         images = [part.image for part in parts]
         shown = [request.shown(name) for name in names]

@@ -14,6 +14,27 @@ from studio.gaussians import Gaussians
 OTHER = "other"
 """Name of this source among those of the open take or stream."""
 
+OTHERS = (OTHER, "other 2", "other 3")
+"""The same of those compared with before, the last one first: side by side shows them too."""
+
+MOST_BESIDE = 4
+"""Images side by side."""
+
+
+def shown_beside(names: Sequence[str], camera: str) -> tuple[str, ...]:
+    """What side by side shows, of the sources that there are.
+
+    Args:
+        names: of the sources.
+        camera: the capture camera, of which there is footage; "" for the free view.
+    """
+    others = tuple(name for name in OTHERS if name in names)
+    own = tuple(name for name in ("trained", "decoded") if name in names)
+    if others and (not camera or len(others) > 1):
+        own = own[-1:]
+    shown = (*(("footage",) if camera else ()), *own, *others)
+    return shown[-MOST_BESIDE:]
+
 
 class OtherSource:
     """Frames of another source, by time: each frame of the open take or stream shows the other's frame of the same

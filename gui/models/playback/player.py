@@ -12,9 +12,9 @@ from gui.drawing.compare import ALONE, MODES, WHATS
 from gui.models.playback.frame_renderer import DrawFn, FrameRenderer, Picture, RenderRequest
 from gui.models.playback.image_zoom import ImageZoom
 from gui.models.playback.loading import first_whole, load
-from gui.models.playback.other_source import OTHER, OtherSource
+from gui.models.playback.other_source import OTHER, OTHERS, OtherSource
 from gui.models.playback.rate import Rate
-from gui.models.playback.sources import Opened, body_of, open_path, reach_of, take_contents, thinned
+from gui.models.playback.sources import FrameSource, Opened, body_of, open_path, reach_of, take_contents, thinned
 from gui.models.playback.stream_audio import StreamAudio
 from gui.models.playback.stream_source import LeftOut, StreamSource
 from gui.models.playback.transport import Transport
@@ -77,6 +77,7 @@ class PlayerPresenter(Viewpoint):
         self.notice = ""
         self.on_screen = True
         self.audio: StreamAudio | None = None
+        self._pair: tuple[str, ...] = ()  # of `exchange`
         self._left_out: tuple[int, str] | None = None
         self._problem = ""  # with what was wanted last
         self._rest = Rest(now)
@@ -116,7 +117,7 @@ class PlayerPresenter(Viewpoint):
         self.transport.numbers = opened.numbers
         self._fit_transport()
         self._look_home(first)
-        self.picture = None
+        self.picture, self._pair = None, ()
         self._asked = self._left_out = None
         self._problem = ""
 
@@ -137,26 +138,27 @@ class PlayerPresenter(Viewpoint):
         return found if isinstance(found, OtherSource) else None
 
     def compare_with(self, other: OtherSource | None) -> None:
-        """Compare with another bake or take, in a wipe unless another comparison is on screen; None to stop."""
-        opened, before = self.opened, self.other
+        """Compare with another bake or take, in a wipe unless another comparison is on screen; None to stop. Side by
+        side also shows those compared with before, as many as there are `OTHERS`."""
+        opened = self.opened
         if opened is None or opened.default is None:
             if other is not None:
                 other.close()
             return
-        sources = {name: source for name, source in opened.sources.items() if name != OTHER}
-        if other is not None:
-            base = opened.default
-            other.span(base.frame_count, base.fps, base.group_starts)
-            sources[OTHER] = other
+        sources, before = self._without_others(opened)
+        kept = [one for one in before if other is not None and one.label != other.label][: len(OTHERS) - 1]
+        self._span_others(sources, [*([other] if other is not None else []), *kept], opened.default)
         opened.sources = sources
+        self._pair = ()
         self._renderer.forget()
         self._asked = None
         if self.what not in (*sources, "footage"):
             self.what = self._wanted = opened.default.name
         if other is None and self.mode not in ALONE and len(sources) < 2 and not self.camera:
             self.mode = "single"
-        if before is not None:
-            before.close()
+        for one in before:
+            if one not in kept:
+                one.close()
         self._fit_transport()
         if other is not None and self.mode in ALONE:
             self.choose_mode("wipe")
@@ -177,10 +179,8 @@ class PlayerPresenter(Viewpoint):
         self._contents = contents
         was_empty = not self.opened.sources
         opened.reach = reach_of(opened) if was_empty else self.opened.reach
-        other = self.opened.sources.pop(OTHER, None)
-        if isinstance(other, OtherSource) and opened.default is not None:
-            other.span(opened.default.frame_count, opened.default.fps, opened.default.group_starts)
-            opened.sources[OTHER] = other
+        self.opened.sources, others = self._without_others(self.opened)
+        self._span_others(opened.sources, others, opened.default)
         self._close_sources()
         self.opened = opened
         self._load_sound()
@@ -195,6 +195,21 @@ class PlayerPresenter(Viewpoint):
             self._look_home(first)
         self._problem = ""
         return True
+
+    @staticmethod
+    def _without_others(opened: Opened) -> tuple[dict[str, FrameSource], list[OtherSource]]:
+        """The sources of the open take or stream, and what they are compared with."""
+        own = {name: source for name, source in opened.sources.items() if name not in OTHERS}
+        others = [opened.sources[name] for name in OTHERS if name in opened.sources]
+        return own, [one for one in others if isinstance(one, OtherSource)]
+
+    @staticmethod
+    def _span_others(sources: dict[str, FrameSource], others: Sequence[OtherSource], base: FrameSource | None) -> None:
+        """Add what is compared with to the sources, with the frames of `base`."""
+        if base is not None:
+            for name, other in zip(OTHERS, others, strict=False):
+                other.span(base.frame_count, base.fps, base.group_starts)
+                sources[name] = other
 
     def _look_home(self, first: Gaussians | None) -> None:
         assert self.opened is not None
@@ -247,10 +262,20 @@ class PlayerPresenter(Viewpoint):
             self.refused.emit(why)
             return False
         if what == "footage" and not self.camera:
-            self.look_through(self._first_camera())
+            self.look_through(self.camera_names[0])
         self.what = self._wanted = what
         self._fit_transport()
         return True
+
+    def exchange(self) -> bool:
+        """Show what comparisons are against instead, and the next time what was on screen before (A and B)."""
+        default = self.opened.default if self.opened is not None else None
+        if self.what not in self._pair and default is not None:
+            shown = default.name if self.what == self.reference else self.what
+            self._pair = shown, self.reference
+        one, other = self._pair or (self.what, self.what)
+        self.choose_mode("single")
+        return self.choose(other if self.what == one else one)
 
     def choose_mode(self, mode: str) -> bool:
         """Set the comparison mode; False, and `refused`, if there is nothing to compare."""
@@ -267,7 +292,7 @@ class PlayerPresenter(Viewpoint):
             if why:
                 self.refused.emit(f"Nothing to compare with. {why}")
                 return False
-            self.look_through(self._first_camera())
+            self.look_through(self.camera_names[0])
         if self.what == "footage" and self.opened.default is not None:
             self.what = self._wanted = self.opened.default.name
         self.mode = mode
@@ -317,7 +342,8 @@ class PlayerPresenter(Viewpoint):
         return RenderRequest(
             self.opened.sources, self.transport.frame, self.mode, self.what, self.reference, self.orbit,
             self.camera, self.image_zoom, self.size, BACKGROUNDS[self.background], self.wipe, self.context,
-            self.opened.rig, self._points, self.home, self._scene(), self.em, self.places.get(self.transport.frame),
+            self.opened.rig, self._points, self.home, self._scene(), self.em,
+            self.shape if self.mode == "side by side" else 1.0, self.places.get(self.transport.frame),
         )  # fmt: skip
 
     def _scene(self) -> SceneWanted | None:

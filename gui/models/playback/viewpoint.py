@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from gui.drawing.compare import ALONE
+from gui.drawing.compare import ALONE, boxes
 from gui.models.held_out import HeldOut
 from gui.models.loop import Signal
 from gui.models.playback.image_zoom import ImageZoom
-from gui.models.playback.other_source import OTHER
+from gui.models.playback.other_source import OTHER, shown_beside
 from gui.models.playback.sources import FrameSource, Opened
 from gui.models.scene.contents import SHOWN_AT_FIRST
 from gui.models.scene.orbit import OrbitCamera
@@ -70,8 +70,9 @@ class Viewpoint:
 
     @property
     def camera_names(self) -> list[str]:
-        """Names of the capture cameras."""
-        return [camera.name for camera in self.opened.rig] if self.opened and self.opened.rig else []
+        """Names of the capture cameras, the held-out ones first."""
+        names = [camera.name for camera in self.opened.rig] if self.opened and self.opened.rig else []
+        return sorted(names, key=lambda name: name not in self.held_out)
 
     def why_not(self, what: str) -> str:
         """Why a source cannot be shown; "" if it can."""
@@ -103,10 +104,6 @@ class Viewpoint:
         """The cameras that are not trained on."""
         return self._held_out.of(self.context)
 
-    def _first_camera(self) -> str:
-        names = self.camera_names
-        return next((name for name in names if name in self.held_out), names[0])
-
     def zoom_to_performer(self) -> None:
         """Zoom to the performer in the capture camera's image, or back to the whole image."""
         self._zoom_follows = self.camera != "" and self.image_zoom == ImageZoom()
@@ -122,8 +119,24 @@ class Viewpoint:
     @property
     def _box_size(self) -> tuple[int, int]:
         """Size of one image: the whole viewport, or a part of a side-by-side view."""
-        count = 1 if self.mode != "side by side" else len(self.source_names) + 1
-        return self.size[0] // count, self.size[1]
+        if self.mode != "side by side":
+            return self.size
+        box = boxes(self.size, len(shown_beside(self.source_names, self.camera)), self.shape)[0]
+        return box.width, box.height
+
+    @property
+    def shape(self) -> float:
+        """Width by height of the performer as first seen from here, which images side by side are arranged for."""
+        if self.opened is None or not len(self._points):
+            return 1.0
+        view = self.home.camera(*self.size)
+        if self.camera and self.opened.rig is not None:
+            view = self.opened.rig[self.camera].undistorted()
+        pixels, depth = view.project(self._points)
+        if not (depth > 0).any():
+            return 1.0
+        wide, high = np.ptp(np.quantile(pixels[depth > 0], (0.01, 0.99), axis=0), axis=0)
+        return float(np.clip(wide / max(high, 1e-6), 0.2, 5.0))
 
     def resize(self, width: int, height: int) -> None:
         """Set the size of the viewport in pixels."""
@@ -152,7 +165,7 @@ class Viewpoint:
         if not names:
             self.refused.emit("No capture cameras.")
         elif not self.camera:
-            self.look_through(self._first_camera())
+            self.look_through(self.camera_names[0])
         else:
             self.look_through(names[(names.index(self.camera) + direction) % len(names)])
 

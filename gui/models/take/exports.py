@@ -6,9 +6,8 @@ import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from gui.models.camera_path import PathEditor, in_export
+from gui.models.camera_path import PathEditor
 from gui.models.loop import Signal
 from gui.models.playback.viewpoint import BACKGROUNDS
 from gui.models.take.jobs import ChildProcess, v3studio_command
@@ -18,14 +17,12 @@ from pipelines.events import Finished, Log, Progress, read_line
 from pipelines.events.cancellation import EXIT_CANCELLED
 from pipelines.reports.summary_words import size_words
 from pipelines.takes.atomic_files import remove
+from pipelines.takes.exported_path import in_export
 from studio.counts import counted
 from studio.errors import StudioError
 from studio.formats import EXPORTS
 from studio.formats.camera_path import Key, write_path_keys
 from studio.json_types import JsonData
-
-if TYPE_CHECKING:
-    from studio.stream import CapturePlace
 
 _FOLDERS = ("frame", "plates")
 FORMATS = {one.name: (one.title, "" if one.holds in _FOLDERS else one.suffix) for one in EXPORTS.values()}
@@ -220,7 +217,7 @@ class Exports:
             )
         width, height = map(int, request.size.split("x"))
         keys = self.path.fitted_keys(width, height)
-        return keys if not request.of else in_export(keys, *_place_of(request), self.path.numbers)
+        return keys if not request.of else in_export(keys, request.source, request.of, self.path.numbers)
 
     def _receive(self) -> None:
         process, request = self._process, self.request
@@ -264,21 +261,3 @@ def _size_of(result: Mapping[str, JsonData]) -> str:
     if not isinstance(size, int) or not isinstance(files, int):
         return ""
     return f"\n{size_words(size)} in {counted(files, 'file')}"
-
-
-def _place_of(request: ExportRequest) -> tuple[CapturePlace, int]:
-    """Where what `v3studio export` reads of a take lies in the take, and its number of frames."""
-    from pipelines.takes.edits import read_edits
-    from pipelines.takes.frame_numbers import trained_numbers
-    from pipelines.takes.take import Take
-    from pipelines.takes.videos import capture_place, decoded_video, open_reader, trained_video
-    from studio.stream import CapturePlace
-
-    if request.of == "decoded":
-        with open_reader(request.source) as reader:
-            place, original = capture_place(reader), decoded_video(reader).original
-            return CapturePlace(place.first_frame, original.after(place.world)), reader.frame_count
-    root = Path(request.source)
-    take, video = Take.open(root), trained_video(root)
-    first, edits = trained_numbers(take).index(video.number(0)) or 0, read_edits(take.edits)
-    return CapturePlace(first, video.original.after(edits.similarity)), video.frame_count

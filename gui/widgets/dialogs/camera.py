@@ -43,7 +43,7 @@ def ask_cameras(
         used, held_out = boxes[camera]
         used.checked, held_out.checked = use != "not used", use == "held out"
 
-    names = list(uses.uses)
+    names = sorted(uses.uses, key=lambda name: uses.uses[name] != "held out")
     pages = -(-len(names) // (ROWS * COLUMNS))
     here = names[page * ROWS * COLUMNS :][: ROWS * COLUMNS]
     count = -(-len(here) // ROWS)

@@ -26,11 +26,15 @@ def refusal(dialogs: Dialogs, error: str) -> gui.Label:
 
 
 class Form:
-    """Labeled fields, each bound to an attribute of an object; a field is at least `FIELD` wide."""
+    """Labeled fields, each bound to an attribute of an object; a field is at least `FIELD` wide.
 
-    def __init__(self, dialogs: Dialogs, target: Any) -> None:
+    Args:
+        gap: between two fields, em.
+    """
+
+    def __init__(self, dialogs: Dialogs, target: Any, gap: float = 0.6) -> None:
         self._dialogs, self._target = dialogs, target
-        self.grid = gui.VGrid(2, round(0.6 * dialogs.em))
+        self.grid = gui.VGrid(2, round(gap * dialogs.em))
         self.widgets: dict[str, gui.Widget] = {}
         self._labels = 0
 

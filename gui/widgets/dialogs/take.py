@@ -1,112 +1,273 @@
-"""The dialog for a new take: footage, settings, folder, and a summary of the footage."""
+"""The dialog for a new take: footage, settings, folder, and what there is in the footage."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from open3d.visualization import gui
 
 from gui.drawing.canvas import text_width, wrapped
-from gui.models.take.new_take import Found, NewTake
+from gui.drawing.footage_sheet import FootageSheet
+from gui.models.loop import LOOP
+from gui.models.worker import Done, LatestWorker
 from gui.widgets.dialogs.base import Dialogs, filled
 from gui.widgets.dialogs.folder import ask_path
 from gui.widgets.dialogs.form import Form, refusal
-from gui.widgets.picture import lowered
+from gui.widgets.picture import ImagePanel, lowered
+from pipelines.new_take import AUTO, CALIBRATE, Found, NewTake, next_use, uses_words, with_uses
+from studio.errors import Cancelled, StudioError
 
-FOUND_LINES, FOUND_WIDE = 8, 46
-"""Lines of the summary, and its width in em."""
+NAME = "new take"
+FOUND_LINES = 6
+"""Lines of the summary."""
+
+TEXT_SIZE = 0.88
+"""Of a font of `gui.drawing` that is as wide as that of the toolkit, em."""
+
+WIDE, HIGH = 58, 12
+"""Size of the image, em."""
 
 RATE_GIVEN = "Frames per second of the footage, as its files or the settings say"
 RATE_TYPED = "Frames per second of the footage: its files do not say"
+HINT = "Click a camera to hold it out; again: not to use it. Drag across the frames to use some of them."
+SHOWN = ("capture.held_out", "Held out: ")
+"""Of lines about what the image shows, and may differ from by now."""
 
 
-def ask_new_take(dialogs: Dialogs, new: NewTake, create: Callable[[NewTake], None], error: str = "") -> None:
-    """Show the dialog.
+class NewTakeDialog:
+    """See the module. The footage is examined on a thread.
 
     Args:
-        new: the choices so far; modified while the dialog is open.
         create: called by "Create take"; the dialog stays open.
-        error: why creating it failed.
+        changed: called when what the dialog shows has changed.
     """
-    dialogs.widgets = {}
-    em = dialogs.em
 
-    def choose(attribute: str, title: str, wanted: str) -> Callable[[], None]:
+    def __init__(self, dialogs: Dialogs, create: Callable[[NewTake], None], changed: Callable[[], object]) -> None:
+        self._dialogs, self._create, self._changed = dialogs, create, changed
+        self._new, self._found = NewTake(), Found("")
+        self._worker: LatestWorker[NewTake, Found] = LatestWorker(self._examine, "v3studio new take", self._examined)
+        self._asked: NewTake | None = None
+        self._images: dict[tuple[int, ...], gui.UIImage] = {}  # of all openings
+        self._words = ""
+        self._anchor: int | None = None  # where a drag across the frames began
+
+    def show(self, new: NewTake, error: str = "") -> None:
+        """Show the dialog.
+
+        Args:
+            new: the choices so far; modified while the dialog is open.
+            error: why creating it failed.
+        """
+        dialogs, em = self._dialogs, self._dialogs.em
+        if new is not self._new:
+            self._found, self._asked = Found(""), None
+        self._new, self._anchor = new, None
+        dialogs.widgets = {}
+        self._size = min(round(WIDE * em), dialogs.room), round(HIGH * em)
+        form = Form(dialogs, new, gap=0.35)
+        self._refused = refusal(dialogs, error)
+        self._refused.visible = error != ""
+        for attribute, label, title, wanted in (
+            ("footage", "Footage", "Footage folder", "folder"),
+            ("settings", "Settings (optional)", "Settings file (YAML)", "file"),
+            ("take", "Take", "Take folder", "folder"),
+        ):
+            edit = self._field(attribute)
+            form.browsed(attribute, label, edit, attribute, self._browse(attribute, title, wanted))
+        self._lists = {"images": gui.Combobox(), "rig": gui.Combobox()}
+        for attribute, box in self._lists.items():
+            box.set_on_selection_changed(lambda text, _number, attribute=attribute: self._chosen(attribute, text))
+        self._fields = {name: self._field(name) for name in ("fps", "frames")}
+        self._fields["frames"].tooltip = "First and last frame, such as 60 to 83"
+        self._pair(form, "Footage files", self._lists["images"], "Camera file", self._lists["rig"])
+        self._pair(form, "Frame rate (fps)", self._fields["fps"], "Frames", self._fields["frames"])
+        self._fields["take"] = form.widgets["take"]
+        self._picture = ImagePanel(self._on_mouse, self._images)
+        self._text = dialogs.label("")
+        buttons = dialogs.row(
+            (
+                ("suggested", "Hold out every eighth camera", lambda: self._use("suggested", "held out")),
+                ("unmasked", "Exclude cameras without masks", lambda: self._use("unmasked", "not used")),
+                ("every_frame", "All frames", lambda: self._set_frames("")),
+            )
+        )
+        parts = [form.grid, self._picture.widget, buttons, self._text, self._refused]
+        self._update()  # before it is shown, as the dialog does not resize
+        answers = [("create", "Create take", lambda: self._create(self._new)), ("close", "Cancel", self._close)]
+        dialogs.show(NAME, "New take from footage", parts, answers, 110)
+        dialogs.widgets |= form.widgets | self._fields | self._lists | {"sheet": self._picture.widget}
+        dialogs.pictures = [self._picture]
+        dialogs.focus(form.widgets["footage"])
+        if not error:
+            self._look()
+
+    def _pair(self, form: Form, label: str, one: gui.Widget, other_label: str, other: gui.Widget) -> None:
+        """A row with two labeled fields."""
+        dialogs = self._dialogs
+        row = gui.Horiz(round(0.6 * dialogs.em))
+        room = text_width(other_label, round(dialogs.em)) + dialogs.em
+        words = other_label.replace(" ", "\u00a0")  # the row would break it at spaces
+        for widget in (one, lowered(dialogs.label(words), room=room), other):
+            row.add_child(widget)
+        form.add(label, label, row)
+
+    def _field(self, attribute: str) -> gui.TextEdit:
+        edit = gui.TextEdit()
+        edit.text_value = getattr(self._new, attribute)
+        edit.set_on_text_changed(lambda text: setattr(self._new, attribute, text))
+        edit.set_on_value_changed(lambda _text: self._look())
+        return edit
+
+    def _browse(self, attribute: str, title: str, wanted: str) -> Callable[[], None]:
+        new = self._new
+
         def done(path: str) -> None:
             setattr(new, attribute, path)
-            again()
-
-        def again() -> None:
-            ask_new_take(dialogs, new, create)
+            self.show(new)
 
         def browse() -> None:
             typed = getattr(new, attribute).strip() or new.footage.strip()
-            start = Path(typed) if typed else dialogs.usual_folder()
-            ask_path(dialogs, title, start, wanted, done, again, (".yaml", ".yml") if wanted == "file" else ())
+            start = Path(typed) if typed else self._dialogs.usual_folder()
+            endings = (".yaml", ".yml") if wanted == "file" else ()
+            ask_path(self._dialogs, title, start, wanted, done, lambda: self.show(new), endings)
 
         return browse
 
-    form = Form(dialogs, new)
-    now = new.found() if new.footage or new.settings else Found("Choose the footage folder.")
-    found = dialogs.label(_found(now.words, em, dialogs.room))
-    rate = gui.TextEdit()
-    refused = refusal(dialogs, error)
-    refused.visible = error != ""
-    fields: dict[str, gui.TextEdit] = {}
+    def _chosen(self, attribute: str, text: str) -> None:
+        if text != getattr(self._new, attribute):
+            setattr(self._new, attribute, text)
+            self._look()
 
-    def show_rate(now: Found) -> None:
-        """The rate of the footage, or a field for it."""
-        rate.enabled = now.fps is None
-        if now.fps is not None:
+    # Examining
+
+    def _look(self) -> None:
+        """Examine the footage, unless it is what was examined last."""
+        self._refused.visible = False  # it was about what was typed before
+        wanted = replace(self._new, take="", frames="", uses=None)
+        if self._asked is not None and (self._asked.footage, self._asked.settings) != (wanted.footage, wanted.settings):
+            self._new.uses = None
+            self._new.images = self._new.rig = wanted.images = wanted.rig = AUTO
+        if wanted != self._asked:
+            self._asked = wanted
+            if not wanted.footage.strip() and not wanted.settings.strip():
+                self._found = Found("Choose the footage folder.")
+            else:
+                self._words = "Examining the footage ..."
+                self._worker.ask(wanted)
+        self._update()
+
+    def _examine(self, wanted: NewTake) -> Found:
+        def progress(done: int, total: int, **_figures: object) -> None:
+            if self._asked is not wanted:
+                raise Cancelled
+            LOOP.post(lambda: self._tell(wanted, done, total))
+
+        return wanted.found(progress)
+
+    def _tell(self, wanted: NewTake, done: int, total: int) -> None:
+        if self._asked is wanted and self._dialogs.name == NAME:
+            self._words = f"Examining the footage: {done} of {total} images"
+            self._update()
+
+    def _examined(self, done: Done[NewTake, Found]) -> None:
+        if done.request is not self._asked:
+            return
+        self._found, self._words = done.result or Found(f"The footage cannot be examined: {done.error!r}"), ""
+        if self._dialogs.name == NAME:
+            self._update()
+
+    def _update(self) -> None:
+        """Show what is known."""
+        new, found, dialogs = self._new, self._found, self._dialogs
+        inspection, widgets = found.inspection, dialogs.widgets
+        words = found.words
+        if found.uses.uses:
+            others = [line for line in words.splitlines() if not any(part in line for part in SHOWN)]
+            words = f"{uses_words(new.uses or found.uses)}. {HINT}\n{' '.join(others)}"
+        self._text.text = _lines(words, dialogs.em, self._size[0])
+        rate = self._fields["fps"]
+        rate.enabled = found.fps is None
+        if found.fps is not None:
             new.fps = ""
-        rate.text_value = new.fps if now.fps is None else f"{now.fps:g}"
+        rate.text_value = new.fps if found.fps is None else f"{found.fps:g}"
         rate.placeholder_text = "30, if nothing is typed" if new.footage or new.settings else ""
-        rate.tooltip = RATE_GIVEN if now.fps is not None else RATE_TYPED
-
-    def look_again(_text: str) -> None:
-        now = new.found()
-        refused.visible = False  # it was about what was typed before
-        found.text = _found(now.words, em, dialogs.room)
-        show_rate(now)
+        rate.tooltip = RATE_GIVEN if found.fps is not None else RATE_TYPED
+        frames = inspection.frames
+        self._fields["frames"].placeholder_text = f"{frames[0]} to {frames[-1]}" if frames else ""
         if not new.take:
-            fields["take"].placeholder_text = new.proposed_take() or "a new folder"
+            self._fields["take"].placeholder_text = new.proposed_take() or "a new folder"
+        for attribute, choices in (("images", found.images), ("rig", (*inspection.rigs, CALIBRATE))):
+            kept = getattr(new, attribute)
+            others = [] if kept in (AUTO, *choices) else [kept]
+            _set_items(self._lists[attribute], [AUTO, *choices, *others], kept)
+        uses = (new.uses or found.uses).uses
+        dialogs.lines = [f"{name}: {use}" for name, use in uses.items()]
+        widgets["suggested"].enabled = bool(inspection.suggested) and "held out" not in uses.values()
+        widgets["unmasked"].enabled = any(uses[name] == "training" for name in inspection.unmasked)
+        widgets["every_frame"].enabled = new.frames != ""
+        self._picture.show(self._sheet.draw())
         dialogs.laid_out()
+        self._changed()
 
-    for attribute, label, title, wanted in (
-        ("footage", "Footage", "Footage folder", "folder"),
-        ("settings", "Settings (optional)", "Settings file (YAML)", "file"),
-        ("take", "Take", "Take folder", "folder"),
-    ):
-        edit = fields[attribute] = gui.TextEdit()
-        if attribute == "take" and not new.take:
-            edit.placeholder_text = new.proposed_take() or "a new folder"
-        edit.text_value = getattr(new, attribute)
-        edit.set_on_text_changed(lambda text, attribute=attribute: setattr(new, attribute, text))
-        edit.set_on_value_changed(look_again)
-        form.browsed(attribute, label, edit, attribute, choose(attribute, title, wanted))
-    rate.set_on_text_changed(lambda text: setattr(new, "fps", text))
-    rate.set_on_value_changed(look_again)
-    show_rate(now)
-    fields["fps"] = rate
-    form.beside(
-        "fps", "Frame rate", rate, lowered(dialogs.label("fps"), room=text_width("Browse", round(em)) + 0.84 * em)
-    )
-    parts: list[gui.Widget] = [form.grid, found, refused]
-    answers = [("create", "Create take", lambda: create(new)), ("close", "Cancel", dialogs.close)]
-    dialogs.show("new take", "New take from footage", parts, answers, 110)
-    dialogs.widgets |= form.widgets
-    dialogs.focus(fields["footage"])
+    @property
+    def _sheet(self) -> FootageSheet:
+        found, frames = self._found.inspection, self._found.inspection.frames
+        try:
+            span = self._new.span()
+        except StudioError:
+            span = None
+        words = self._words or ("" if found.cameras else " ")
+        uses = (self._new.uses or self._found.uses).uses
+        return FootageSheet(
+            self._size, self._dialogs.em, found, uses, span or ((frames[0], frames[-1]) if frames else (0, 0)), words
+        )
+
+    # Choosing in the image
+
+    def _use(self, which: str, use: str) -> None:
+        cameras, uses = getattr(self._found.inspection, which), self._new.uses or self._found.uses
+        self._new.uses = with_uses(uses, [name for name in cameras if uses.uses[name] == "training"], use)
+        self._update()
+
+    def _set_frames(self, text: str) -> None:
+        self._new.frames = self._fields["frames"].text_value = text
+        self._update()
+
+    def _on_mouse(self, event: gui.MouseEvent, x: float, y: float) -> bool:
+        kind, sheet = gui.MouseEvent.Type, self._sheet
+        frame = sheet.frame_at(x, y)
+        if event.type == kind.BUTTON_DOWN:
+            camera = sheet.camera_at(x, y)
+            self._anchor = frame
+            if camera:
+                self._new.uses = next_use(self._new.uses or self._found.uses, camera)
+                self._update()
+        elif event.type == kind.DRAG and self._anchor is not None and frame is not None and frame != self._anchor:
+            self._set_frames(f"{min(self._anchor, frame)} to {max(self._anchor, frame)}")
+        return event.type in (kind.BUTTON_DOWN, kind.BUTTON_UP, kind.DRAG)
+
+    def _close(self) -> None:
+        self._asked = None
+        self._dialogs.close()
+
+    def close(self) -> bool:
+        """End the thread. Returns whether it ended in time."""
+        self._asked = None
+        return self._worker.close()
 
 
-def _found(text: str, em: float, room: float) -> str:
-    """The text in as many lines, and as wide, as the dialog has room for: it must not change its size while one types.
+def _set_items(box: gui.Combobox, items: Sequence[str], chosen: str) -> None:
+    if [box.get_item(index) for index in range(box.number_of_items)] != list(items):
+        box.clear_items()
+        for item in items:
+            box.add_item(item)
+    if box.selected_text != chosen:
+        box.selected_text = chosen
 
-    Args:
-        text: one or more lines.
-        room: most width, pixels.
-    """
-    size, wide = round(em), min(FOUND_WIDE * em, room)
-    lines = [line for part in text.splitlines() for line in wrapped(part, size, wide)][:FOUND_LINES]
-    blank = " " * int(wide / text_width(" " * 100, size) * 100)
-    return "\n".join([*filled(lines, FOUND_LINES), blank])
+
+def _lines(text: str, em: float, wide: float) -> str:
+    """The text in as many lines as there is room for: the dialog must keep its size while one types."""
+    lines = [line for part in text.splitlines() for line in wrapped(part, round(TEXT_SIZE * em), wide)]
+    return "\n".join(filled(lines[:FOUND_LINES], FOUND_LINES))

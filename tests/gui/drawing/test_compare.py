@@ -22,7 +22,7 @@ def plain(value: int, width: int = 80, height: int = 60) -> np.ndarray:
 
 @pytest.mark.parametrize("at", [0.0, 0.25, 0.5, 1.0])
 def test_wipe_shows_one_picture_left_and_the_other_right_of_its_line(at: float) -> None:
-    box = compare.boxes((80, 60), 1)[0]
+    box = compare.boxes((80, 60), 1, 1.0)[0]
     picture = compare.wipe((80, 60), box, plain(50), plain(200), at, ("footage", "decoded"))
     row = picture[58, :, 0]  # below the labels and the line's handle
     line = round(at * 80)
@@ -33,11 +33,19 @@ def test_wipe_shows_one_picture_left_and_the_other_right_of_its_line(at: float) 
         assert tuple(picture[58, line]) == ACCENT
 
 
-def test_boxes_are_equal_and_do_not_overlap() -> None:
-    boxes = compare.boxes((720, 400), 3)
+@pytest.mark.parametrize(
+    ("count", "shape", "rows"), [(2, 1.0, 1), (3, 0.4, 1), (4, 0.4, 1), (4, 16 / 9, 2), (3, 3.0, 3), (1, 0.2, 1)]
+)
+def test_boxes_are_equal_do_not_overlap_and_are_arranged_for_what_they_show(
+    count: int, shape: float, rows: int
+) -> None:
+    boxes = compare.boxes((720, 400), count, shape)
     assert len({(box.width, box.height) for box in boxes}) == 1
-    assert all(one.x + one.width < other.x for one, other in itertools.pairwise(boxes))
-    assert boxes[-1].x + boxes[-1].width <= 720
+    assert len({box.y for box in boxes}) == rows
+    for one, other in itertools.combinations(boxes, 2):
+        assert one.x + one.width < other.x or one.y + one.height < other.y
+    assert max(box.x + box.width for box in boxes) <= 720
+    assert max(box.y + box.height for box in boxes) <= 400
 
 
 def test_difference_is_the_mean_over_channels_and_the_map_grows_brighter_with_it() -> None:

@@ -19,7 +19,6 @@ from gui.models.marks import Marks
 from gui.models.playback.player import PlayerPresenter
 from gui.models.preferences import RECENT, Preferences
 from gui.models.take.inspector import review_blocks
-from gui.models.take.new_take import NewTake
 from gui.models.take.settings import SECTIONS, fields_of
 from gui.models.take.workspace import Workspace
 from gui.pages.bake.qp_trial import TRIED_QPS
@@ -31,6 +30,7 @@ from gui.pages.train import NOT_RUN, TrainView
 from gui.widgets.raycast import RaycastMesh
 from pipelines.config import Config, dump_config, load_config
 from pipelines.config.loading import all_names
+from pipelines.new_take import NewTake
 from pipelines.stages.inputs import Inputs
 from pipelines.takes.atomic_files import write_text
 from pipelines.takes.camera_uses import CameraUses

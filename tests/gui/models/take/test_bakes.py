@@ -55,6 +55,31 @@ def test_a_comparison_shows_the_other_at_the_same_time(player: PlayerPresenter, 
     assert np.array_equal(picture(player), own)
 
 
+def test_up_to_four_are_side_by_side_and_a_key_goes_back_and_forth(
+    player: PlayerPresenter, finished_project: Path, stream_folder: Path
+) -> None:
+    for label in ("one", "two", "one", "three", "four"):
+        player.compare_with(open_other(stream_folder, label))
+    assert player.opened is not None
+    shown = [getattr(source, "label", name) for name, source in player.opened.sources.items()]
+    assert shown[-3:] == ["four", "three", "one"], "the last ones, each once"
+    player.choose_mode("side by side")
+    picture(player)
+    assert player.picture is not None
+    assert 2 * player.picture.box.width <= 256
+    assert player.picture.label[1] == ("decoded", "other", "other 2", "other 3")
+    assert player.exchange()
+    assert (player.mode, player.what) == ("single", OTHER)
+    assert player.exchange()
+    assert player.what == "decoded"
+    player.compare_with(None)
+    player.look_through("cam4")
+    assert player.exchange()
+    assert player.what == "footage"
+    assert player.exchange()
+    assert player.what == "decoded"
+
+
 def test_a_kept_bake_is_compared_at_the_frames_and_in_the_world_of_the_take(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

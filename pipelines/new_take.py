@@ -2,21 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
-from gui.models.stages import camera_file_text
 from pipelines.config import Config, dump_config, load_config
 from pipelines.config.presets import PRESETS, preset_here, with_values
+from pipelines.inspection import Inspection, inspect
 from pipelines.takes.atomic_files import disk_errors, write_text
+from pipelines.takes.camera_uses import USES, CameraUses
 from pipelines.takes.drawn_masks import for_another_take
 from pipelines.takes.take import Take
 from studio.counts import counted
 from studio.errors import StudioError
+from studio.progress import ProgressFn
 from studio.storage import is_address
 
 MOST_FPS = 10_000
 """Limit of `capture.fps`."""
+
+AUTO = "found automatically"
+CALIBRATE = "none: calibrate from the footage"
+"""Choices of the calibration file, besides those that were found."""
 
 
 @dataclass(frozen=True)
@@ -26,10 +36,16 @@ class Found:
     Attributes:
         words: a description, one sentence per line; or the error message.
         fps: frames per second that the files or the settings give; None if neither does, so that it may be typed.
+        inspection: what was found; empty if the footage cannot be opened.
+        images: patterns of the footage to choose from; empty if there is only one.
+        uses: what the settings use each camera for.
     """
 
     words: str
     fps: float | None = None
+    inspection: Inspection = field(default_factory=Inspection)
+    images: tuple[str, ...] = ()
+    uses: CameraUses = field(default_factory=lambda: CameraUses({}))
 
 
 @dataclass
@@ -41,22 +57,50 @@ class NewTake:
         settings: YAML file with settings; empty for the preset for this machine.
         take: folder of the new take; empty for `proposed_take`.
         fps: frames per second, where the footage gives none; empty for that of the settings.
+        images: pattern of the footage; `AUTO` for that of the settings.
+        rig: calibration file; `AUTO` for that of the settings.
+        frames: "60 to 83"; empty for those of the settings.
+        uses: what each camera is used for; None: as the settings say.
     """
 
     footage: str = ""
     settings: str = ""
     take: str = ""
     fps: str = ""
+    images: str = AUTO
+    rig: str = AUTO
+    frames: str = ""
+    uses: CameraUses | None = None
 
     def config(self) -> Config:
         """The initial settings of the take.
 
         Raises:
-            StudioError: `take.no_footage`, `take.bad_rate`, `footage.no_folder`, or settings that cannot be read.
+            StudioError: `take.no_footage`, `take.bad_rate`, `take.bad_frames`, `footage.no_folder`, no camera is left
+                to train on, or settings that cannot be read.
         """
-        rate = self._rate()
+        values: dict[str, Any] = {}
+        rate, span = self._rate(), self.span()
+        if rate is not None:
+            values["capture.fps"] = rate
+        if span is not None:
+            values["capture.frames"] = f"{span[0]}:{span[1] + 1}"
         config = self._chosen()
-        return config if rate is None else with_values(config, {"capture.fps": rate})
+        if self.uses is not None:
+            values |= self.uses.settings(config.capture)
+        return with_values(config, values) if values else config
+
+    def span(self) -> tuple[int, int] | None:
+        """First and last frame, as typed; None for those of the settings. Raises StudioError (`take.bad_frames`)."""
+        typed = self.frames.strip()
+        if not typed:
+            return None
+        parts = re.fullmatch(r"(\d{1,8})(?:\s*(?:to|-)\s*(\d{1,8}))?", typed)
+        first, last = (int(parts[1]), int(parts[2] or parts[1])) if parts else (1, 0)
+        if last < first:
+            fix = "Type the first and the last one, such as 60 to 83."
+            raise StudioError("take.bad_frames", f"'{typed}' is not a range of frames", value=typed, fix=fix)
+        return first, last
 
     def _rate(self) -> float | None:
         """Frames per second, as typed."""
@@ -77,41 +121,47 @@ class NewTake:
         return rate
 
     def _chosen(self) -> Config:
-        """The settings without the frame rate that was typed."""
+        """The settings without frame rate, frames, and uses of cameras."""
         if not self.footage.strip() and not self.settings.strip():
             raise StudioError("take.no_footage", "no footage selected", fix="Choose the footage folder.")
-        overrides = []
+        overrides: list[tuple[str, object]] = []
         if self.footage.strip():
             overrides.append(("capture.root", _footage_folder(self.footage.strip())))
+        if self.images != AUTO:
+            overrides.append(("capture.images", self.images))
+        if self.rig != AUTO:
+            overrides.append(("capture.rig", None if self.rig == CALIBRATE else self.rig))
         if self.settings.strip():
             path = Path(self.settings.strip()).expanduser()
             return for_another_take(load_config(path, overrides), path)
         return with_values(load_config(None, overrides), PRESETS[preset_here()])
 
-    def found(self) -> Found:
-        """What is known about the footage, or why it cannot be read."""
-        from studio.capture import open_footage
-
+    def found(self, progress: ProgressFn | None = None) -> Found:
+        """What is known about the footage, or why it cannot be read; `progress` as for `inspect`."""
         try:
-            config = self.config()
-            footage = open_footage(config.capture, None, strict=False)
-            cameras = camera_file_text(footage)
+            config = replace(self, uses=None, frames="").config()  # what there is to choose from
+            found = inspect(config.capture, progress)
+            uses = CameraUses.of(config.capture)
         except StudioError as error:
-            return Found(str(error))
-        if not self.settings.strip():
-            cameras += f" The preset is {preset_here()}."
-        found = [*footage.problems, *footage.warnings]
-        problems = f"\n{counted(len(found), 'problem')}: {found[0]}" if found else ""
-        given = (None if self.fps.strip() else config.capture.fps) or footage.filmed_fps  # as `open_footage`
-        return Found(f"{footage.description}\n{cameras}{problems}", given)
+            images = tuple(error.value) if error.code == "footage.ambiguous_layout" else ()
+            return Found(str(error), images=images)
+        preset = "" if self.settings.strip() else f" The preset is {preset_here()}."
+        problems = found.problems
+        more = f"{counted(len(problems), 'problem')}: {problems[0]}\n" if problems else ""
+        given = (None if self.fps.strip() else config.capture.fps) or found.filmed_fps  # as `open_footage`
+        left_out = [name for name in found.cameras if name not in found.used]
+        return Found(more + "\n".join(found.lines) + preset, given, found, uses=with_uses(uses, left_out, "not used"))
 
     def proposed_take(self) -> str:
-        """Path of a new folder next to the footage; in the working directory if the footage is in object storage."""
+        """Path of a new folder next to the footage, or in the home folder if none can be made there; in the working
+        directory if the footage is in object storage."""
         try:
             root = self._chosen().capture.root
         except StudioError:
             return ""
         parent = Path.cwd() if is_address(root) else root.parent
+        if not os.access(parent, os.W_OK):
+            parent = Path.home()
         for number in range(1, 1000):
             path = parent / f"{root.name}-take{'' if number == 1 else f'-{number}'}"
             if not path.exists():
@@ -127,7 +177,7 @@ class NewTake:
         from studio.capture import open_footage
 
         config = self.config()
-        open_footage(config.capture, None, strict=False)
+        open_footage(config.capture, None, strict=False).close()
         where = self.take.strip() or self.proposed_take()
         if not where:
             raise StudioError("take.no_folder", "no take folder selected", fix="Choose a folder for the take.")
@@ -146,6 +196,27 @@ class NewTake:
         return take.root
 
 
+def with_uses(uses: CameraUses, cameras: Sequence[str], use: str) -> CameraUses:
+    """A copy with another use of some cameras."""
+    for camera in cameras:
+        uses = uses.with_use(camera, use)
+    return uses
+
+
+def next_use(uses: CameraUses, camera: str) -> CameraUses:
+    """A copy with the next use of a camera."""
+    return uses.with_use(camera, USES[(USES.index(uses.uses[camera]) + 1) % len(USES)])
+
+
+def uses_words(uses: CameraUses) -> str:
+    """How many cameras are used for what."""
+    counts = {use: list(uses.uses.values()).count(use) for use in USES}
+    train = counts.pop("training")
+    return ", ".join(
+        [f"{counted(train, 'camera')} for training", *(f"{count} {use}" for use, count in counts.items() if count)]
+    )
+
+
 def _footage_folder(typed: str) -> str:
     if is_address(typed):
         return typed
@@ -158,7 +229,7 @@ def _footage_folder(typed: str) -> str:
 def sample_settings() -> Path | None:
     """Settings of the sample capture, which comes with the source; None if it is neither where this program is nor in
     the working directory."""
-    for folder in (Path(__file__).parents[3], Path.cwd()):
+    for folder in (Path(__file__).parents[1], Path.cwd()):
         settings = folder / "sample_configs" / "demo.yaml"
         if settings.is_file() and (folder / "sample_captures" / "walk16").is_dir():
             return settings

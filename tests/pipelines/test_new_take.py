@@ -1,17 +1,18 @@
-"""What the dialog of a new take says about the footage."""
+"""A new take: what is found in the footage, and what is chosen of it."""
 
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from gui.models.take.new_take import NewTake
 from pipelines.config import load_config, presets
 from pipelines.config.presets import preset_of
+from pipelines.new_take import CALIBRATE, NewTake, next_use, uses_words, with_uses
 from studio.capture import open_footage
 from tests.support.errors import refuses
 
@@ -59,7 +60,7 @@ def test_a_frame_rate_that_makes_no_sense_is_refused_in_a_sentence(typed: str, t
     assert new.proposed_take().endswith("shots-take"), "other fields are not touched"
 
 
-def test_the_frame_rate_of_videos_and_of_settings_is_shown(footage_project: Path, tmp_path: Path) -> None:
+def test_the_frame_rate_of_videos_and_of_settings_is_shown(project: Path, tmp_path: Path) -> None:
     assert NewTake(str(write_video(tmp_path / "videos"))).found().fps == pytest.approx(24)
     settings = tmp_path / "rate.yaml"
     settings.write_text("capture:\n  fps: 50\n")
@@ -83,16 +84,70 @@ def write_video(folder: Path) -> Path:
     return folder
 
 
+def test_frames_and_cameras_are_chosen(project: Path, tmp_path: Path) -> None:
+    new = NewTake(str(project / "capture"), take=str(tmp_path / "take"))
+    counts: list[tuple[int, int]] = []
+    found = new.found(lambda done, total, **_: counts.append((done, total)))
+    inspection = found.inspection
+    assert inspection.frames == tuple(range(5))
+    assert list(inspection.thumbnails) == list(found.uses.uses) == [f"cam{number}" for number in range(6)]
+    assert list(inspection.strip) == [0, 1, 2, 3, 4]
+    assert counts == [(done, 11) for done in range(11)], "6 cameras and 5 frames"
+    assert inspection.suggested == ("cam5",)
+    new.uses = next_use(next_use(with_uses(found.uses, inspection.suggested, "held out"), "cam0"), "cam0")
+    assert uses_words(new.uses) == "4 cameras for training, 1 held out, 1 not used"
+    new.frames = "1 to 3"
+    capture = load_config(new.create() / "config.yaml").capture
+    assert open_footage(capture, None).frames == (1, 2, 3)
+    assert (capture.held_out, capture.cameras) == (("cam5",), tuple(f"cam{number}" for number in range(1, 6)))
+
+
+@pytest.mark.parametrize("typed", ["3 to 1", "all", "-1", "1:3", "1 to"])
+def test_frames_that_make_no_sense_are_refused(typed: str, project: Path) -> None:
+    new = NewTake(str(project / "capture"), frames=typed)
+    with refuses("take.bad_frames", value=typed):
+        new.create()
+
+
+def test_one_of_several_layouts_and_camera_files_is_chosen(project: Path, tmp_path: Path) -> None:
+    (project / "capture" / "images").rename(project / "capture" / "day")
+    shutil.copytree(project / "capture" / "day", project / "capture" / "night")
+    new = NewTake(str(project / "capture"), take=str(tmp_path / "take"))
+    found = new.found()
+    assert len(found.images) == 2, found.words
+    new.images = next(pattern for pattern in found.images if pattern.startswith("day"))
+    shutil.copy(project / "capture" / "cameras.json", project / "capture" / "rig.json")
+    rigs = new.found().inspection.rigs
+    assert sorted(rigs) == ["cameras.json", "rig.json"]
+    new.rig = "rig.json"
+    assert not new.found().inspection.rigs
+    assert load_config(new.create() / "config.yaml").capture.rig == "rig.json"
+    new.rig = CALIBRATE
+    assert new.config().capture.rig is None
+
+
+def test_cameras_without_masks_are_not_used(tmp_path: Path) -> None:
+    for camera in ("a", "b", "c"):
+        for folder in ("ims", "seg") if camera != "b" else ("ims",):
+            (tmp_path / "shots" / folder / camera).mkdir(parents=True)
+            Image.new("RGB" if folder == "ims" else "L", (32, 24), 200).save(
+                tmp_path / "shots" / folder / camera / "0.png"
+            )
+    found = NewTake(str(tmp_path / "shots")).found()
+    assert found.inspection.unmasked == ("b",)
+    assert found.uses.uses == {"a": "training", "b": "not used", "c": "training"}
+
+
 @pytest.mark.parametrize("gpu", [False, True])
 def test_without_a_gpu_a_take_does_not_begin_with_the_papers_schedule(
-    gpu: bool, footage_project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    gpu: bool, project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(presets, "has_gpu", lambda: gpu)
-    new = NewTake(str(footage_project / "capture"), take=str(tmp_path / "take"))
+    new = NewTake(str(project / "capture"), take=str(tmp_path / "take"))
     name = "final" if gpu else "standard"
     assert f"preset is {name}" in new.found().words
     config = load_config(new.create() / "config.yaml")
     assert preset_of(config) == name
     assert config.train.keyframe_iterations == (12_000 if gpu else 2400)
-    new.settings = str(footage_project / "ball.yaml")
-    assert new.config().train == load_config(footage_project / "ball.yaml").train  # what was chosen stays
+    new.settings = str(project / "ball.yaml")
+    assert new.config().train == load_config(project / "ball.yaml").train  # what was chosen stays
