@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pipelines.takes.evaluation import read_evaluation
+from pipelines.takes.evaluation import FrameQuality, read_evaluation
 from pipelines.takes.take import Take
 from studio.comparison.metrics import MAIN
 from studio.errors import StudioError
@@ -27,23 +27,6 @@ class EvaluationFile:
             stamp = (take.root, *(path.stat().st_mtime_ns if path.is_file() else 0 for path in files))
         before, self._seen = self._seen, (stamp, frame_count, camera, other)
         return before != self._seen
-
-
-@dataclass(frozen=True)
-class FrameQuality:
-    """One frame's figures.
-
-    Attributes:
-        bytes: size of the frame: size of its group divided by the group's number of frames.
-        means: mean over the evaluated cameras by metric of `pipelines.takes.evaluation.MEASURES`, where measured.
-        cameras: the same by camera.
-        flicker: change of the residual from the frame before, in levels of 255; None if not measured.
-    """
-
-    bytes: float
-    means: Mapping[str, float]
-    cameras: Mapping[str, Mapping[str, float]]
-    flicker: float | None = None
 
 
 @dataclass(frozen=True)
@@ -73,15 +56,7 @@ class Evaluation:
             found = read_evaluation(path)
         except StudioError as error:
             return cls(error=str(error))
-        frames = {
-            row.index: FrameQuality(
-                row.bytes,
-                row.measures,
-                {name: one.measures for name, one in row.cameras.items()},
-                row.flicker,
-            )
-            for row in found.frames
-        }
+        frames = {row.index: row for row in found.frames}
         return cls(frames, found.protocol.cameras, found.protocol.held_out, stale=stale)
 
     def figures(self, frame: int, camera: str = "") -> tuple[Mapping[str, float], str]:
@@ -90,16 +65,15 @@ class Evaluation:
         quality = self.frames.get(frame)
         if quality is None:
             return {}, ""
-        return quality.cameras.get(camera, quality.means), self.whose(camera)
+        return quality.cameras.get(camera, quality).measures, self.whose(camera)
 
     def worst(self, count: int) -> list[tuple[float, int, str]]:
         """Main metric of the decoded frame, frame, and camera, the worst first, `count` at most."""
         name = f"{MAIN.name}_decoded"
         found = [
-            (measures[name], frame, camera)
+            (getattr(measured, name), frame, camera)
             for frame, quality in self.frames.items()
-            for camera, measures in quality.cameras.items()
-            if name in measures
+            for camera, measured in quality.cameras.items()
         ]
         return sorted(found)[:count]
 
@@ -146,12 +120,8 @@ class Evaluation:
         found: list[float | None] = []
         for frame in range(frame_count):
             quality = self.frames.get(frame)
-            if quality is None:
-                found.append(None)
-            elif name == "bytes":
-                found.append(quality.bytes)
-            elif name == "flicker":
-                found.append(quality.flicker)
+            if quality is not None and camera and name not in ("bytes", "flicker"):
+                found.append(getattr(quality.cameras.get(camera), name, None))
             else:
-                found.append((quality.cameras.get(camera, {}) if camera else quality.means).get(name))
+                found.append(getattr(quality, name, None))
         return found

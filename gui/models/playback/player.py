@@ -77,7 +77,6 @@ class PlayerPresenter(Viewpoint):
         self.notice = ""
         self.on_screen = True
         self.audio: StreamAudio | None = None
-        self._pair: tuple[str, ...] = ()  # of `exchange`
         self._left_out: tuple[int, str] | None = None
         self._problem = ""  # with what was wanted last
         self._rest = Rest(now)
@@ -117,7 +116,7 @@ class PlayerPresenter(Viewpoint):
         self.transport.numbers = opened.numbers
         self._fit_transport()
         self._look_home(first)
-        self.picture, self._pair = None, ()
+        self.picture = None
         self._asked = self._left_out = None
         self._problem = ""
 
@@ -149,7 +148,6 @@ class PlayerPresenter(Viewpoint):
         kept = [one for one in before if other is not None and one.label != other.label][: len(OTHERS) - 1]
         self._span_others(sources, [*([other] if other is not None else []), *kept], opened.default)
         opened.sources = sources
-        self._pair = ()
         self._renderer.forget()
         self._asked = None
         if self.what not in (*sources, "footage"):
@@ -268,14 +266,10 @@ class PlayerPresenter(Viewpoint):
         return True
 
     def exchange(self) -> bool:
-        """Show what comparisons are against instead, and the next time what was on screen before (A and B)."""
+        """Show the stream, or if it is on screen what comparisons are against (A and B)."""
         default = self.opened.default if self.opened is not None else None
-        if self.what not in self._pair and default is not None:
-            shown = default.name if self.what == self.reference else self.what
-            self._pair = shown, self.reference
-        one, other = self._pair or (self.what, self.what)
         self.choose_mode("single")
-        return self.choose(other if self.what == one else one)
+        return self.choose(default.name if default is not None and self.what != default.name else self.reference)
 
     def choose_mode(self, mode: str) -> bool:
         """Set the comparison mode; False, and `refused`, if there is nothing to compare."""

@@ -44,7 +44,7 @@ def quality(evaluation: Evaluation, camera: str, what: str = "decoded") -> float
         camera: its name.
         what: "trained" or "decoded".
     """
-    found = [frame.cameras.get(camera, {}).get(f"{MAIN.name}_{what}") for frame in evaluation.frames.values()]
+    found = [getattr(frame.cameras.get(camera), f"{MAIN.name}_{what}", None) for frame in evaluation.frames.values()]
     values = [value for value in found if value is not None]
     return fmean(values) if values else None
 

@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gui.models.evaluation import Evaluation, FrameQuality
+from gui.models.evaluation import Evaluation
 from gui.models.playback.other_source import OTHER, open_other
 from gui.models.playback.player import PlayerPresenter
 from gui.models.playback.stream_source import LeftOut
 from gui.models.playback.timeline_plots import plots_of
 from gui.models.take.bakes import Bakes, bake_words
+from pipelines.takes.evaluation import FrameQuality
 from pipelines.takes.take import Take
 from studio.edits import World
 from studio.stream import CapturePlace
@@ -86,7 +87,7 @@ def test_a_kept_bake_is_compared_at_the_frames_and_in_the_world_of_the_take(
     folder = bake_numbered(tmp_path / "stream", (6, 4), 25)
     world = World(origin=(0, 2, 0), scale=10).similarity
     set_capture(folder, CapturePlace(3, world))
-    rows = {frame: FrameQuality(100.0, {"psnr_decoded": 20.0 + frame}, {}) for frame in range(3, 13)}
+    rows = {frame: FrameQuality.model_construct(psnr_decoded=20.0 + frame) for frame in range(3, 13)}
     monkeypatch.setattr(Evaluation, "read", lambda path: Evaluation(rows))
     other = open_other(folder, "kept", tmp_path / "evaluation.json")
     try:
