@@ -15,7 +15,7 @@ from gui.models.worker import Done, LatestWorker
 from gui.widgets.dialogs.base import Dialogs, filled
 from gui.widgets.dialogs.folder import ask_path
 from gui.widgets.dialogs.form import Form, refusal
-from gui.widgets.picture import ImagePanel, lowered
+from gui.widgets.picture import ImagePanel, lowered, put
 from pipelines.new_take import AUTO, CALIBRATE, Found, NewTake, next_use, uses_words, with_uses
 from studio.errors import Cancelled, StudioError
 
@@ -29,8 +29,6 @@ TEXT_SIZE = 0.88
 WIDE, HIGH = 58, 12
 """Size of the image, em."""
 
-RATE_GIVEN = "Frames per second of the footage, as its files or the settings say"
-RATE_TYPED = "Frames per second of the footage: its files do not say"
 HINT = "Click a camera to hold it out; again: not to use it. Drag across the frames to use some of them."
 SHOWN = ("capture.held_out", "Held out: ")
 """Of lines about what the image shows, and may differ from by now."""
@@ -186,14 +184,16 @@ class NewTakeDialog:
         if found.uses.uses:
             others = [line for line in words.splitlines() if not any(part in line for part in SHOWN)]
             words = f"{uses_words(new.uses or found.uses)}. {HINT}\n{' '.join(others)}"
-        self._text.text = _lines(words, dialogs.em, self._size[0])
+        size, wide = round(TEXT_SIZE * dialogs.em), self._size[0]
+        lines = [line for part in words.splitlines() for line in wrapped(part, size, wide)]
+        self._text.text = "\n".join(filled(lines[:FOUND_LINES], FOUND_LINES))  # the dialog must keep its size
         rate = self._fields["fps"]
         rate.enabled = found.fps is None
         if found.fps is not None:
             new.fps = ""
-        rate.text_value = new.fps if found.fps is None else f"{found.fps:g}"
+        put(rate, text_value=new.fps if found.fps is None else f"{found.fps:g}")  # it may be edited
         rate.placeholder_text = "30, if nothing is typed" if new.footage or new.settings else ""
-        rate.tooltip = RATE_GIVEN if found.fps is not None else RATE_TYPED
+        rate.tooltip = "From the files or the settings" if found.fps is not None else "The files do not say it"
         frames = inspection.frames
         self._fields["frames"].placeholder_text = f"{frames[0]} to {frames[-1]}" if frames else ""
         if not new.take:
@@ -265,9 +265,3 @@ def _set_items(box: gui.Combobox, items: Sequence[str], chosen: str) -> None:
             box.add_item(item)
     if box.selected_text != chosen:
         box.selected_text = chosen
-
-
-def _lines(text: str, em: float, wide: float) -> str:
-    """The text in as many lines as there is room for: the dialog must keep its size while one types."""
-    lines = [line for part in text.splitlines() for line in wrapped(part, round(TEXT_SIZE * em), wide)]
-    return "\n".join(filled(lines[:FOUND_LINES], FOUND_LINES))
