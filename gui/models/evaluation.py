@@ -80,12 +80,11 @@ class Evaluation:
     def whose(self, camera: str = "") -> str:
         """What figures refer to, for a title: "camera cam05" if it was evaluated, else "mean of held-out cameras";
         "mean" if nothing was evaluated."""
-        earlier = ", earlier bake" if self.stale else ""
+        if self.stale:  # more would not fit
+            return f"{self.whose_briefly(camera)} bake"
         if camera in self.cameras:
-            return f"camera {camera}{earlier}"
-        if not self.frames:
-            return "mean"
-        return f"mean of {'held-out' if self.held_out else 'training'} cameras{earlier}"
+            return f"camera {camera}"
+        return f"mean of {'held-out' if self.held_out else 'training'} cameras" if self.frames else "mean"
 
     def whose_briefly(self, camera: str = "") -> str:
         """The same in fewer words: "cam05" or "held-out mean"."""

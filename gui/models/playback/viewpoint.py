@@ -135,7 +135,8 @@ class Viewpoint:
         pixels, depth = view.project(self._points)
         if not (depth > 0).any():
             return 1.0
-        wide, high = np.ptp(np.quantile(pixels[depth > 0], (0.01, 0.99), axis=0), axis=0)
+        ends = np.quantile(pixels[depth > 0], (0.01, 0.99), axis=0)
+        wide, high = np.ptp(np.clip(ends, 0, (view.width, view.height)), axis=0)
         return float(np.clip(wide / max(high, 1e-6), 0.2, 5.0))
 
     def resize(self, width: int, height: int) -> None:

@@ -51,7 +51,7 @@ def test_a_sequence_is_written_and_nothing_is_overwritten(stream_folder: Path, t
 
 def test_notes_of_an_export_are_told_with_its_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As where other programs will draw the splats differently."""
-    notes = ["trained with dilation 0.1; viewers assume 0.3", "another"]
+    notes = ["Trained with dilation 0.1; viewers assume 0.3", "Another"]
     lines = [*(Log(message=note).to_json() for note in notes), '{"event": "log"}', '{"kind": "note"}']
     program = f"for line in {lines!r}: print(line)"
     monkeypatch.setattr("gui.models.take.exports.v3studio_command", lambda: [sys.executable, "-c", program])
