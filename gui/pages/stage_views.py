@@ -300,6 +300,7 @@ class StageViews:
             self.player.resize(*wanted)
             picture = self.player.poll()
             return picture.image if picture is not None else None
+        stage_view.em = em  # part of its state, which must not depend on whether it rests
         resting = stage_view.sharp and self._rest.rests((stage_view.state(), size), self.player.transport.playing)
         wanted = render_size if stage_view.orbits and not resting else size
         stage_view.em = em * wanted[0] / max(size[0], 1)
