@@ -55,7 +55,7 @@ def test_edits_the_scene_cameras_and_points(open_window: Callable[..., RunningWi
     window.wait_for("the edits", lambda s: "look" in s["mode"] and "lasso" in s["widgets"] and s["settled"])
     window.click("lasso")
     window.wait_for("the lasso", lambda s: "lasso" in s["mode"])
-    window.drag("viewport", (0.3, 0.3), (0.7, 0.4))  # a line: nothing is inside
+    window.drag("viewport", (0.03, 0.5), (0.12, 0.9))  # beside the performer: nothing is inside
     window.wait_for("no selection", lambda s: s["settled"] and s["selected"] == 0)
     window.click("brush")
     window.wait_for("the brush", lambda s: "brush" in s["mode"])
