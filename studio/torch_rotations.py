@@ -6,7 +6,10 @@ them the stream's bytes, depend on it. The NumPy counterparts are in `studio.rot
 
 from __future__ import annotations
 
+from functools import cache
+
 import torch
+from scipy.spatial.transform import Rotation
 from torch import Tensor
 
 
@@ -58,3 +61,35 @@ def rotate_vectors(quats: Tensor, vectors: Tensor) -> Tensor:
     scalar, axis = quats[:, :1], quats[:, 1:]
     twist = 2 * torch.linalg.cross(axis, vectors)
     return vectors + scalar * twist + torch.linalg.cross(axis, twist)
+
+
+def align_axes(quats: Tensor, scales: Tensor, reference: Tensor) -> tuple[Tensor, Tensor]:
+    """The same ellipsoids with their axes named so that each rotation is as close as possible to a reference.
+
+    An ellipsoid has 24 equivalent rotations, with its scales in different orders. Without this, values between two
+    frames would mix different axes.
+
+    Args:
+        quats: (N, 4) unit quaternions wxyz.
+        scales: (N, 3) of any kind: also logarithms.
+        reference: (N, 4) unit quaternions wxyz.
+
+    Returns:
+        Quaternions (N, 4), each with a positive dot product with its reference, and scales (N, 3).
+    """
+    renamings, order = (one.to(quats.device) for one in _renamings())
+    conjugate = reference * reference.new_tensor([1, -1, -1, -1])
+    difference = quat_multiply(conjugate, quats)
+    angles = (difference * difference.new_tensor([1, -1, -1, -1])) @ renamings.to(quats.dtype).T  # scalar parts
+    best = angles.abs().argmax(-1)
+    aligned = quat_multiply(quats, renamings.to(quats.dtype)[best])
+    opposite = (aligned * reference).sum(-1, keepdim=True) < 0
+    return torch.where(opposite, -aligned, aligned), scales.gather(-1, order[best])
+
+
+@cache
+def _renamings() -> tuple[Tensor, Tensor]:
+    """The 24 rotations of a cube: quaternions (24, 4) wxyz, and which axis becomes each axis (24, 3)."""
+    group = Rotation.create_group("O")
+    quats = torch.from_numpy(group.as_quat()[:, [3, 0, 1, 2]])
+    return quats, torch.from_numpy(abs(group.as_matrix()).argmax(axis=1))

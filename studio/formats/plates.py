@@ -18,7 +18,7 @@ from studio.rasterizer import preferred_device, rasterize
 from studio.rasterizer.features import mean_features
 from studio.similarity import Similarity
 from studio.splat_video import SplatVideo
-from studio.torch_rotations import quats_to_matrices
+from studio.torch_rotations import align_axes, quats_to_matrices
 
 FAR = 1e10
 """Depth where there is nothing, as renderers write it."""
@@ -143,8 +143,9 @@ class Plates:
 
 def _between(first: Gaussians, second: Gaussians, share: float) -> Gaussians:
     """Splats on the straight line from one frame to another; `share` may be below 0."""
-    opposite = (first.quats * second.quats).sum(-1, keepdim=True) < 0
-    ends = dict(replace(second, quats=torch.where(opposite, -second.quats, second.quats)).items())
+    first = replace(first, quats=first.unit_quats)
+    quats, log_scales = align_axes(second.unit_quats, second.log_scales, first.quats)
+    ends = dict(replace(second, quats=quats, log_scales=log_scales).items())
     mixed = {name: torch.lerp(tensor, ends[name], share) for name, tensor in first.items()}
     return Gaussians(**mixed, dilation=first.dilation)
 

@@ -35,6 +35,7 @@ from studio.gaussians import Gaussians
 from studio.progress import ProgressFn, no_progress
 from studio.similarity import Similarity
 from studio.splat_video import SplatVideo
+from studio.torch_rotations import align_axes
 
 _SCHEMA = "ParticleField3DGaussianSplat"
 _SH = "radiance:sphericalHarmonicsCoefficients"
@@ -189,10 +190,15 @@ def _write_stage(
         pxr.Usd.ColorSpaceAPI.Apply(prim.GetPrim()).CreateColorSpaceNameAttr(pxr.Gf.ColorSpaceNames.SRGBRec709)
         prim.CreateSortingModeHintAttr(pxr.UsdVol.Tokens.cameraDistance)
         attributes: dict[str, _Attribute] = {}
+        before: Gaussians | None = None
         for index in frames:
             progress(index, video.frame_count)
             splats = scaled(video.read(index), video.original.scale)
             splats = splats if rotation is None else turned(splats, rotation)
+            if before is not None:  # readers interpolate between time samples
+                quats, log_scales = align_axes(splats.unit_quats, splats.log_scales, before.unit_quats)
+                splats = replace(splats, quats=quats, log_scales=log_scales)
+            before = splats
             if not attributes:
                 attributes = _attributes(pxr, prim, splats.sh_degree)
             for name, values in _values(path, splats).items():

@@ -7,7 +7,7 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from studio.torch_rotations import matrices_to_quats, quat_multiply, quats_to_matrices, rotate_vectors
+from studio.torch_rotations import align_axes, matrices_to_quats, quat_multiply, quats_to_matrices, rotate_vectors
 
 
 def wxyz(rotation: Rotation) -> torch.Tensor:
@@ -43,3 +43,20 @@ def test_rotated_vectors() -> None:
     turns, vectors = Rotation.random(20, random_state=4), np.random.default_rng(0).normal(size=(20, 3))
     found = rotate_vectors(wxyz(turns), torch.from_numpy(vectors))
     np.testing.assert_allclose(found.numpy(), turns.apply(vectors), atol=1e-12)
+
+
+def test_axes_with_other_names_get_those_of_the_reference() -> None:
+    """Each of the 24 rotations of a cube renames the axes of an ellipsoid without changing it."""
+    cube = Rotation.create_group("O")
+    turns = Rotation.random(24, random_state=4)
+    scales = torch.tensor([[1.0, 2.0, 3.0]]).double().repeat(24, 1)
+    renamed = turns * cube
+    order = np.abs(cube.as_matrix()).argmax(axis=1)
+    quats, found = align_axes(wxyz(renamed), scales.gather(1, torch.from_numpy(order)), -wxyz(turns))
+    torch.testing.assert_close(quats, -wxyz(turns))
+    torch.testing.assert_close(found, scales)
+    near = turns * Rotation.from_rotvec(0.3 * np.random.default_rng(0).standard_normal((24, 3)) / 2)
+    quats, found = align_axes(wxyz(renamed), scales, wxyz(near))
+    axes, same = quats_to_matrices(quats), quats_to_matrices(wxyz(renamed))
+    torch.testing.assert_close(axes @ torch.diag_embed(found) @ axes.mT, same @ torch.diag_embed(scales) @ same.mT)
+    assert ((quats * wxyz(near)).sum(-1) > np.cos(0.5)).all()

@@ -150,6 +150,19 @@ def test_blur_is_the_mean_while_the_shutter_is_open(tmp_path):
         np.testing.assert_array_equal(moved["Z"], still["Z"])
 
 
+def test_axes_with_other_names_in_the_next_frame_are_no_motion(tmp_path):
+    """Decoded splats may have the same shape in another form."""
+    first = splat(0, 0, 0)
+    first.log_scales[0, 0] = np.log(0.3)
+    quarter = torch.tensor([[0.5**0.5, 0, 0, 0.5**0.5]])  # around z
+    second = replace(first, quats=quarter, log_scales=first.log_scales[:, [1, 0, 2]])
+    video = SplatVideo("test", 24.0, 2, (0,), (first, second).__getitem__)
+    still = exported(tmp_path / "still", video, color_space="srgb")
+    blurred = exported(tmp_path / "blurred", video, color_space="srgb", shutter=Shutter(360, 4))
+    for (_, sharp), (_, moved) in zip(still, blurred, strict=True):
+        np.testing.assert_allclose(moved["rgba"], sharp["rgba"], atol=1e-3)
+
+
 def test_overscan_is_around_the_image(tmp_path):
     video = replace(moving((0.6, 0, 0), (0.6, 0, 0)), numbers=(1001, 1002))
     (header, layers), (later, _) = exported(tmp_path / "wide", video, overscan=7)

@@ -88,7 +88,7 @@ def test_a_ring_is_around_what_a_mark_is_about(player: PlayerPresenter, stream_f
 def test_frames_never_come_out_of_order_while_playing(player: PlayerPresenter, stream_folder: Path) -> None:
     player.open(stream_folder)
     player.transport.set_loop(False)
-    player.transport.speed = 2.0
+    player.transport.speed = 0.5
     player.transport.play()
     shown: list[int] = []
 
@@ -100,7 +100,7 @@ def test_frames_never_come_out_of_order_while_playing(player: PlayerPresenter, s
     wait_until("the last frame", last_shown)
     assert shown == sorted(shown)
     assert shown[-1] == 11
-    assert len(set(shown)) >= 6  # 24 frames per second take almost no time to draw; most of them must be seen
+    assert len(set(shown)) >= 6  # of 12, at 6 fps
 
 
 def test_decoded_frames_are_the_readers(stream_folder: Path) -> None:
