@@ -109,8 +109,8 @@ class FolderList:
         except OSError as error:
             self.message = f"{self.folder}: cannot be read ({error.strerror}). Choose another folder."
             return False
-        folders = sorted((name for name, is_folder in names if is_folder), key=natural_key)
-        files = sorted((name for name, is_folder in names if not is_folder and self._fits(name)), key=natural_key)
+        folders = sorted((name for name, is_folder in names if is_folder), key=_in_any_case)
+        files = sorted((name for name, is_folder in names if not is_folder and self._fits(name)), key=_in_any_case)
         shown = folders[:MOST_ENTRIES]
         self.entries = [Entry(self.folder / name, kind_of(self.folder / name)) for name in shown]
         self.entries += [Entry(self.folder / name, "file") for name in files[: MOST_ENTRIES - len(shown)]]
@@ -127,3 +127,7 @@ def kind_of(folder: Path) -> str:
     if (folder / "take.json").is_file():
         return "take"
     return "stream" if (folder / "manifest.json").is_file() else "folder"
+
+
+def _in_any_case(name: str) -> list[tuple[int, int, str]]:
+    return natural_key(name.lower())

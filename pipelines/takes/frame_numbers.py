@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
+from itertools import pairwise
 
 from pipelines.takes.atomic_files import read_model
 from pipelines.takes.groups import Group
@@ -52,7 +53,7 @@ def trained_groups(take: Take) -> list[Group]:
     """
     files, starts = take.trained_files()
     found = []
-    for index, (start, end) in enumerate(zip(starts, (*starts[1:], len(files)), strict=True)):
+    for index, (start, end) in enumerate(pairwise((*starts, len(files)))):
         frames = read_model(take.train_group(index) / "group.json", TrainedGroup).frames
         found.append(Group(index, start, frames[: end - start]))
     return found

@@ -136,7 +136,9 @@ def _converted(oiio: Any, rgba: np.ndarray, color_space: str) -> np.ndarray:
     return found
 
 
-def _attributes(camera: Camera, number: int, fps: float, shutter: Shutter, color_space: str) -> dict[str, Any]:
+def _attributes(
+    camera: Camera, number: int, fps: float, shutter: Shutter, color_space: str
+) -> dict[str, tuple[str, object]]:
     """The header of a file: OpenEXR's standard attributes, by name and as (type, value).
 
     Matrices multiply row vectors, as everywhere in OpenEXR. Cameras look along -z with y up. In NDC, the image is from
@@ -174,7 +176,7 @@ def _attributes(camera: Camera, number: int, fps: float, shutter: Shutter, color
     }
 
 
-def _write(oiio: Any, path: Path, plate: Plate, attributes: dict[str, Any], overscan: int) -> None:
+def _write(oiio: Any, path: Path, plate: Plate, attributes: dict[str, tuple[str, object]], overscan: int) -> None:
     height, width = plate.depth.shape
     spec = oiio.ImageSpec(width, height, len(_LAYERS), "float")
     spec.channelnames = tuple(name for name, _ in _LAYERS)

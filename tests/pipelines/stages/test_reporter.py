@@ -10,7 +10,7 @@ from pipelines.config import Config
 from pipelines.events import Progress
 from pipelines.events.cancellation import Cancellation
 from pipelines.stages.reporter import Countdown, StageReporter
-from pipelines.stages.train_group import TrainClock
+from pipelines.stages.train_group import Kind, TrainClock
 from pipelines.takes.groups import Group
 
 
@@ -31,14 +31,15 @@ def simulated(seed: int) -> list[tuple[float, float, float]]:
             seconds = (350.0 if position == 0 else 140.0) * chance.lognormvariate(0, 0.3)
             if (group.index, position) == (0, 9):
                 seconds = 600.0  # the machine is busy
+            kind: Kind = "later" if position else "keyframe"
             parts = max(1, round(seconds / 5))
             for part in range(1, parts + 1):
                 now[0] += seconds / parts
-                clock.reached(group, position, part / parts)
+                clock.reached(group, kind, part / parts)
                 reporter.progress(clock.fraction)
                 times.append(now[0])
                 plain.append(now[0] * (1 - clock.fraction) / clock.fraction)
-            clock.finished(group, position, seconds)
+            clock.finished(group, kind, seconds)
     assert len(events) == len(times)
     return [
         (now[0] - time, event.seconds_left, before)
