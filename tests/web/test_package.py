@@ -9,6 +9,7 @@ import re
 import shutil
 import subprocess
 import tarfile
+import time
 from pathlib import Path
 
 import numpy as np
@@ -252,8 +253,10 @@ def test_an_engine_shows_the_performer_among_meshes(package_site, open_page, eng
     python = support.PythonFrames(package_site.stream)
     want, other = (support.draw(python.gaussians(frame), view) for frame in (6, 8))
     python.close()
-    alone = shot()
-    found = psnr(alone.astype(np.uint8), want)
+    found, deadline = 0.0, time.monotonic() + 60
+    while found <= 36 and time.monotonic() < deadline:  # engines sort in a worker, which a busy machine delays
+        alone = shot()
+        found = psnr(alone.astype(np.uint8), want)
     assert found > 36, found
     assert psnr(alone.astype(np.uint8), other) < found - 3  # another frame would be noticed
 
