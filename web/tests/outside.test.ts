@@ -52,6 +52,7 @@ void test("of a link, what is usable is used, and the rest is named", () => {
   for (const time of ["", "NaN", "Infinity", "1e400", "x", "1,2"]) assert.deepEqual(read(`t=${time}`), [{}, null, null, ["time"]]);
   assert.deepEqual(read("src=https://example.org/other/"), [{}, null, null, ["video"]]);
   assert.deepEqual(read("src=other/", true), [{ src: "other/" }, null, null, []]);
+  assert.deepEqual(read("src=", true), [{}, null, null, ["video"]]); // or the page would show nothing
 });
 
 void test("a title is one line that looks like what it is", () => {

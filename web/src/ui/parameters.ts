@@ -19,7 +19,7 @@ export function readParameters(query: URLSearchParams, takesSource: boolean): Pa
   const time = parseTime(query.get("t"));
   const view = parseView(query.get("view"));
   const usable = {
-    src: { what: "video", fits: takesSource },
+    src: { what: "video", fits: takesSource && query.get("src") !== "" },
     background: { what: "background", fits: isBackground(query.get("background")) },
     decoder: { what: "decoder", fits: isDecoder(query.get("decoder")) },
     t: { what: "time", fits: time !== null },
