@@ -16,6 +16,7 @@ from studio.cameras import Camera
 from studio.gaussians import Gaussians
 from studio.rasterizer import preferred_device, rasterize
 from studio.rasterizer.features import mean_features
+from studio.rasterizer.types import Render
 from studio.similarity import Similarity
 from studio.splat_video import SplatVideo
 from studio.torch_rotations import align_axes, quats_to_matrices
@@ -88,13 +89,16 @@ class Plates:
         self._read: dict[int, Gaussians] = {}
         self._groups = {index: group for group in video.groups for index in group}
 
+    @torch.no_grad()
     def render(self, index: int) -> Plate:
         """The plate of a frame. Raises StudioError if it cannot be read."""
         camera = self._camera(index)
         splats = self._frame(index)
-        colors = [self._colors(index, time) for time in self._shutter.times]
-        with torch.no_grad():
-            rendered = rasterize(splats, camera)
+        rendered = rasterize(splats, camera)
+        colors = [
+            self._colors(rendered if time == 0 else rasterize(self._at(index, time), self._camera(index + time)))
+            for time in self._shutter.times
+        ]
         drawn = rendered.alpha.cpu().numpy() > 0
         depth = rendered.depth.cpu().numpy()
         shape = (*depth.shape, 3)
@@ -112,10 +116,7 @@ class Plates:
         )
         return Plate(**{one.name: getattr(plate, one.name).astype(np.float32) for one in fields(plate)})
 
-    def _colors(self, index: int, time: float) -> np.ndarray:
-        splats = self._at(index, time)
-        with torch.no_grad():
-            rendered = rasterize(splats, self._camera(index + time))
+    def _colors(self, rendered: Render) -> np.ndarray:
         return self._linear(torch.cat([rendered.image, rendered.alpha[..., None]], -1).cpu().numpy())
 
     def _frame(self, index: int) -> Gaussians:
