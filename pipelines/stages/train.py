@@ -97,7 +97,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> T
     with LiveBake(inputs, reporter, ready) if inputs.config.run.live else nullcontext() as live:
         written = (lambda group, frames: None) if live is None else live.written
         if executor is None:
-            _train_here(inputs, reporter, todo, written)
+            _train_here(inputs, reporter, todo, finished, written)
         elif todo:
             executor.run(STAGE, inputs, todo, reporter, lambda group: written(group.index, len(group.frames)))
     splats = []
@@ -117,11 +117,13 @@ def _train_here(
     inputs: Inputs,
     reporter: StageReporter,
     todo: Sequence[Group],
+    finished: Mapping[int, int],
     written: Callable[[int, int], None],
 ) -> None:
     """Train groups that are not done, several at once."""
     at_once = groups_at_once(inputs)
-    finished = {group.index: _announced(inputs, group, reporter) for group in todo}
+    for group in todo:
+        _announce(group, finished[group.index], reporter)
     clock = TrainClock(todo, finished, inputs.config.train)
     work = GroupWork(inputs, reporter, clock, max(1, inputs.threads // at_once), written)
     jobs = {group.index: partial(_train, inputs, work, group) for group in todo}
@@ -148,7 +150,8 @@ def group_done(inputs: Inputs, group: Group) -> bool:
 def run_group(inputs: Inputs, group: Group, reporter: StageReporter) -> None:
     """See `GroupStageCode`."""
     refuse_too_little_memory(inputs)
-    finished = _announced(inputs, group, reporter)
+    finished = _finished(inputs, group)
+    _announce(group, finished, reporter)
     clock = TrainClock((group,), {group.index: finished}, inputs.config.train)
     work = GroupWork(inputs, reporter, clock, inputs.threads)
     _prepare(inputs, reporter, work.stop)
@@ -157,12 +160,9 @@ def run_group(inputs: Inputs, group: Group, reporter: StageReporter) -> None:
         run_groups({group.index: job}, 1, threads_of_groups(inputs), work.stop)
 
 
-def _announced(inputs: Inputs, group: Group, reporter: StageReporter) -> int:
-    """Number of frames that are trained already, which is reported."""
-    finished = _finished(inputs, group)
+def _announce(group: Group, finished: int, reporter: StageReporter) -> None:
     if finished:
         reporter.log(f"group {group.index}: {finished} of {counted(len(group.frames), 'frame')} are already trained")
-    return finished
 
 
 def _checked(
