@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from pipelines.takes.edited import of_two_trainings
 from pipelines.takes.frame_files import read_frame
-from pipelines.takes.frame_numbers import trained_groups, trained_numbers
+from pipelines.takes.frame_numbers import FrameNumbers, trained_groups
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 
@@ -47,7 +47,8 @@ def followed(take: Take, frame: int | None, center: np.ndarray, radius: float, w
             stage="train",
         )
 
-    groups, numbers = trained_groups(take), trained_numbers(take)
+    groups = trained_groups(take)
+    numbers = FrameNumbers.of(groups)
     index = 0 if frame is None else numbers.index(frame)
     if index is None:
         raise StudioError(

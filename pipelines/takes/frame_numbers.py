@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -21,6 +22,11 @@ class FrameNumbers:
     """
 
     known: tuple[int, ...] = ()
+
+    @classmethod
+    def of(cls, groups: Iterable[Group]) -> FrameNumbers:
+        """Those of the frames of a take's groups, in their order."""
+        return cls(tuple(frame for group in groups for frame in group.frames))
 
     def number(self, index: int) -> int:
         """The number of a frame, also of one after the last that is known."""
@@ -61,4 +67,4 @@ def trained_groups(take: Take) -> list[Group]:
 
 def trained_numbers(take: Take) -> FrameNumbers:
     """Those of the trained frames. Raises StudioError as `trained_groups`."""
-    return FrameNumbers(tuple(frame for group in trained_groups(take) for frame in group.frames))
+    return FrameNumbers.of(trained_groups(take))

@@ -39,7 +39,7 @@ def trained_video(root: Path | str) -> SplatVideo:
     from pipelines.config import load_config
     from pipelines.takes.edited import EditedGroup
     from pipelines.takes.edits import no_frames_left, read_edits
-    from pipelines.takes.frame_numbers import trained_groups, trained_numbers
+    from pipelines.takes.frame_numbers import FrameNumbers, trained_groups
     from studio.camera_files import read_rig
     from studio.edits.edit_list import UP
     from studio.own_frame import in_own_frame, own_frame, undone
@@ -64,8 +64,8 @@ def trained_video(root: Path | str) -> SplatVideo:
             fps = reader.fps
     edits = read_edits(take.edits)
     world, trim = edits.similarity, edits.trim
-    groups = [EditedGroup(take, group, edits) for group in trained_groups(take)]
-    numbers = trained_numbers(take)
+    trained = trained_groups(take)
+    groups, numbers = [EditedGroup(take, group, edits) for group in trained], FrameNumbers.of(trained)
     up = None if rig is None else world.directions(rig.up)
     if edits.world is not None and edits.world.up is not None:
         up = np.array(UP)

@@ -54,7 +54,7 @@ def parts_of(groups: Sequence[Group], first_size: int | None, trim: Trim | None 
     longer."""
     kept = range(groups[-1].indices[-1] + 1)
     if trim is not None:
-        kept = FrameNumbers(tuple(frame for group in groups for frame in group.frames)).within(trim.first, trim.last)
+        kept = FrameNumbers.of(groups).within(trim.first, trim.last)
     start, stop = kept.start, kept.stop
     within = [(group, range(max(group.first, start), min(group.indices[-1] + 1, stop))) for group in groups]
     ranges = [(group, indices) for group, indices in within if indices]
