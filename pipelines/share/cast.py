@@ -210,9 +210,7 @@ def _credits(text: PageText, streams: Sequence[PageText]) -> str:
 def _add_stream(named: str, source: Path, folder: SharedFolder, number: int) -> tuple[str, PageText]:
     """Copy a stream; its new address, and what it says of itself."""
     with stream_to_share(_beside(named, source)) as stream:
-        for file in stream.reader.files:
-            folder.write(f"{number}/{file.path}", stream.reader.checked(file))
-        folder.write(f"{number}/{MANIFEST_NAME}", stream.reader.manifest_bytes)
+        folder.write_stream(str(number), stream.reader)
         return f"{number}/{MANIFEST_NAME}", stream.text(PageText())
 
 

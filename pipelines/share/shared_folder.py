@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pipelines.takes.atomic_files import remove
 from pipelines.version import program_version
 from studio.atomic_files import leftovers, remove_leftovers, temporary_path
 from studio.bounded_files import parse_json
 from studio.errors import StudioError
+from studio.stream.manifest import MANIFEST_NAME
+
+if TYPE_CHECKING:
+    from studio.stream import StreamReader
 
 RECORD_NAME = "share.json"
 """Lists what a shared folder consists of, so that it can be replaced, and nothing else."""
@@ -37,6 +42,19 @@ class SharedFolder:
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_bytes(data)
         self.written[name] = len(data)
+
+    def write_stream(
+        self, place: str, reader: StreamReader, progress: Callable[[int, int], object] = lambda done, total: None
+    ) -> None:
+        """Copy a stream to a folder named `place`; `progress` is called with files done and files.
+
+        Raises:
+            StudioError: the stream is damaged.
+        """
+        for done, file in enumerate(reader.files):
+            progress(done, len(reader.files))
+            self.write(f"{place}/{file.path}", reader.checked(file))
+        self.write(f"{place}/{MANIFEST_NAME}", reader.manifest_bytes)
 
 
 @contextmanager

@@ -179,10 +179,7 @@ def _write_folder(
     with shared_folder(out, text.title) as folder:
         progress(0, len(files) + 1)
         beside = stream.page_files(text, player, f"stream/{MANIFEST_NAME}")
-        for done, file in enumerate(files, start=1):
-            progress(done, len(files) + 1)
-            folder.write(f"stream/{file.path}", stream.reader.checked(file))
-        folder.write(f"stream/{MANIFEST_NAME}", stream.reader.manifest_bytes)
+        folder.write_stream("stream", stream.reader, lambda done, total: progress(done + 1, total + 1))
         for name, data in beside.items():
             folder.write(name, data)
         progress(len(files) + 1, len(files) + 1)
