@@ -73,6 +73,11 @@ def inspect(capture: CaptureSettings, progress: ProgressFn | None = None) -> Ins
         footage.close()
 
 
+def found_lines(footage: Footage) -> tuple[str, ...]:
+    """What footage is and which camera file it has, one sentence each."""
+    return (*footage.description.splitlines(), *camera_file_text(footage).splitlines())
+
+
 def _found(capture: CaptureSettings, footage: Footage, progress: ProgressFn | None) -> Inspection:
     rigs: Sequence[str] = ()
     try:
@@ -85,7 +90,7 @@ def _found(capture: CaptureSettings, footage: Footage, progress: ProgressFn | No
     shown = progress is not None and not is_address(capture.root)
     thumbnails, strip = _images(footage, progress or no_progress) if shown else ({}, {})
     return Inspection(
-        lines=(*footage.description.splitlines(), *camera_file_text(footage).splitlines()),
+        lines=found_lines(footage),
         problems=(*footage.problems, *footage.warnings),
         rigs=tuple(rigs),
         cameras=cameras,

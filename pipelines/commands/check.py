@@ -69,12 +69,12 @@ def _footage(folder: Path) -> Footage | None:
 
 def _check_footage(arguments: argparse.Namespace, footage: Footage) -> int:
     from pipelines.commands.common.working import json_output, working
-    from pipelines.stages.camera_file import camera_file_text
+    from pipelines.inspection import found_lines
     from studio.capture import check_footage
 
     with working("check", json_output(arguments)) as report, closing(footage):
         problems = [str(problem) for problem in check_footage(footage, report)]
-        found = [*footage.description.splitlines(), *camera_file_text(footage).splitlines()]
+        found = list(found_lines(footage))
     arguments.result = {"footage": found, "problems": problems}
     if not arguments.json:
         images = counted(len(footage.frames) * len(footage.camera_names), "image")
