@@ -73,7 +73,7 @@ def compare(
         takes, names = open_takes(folders, protocol, cameras, closing, footage)
         start, stop, step = part
         common = [frame for frame in takes[0].footage.frames if all(frame in one.frames for one in takes)]
-        frames = [one for one in common if (start or 0) <= one < (stop or one + 1)][::step]
+        frames = [one for one in common if (start or 0) <= one and (stop is None or one < stop)][::step]
         steady = step == 1
         if not frames:
             raise StudioError(
