@@ -22,6 +22,9 @@ from studio.errors import StudioError
 from studio.json_types import JsonObject
 from studio.validation import array, check_finite, missing_key, whole
 
+OPENGL_AXES = np.diag([1.0, -1.0, -1.0, 1.0])
+"""Turns the camera axes of OpenGL and of film tools (y up, looking along -z) into those of OpenCV, and back."""
+
 _DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)
 
 

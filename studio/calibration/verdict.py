@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from studio.calibration.epipolar import LEAST_MATCHES, PairMatches, distances, fitting
-from studio.cameras import Camera
+from studio.cameras import OPENGL_AXES, Camera
 from studio.counts import cameras_listed
 
 Grade = Literal["good", "usable", "wrong"]
@@ -227,8 +227,6 @@ def _masks(known: bool, some: bool, contradicting: Collection[str]) -> RigVerdic
     )
 
 
-_FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
-
 _CONVERT = "Convert the poses in the camera file."
 _POSES: tuple[tuple[str, str, Callable[[np.ndarray], np.ndarray]], ...] = (
     ("Taken as camera-to-world, the poses fit", _CONVERT, np.linalg.inv),
@@ -236,12 +234,12 @@ _POSES: tuple[tuple[str, str, Callable[[np.ndarray], np.ndarray]], ...] = (
         # epipolar lines cannot tell these two apart
         "With the axes of OpenGL (y up, z backward), or with mirrored images, the poses fit",
         "Convert the poses in the camera file, or mirror the images back.",
-        lambda pose: _FLIP @ pose,
+        lambda pose: OPENGL_AXES @ pose,
     ),
     (
         "Taken as camera-to-world with the axes of OpenGL, the poses fit",
         _CONVERT,
-        lambda pose: _FLIP @ np.linalg.inv(pose),
+        lambda pose: OPENGL_AXES @ np.linalg.inv(pose),
     ),
 )
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from studio.camera_files.common import naming, no_cameras
 from studio.camera_files.keyed import Found
-from studio.cameras import Camera, Rig
+from studio.cameras import OPENGL_AXES, Camera, Rig
 from studio.validation import missing_key, number
 
 _SUBPIXELS = 64.0
@@ -34,7 +34,6 @@ _INTRINSICS = {
     "focalLengthU", "focalLengthV", "centerPointU", "centerPointV", "skew", "focallength",
     "sensorMinU", "sensorMaxU", "sensorMinV", "sensorMaxV", *_DISTORTION,
 }  # fmt: skip
-_FLIP = np.diag([1.0, -1.0, -1.0])
 
 
 def rig_from_qualisys(path: Path, root: ElementTree.Element) -> Rig:
@@ -83,7 +82,8 @@ def _camera(entry: ElementTree.Element, index: int, found: Found) -> Camera:
     found.check_unknown(name, {key: intrinsics[key] for key in intrinsics.keys() - _INTRINSICS}, missing)
     (found.bent if bent else found.straight).append(name)
     distortion = np.array([number(intrinsics, key, name, 0.0) for key in _DISTORTION])
-    rotation = _FLIP @ np.array([[number(pose, f"r{row}{column}", name) for column in (1, 2, 3)] for row in (1, 2, 3)])
+    rotation = np.array([[number(pose, f"r{row}{column}", name) for column in (1, 2, 3)] for row in (1, 2, 3)])
+    rotation = OPENGL_AXES[:3, :3] @ rotation
     center = np.array([number(pose, axis, name) for axis in "xyz"]) / 1000.0
     world_to_camera = np.eye(4)
     world_to_camera[:3, :3] = rotation

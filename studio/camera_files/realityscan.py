@@ -17,14 +17,13 @@ from studio.camera_files.common import camera_names, naming, read_csv, rigid_inv
 from studio.camera_files.keyed import NO_DISTORTION
 from studio.camera_files.lens_fit import fit_rational, reach_of
 from studio.camera_files.nearby import size_nearby
-from studio.cameras import Camera, Rig, focal_length_error
+from studio.cameras import OPENGL_AXES, Camera, Rig, focal_length_error
 from studio.counts import cameras_listed
 from studio.errors import StudioError
 from studio.validation import number
 
 COLUMNS = ("name", "x", "y", "alt", "heading", "pitch", "roll", "f")
 _LENS = ("px", "py", "k1", "k2", "k3", "k4", "t1", "t2")
-_FLIP = np.diag([1.0, -1.0, -1.0])
 
 
 def read_realityscan(path: Path) -> Rig:
@@ -74,7 +73,7 @@ def _camera(name: str, row: dict[str, str], size: tuple[int, int]) -> Camera:
     middle = np.array([width / 2 + value["px"] * side, height / 2 + value["py"] * side])
     K = np.array([[focal, 0, middle[0]], [0, focal, middle[1]], [0, 0, 1]])
     pose = np.eye(4)
-    pose[:3, :3] = _rotation(value["heading"], value["pitch"], value["roll"]) @ _FLIP
+    pose[:3, :3] = _rotation(value["heading"], value["pitch"], value["roll"]) @ OPENGL_AXES[:3, :3]
     pose[:3, 3] = value["x"], value["y"], value["alt"]
     k = [value[f"k{i}"] for i in (1, 2, 3, 4)]
     distortion = np.array([k[0], k[1], 0.0, 0.0, k[2]]) if any(k) else np.zeros(0)

@@ -33,7 +33,7 @@ from studio.camera_files.common import (
     wrong_shape,
 )
 from studio.camera_files.keyed import TERMS, Found, agreeing, check_model
-from studio.cameras import Camera, Rig
+from studio.cameras import OPENGL_AXES, Camera, Rig
 from studio.capture.images import image_size
 from studio.capture.patterns import without_extension
 from studio.counts import listed
@@ -42,7 +42,6 @@ from studio.json_types import JsonObject
 from studio.validation import array, missing_key, number
 from studio.yaml_text import inline_yaml
 
-_FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 _SUFFIXES = ("", ".png", ".jpg", ".jpeg", ".webp", ".exr")
 _SPLIT = re.compile(r"transforms_(train|val|test)\.json")
 _KNOWN = frozenset({
@@ -245,7 +244,7 @@ def _camera(name: str, path: Path, file_path: str, values: JsonObject, found: Fo
     pose = matrix(values["transform_matrix"], (3, 4), 4, "transform_matrix", name)
     check_pose(pose, "transform_matrix", name)
     if not values.get("from_na"):
-        pose = pose @ _FLIP
+        pose = pose @ OPENGL_AXES
     width, height = _size(values, path, file_path, name)
     K = _intrinsics(values, width, height, name)
     return Camera(name, width, height, K, rigid_inverse(pose), _distortion(values, name, found))
@@ -332,7 +331,7 @@ def write_transforms(rig: Rig, path: Path, *, image_pattern: str = "images/{came
                 "cx": camera.cx,
                 "cy": camera.cy,
                 **distortion,
-                "transform_matrix": (rigid_inverse(camera.world_to_camera) @ _FLIP).tolist(),
+                "transform_matrix": (rigid_inverse(camera.world_to_camera) @ OPENGL_AXES).tolist(),
             }
         )
     write_atomic(path, (json.dumps({"camera_model": "OPENCV", "frames": frames}, indent=1) + "\n").encode())

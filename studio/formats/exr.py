@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from studio.cameras import Camera
+from studio.cameras import OPENGL_AXES, Camera
 from studio.errors import StudioError
 from studio.formats.placing import new_folder
 from studio.formats.plates import Plate, Plates, Shutter
@@ -144,7 +144,7 @@ def _attributes(
     Matrices multiply row vectors, as everywhere in OpenEXR. Cameras look along -z with y up. In NDC, the image is from
     -1 to 1, with y up.
     """
-    view = np.diag([1.0, -1.0, -1.0, 1.0]) @ camera.world_to_camera
+    view = OPENGL_AXES @ camera.world_to_camera
     (fx, _, cx), (_, fy, cy) = camera.K[:2].tolist()
     width, height = camera.width, camera.height
     near, far = 0.01, 10000.0

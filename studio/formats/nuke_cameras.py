@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from studio.camera_files.common import read_text
-from studio.cameras import Camera
+from studio.cameras import OPENGL_AXES, Camera
 from studio.errors import StudioError
 
 _NODES = ("Camera", "Camera2", "Camera3")
@@ -27,7 +27,6 @@ _DEFAULTS = {
 _UNSUPPORTED = ("scaling", "uniform_scale", "skew", "pivot", "win_translate", "win_scale", "winroll")
 _WORDS = {"xform_order": "SRT", "projection_mode": "perspective"}
 _TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|\{|\}|\n|[^\s{}]+')
-_FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 
 Value = str | list["Value"]
 
@@ -148,7 +147,7 @@ class _Node:
             pose = self._matrix([_at(one, frame) for one in poses]) if poses else self._placed(turns, frame)
             K = np.diag([now[0] / now[1] * width, now[0] / now[1] * width, 1.0])
             K[:2, 2] = width / 2, height / 2
-            found[frame] = Camera(self._name, width, height, K, np.linalg.inv(pose @ _FLIP))
+            found[frame] = Camera(self._name, width, height, K, np.linalg.inv(pose @ OPENGL_AXES))
         return found
 
     def _matrix(self, values: list[float]) -> np.ndarray:

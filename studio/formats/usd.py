@@ -25,7 +25,7 @@ import numpy as np
 import torch
 
 from studio.audio.pcm import Pcm
-from studio.cameras import Camera
+from studio.cameras import OPENGL_AXES, Camera
 from studio.errors import StudioError
 from studio.formats import USD_SUFFIXES, ignore
 from studio.formats.checks import Note, to_arrays
@@ -258,7 +258,7 @@ def _add_camera(pxr: Any, stage: Any, camera: Camera) -> None:
     """A camera of the footage, as UsdGeomCamera: looking down -z, with y up. Lens distortion has no place there."""
     name = pxr.Tf.MakeValidIdentifier(camera.name)
     made = pxr.UsdGeom.Camera.Define(stage, f"/Performance/Cameras/{name}")
-    pose = np.linalg.inv(camera.world_to_camera) @ np.diag([1.0, -1.0, -1.0, 1.0])
+    pose = np.linalg.inv(camera.world_to_camera) @ OPENGL_AXES
     made.AddTransformOp().Set(pxr.Gf.Matrix4d(pose.T.tolist()))
     (fx, _, cx), (_, fy, cy) = camera.K[:2].tolist()
     focal, height = _APERTURE * fx / camera.width, _APERTURE * fx / camera.width * camera.height / fy

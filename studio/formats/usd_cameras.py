@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from studio.cameras import Camera
+from studio.cameras import OPENGL_AXES, Camera
 from studio.errors import StudioError
 from studio.formats.usd import opened_stage, usd
 
 _MOST_FRAMES = 100_000
-_FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 _Z_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])  # to y up
 
 
@@ -90,4 +89,4 @@ def _camera(pxr: Any, stage: Any, path: Path, prim: Any, time: float, width: int
             [0, 0, 1],
         ]
     )
-    return Camera(prim.GetName(), width, height, K, np.linalg.inv(pose @ _FLIP))
+    return Camera(prim.GetName(), width, height, K, np.linalg.inv(pose @ OPENGL_AXES))
