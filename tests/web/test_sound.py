@@ -129,17 +129,23 @@ def test_it_really_plays_and_the_click_is_where_it_should_be(sounding, open_page
 
 
 def test_a_browser_that_waits_for_the_viewer(sounding, open_page):
-    """Sound is refused before the first input; muted, it plays and leads."""
+    """Sound is refused before the first input; muted, it plays and leads, however late the browser refuses."""
     refuse = """() => {
-      window.silent = 0; window.loud = 0;
+      window.refusals = []; window.silent = 0; window.loud = 0;
       const play = HTMLMediaElement.prototype.play;
       HTMLMediaElement.prototype.play = function () {
-        if (!this.muted && !window.allowed) return Promise.reject(new DOMException('no', 'NotAllowedError'));
+        if (!this.muted && !window.allowed)
+          return new Promise((_, no) => window.refusals.push(() => no(new DOMException('no', 'NotAllowedError'))));
         if (this.tagName === 'AUDIO') window[this.muted ? 'silent' : 'loud']++;
         return play.call(this);
       };
     }"""
     page = open_page(setup=lambda handle: (without_web_audio(handle), handle.add_init_script(f"({refuse})()")))
+    page.wait("window.refusals.length === 1")
+    page.call("pause")
+    page.call("play")
+    page.wait("window.refusals.length === 2")
+    page.evaluate("() => { for (const refuse of window.refusals) refuse(); }")
     page.wait("player.engine.sound.blocked && player.state.muted && window.silent > 0")
     assert "without sound" in page.handle.locator("v3-player .notice").inner_text()
     page.evaluate("() => { window.allowed = true; }")

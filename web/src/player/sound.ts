@@ -173,6 +173,7 @@ export class Sound {
   }
 
   private begin(): void {
+    const { muted } = this.element; // may change before the browser answers
     this.element.play().catch((error: unknown) => {
       // AbortError: paused or loaded again before it started.
       if (!(error instanceof DOMException) || error.name === "AbortError") return;
@@ -182,7 +183,7 @@ export class Sound {
       }
       // Browsers refuse sound before the first input, but not silence: it still leads.
       this.active = false;
-      if (this.blocked_) {
+      if (muted) {
         this.refused = true;
         return;
       }
