@@ -1,11 +1,7 @@
-"""Playback of streams: threads that fetch, decode and dequantize, and a clock. Independent of any window.
-
-`Player` is for viewports; `play_headless` is for command lines and measurements.
-"""
+"""Playback of streams without a window: threads that fetch, decode and dequantize; sound."""
 
 from studio.playback.headless import play_headless
 from studio.playback.pipeline import PlayedFrame
-from studio.playback.player import Player
 from studio.playback.rate_rule import RateRule
 from studio.playback.shared import Shared
 from studio.playback.sound_device import SoundDevice
@@ -17,7 +13,6 @@ __all__ = [
     "Output",
     "PlaybackReport",
     "PlayedFrame",
-    "Player",
     "RateRule",
     "Shared",
     "SkippedGroup",

@@ -47,25 +47,15 @@ class BoundedQueue(Generic[T]):
             self._changed.notify_all()
         return dropped
 
-    def get(self, timeout: float | None = None) -> T | None:
-        """Remove and return the oldest item; None if the queue is over, or after `timeout` seconds without an item."""
+    def get(self) -> T | None:
+        """Remove and return the oldest item; None if the queue is over."""
         with self._changed:
-            self._changed.wait_for(lambda: self._items or self._finished or self._aborted, timeout)
+            self._changed.wait_for(lambda: self._items or self._finished or self._aborted)
             if self._aborted or not self._items:
                 return None
             item = self._items.popleft()
             self._changed.notify_all()
             return item
-
-    def take_while(self, wanted: Callable[[T], bool]) -> list[T]:
-        """Remove and return items from the front as long as `wanted` is true for them. Does not wait."""
-        taken: list[T] = []
-        with self._changed:
-            while self._items and not self._aborted and wanted(self._items[0]):
-                taken.append(self._items.popleft())
-            if taken:
-                self._changed.notify_all()
-        return taken
 
     def peek(self) -> T | None:
         """The oldest item, without removing it; None if there is none."""

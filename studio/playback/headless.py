@@ -1,10 +1,11 @@
-"""Playback without a window, for `v3studio play --headless` and for measurements."""
+"""Playback without a window, for `v3studio play` and for measurements."""
 
 from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,12 +13,13 @@ from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.playback.follow import Follower
 from studio.playback.pipeline import PlayedFrame, Run, raise_for_user
-from studio.playback.player import Player
 from studio.playback.shared import Shared
-from studio.playback.statistics import FrameStats, PlaybackReport, SkippedGroup
+from studio.playback.statistics import FrameStats, PlaybackReport
 from studio.progress import ProgressFn, no_progress
 from studio.stream import Source, StreamReader
 from studio.stream.group_index import no_such_frame
+
+_ROUNDING = 1e-6  # in frames: makes a frame due at its time despite floating-point errors
 
 
 def play_headless(
@@ -31,7 +33,8 @@ def play_headless(
     progress: ProgressFn = no_progress,
     adaptive: bool | None = None,
 ) -> PlaybackReport:
-    """Play a stream to its end with the threads of the player. A live stream is followed until it is complete.
+    """Play a stream to its end: fetch, decode and dequantize on three threads. A live stream is followed until it is
+    complete.
 
     Args:
         stream: an open reader (left open), or the folder, URL or source of a stream.
@@ -48,7 +51,8 @@ def play_headless(
         cost of each delivered frame, number of dropped frames, duration, and skipped groups.
 
     Raises:
-        StudioError: the stream cannot be opened, none of it can be played, or its server remains unreachable.
+        StudioError: the stream cannot be opened, none of it can be played, its server remains unreachable, or another
+            stream took the place of a live one.
     """
     owned = not isinstance(stream, StreamReader)
     reader = stream if isinstance(stream, StreamReader) else StreamReader.open(stream)
@@ -63,92 +67,107 @@ def play_headless(
             )
         end = sys.maxsize if reader.live else reader.frame_count
         stop = end if frame_limit is None else min(end, start_frame + frame_limit)
-
-        def show(item: PlayedFrame) -> FrameStats:
-            stats = item.stats
-            if render is not None:
-                began = time.perf_counter()
-                render(item.gaussians)
-                stats = replace(stats, render_ms=1e3 * (time.perf_counter() - began))
-            if on_frame is not None:
-                on_frame(item)
-            return stats
-
-        play = _play_by_clock if realtime else _play_all
-        return play(reader, start_frame, stop, show, progress, adaptive)
+        shared = Shared(reader, adaptive)
+        stats: list[FrameStats] = []
+        began = time.perf_counter()
+        with _frames(shared, start_frame, realtime) as frames:
+            for item in frames:
+                if item.frame >= stop:
+                    break
+                stats.append(_shown(item, on_frame, render))
+                progress(item.frame + 1 - start_frame, min(stop, reader.frame_count) - start_frame)
+                if item.frame == stop - 1:
+                    break
+            seconds = time.perf_counter() - began
     finally:
         if owned:
             reader.close()
+    skipped = tuple(group for group in shared.skipped if group.stop > start_frame and group.first_frame < stop)
+    last = stats[-1].frame if stats else start_frame - 1
+    lost = sum(len(range(max(group.first_frame, start_frame), min(group.stop, last + 1))) for group in skipped)
+    return PlaybackReport(tuple(stats), last + 1 - start_frame - len(stats) - lost, seconds, skipped)
 
 
-def _play_all(
-    reader: StreamReader,
-    start: int,
-    stop: int,
-    show: Callable[[PlayedFrame], FrameStats],
-    progress: ProgressFn,
-    adaptive: bool | None,
-) -> PlaybackReport:
-    shared = Shared(reader, adaptive)
-    began = time.perf_counter()
-    follower = Follower(reader, shared.grown, shared.lost)
-    run = Run(shared, start, loop=False, due=None)
-    stats: list[FrameStats] = []
+def _shown(
+    item: PlayedFrame, on_frame: Callable[[PlayedFrame], None] | None, render: Callable[[Gaussians], object] | None
+) -> FrameStats:
+    stats = item.stats
+    if render is not None:
+        began = time.perf_counter()
+        render(item.gaussians)
+        stats = replace(stats, render_ms=1e3 * (time.perf_counter() - began))
+    if on_frame is not None:
+        on_frame(item)
+    return stats
+
+
+@contextmanager
+def _frames(shared: Shared, start: int, realtime: bool) -> Iterator[Iterator[PlayedFrame]]:
+    """The frames to show, while the threads run."""
+    clock = _Clock(shared.reader, start) if realtime else None
+    follower = Follower(shared.reader, shared.grown, shared.lost)
+    run = Run(shared, start, None if clock is None else clock.due)
     try:
-        while (item := run.ready.get()) is not None and item.frame < stop:
-            stats.append(show(item))
-            progress(item.frame + 1 - start, min(stop, reader.frame_count) - start)
-            if item.frame == stop - 1:
-                break
-        if item is None and run.error is not None:
-            raise_for_user(run.error)
-        if item is None and shared.replaced is not None:
-            raise shared.replaced
-        seconds = time.perf_counter() - began
+        yield _until_error(iter(run.ready.get, None) if clock is None else _due_frames(run, clock), run, shared)
     finally:
         run.stop()
         shared.grown()
         follower.close()
         run.join()
-        with shared.decode_lock:
-            shared.close_decoder()
-    return PlaybackReport(tuple(stats), 0, seconds, _within(shared.skipped, start, stop))
 
 
-def _play_by_clock(
-    reader: StreamReader,
-    start: int,
-    stop: int,
-    show: Callable[[PlayedFrame], FrameStats],
-    progress: ProgressFn,
-    adaptive: bool | None,
-) -> PlaybackReport:
-    stats: list[FrameStats] = []
-    began = time.perf_counter()
-    with Player(reader, start_frame=start, adaptive=adaptive) as player:
-        player.play()
-        last = -1
-        while True:
-            item = player.frame()
-            if item is not None and item.tick != last and item.frame < stop:
-                last = item.tick
-                stats.append(show(item))
-                progress(item.frame + 1 - start, min(stop, reader.frame_count) - start)
-            if player.finished or not player.playing or (item is not None and item.frame >= stop - 1):
-                break
-            time.sleep(min(0.25 / reader.fps, 0.01))
-        seconds = time.perf_counter() - began
-        skipped = _within(player.skipped, start, stop)
-    # frames missing between those shown; the player's own count may include frames after the end
-    lost = sum(1 for group in skipped for frame in _frames(group) if start <= frame <= last)
-    dropped = (last + 1 - start) - len(stats) - lost if stats else 0
-    return PlaybackReport(tuple(stats), dropped, seconds, skipped)
+def _until_error(frames: Iterator[PlayedFrame], run: Run, shared: Shared) -> Iterator[PlayedFrame]:
+    yield from frames
+    if run.error is not None:
+        raise_for_user(run.error)
+    if shared.replaced is not None:
+        raise shared.replaced
 
 
-def _frames(group: SkippedGroup) -> range:
-    return range(group.first_frame, group.first_frame + group.frame_count)
+def _due_frames(run: Run, clock: _Clock) -> Iterator[PlayedFrame]:
+    """The newest frame that is due, whenever there is one, to the end of the run."""
+    while not run.ready.over:
+        clock.follow(run)
+        due, newest = clock.due(), None
+        while (item := run.ready.peek()) is not None and item.frame <= due:
+            newest = run.ready.get()
+        if newest is None:
+            time.sleep(clock.pause)
+        else:
+            yield newest
 
 
-def _within(skipped: tuple[SkippedGroup, ...], start: int, stop: int) -> tuple[SkippedGroup, ...]:
-    """The skipped groups within the played range; fetching runs ahead of it."""
-    return tuple(group for group in skipped if _frames(group).stop > start and group.first_frame < stop)
+class _Clock:
+    """Says which frame is due. It starts when the first frame is ready, and waits for slow fetches (a slow network, a
+    server restart) and for the next group of a live stream: they cost time, not frames."""
+
+    def __init__(self, reader: StreamReader, frame: int) -> None:
+        self._reader = reader
+        self._count = reader.frame_count
+        self._state: tuple[int, float | None] = (frame, None)  # a frame, and since when it is due; None: it waits
+        self.pause = min(0.25 / reader.fps, 0.01)
+
+    def due(self) -> int:
+        """The frame to show now, at most the last one; other threads may ask, too."""
+        return min(self._elapsed(), self._count - 1)
+
+    def _elapsed(self) -> int:
+        frame, since = self._state
+        return frame if since is None else frame + int((time.monotonic() - since) * self._reader.fps + _ROUNDING)
+
+    def follow(self, run: Run) -> None:
+        """Wait for the next frame where it is late for reasons other than decoding, and go on once it is ready."""
+        count = self._reader.frame_count
+        if self._elapsed() >= self._count and (self._reader.live or count > self._count):
+            self._wait_for(self._count)
+        self._count = count
+        starved = run.starved_at
+        if starved is not None and self.due() >= starved:
+            self._wait_for(starved)
+        first, (frame, since) = run.ready.peek(), self._state
+        if first is not None and since is None and first.frame >= frame:  # frames in between are damaged
+            self._state = (first.frame, time.monotonic())
+
+    def _wait_for(self, frame: int) -> None:
+        if self._state[1] is not None:
+            self._state = (frame, None)

@@ -61,12 +61,6 @@ class RateRule:
             counts[0] += shown
             counts[1] += dropped
 
-    def seeked(self) -> None:
-        """The buffer is empty again."""
-        with self._lock:
-            self._filling = True
-            self._patience, self._pause = _FIRST_PAUSE, 0
-
     @property
     def throughput(self) -> float | None:
         """Bits per second over the last groups; None before the first."""

@@ -1,4 +1,4 @@
-"""State shared by consecutive runs: the reader, the files of recent groups, the open decoder, and damaged groups."""
+"""What is known of a stream while it is played: files of recent groups, and damaged groups."""
 
 from __future__ import annotations
 
@@ -11,11 +11,10 @@ from studio.errors import Message, StudioError
 from studio.memory_cache import MemoryCache
 from studio.playback.rate_rule import RateRule
 from studio.playback.statistics import SkippedGroup
-from studio.stream import GroupDecoder, Rendition, StreamReader
+from studio.stream import Rendition, StreamReader
 
 _CACHED_GROUPS = 6  # so that scrubbing does not fetch them again
 _LOOK_AGAIN = 0.2  # seconds between two looks at whether a run is over that waits for new groups
-_RETRY_AFTER = 10.0  # seconds after which a damaged group is tried again: it may have been repaired or uploaded
 
 
 @dataclass(frozen=True)
@@ -33,7 +32,7 @@ class Span:
 
 
 class Shared:
-    """See the module docstring. Thread safe, except for `decoder`, which requires `decode_lock`.
+    """See the module docstring. Thread safe.
 
     Args:
         reader: the stream.
@@ -49,8 +48,6 @@ class Shared:
         if adaptive and len(reader.renditions) > 1:
             self.rule = RateRule([one.bandwidth for one in reader.renditions])
         self._renditions = {one.id: number for number, one in enumerate(reader.renditions)}
-        self.decode_lock = threading.Lock()  # one run decodes at a time; an ended run releases it within one frame
-        self.decoder: GroupDecoder | None = None
         self._files: MemoryCache[tuple[int, str], dict[str, bytes]] = MemoryCache(_CACHED_GROUPS)
         self._skipped: dict[int, tuple[SkippedGroup, float]] = {}
         self._lock = threading.Lock()
@@ -91,10 +88,7 @@ class Shared:
         """
         if self.rule is None:
             return self.reader.group(number)
-        chosen = self.reader.group(number, self.reader.renditions[self.rule.choose(buffered)].id)
-        kept = [rendition for index, rendition in self._files if index == number]
-        better = [self.reader.group(number, rendition) for rendition in kept]
-        return max([chosen, *better], key=lambda group: group.bytes)  # what is here already may be better
+        return self.reader.group(number, self.reader.renditions[self.rule.choose(buffered)].id)
 
     def played(self, group: Rendition, shown: int = 0, dropped: int = 0) -> None:
         """Tell the rule about frames that were shown, or were dropped since decoding was late."""
@@ -114,12 +108,6 @@ class Shared:
         self._files.put(key, files)
         return files
 
-    def close_decoder(self) -> None:
-        """Release the decoder; the caller must hold `decode_lock`."""
-        if self.decoder is not None:
-            self.decoder.close()
-            self.decoder = None
-
     def note_damage(self, group: Rendition | Span, first_frame: int, end_frame: int, cause: Message) -> None:
         """Record that these frames of a group cannot be played."""
         with self._lock:
@@ -138,14 +126,6 @@ class Shared:
             known = self._skipped.get(group.index)
             if known is not None and known[0].frame_count == group.frame_count:
                 del self._skipped[group.index]
-
-    def is_lost(self, group: Rendition | Span) -> bool:
-        """Whether no frame of a group could be played when it was last tried, recently."""
-        with self._lock:
-            known = self._skipped.get(group.index)
-            if known is None or known[0].frame_count < group.frame_count:
-                return False
-            return time.monotonic() - known[1] < _RETRY_AFTER
 
     @property
     def skipped(self) -> tuple[SkippedGroup, ...]:

@@ -44,6 +44,22 @@ class Output(Protocol):
         ...
 
 
+class Leader(Protocol):
+    """What frames follow while they play at their own speed: a `SoundPlayer`."""
+
+    def play(self, seconds: float, loop: bool) -> None:
+        """Play from a time of the stream on; times beyond its end are in a later loop."""
+        ...
+
+    def stop(self) -> None:
+        """Stop playing."""
+        ...
+
+    def position(self) -> float | None:
+        """Time of the stream that is played now, in seconds, counted on through loops; None if it cannot play."""
+        ...
+
+
 class SoundPlayer:
     """Plays a sound on an output device. Thread safe; no method waits for the device.
 

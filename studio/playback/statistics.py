@@ -50,8 +50,12 @@ class SkippedGroup:
     cause: Message
 
     def __str__(self) -> str:
-        last = self.first_frame + self.frame_count - 1
-        return f"Group {self.group}, frames {self.first_frame} to {last}, was skipped: {self.cause}"
+        return f"Group {self.group}, frames {self.first_frame} to {self.stop - 1}, was skipped: {self.cause}"
+
+    @property
+    def stop(self) -> int:
+        """The frame after the last skipped one."""
+        return self.first_frame + self.frame_count
 
     @property
     def reason(self) -> str:

@@ -1,7 +1,7 @@
 """StreamSource: the frames of a baked stream for the window, decoded a little ahead.
 
-It shares the fetched files, the open decoder and the record of damaged groups with the players of `studio.playback`,
-but not their clock: the window's transport also runs over footage and trained frames.
+It keeps fetched files and notes damaged groups as `studio.playback` does. The window's transport, which also runs over
+footage and trained frames, is the clock.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from studio.similarity import Similarity
 
 if TYPE_CHECKING:
     from studio.playback import SkippedGroup
-    from studio.stream import Rendition, StreamSound
+    from studio.stream import GroupDecoder, Rendition, StreamSound
 
 RETRY_SECONDS = 10.0
 """Seconds before a damaged frame is tried again: it may have been fixed or uploaded."""
@@ -70,6 +70,7 @@ class StreamSource:
         self.frame_count = self.first + self._count
         self.group_starts: Sequence[int] = [self.first + start for start in self._reader.group_starts]
         self._cache = frame_cache()
+        self._decoder: GroupDecoder | None = None
         self._changed = threading.Condition()
         self._wanted: int | None = None
         self._failed: dict[int, tuple[Exception, float]] = {}
@@ -152,19 +153,23 @@ class StreamSource:
         files = shared.files(group)
         self._unavailable = 0
         shared.note_intact(group)
-        with shared.decode_lock:
-            decoder = shared.decoder
-            if decoder is None or decoder.group is not group or decoder.next_frame > frame:
-                shared.close_decoder()
-                decoder = shared.decoder = self._reader.open_group(group, files)
-            try:
-                while True:
-                    decoded = decoder.read()
-                    if decoder.next_frame > frame:
-                        return decoded.gaussians()
-            except BaseException:
-                shared.close_decoder()
-                raise
+        decoder = self._decoder
+        if decoder is None or decoder.group is not group or decoder.next_frame > frame:
+            self._close_decoder()
+            decoder = self._decoder = self._reader.open_group(group, files)
+        try:
+            while True:
+                decoded = decoder.read()
+                if decoder.next_frame > frame:
+                    return decoded.gaussians()
+        except BaseException:
+            self._close_decoder()
+            raise
+
+    def _close_decoder(self) -> None:
+        if self._decoder is not None:
+            self._decoder.close()
+            self._decoder = None
 
     def _note(self, frame: int, error: Exception) -> None:
         """Record the frames from this one to the end of its group as unplayable."""
@@ -229,8 +234,7 @@ class StreamSource:
             self._changed.notify_all()
         self._reader.end_reads()
         self._thread.join()
-        with self._shared.decode_lock:
-            self._shared.close_decoder()
+        self._close_decoder()
         self._cache.clear()
         self._reader.close()
 

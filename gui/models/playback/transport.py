@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 
 from pipelines.takes.frame_numbers import FrameNumbers
-from studio.playback.clock import Leader
+from studio.playback.sound_player import Leader
 
 
 class Transport:

@@ -1,11 +1,12 @@
 """Damaged and missing groups are skipped and reported, and playback continues."""
 
 import json
+import time
 
 import pytest
 
-from studio.playback import Player, play_headless
-from studio.stream import SourceUnavailable
+from studio.playback import play_headless
+from studio.stream import FolderSource, SourceUnavailable
 from tests.studio.playback.conftest import own_files
 from tests.support.errors import refuses
 from tests.support.streams import edit_manifest, opacity_file, put_file
@@ -66,15 +67,6 @@ def test_where_nothing_is_intact_it_is_an_error(stream, realtime):
     with refuses("playback.nothing_playable", file=file, cause="source.file_missing", group=0) as caught:
         play_headless(stream, realtime=realtime)
     assert "the file is missing" in str(caught.value)
-    with Player(stream, loop=True) as player:  # no endless loop
-        player.play()
-
-        def look_endlessly():
-            while True:
-                player.frame()
-
-        with refuses("playback.nothing_playable"):
-            look_endlessly()
 
 
 def test_from_a_frame_on_nothing_is_intact(stream):
@@ -113,47 +105,21 @@ def test_a_picture_that_cannot_be_decoded(stream):
     assert skipped.cause.file == str(opacity_file(stream, 0))
 
 
-def test_the_frame_before_stays_up_and_seeking_jumps_over(stream, gated, clock, until):
-    opacity_file(stream, 1).write_bytes(b"?")
-    with Player(gated, now=clock) as player:
-        player.play()
-        until(lambda: player.frame() is not None)
-        clock.forward(4)
-        until(lambda: number(player.frame()) == 4)
-        until(lambda: player.skipped, "the note of the damage")
-        clock.forward(3)
-        assert number(player.frame()) == 4
-        clock.forward(2)
-        until(lambda: number(player.frame()) == 9)
-        player.pause()
-        player.seek(6)
-        until(lambda: number(player.frame()) == 9 and not player.buffering, "the next intact frame")
-        assert player.position == 9
-        player.seek(2)
-        until(lambda: number(player.frame()) == 2)
-    assert [skipped.group for skipped in player.skipped] == [1]
+def test_a_slow_fetch_is_waited_for(long_stream):
+    """The frame after it is shown, whenever it comes."""
+    own = own_files(long_stream)
 
+    class Slow(FolderSource):
+        def read(self, path: str, limit: int) -> bytes:
+            if own.get(path) == 3:
+                time.sleep(1.0)  # for each of its files; the three groups before take 0.84 s
+            return super().read(path, limit)
 
-def test_a_slow_fetch_is_waited_for_and_nothing_is_dropped(long_stream, gate, clock, until):
-    source = gate(long_stream)
-    with Player(source, now=clock) as player:
-        player.play()
-        until(lambda: player.frame() is not None)
-        until(lambda: source.groups_read() == [0, 1, 2])
-        until(lambda: source.whole(2))  # otherwise the gate would block its remaining files
-        source.gate.clear()
-        clock.forward(30)
-        until(lambda: number(player.frame()) == 30)  # fetched frames keep playing; group 3 is blocked
-        clock.forward(100)
-        until(lambda: player.frame() and player.buffering, "waiting for the network")
-        before = player.dropped
-        until(lambda: number(player.frame()) == 41, "the last frame that is there")
-        assert player.position == 42
-        source.gate.set()
-        until(lambda: number(player.frame()) == 42, "the first frame after the wait")
-        clock.forward(1)
-        until(lambda: number(player.frame()) == 43)
-        assert player.dropped <= before + 11  # frames that were ready before the wait
+    seen = []
+    report = play_headless(Slow(long_stream), realtime=True, on_frame=lambda played: seen.append(number(played)))
+    assert 42 in seen
+    assert seen[-1] == 83
+    assert report.shown + report.dropped == 84
 
 
 class Dead:

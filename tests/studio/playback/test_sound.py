@@ -1,19 +1,13 @@
-"""The frames follow the sound, as the device plays it."""
+"""The sound of a stream, as the device plays it."""
 
 import numpy as np
 import pytest
 
-from studio.playback import Player
-from studio.playback.clock import Clock
 from studio.playback.sound_player import SoundPlayer
-from studio.stream import BakeSettings
-from tests.support.sounds import ArrayPcm, FakeOutput, clicks
-from tests.support.streams import bake_numbered
+from tests.support.sounds import ArrayPcm, FakeOutput
 from tests.support.waiting import wait_until
 
-FPS = 25
-FRAMES = 10
-SECONDS = FRAMES / FPS
+SECONDS = 0.4
 RAMP = np.linspace(0, 0.5, round(SECONDS * 48_000), dtype=np.float32)[:, None]
 """A sound whose value tells the time."""
 
@@ -73,68 +67,15 @@ def test_volume_and_mute(output, sound):
     assert sound.position() == pytest.approx(0.24)  # it still leads
 
 
-def test_a_missing_or_lost_device_leaves_the_frames_to_the_clock(output):
-    for broken in ("missing", "lost"):
-        output.refuse = broken == "missing"
-        player = SoundPlayer(ArrayPcm(RAMP), SECONDS, output)
-        time = [0.0]
-        clock = Clock(FPS, FRAMES, True, 1.0, lambda time=time: time[0], leader=player)
-        clock.frame_is_ready(0)
-        clock.playing = True
-        if broken == "lost":
-            heard(output, player, 0.08)
-            assert clock.due() == 2
-            output.time += 5  # and no further request
-        wait_until("given up", lambda player=player: player.position() is None)
-        assert player.message
-        first = clock.due()
-        time[0] += 3 / FPS
-        assert clock.due() == first + 3
-        player.close()
-
-
-@pytest.fixture(scope="module")
-def stream(tmp_path_factory):
-    settings = BakeSettings(profile="planes", quality=0)
-    folder = tmp_path_factory.mktemp("sounding") / "stream"
-    return bake_numbered(folder, (6, 4), FPS, settings=settings, sound=clicks(SECONDS, [0.2]))
-
-
-def shown(player):
-    played = player.frame()
-    return None if played is None else played.frame
-
-
-def test_the_frame_shown_follows_the_device(stream, output, clock, until):
-    with Player(stream, now=clock, output=output) as player:
-        until(lambda: shown(player) == 0)
-        player.play()
-        clock.forward(5)  # the wall clock says nothing
-        assert shown(player) == 0
-        for frame in range(1, 4):
-            heard(output, player.sound, 1 / FPS)
-            until(lambda frame=frame: shown(player) == frame, f"frame {frame}")
-        player.pause()
-        output.pull(1 / FPS)
-        assert shown(player) == 3
-        player.seek(7)
-        until(lambda: shown(player) == 7)
-        player.play()
-        heard(output, player.sound, 1.5 / FPS)
-        until(lambda: shown(player) == 8)
-        player.set_rate(2.0)  # silent; the clock leads
-        assert not output.pull(0.01).any()
-        clock.forward(1)  # 20 ms
-        until(lambda: shown(player) == 9)
-        player.set_rate(1.0)
-        heard(output, player.sound, 0.5 / FPS)
-        until(lambda: player.finished)
-
-
-def test_streams_without_sound_play_by_the_clock(long_stream, output, clock, until):
-    with Player(long_stream, now=clock, output=output) as player:
-        assert player.sound is None
-        player.play()
-        until(lambda: shown(player) == 0)
-        clock.forward(2)
-        until(lambda: shown(player) == 2)
+@pytest.mark.parametrize("broken", ["missing", "lost"])
+def test_a_missing_or_lost_device_is_silent_and_says_why(output, broken):
+    output.refuse = broken == "missing"
+    player = SoundPlayer(ArrayPcm(RAMP), SECONDS, output)
+    player.play(0.0, loop=False)
+    if broken == "lost":
+        heard(output, player, 0.08)
+        assert player.position() == pytest.approx(0.08)
+        output.time += 5  # and no further request
+    wait_until("given up", lambda: player.position() is None)
+    assert player.message
+    player.close()
