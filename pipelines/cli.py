@@ -96,7 +96,7 @@ def execute(arguments: Sequence[str]) -> int:
 
 def parse(arguments: Sequence[str]) -> argparse.Namespace:
     """The arguments of a command, whose function is `command`. Raises WrongUsage (a SystemExit)."""
-    parser, commands = _parser()
+    parser, commands = make_parser()
     pair = " ".join(arguments[:2])
     if pair in commands:  # `bake list`, beside `bake TAKE`
         named = parser = commands[pair]
@@ -162,7 +162,7 @@ def _json_output() -> Iterator[TextIO]:
                 output.flush()
 
 
-def _parser() -> tuple[CommandParser, dict[str, CommandParser]]:
+def make_parser() -> tuple[CommandParser, dict[str, CommandParser]]:
     """The parser, and those of the commands by name."""
     from pipelines.commands import (
         ablate,
@@ -228,7 +228,7 @@ def _parser() -> tuple[CommandParser, dict[str, CommandParser]]:
         module.register(commands)
     bakes.register(pairs)
     models.register(pairs)
-    completion.register(commands, _parser)
+    completion.register(commands, make_parser)
     add_board_command(commands)
     add_sync_command(commands)
     return parser, {**commands.choices, **pairs.parsers}

@@ -90,7 +90,7 @@ def temporary_path(path: Path, what: str = "") -> Path:
 
     It tells the process and its machine: processes of several machines may write to one shared folder.
     """
-    writer = f"{os.getpid()}-{_machine()}-{secrets.token_hex(4)}"
+    writer = f"{os.getpid()}-{machine_name()}-{secrets.token_hex(4)}"
     return path.with_name(f".{path.stem}.{writer}{what}{PARTIAL}{path.suffix}")
 
 
@@ -117,14 +117,14 @@ def leftovers(folder: Path, of: Path | None = None, what: str = "") -> list[Path
 def is_being_written(path: Path) -> bool:
     """Whether a file or folder has the temporary name of another process that runs, or may run on another machine."""
     named = re.fullmatch(rf"\..+\.{_NAMED}(\.[^.]*)?", path.name)
-    if named is None or (named["machine"] in (None, _machine()) and int(named["pid"]) == os.getpid()):
+    if named is None or (named["machine"] in (None, machine_name()) and int(named["pid"]) == os.getpid()):
         return False
     return _has_writer(path, named)
 
 
 def _has_writer(path: Path, named: re.Match[str]) -> bool:
     """Whether the process in a temporary name runs, or may run."""
-    if named["machine"] in (None, _machine()):
+    if named["machine"] in (None, machine_name()):
         return _running(int(named["pid"]))
     return time.time() - _last_written(path) < _ABANDONED_SECONDS
 
@@ -139,7 +139,7 @@ def _last_written(path: Path) -> float:
 
 
 @cache
-def _machine() -> str:
+def machine_name() -> str:
     """8 hex digits for where this process's id is valid: the machine, or the container."""
     place = socket.gethostname()
     with suppress(OSError):  # containers may share the machine's name

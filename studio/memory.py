@@ -14,8 +14,8 @@ from pathlib import Path
 
 from studio.errors import StudioError
 
-_CGROUPS = Path("/sys/fs/cgroup")
-_OWN_CGROUP = Path("/proc/self/cgroup")
+CGROUPS = Path("/sys/fs/cgroup")
+OWN_CGROUP = Path("/proc/self/cgroup")
 
 _LEAST = 768 << 20
 """Bytes of data: a run of six cameras of 64x48 with one thread takes 588 MB."""
@@ -114,14 +114,14 @@ def _cgroup_limits() -> list[int]:
     """Limits of this process's cgroup and of those above it: version 2, and version 1 as in older containers."""
     found = []
     try:
-        lines = _OWN_CGROUP.read_text(encoding="ascii", errors="replace").splitlines()
+        lines = OWN_CGROUP.read_text(encoding="ascii", errors="replace").splitlines()
     except OSError:
         return []
     for line in lines:
         _, controllers, path = line.split(":", 2)
         if controllers and "memory" not in controllers.split(","):
             continue
-        root = _CGROUPS / "memory" if controllers else _CGROUPS
+        root = CGROUPS / "memory" if controllers else CGROUPS
         name = "memory.limit_in_bytes" if controllers else "memory.max"
         place = root / path.lstrip("/")
         for folder in (place, *place.parents):

@@ -18,7 +18,7 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
-from pipelines.cli import _parser, parse
+from pipelines.cli import make_parser, parse
 from pipelines.commands.common.arguments import overrides
 from pipelines.config import load_config
 
@@ -68,7 +68,7 @@ def options_of(parser: argparse.ArgumentParser) -> Iterator[str]:
 
 def test_commands_and_options_in_sentences_exist() -> None:
     """In code spans, also with placeholders, such as `v3studio check FOLDER`, or options alone."""
-    _, commands = _parser()
+    _, commands = make_parser()
     options = {name: set(options_of(parser)) for name, parser in commands.items()}
     every = set().union(*options.values(), OTHER_OPTIONS)
     for page in PAGES:

@@ -21,10 +21,10 @@ _WIDTH = "100"  # argparse wraps usage lines at the terminal's width
 
 def commands_page() -> str:
     """Markdown of `v3studio` with all its commands, and of `v3studio-gui`."""
-    from pipelines.cli import _parser
+    from pipelines.cli import make_parser
 
     os.environ["COLUMNS"] = _WIDTH
-    parser, commands = _parser()
+    parser, commands = make_parser()
     summaries = {
         action.dest: action.help or ""
         for group in parser._actions

@@ -33,7 +33,7 @@ def settings_page() -> str:
     lines = [INTRODUCTION]
     for name, field in Config.model_fields.items():
         lines += [f"## {name} {{ #{name} }}", "", escaped(field.annotation.__doc__ or ""), ""]
-        lines += _section(name, getattr(Config(), name))
+        lines += section(name, getattr(Config(), name))
     return "\n".join(lines)
 
 
@@ -52,7 +52,7 @@ def _names(prefix: str, model: BaseModel) -> Iterator[str]:
             yield from _names(f"{prefix}{name}.", value)
 
 
-def _section(prefix: str, model: BaseModel, affects: tuple[str, ...] = ()) -> Iterator[str]:
+def section(prefix: str, model: BaseModel, affects: tuple[str, ...] = ()) -> Iterator[str]:
     affects = _results(getattr(type(model), "affects", None), affects)
     rows: list[tuple[str, ...]] = []
     nested: list[tuple[str, BaseModel, tuple[str, ...]]] = []
@@ -74,7 +74,7 @@ def _section(prefix: str, model: BaseModel, affects: tuple[str, ...] = ()) -> It
     yield from _table(rows)
     for dotted, value, changed in nested:
         yield from (f"### {dotted} {{ #{dotted.replace('.', '-')} }}", "", escaped(type(value).__doc__ or ""), "")
-        yield from _section(dotted, value, changed)
+        yield from section(dotted, value, changed)
 
 
 def _table(rows: list[tuple[str, ...]]) -> Iterator[str]:

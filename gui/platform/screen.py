@@ -14,7 +14,7 @@ SHARE = 0.95
 def fitting_size(size: tuple[int, int]) -> tuple[int, int]:
     """Window size in pixels for `size` at 96 dpi: larger on dense screens, where the toolkit scales its font but not
     its windows; at most `SHARE` of the screen."""
-    screen = _screen()
+    screen = current_screen()
     if screen is None:
         return size
     width, height, resources = screen
@@ -34,7 +34,7 @@ def scale_of(resources: str) -> float:
         return 1.0
 
 
-def _screen() -> tuple[int, int, str] | None:
+def current_screen() -> tuple[int, int, str] | None:
     display = XDisplay()
     try:
         return display.screen

@@ -37,7 +37,7 @@ SECONDS = 12.0
 """Of training in the rehearsal: half for the keyframe, a quarter each for motion and fine-tuning."""
 _CAMERAS = 12
 """Most cameras that are read; more would take minutes for large rigs."""
-_RESOLUTIONS = (32, 96, 144)
+RESOLUTIONS = (32, 96, 144)
 """Of the hulls that are made; the first only loads the libraries. A hull's time is a constant plus one that grows with
 the square of its resolution, as the number of its triangles does."""
 _UNSTEADY = 0.25
@@ -182,13 +182,13 @@ def _hulls(inputs: Inputs, views: list[FootageView], found: Measured) -> InitRes
     from studio.meshing import initialize_points
 
     settings, seconds = inputs.config.initialize, []
-    for resolution in _RESOLUTIONS:
+    for resolution in RESOLUTIONS:
         faces = max(100, round(settings.max_faces * (resolution / settings.resolution) ** 2))
         coarse = settings.replace(resolution=resolution, max_faces=faces)
         begun = time.perf_counter()
         made = initialize_points(views, coarse)
         seconds.append(time.perf_counter() - begun)
-    _, low, high = _RESOLUTIONS
+    _, low, high = RESOLUTIONS
     found.hull_square = max(0.0, seconds[2] - seconds[1]) / (high**2 - low**2)
     found.hull_fixed = max(0.0, seconds[1] - found.hull_square * low**2)
     return made

@@ -33,7 +33,7 @@ def reachable_hosts(host: str) -> list[str]:
                 plain = ipaddress.ip_address(address.address.partition("%")[0])
                 if not (plain.is_loopback or plain.is_link_local):
                     found.append(str(plain))
-    first = _route_address(family)
+    first = route_address(family)
     found.sort(key=lambda address: address != first)  # stable: the others stay in order
     return [_bracketed(address) for address in found] or [socket.gethostname()]
 
@@ -48,7 +48,7 @@ def is_local(host: str) -> bool:
         return host == "localhost" or host.endswith(".localhost")
 
 
-def _route_address(family: socket.AddressFamily) -> str | None:
+def route_address(family: socket.AddressFamily) -> str | None:
     """Address of the interface that leads to other networks; None if none does. Nothing is sent."""
     try:
         with socket.socket(family, socket.SOCK_DGRAM) as probe:

@@ -24,7 +24,7 @@ from studio.memory_cache import MemoryCache
 SAMPLES = 5
 """Number of frames per camera from which the screen color is estimated."""
 
-_WORK_SIDE = 1920  # longest side for computing evidence; edges are solved at full size
+WORK_SIDE = 1920  # longest side for computing evidence; edges are solved at full size
 _FEW = 0.02  # share of known pixels at which their mean counts for half
 _FLOOR = 0.06  # tangent of the angle by which reflections and compression may change the screen color
 _DEEPEST_SHADOW = 0.3  # fraction of the screen's brightness nearby; darker pixels have no usable color
@@ -49,7 +49,7 @@ def chroma_mask(
 
     settings = settings or DifferenceSettings()
     height, width = image.shape[:2]
-    shrink = min(1.0, _WORK_SIDE / max(height, width))
+    shrink = min(1.0, WORK_SIDE / max(height, width))
     small, small_inside = image, inside
     if shrink < 1.0:
         size = (max(1, round(width * shrink)), max(1, round(height * shrink)))
@@ -112,7 +112,7 @@ def _binary(image: np.ndarray, screen: Screen, settings: DifferenceSettings, ins
 
 def edge_reach(image: np.ndarray) -> float:
     """Width in pixels of the band around the silhouette that may have mixed colors: 2 for images up to 1920 wide."""
-    return 2.0 * max(1.0, max(image.shape[:2]) / _WORK_SIDE)
+    return 2.0 * max(1.0, max(image.shape[:2]) / WORK_SIDE)
 
 
 def screen_behind(image: np.ndarray, mask: np.ndarray) -> np.ndarray:

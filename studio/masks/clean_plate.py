@@ -28,7 +28,7 @@ _LEAST_VARIANCE = np.array([9.0, 2.25, 2.25], np.float32)
 _TOO_DARK, _TOO_BRIGHT = (float(np.nextafter(np.float32(20), 255)),) * 3, (float(np.nextafter(np.float32(240), 0)),) * 3
 """Inclusive bounds of the plate's channels where it tells the exposure: above 20 and below 240."""
 _COLOR_BINS = 16  # per channel, of the colors of one image
-_WORK_SIDE = 960  # longest side for computing evidence; edges are solved at full size
+WORK_SIDE = 960  # longest side for computing evidence; edges are solved at full size
 
 
 def noise_of(difference: np.ndarray) -> np.ndarray:
@@ -185,7 +185,7 @@ def difference_mask(
 
     settings = settings or DifferenceSettings()
     height, width = image.shape[:2]
-    shrink = min(1.0, _WORK_SIDE / max(height, width))
+    shrink = min(1.0, WORK_SIDE / max(height, width))
     size = (max(1, round(width * shrink)), max(1, round(height * shrink)))
     small, small_plate = image, plate
 

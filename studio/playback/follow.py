@@ -8,7 +8,7 @@ from collections.abc import Callable
 from studio.errors import StudioError
 from studio.stream import SourceUnavailable, StreamReader
 
-_SHORTEST, _LONGEST = 0.5, 5.0  # seconds between two reads; in between, about the duration of a group
+SHORTEST, LONGEST = 0.5, 5.0  # seconds between two reads; in between, about the duration of a group
 
 
 class Follower:
@@ -36,7 +36,7 @@ class Follower:
     def pause(self) -> float:
         """Seconds until the next read."""
         reader = self._reader
-        return min(max(reader.frame_count / reader.fps / len(reader.group_starts), _SHORTEST), _LONGEST)
+        return min(max(reader.frame_count / reader.fps / len(reader.group_starts), SHORTEST), LONGEST)
 
     def _work(self) -> None:
         while self._reader.live and not self._closed.wait(self.pause):

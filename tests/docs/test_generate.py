@@ -81,7 +81,7 @@ def test_headings_and_what_a_change_makes_stale_are_on_the_page(generator: Load)
         height: int = Field(default=4, description="How high.")
         color: Annotated[int, Affects(())] = Field(default=5, description="Which color.")
 
-    page = "\n".join(generator("settings")._section("outer", Outer()))
+    page = "\n".join(generator("settings").section("outer", Outer()))
     assert "### Size { #outer-size }" in page
     assert (
         '| <a id="outer.width"></a>`width` | `3` | How wide.<br>A change makes these results stale: later frames. |'

@@ -10,7 +10,7 @@ import sys
 
 import pytest
 
-from pipelines.cli import _parser
+from pipelines.cli import make_parser
 from pipelines.commands.common.arguments import frame_range
 from pipelines.events import Finished, StageFailed, parse_event
 from studio.stream import StreamReader
@@ -19,7 +19,7 @@ from tests.support.events import result_of
 
 def test_every_command_explains_itself(here):
     text = here("--help").stdout
-    for name in _parser()[1]:
+    for name in make_parser()[1]:
         assert f"\n    {name}" in text
         assert here(*name.split(), "--help").returncode == 0
 

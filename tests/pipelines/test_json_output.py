@@ -125,9 +125,9 @@ def test_every_command_with_json_prints_json_only(
 
 
 def test_every_command_that_knows_json_is_tried_above(cli: Callable) -> None:
-    from pipelines.cli import _parser
+    from pipelines.cli import make_parser
 
-    parsers = _parser()[1]
+    parsers = make_parser()[1]
     knowing = {name for name, parser in parsers.items() if "--json" in parser.format_help()}
     stages = {"run", "calibrate", "initialize", "train", "bake", "evaluate"}  # one function, tried with bake
     elsewhere = {

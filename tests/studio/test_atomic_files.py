@@ -60,7 +60,7 @@ def test_two_machines_with_the_same_process_id_write_one_file(tmp_path, monkeypa
 
 def test_what_another_machine_writes_is_left_until_it_is_old(tmp_path, monkeypatch):
     target = tmp_path / "turn"
-    monkeypatch.setattr(module, "_machine", lambda: "0123abcd")
+    monkeypatch.setattr(module, "machine_name", lambda: "0123abcd")
     file, folder = temporary_path(tmp_path / "turn.mp4"), temporary_path(target)
     monkeypatch.undo()
     file.write_bytes(b"half")

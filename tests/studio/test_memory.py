@@ -20,8 +20,8 @@ def cgroups(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The folder of cgroups; this process is in /outer/inner."""
     own = tmp_path / "cgroup"
     own.write_text("0::/outer/inner\n")
-    monkeypatch.setattr(memory, "_OWN_CGROUP", own)
-    monkeypatch.setattr(memory, "_CGROUPS", tmp_path / "fs")
+    monkeypatch.setattr(memory, "OWN_CGROUP", own)
+    monkeypatch.setattr(memory, "CGROUPS", tmp_path / "fs")
     (tmp_path / "fs" / "outer" / "inner").mkdir(parents=True)
     return tmp_path / "fs"
 

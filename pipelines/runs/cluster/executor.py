@@ -37,10 +37,10 @@ RETRIES = 3
 _AHEAD = 8
 """Tasks queued in Ray beyond those that fit, so that nodes never wait and a growing cluster sees the demand."""
 
-_NO_NODE_SECONDS = 30.0
+NO_NODE_SECONDS = 30.0
 """How long a task may wait without a node that is large enough before a warning: one may be starting."""
 
-_BUSY_SECONDS = 60.0
+BUSY_SECONDS = 60.0
 """How long all groups may wait for nodes that others hold before a warning."""
 
 _PROGRAM_BYTES = 1 << 30
@@ -199,7 +199,7 @@ class _Run:
         nodes that others hold."""
         waiting = [(job, job.wanted) for job in self._running.values() if not job.node and job.wanted is not None]
         unfit = next(((job, wanted) for job, wanted in waiting if self._nodes.fitting(wanted) == 0), None)
-        if self._waited("unfit", unfit is not None) >= _NO_NODE_SECONDS and unfit is not None:
+        if self._waited("unfit", unfit is not None) >= NO_NODE_SECONDS and unfit is not None:
             job, wanted = unfit
             self._warn(
                 Message(
@@ -212,7 +212,7 @@ class _Run:
             )
         # if a group of this run is running, it will free its node
         stuck = unfit is None and bool(waiting) and len(waiting) == len(self._running)
-        if (seconds := self._waited("busy", stuck)) >= _BUSY_SECONDS and stuck:
+        if (seconds := self._waited("busy", stuck)) >= BUSY_SECONDS and stuck:
             del self._waiting["busy"]
             job, wanted = waiting[0]
             holders = self._nodes.holders(wanted)

@@ -48,7 +48,7 @@ VISIBLE_SECONDS = 20.0
 _MAY_BECOME_VISIBLE = (NOT_VISIBLE, "stage.dependency", "work.groups_unknown", "work.take_changed")
 """Codes of errors before the work that an older state of the take may cause."""
 
-_LOOK_AGAIN = 1.0
+LOOK_AGAIN = 1.0
 """Seconds between two attempts."""
 
 
@@ -170,15 +170,15 @@ def _do_when_visible(task: GroupTask, node: str) -> None:
     until = time.monotonic() + VISIBLE_SECONDS
     while True:
         try:
-            _do(task, node)
+            do_task(task, node)
             return
         except StudioError as error:
             if error.message.code not in _MAY_BECOME_VISIBLE or time.monotonic() > until:
                 raise
-        time.sleep(_LOOK_AGAIN)
+        time.sleep(LOOK_AGAIN)
 
 
-def _do(task: GroupTask, node: str) -> None:
+def do_task(task: GroupTask, node: str) -> None:
     from pipelines.config import load_config
     from pipelines.runs.work import work
     from pipelines.takes.take import Take

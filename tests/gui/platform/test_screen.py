@@ -34,7 +34,7 @@ def test_scale_is_read_from_the_resources(resources: str, scale: float) -> None:
 def test_windows_grow_with_letters(
     monkeypatch: pytest.MonkeyPatch, width: int, height: int, dpi: int, expected: tuple[int, int]
 ) -> None:
-    monkeypatch.setattr(screen, "_screen", lambda: (width, height, f"Xft.dpi: {dpi}"))
+    monkeypatch.setattr(screen, "current_screen", lambda: (width, height, f"Xft.dpi: {dpi}"))
     assert screen.fitting_size((1280, 800)) == expected
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from studio.formats.sequence import open_import
 from studio.stream import BakeSettings, Rung, StreamReader, bake_group, write_manifest
-from tests.studio.stream.conftest import _turning_bodies
+from tests.studio.stream.conftest import turned_bodies
 from tests.support.errors import refuses
 
 
@@ -15,7 +15,7 @@ def stream(tmp_path):
     """A stream of two groups."""
     folder = tmp_path / "stream"
     settings = BakeSettings(ladder=(Rung(qp=24), Rung(qp=34)), preset="ultrafast")
-    entries = [bake_group(_turning_bodies(2, 60), folder, g, 2 * g, settings) for g in range(2)]
+    entries = [bake_group(turned_bodies(2, 60), folder, g, 2 * g, settings) for g in range(2)]
     write_manifest(folder, entries, 25, settings)
     return folder
 

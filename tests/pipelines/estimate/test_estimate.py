@@ -89,7 +89,7 @@ def test_sizes() -> None:
 
 def test_the_tiny_capture(project: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(rehearsal, "SECONDS", 0.2)
-    monkeypatch.setattr(rehearsal, "_RESOLUTIONS", (16, 20, 28))
+    monkeypatch.setattr(rehearsal, "RESOLUTIONS", (16, 20, 28))
     small = {"preview": {"train.keyframe_iterations": 60}, "final": {"train.keyframe_iterations": 6000}}
     monkeypatch.setattr(presets, "PRESETS", small)
     before = sorted(project.rglob("*"))

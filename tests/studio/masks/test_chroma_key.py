@@ -10,7 +10,7 @@ import pytest
 from studio.capture import CaptureSettings, open_footage
 from studio.capture.checks import check_footage
 from studio.masks import chroma_key
-from studio.masks.chroma_key import _extrapolate, chroma_mask
+from studio.masks.chroma_key import chroma_mask
 from studio.masks.clean_plate import DifferenceSettings
 from studio.masks.despill import despill, key_channels
 from studio.masks.screen_color import Screen, find_screen
@@ -112,18 +112,6 @@ def test_shadows_are_screen_by_default() -> None:
     )  # the setting makes the difference
 
 
-def test_means_of_few_pixels_give_way_to_wider_ones() -> None:
-    """Where one pixel in 50 is known, each of the three means counts for half, and the next wider one for the rest."""
-    where = np.zeros((400, 400), np.uint8)
-    where[::5, ::10] = 1
-    values = np.full((400, 400, 1), 80, np.float32)
-    found = _extrapolate(values, where, 12.0, np.zeros(1, np.float32))[150:250, 150:250]
-    np.testing.assert_allclose(found, 80 * (1 - 1 / 2**3), rtol=0.02)
-    where[:] = 1
-    found = _extrapolate(values, where, 12.0, np.zeros(1, np.float32))
-    np.testing.assert_allclose(found, 80, rtol=0.001)
-
-
 def test_an_empty_screen_has_no_performer() -> None:
     image = compose(np.zeros(3), np.zeros((160, 240)), lit_screen(BLUE, np.zeros((160, 240))))
     assert chroma_mask(image, find_screen([image], "cam")).max() == 0
@@ -140,7 +128,7 @@ def test_components_sensitivity_and_large_images(monkeypatch: pytest.MonkeyPatch
         int((chroma_mask(near, screen, DifferenceSettings(mask_sensitivity=value)) > 127).sum()) for value in (0.5, 4.0)
     ]
     assert found[0] < 0.1 * found[1]
-    monkeypatch.setattr(chroma_key, "_WORK_SIDE", 320)  # larger images are reduced to this
+    monkeypatch.setattr(chroma_key, "WORK_SIDE", 320)  # larger images are reduced to this
     large = cv2.resize(disc(), (480, 320), interpolation=cv2.INTER_CUBIC).clip(0, 1)
     image = compose(np.array([205, 150, 125]), large, lit_screen(GREEN, large, shadow=0.0))
     mask = chroma_mask(image, screen)

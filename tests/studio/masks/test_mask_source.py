@@ -134,7 +134,7 @@ def test_only_the_largest_components_are_kept() -> None:
 def test_masks_of_large_images_have_full_size(monkeypatch: pytest.MonkeyPatch) -> None:
     import cv2
 
-    monkeypatch.setattr(clean_plate, "_WORK_SIDE", 240)  # larger images are reduced to this
+    monkeypatch.setattr(clean_plate, "WORK_SIDE", 240)  # larger images are reduced to this
     empty = cv2.resize(set_of(), (480, 320), interpolation=cv2.INTER_CUBIC)
     alpha = performer(480, 320, 200, 160, 48)
     mask = difference_mask(compose(empty, alpha, 3.0, 2), compose(empty, 0 * alpha, 3.0, 1))

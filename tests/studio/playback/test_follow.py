@@ -33,8 +33,8 @@ class Source:
 
 def followed(monkeypatch: pytest.MonkeyPatch, source: Source) -> tuple[list[int], list[StudioError], follow.Follower]:
     """After how many reads it grew, and with what it was lost, once the thread has ended."""
-    monkeypatch.setattr(follow, "_SHORTEST", 0.001)
-    monkeypatch.setattr(follow, "_LONGEST", 0.001)
+    monkeypatch.setattr(follow, "SHORTEST", 0.001)
+    monkeypatch.setattr(follow, "LONGEST", 0.001)
     grown: list[int] = []
     lost: list[StudioError] = []
     follower = follow.Follower(cast("StreamReader", source), lambda: grown.append(source.asked), lost.append)

@@ -17,7 +17,7 @@ SETTINGS = BakeSettings(preset="ultrafast")
 @pytest.fixture
 def publish(tmp_path, monkeypatch):
     """`publish(groups, live, fps)`: the first groups of 3 frames of a stream; returns its folder."""
-    monkeypatch.setattr(follow, "_SHORTEST", 0.01)
+    monkeypatch.setattr(follow, "SHORTEST", 0.01)
     entries = []
 
     def write(groups, live=True, fps=50):

@@ -8,7 +8,7 @@ import pytest
 from studio.playback import RateRule, play_headless
 from studio.playback.shared import Shared
 from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
-from tests.studio.stream.conftest import LADDER, _turning_bodies
+from tests.studio.stream.conftest import LADDER, turned_bodies
 
 RATES = (8_000_000, 4_000_000, 2_000_000, 500_000)  # as in a manifest: the best first
 
@@ -102,7 +102,7 @@ def switching(tmp_path_factory):
     """60 frames in groups of 4, three renditions, few splats."""
     folder = tmp_path_factory.mktemp("switching")
     settings = BakeSettings(ladder=LADDER, preset="ultrafast")
-    frames = _turning_bodies(60, 40)
+    frames = turned_bodies(60, 40)
     share = lambda: frames[0].means[:, 0].abs().numpy()  # noqa: E731
     entries = [
         bake_group(frames[first : first + 4], folder, first // 4, first, settings, contribution=share)

@@ -35,7 +35,7 @@ def make_frames() -> MakeFrames:
 @pytest.fixture
 def turning_bodies() -> MakeFrames:
     """`turning_bodies(frames, splats, degree)`: see below."""
-    return _turning_bodies
+    return turned_bodies
 
 
 @pytest.fixture
@@ -107,7 +107,7 @@ def write_stream(
     chosen = BakeSettings(**{"ladder": LADDER, "preset": "ultrafast", **settings})
     entries, first = [], 0
     for g, length in enumerate(lengths):
-        frames = _turning_bodies(first + length, splats, degree)[first:]
+        frames = turned_bodies(first + length, splats, degree)[first:]
         share = lambda: torch.arange(splats).numpy().astype(float)  # noqa: E731
         entries.append(bake_group(frames, folder, g, first, chosen, fps=25.0, contribution=share))
         first += length
@@ -144,7 +144,7 @@ def clouds(frames: int = 4, splats: int = 200, degree: int = 0, seed: int = 0) -
     ]
 
 
-def _turning_bodies(frames: int, splats: int, degree: int = 0) -> list[Gaussians]:
+def turned_bodies(frames: int, splats: int, degree: int = 0) -> list[Gaussians]:
     """Two rigid bodies that pass through each other, one of them rotating; colors and sizes are constant."""
     generator = torch.Generator().manual_seed(3)
 

@@ -96,11 +96,12 @@ def test_views_of_a_trimmed_and_placed_take_become_those_of_what_is_exported(
     views = [OrbitCamera().orbit(turn, 0).camera(1280, 720) for turn in (0, 60, 90)]
     exports.path.add(views[0], 2)
     exports.path.add(views[1], 7)
-    started: list[str] = []
-    monkeypatch.setattr(exports, "_run", lambda request, arguments, scratch: started.extend(arguments))
+    given = tmp_path / "given.json"
+    program = f"import sys, shutil; shutil.copy(sys.argv[sys.argv.index('--path') + 1], {str(given)!r})"
+    monkeypatch.setattr("gui.models.take.exports.v3studio_command", lambda: [sys.executable, "-c", program])
     exports.start(chosen)
-    assert started[started.index("--size") + 1] == "1280x720"
-    keys = read_path_keys(Path(started[started.index("--path") + 1]), 10.0)
+    finish(exports)
+    keys = read_path_keys(given, 10.0)
     assert [key.frame for key in keys] == [0, 5]
     points = np.random.default_rng(1).normal(0, 0.3, (50, 3))
     for key, view in zip(keys, views, strict=False):

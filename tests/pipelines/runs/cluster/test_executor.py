@@ -227,7 +227,7 @@ def test_whoever_stops_reading_the_events_is_not_the_cluster(monkeypatch):
 
 
 def test_groups_that_wait_for_what_others_hold_are_reported(monkeypatch):
-    monkeypatch.setattr(module, "_BUSY_SECONDS", 0.0)
+    monkeypatch.setattr(module, "BUSY_SECONDS", 0.0)
     asked = []
 
     def holders(self: Any, wanted: Any) -> str:
@@ -248,7 +248,7 @@ def test_groups_that_wait_for_what_others_hold_are_reported(monkeypatch):
 
 
 def test_groups_that_fit_no_node_are_told_once(monkeypatch):
-    monkeypatch.setattr(module, "_NO_NODE_SECONDS", 0.0)
+    monkeypatch.setattr(module, "NO_NODE_SECONDS", 0.0)
     run = Run(lambda task, node: None, gpus_per_group=2)
     run.go()
     told = [event for event in run.events if isinstance(event, Warned)]
@@ -257,7 +257,7 @@ def test_groups_that_fit_no_node_are_told_once(monkeypatch):
         "group 0 is waiting for a node with 1 CPU, 2 GPUs and 1.1 GB of memory; the cluster has nodes with 1 CPU and "
         "8.6 GB of memory" in told[0].message
     )
-    monkeypatch.setattr(module, "_NO_NODE_SECONDS", 30.0)
+    monkeypatch.setattr(module, "NO_NODE_SECONDS", 30.0)
     run = Run(run.ray.behave, gpus_per_group=2)
     run.go()
     assert run.warnings() == [], "a larger node may be starting"
@@ -344,7 +344,7 @@ def refusal(**changes: Any) -> Message:
 
 def test_a_node_says_what_it_lacks(tmp_path, monkeypatch):
     monkeypatch.setattr(task_module, "VISIBLE_SECONDS", 0.0)
-    monkeypatch.setattr(task_module, "_LOOK_AGAIN", 0.0)
+    monkeypatch.setattr(task_module, "LOOK_AGAIN", 0.0)
     other = refusal(version="0.0.1")
     assert other.code == "cluster.version"
     assert "but the run was started with 0.0.1" in other.problem
@@ -369,7 +369,7 @@ def test_a_node_says_what_it_lacks(tmp_path, monkeypatch):
 
 def test_footage_that_is_there_only_in_part_is_not_seen(project, monkeypatch):
     monkeypatch.setattr(task_module, "VISIBLE_SECONDS", 0.0)
-    monkeypatch.setattr(task_module, "_LOOK_AGAIN", 0.0)
+    monkeypatch.setattr(task_module, "LOOK_AGAIN", 0.0)
     take = Take.create(project / "take")
     footage = project / "capture"
     take.config.write_text((project / "ball.yaml").read_text().replace("root: capture", f"root: {footage}"))
@@ -391,8 +391,8 @@ def test_a_node_waits_for_what_another_one_wrote(monkeypatch, code):
         if len(looks) < 3:
             raise StudioError(code, "not yet")
 
-    monkeypatch.setattr(task_module, "_do", do)
-    monkeypatch.setattr(task_module, "_LOOK_AGAIN", 0.0)
+    monkeypatch.setattr(task_module, "do_task", do)
+    monkeypatch.setattr(task_module, "LOOK_AGAIN", 0.0)
     assert run_task(sent(), "") is None
     assert len(looks) == 3
 
@@ -404,7 +404,7 @@ def test_other_errors_of_a_task_are_told_at_once(monkeypatch):
         looks.append(task)
         raise StudioError("run.no_gpu", "no GPU")
 
-    monkeypatch.setattr(task_module, "_do", do)
+    monkeypatch.setattr(task_module, "do_task", do)
     assert refusal().code == "run.no_gpu"
     assert len(looks) == 1
 
