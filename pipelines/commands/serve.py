@@ -109,10 +109,9 @@ def _serve(arguments: argparse.Namespace) -> int:
     from pipelines.share.page import PageText, read_intro, read_view
     from pipelines.share.served import wait_for_first_group
     from pipelines.share.serving import prepare
-    from pipelines.takes.videos import original_of
 
     wait_for_first_group(arguments.folder)
-    intro = None if arguments.intro is None else read_intro(arguments.intro, original_of(str(arguments.folder)))
+    intro = None if arguments.intro is None else read_intro(arguments.intro, str(arguments.folder))
     view = None if arguments.view is None else read_view(arguments.view)
     player = _player()
     serving = prepare(

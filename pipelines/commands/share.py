@@ -49,8 +49,7 @@ def add_page_options(share: argparse.ArgumentParser) -> None:
         "--intro",
         type=Path,
         metavar="FILE",
-        help="camera path that the page plays until the viewer takes over: keyframes as for `v3studio export "
-        "--format camera-path`, or a rig.json",
+        help="camera path that the page plays until the viewer takes over: a file as for `v3studio export --path`",
     )
     add_view_option(share)
     share.add_argument(
@@ -79,9 +78,8 @@ def page_text(arguments: argparse.Namespace) -> PageText:
     """
     _check_address(arguments.address)
     from pipelines.share.page import PageText, read_intro, read_view
-    from pipelines.takes.videos import original_of
 
-    intro = None if arguments.intro is None else read_intro(arguments.intro, original_of(arguments.source))
+    intro = None if arguments.intro is None else read_intro(arguments.intro, arguments.source)
     return PageText(
         title=arguments.title,
         credits=arguments.credits,

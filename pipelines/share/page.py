@@ -13,8 +13,7 @@ from pathlib import Path
 from pipelines.version import program_version
 from studio.bounded_files import parse_json
 from studio.errors import StudioError
-from studio.formats.camera_path import FORMAT, VERSION, CameraPath, read_path_keys
-from studio.similarity import Similarity
+from studio.formats.camera_path import FORMAT, VERSION, CameraPath
 from studio.stream.metadata import TEXTS, plain_text
 
 GENERATOR = "V3 Studio share 1"
@@ -166,18 +165,29 @@ def first_files(manifest: bytes) -> list[str]:
     return paths if all(isinstance(path, str) and _HASHED.fullmatch(path) for path in paths) else []
 
 
-def read_intro(path: Path, original: Similarity | None = None) -> str:
+def read_intro(path: Path, source: str) -> str:
     """The text that a page holds of a camera path: times, sizes and poses, without names, frames and distortion.
 
     Args:
-        path: a camera path file (`studio.formats.camera_path`) or a rig file, in the world of exports.
-        original: what exports of the stream apply (`SplatVideo.original`); None: nothing.
+        path: a file that `path_keys` reads.
+        source: the stream, see `open_reader`.
 
     Raises:
-        StudioError: the file is missing or no camera path (`camera_path.*`), or has more than `MAX_INTRO_KEYS` keys
-            (`camera_path.too_many_keys`).
+        StudioError: the stream cannot be opened, the file is missing or no camera path (`camera_path.*`), or has more
+            than `MAX_INTRO_KEYS` keys (`camera_path.too_many_keys`) or several cameras (`camera_path.which_camera`).
     """
-    keys = read_path_keys(path, INTRO_SECONDS)
+    from pipelines.takes.camera_paths import path_keys
+    from pipelines.takes.videos import decoded_video, open_reader, stream_numbers
+
+    with open_reader(source) as reader:
+        video = replace(decoded_video(reader), numbers=stream_numbers(source, reader).known)
+        try:
+            keys = path_keys(video, path, seconds=INTRO_SECONDS)
+        except StudioError as error:
+            if error.code != "camera_path.which_camera":
+                raise
+            fix = "Give a file with one camera."
+            raise StudioError(error.code, error.problem, file=path, fix=fix) from None
     if len(keys) > MAX_INTRO_KEYS:
         raise StudioError(
             "camera_path.too_many_keys",
@@ -187,8 +197,6 @@ def read_intro(path: Path, original: Similarity | None = None) -> str:
             fix="Remove some of the keys.",
             expected=MAX_INTRO_KEYS,
         )
-    if original is not None and not original.is_identity:
-        keys = [replace(key, camera=original.inverse.camera(key.camera)) for key in keys]
     first = keys[0].camera
     CameraPath(keys, first.width, first.height)  # raises what is wrong with the times and the sizes
     entries = []

@@ -23,8 +23,8 @@ def in_export(keys: Sequence[Key], source: str, of: str, numbers: FrameNumbers) 
 
     Args:
         keys: with frames.
-        source: folder of the take.
-        of: "decoded" or "trained".
+        source: folder of the take; or of a stream, or its URL.
+        of: "decoded" or "trained"; "" for a stream, in whose own frames and world the keys are.
         numbers: of the take's frames.
 
     Raises:
@@ -55,9 +55,9 @@ def _place_of(source: str, of: str) -> tuple[CapturePlace, int]:
     """Where what is exported of a take lies in the take, and its number of frames."""
     from studio.stream import CapturePlace
 
-    if of == "decoded":
+    if of != "trained":
         with open_reader(source) as reader:
-            place, original = capture_place(reader), decoded_video(reader).original
+            place, original = capture_place(reader) if of else CapturePlace(), decoded_video(reader).original
             return CapturePlace(place.first_frame, original.after(place.world)), reader.frame_count
     take, video = Take.open(Path(source)), trained_video(source)
     first, world = trained_numbers(take).index(video.number(0)) or 0, read_edits(take.edits).similarity

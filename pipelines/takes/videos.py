@@ -14,7 +14,6 @@ from studio.errors import StudioError
 if TYPE_CHECKING:
     from pipelines.takes.frame_numbers import FrameNumbers
     from studio.cameras import Camera
-    from studio.similarity import Similarity
     from studio.splat_video import SplatVideo
     from studio.stream import CapturePlace, StreamReader
 
@@ -168,12 +167,6 @@ def stream_numbers(text: str, reader: StreamReader) -> FrameNumbers:
         return FrameNumbers()
     trained, first = trained_numbers(Take.open(Path(text).expanduser())), capture_place(reader).first_frame
     return FrameNumbers(tuple(trained.number(first + index) for index in range(reader.frame_count)))
-
-
-def original_of(text: str) -> Similarity:
-    """What exports of a stream apply to its splats (`SplatVideo.original`). Raises StudioError as `open_reader`."""
-    with open_reader(text) as reader:
-        return decoded_video(reader).original
 
 
 def stream_place(text: str) -> Path | str:

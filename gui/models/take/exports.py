@@ -216,8 +216,7 @@ class Exports:
                 fix="Add views with K, then export again.",
             )
         width, height = map(int, request.size.split("x"))
-        keys = self.path.fitted_keys(width, height)
-        return keys if not request.of else in_export(keys, request.source, request.of, self.path.numbers)
+        return in_export(self.path.fitted_keys(width, height), request.source, request.of, self.path.numbers)
 
     def _receive(self) -> None:
         process, request = self._process, self.request

@@ -35,6 +35,8 @@ from tests.support.streams import bake_numbered, contents
 
 TEXT = PageText('A <walk> & "more"', "Jane Doe's studio", "CC BY 4.0 </script>", "https://example.org/walk")
 
+NUKE = "Camera3 {\n inputs 0\n translate {{curve x0 1 2 3 4} 0 30}\n name %s\n}\n"
+
 
 def share_page(source: str, out: Path, text: PageText | None = None, **options: Any) -> Shared:
     return share(source, out, text, **options)
@@ -270,16 +272,28 @@ def test_sizes_are_told_before(stream, tmp_path):
     assert (size.frames, size.seconds, size.single_file_possible) == (6, 0.5, True)
 
 
-def test_an_intro_must_be_a_camera_path(tmp_path):
+def test_an_intro_must_be_a_camera_path(stream, tmp_path):
     with refuses("camera_path.no_keys"):
         (tmp_path / "a.json").write_text('{"format": "v3studio-camera-path", "version": 1, "keys": []}')
-        read_intro(tmp_path / "a.json")
+        read_intro(tmp_path / "a.json", str(stream))
     with refuses("camera_path.times"):
         write_path_keys([Key(1.0, camera()), Key(1.0, camera())], tmp_path / "b.json")
-        read_intro(tmp_path / "b.json")
+        read_intro(tmp_path / "b.json", str(stream))
     with refuses("camera_path.too_many_keys", value=1001):
         write_path_keys([Key(float(i), camera()) for i in range(1001)], tmp_path / "c.json")
-        read_intro(tmp_path / "c.json")
+        read_intro(tmp_path / "c.json", str(stream))
+    with refuses("camera_path.which_camera"):
+        (tmp_path / "d.nk").write_text(NUKE % "a" + NUKE % "b")
+        read_intro(tmp_path / "d.nk", str(stream))
+
+
+def test_a_camera_of_a_film_tool_is_an_intro(stream, tmp_path):
+    (tmp_path / "a.nk").write_text(NUKE % "a")
+    keys = json.loads(read_intro(tmp_path / "a.nk", str(stream)))["keys"]
+    with StreamReader.open(stream) as reader:
+        assert [key["time"] for key in keys] == pytest.approx([frame / reader.fps for frame in range(4)], abs=1e-4)
+    centers = [Camera.from_dict({"name": "", "distortion": [], **key["camera"]}).center for key in keys]
+    assert np.linalg.norm(np.diff(centers, axis=0), axis=1) == pytest.approx([1, 1, 1], abs=1e-4)
 
 
 @pytest.mark.parametrize("text", ["", "30", "30,x", "nan,10", "30,10,0", "30,10,2,0,0", '30,10"><script>'])

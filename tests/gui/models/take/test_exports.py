@@ -17,11 +17,12 @@ from pipelines.takes.frame_files import FrameMetadata, write_frame
 from pipelines.takes.take import Take
 from studio.edits import EditList, Trim, World
 from studio.formats.ply import read as read_ply
+from studio.similarity import Similarity
 from studio.stream import CapturePlace, StreamReader
 from tests.support.errors import refuses
 from tests.support.looping import wait_in_loop
 from tests.support.splats import converted_splats, write_group
-from tests.support.streams import bake_numbered, set_capture
+from tests.support.streams import bake_numbered, edit_manifest, set_capture
 
 
 def finish(exports: Exports, seconds: float = 180.0) -> None:
@@ -112,6 +113,31 @@ def test_views_of_a_trimmed_and_placed_take_become_those_of_what_is_exported(
     with refuses("export.frames_left_out", value=[1, 8], expected=[2, 7]) as error:
         exports.start(chosen)
     assert "view 3 (frame 1), view 4 (frame 8)" in str(error.value)
+
+
+def test_views_of_a_stream_become_those_of_its_exports(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A stream of its own counts its own frames, wherever it was in a take; `v3studio export` reads the path in the
+    world of the files that it writes."""
+    from pipelines.takes.camera_paths import path_keys
+    from pipelines.takes.videos import decoded_video, open_reader
+
+    stream = bake_numbered(tmp_path / "stream", (6,), 25)
+    set_capture(stream, CapturePlace(2, World(up=(0, 1, 0), scale=3).similarity))
+    original = Similarity(10.0, translation=np.array([1.0, 2, 3]))
+    edit_manifest(stream, lambda values: values["metadata"].update(original=original.to_json()))
+    exports, chosen = Exports(), request("camera-path", stream, tmp_path / "out.mp4")
+    views = [OrbitCamera().orbit(turn, 0).camera(1280, 720) for turn in (0, 60)]
+    exports.path.add(views[0], 0)
+    exports.path.add(views[1], 5)
+    started: list[str] = []
+    monkeypatch.setattr(exports, "_run", lambda request, arguments, scratch: started.extend(arguments))
+    exports.start(chosen)
+    with open_reader(str(stream)) as reader:
+        keys = path_keys(decoded_video(reader), Path(started[started.index("--path") + 1]))
+    points = np.random.default_rng(1).normal(0, 0.3, (50, 3))
+    assert [key.frame for key in keys] == [0, 5]
+    for key, view in zip(keys, views, strict=True):
+        assert key.camera.project(points)[0] == pytest.approx(view.project(points)[0], abs=1e-6)
 
 
 def test_a_view_keeps_its_height_in_another_shape() -> None:
