@@ -191,4 +191,5 @@ def _write(oiio: Any, path: Path, plate: Plate, attributes: dict[str, tuple[str,
     out = oiio.ImageOutput.create(str(path))
     written = out.open(str(path), spec) and out.write_image(pixels) and out.close()
     if not written:
-        raise StudioError("export.write_failed", f"cannot be written ({out.geterror()})", file=path)
+        reason = out.geterror().replace(f' to image file "{path}"', "")
+        raise StudioError("export.write_failed", f"cannot be written ({reason})", file=path)

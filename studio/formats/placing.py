@@ -51,5 +51,6 @@ def _new(path: Path, what: str) -> Iterator[Path]:
     try:
         with atomic_path(path) as temporary:
             yield temporary
+            _check_target(path, what)  # another program may have written there meanwhile
     except OSError as error:
         raise StudioError("export.write_failed", f"cannot be written ({error.strerror or error})", file=path) from None

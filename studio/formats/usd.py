@@ -14,6 +14,7 @@ What does not change within a group is stored once. Colors are spherical harmoni
 
 from __future__ import annotations
 
+import re
 import wave
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -151,7 +152,9 @@ def export_usd(
         try:
             stage.GetRootLayer().Save()
         except pxr.Tf.ErrorException as error:
-            raise StudioError("export.write_failed", f"cannot be written ({error})", file=path) from None
+            reason = re.search(r": '(.*)'", str(error))  # its first line; before it, places in USD's own code
+            problem = f"cannot be written ({reason[1] if reason else error})"
+            raise StudioError("export.write_failed", problem, file=path) from None
         del stage
         if package and not pxr.UsdUtils.CreateNewUsdzPackage(str(stage_file), str(temporary)):
             raise StudioError("export.write_failed", "cannot be packed", file=path)

@@ -91,25 +91,25 @@ def export_videogs(
         raise StudioError("export.invalid_qp", f"QP is {qp}; it must be 0 to 51", value=qp)
     groups: dict[str, dict[str, list[int]]] = {}
     frames: dict[str, dict[str, object]] = {}
-    with new_folder(folder) as temporary, ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
+    with new_folder(folder) as temporary:
         for number, group in enumerate(video.groups):
             place = temporary / f"group{number}"
             place.mkdir()
             encoders: list[PlaneEncoder] = []
-            try:
-                for index, values in zip(group, _attributes(video, group), strict=True):
-                    progress(index, video.frame_count)
-                    side = plane_side(values.shape[1])
-                    if not encoders:
-                        encoders = _encoders(place, values.shape[0], side, qp, preset)
-                    low, high = _ranges(values, qp)
-                    planes = _planes(values, low, high, side)
-                    list(pool.map(PlaneEncoder.add, encoders, planes))
-                    placed = np.zeros(len(low))
-                    placed[:POSITIONS] = video.original.translation
-                    info = np.stack([low + placed, high + placed], axis=1).ravel().tolist()
-                    frames[str(index)] = {"num": values.shape[1], "info": info}
-                list(pool.map(PlaneEncoder.close, encoders))
+            try:  # around the pool: FFmpeg crashes if a file is closed while a thread writes it
+                with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
+                    for index, values in zip(group, _attributes(video, group), strict=True):
+                        progress(index, video.frame_count)
+                        side = plane_side(values.shape[1])
+                        if not encoders:
+                            encoders = _encoders(place, values.shape[0], side, qp, preset)
+                        low, high = _ranges(values, qp)
+                        list(pool.map(PlaneEncoder.add, encoders, _planes(values, low, high, side)))
+                        placed = np.zeros(len(low))
+                        placed[:POSITIONS] = video.original.translation
+                        info = np.stack([low + placed, high + placed], axis=1).ravel().tolist()
+                        frames[str(index)] = {"num": values.shape[1], "info": info}
+                    list(pool.map(PlaneEncoder.close, encoders))
             except BaseException:
                 for encoder in encoders:
                     encoder.abandon()

@@ -51,7 +51,10 @@ def replacing(out: Path, overwrite: bool, ours: Callable[[Path], bool]) -> Itera
         os.rename(out, old)
     try:
         yield
-    except BaseException:
+    except BaseException as error:
+        if isinstance(error, StudioError) and error.code == "export.already_exists":  # by another program, meanwhile
+            remove(old)
+            raise
         remove(out)
         os.rename(old, out)
         raise

@@ -8,6 +8,7 @@ import pytest
 
 from pipelines.commands.common.output import replacing
 from studio.errors import Cancelled
+from studio.formats.placing import new_file
 from tests.support.errors import refuses
 
 
@@ -38,6 +39,15 @@ def test_a_failure_restores_what_was_there(tmp_path: Path) -> None:
         half_written(out)
     assert (out / "file").read_text() == "old"
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_what_another_program_wrote_meanwhile_stays(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.write_text("old")
+    with refuses("export.already_exists"), replacing(out, True, Path.is_file), new_file(out) as temporary:
+        temporary.write_text("mine")
+        out.write_text("theirs")
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("out", "theirs")]
 
 
 def test_other_things_are_never_deleted(tmp_path: Path) -> None:

@@ -1,0 +1,71 @@
+"""Exports appear complete or not at all: on a full disk, and where two write to the same place."""
+
+from __future__ import annotations
+
+import resource
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from studio.cameras import Camera
+from studio.formats.exr import export_exr
+from studio.formats.sequence import export_sequence
+from studio.formats.usd import export_usd
+from studio.formats.videogs import export_videogs
+from studio.similarity import Similarity
+from studio.splat_video import SplatVideo
+from tests.support.errors import refuses
+from tests.support.streams import contents
+
+CAMERA = Camera.look_at((2.0, 0, 0.2), (0, 0, 0), (0, 0, 1), width=64, height=48)
+
+WRITERS: dict[str, Callable[[SplatVideo, Path], object]] = {
+    "out.usdc": export_usd,
+    "out.usdz": export_usd,
+    "plates": lambda video, out: export_exr(video, out, lambda index: CAMERA, Similarity()),
+    "ply": lambda video, out: export_sequence(video, out, ".ply"),
+    "videogs": export_videogs,
+}
+
+
+@pytest.fixture(params=WRITERS)
+def export(request, tmp_path):
+    """Exports a video to one place."""
+    return lambda video: WRITERS[request.param](video, tmp_path / request.param)
+
+
+def test_of_two_exports_to_one_place_the_first_that_ends_wins(export, make_video, tmp_path):
+    video, done = make_video((2,), splats=50), []
+
+    def read(index):  # type: ignore[no-untyped-def]
+        if not done:  # while the first has begun, the other writes everything
+            done.append(index)
+            export(video)
+            done.append(written())
+        return video.read(index)
+
+    def written():  # type: ignore[no-untyped-def]
+        return {path.name: path.read_bytes() if path.is_file() else contents(path) for path in visible()}
+
+    def visible():  # type: ignore[no-untyped-def]
+        return [path for path in tmp_path.iterdir() if not path.name.startswith(".")]
+
+    with refuses("export.already_exists"):
+        export(replace(video, read=read))
+    assert done[1]
+    assert written() == done[1]
+    assert len(list(tmp_path.iterdir())) == len(done[1]), "temporary files"
+
+
+def test_a_full_disk_leaves_nothing(export, make_video, tmp_path):
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2000, hard))
+    try:
+        with refuses("export.write_failed") as error:
+            export(make_video((2,), splats=3000))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert "\n" not in str(error.value)
+    assert list(tmp_path.iterdir()) == []
