@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gui.models.evaluation import Evaluation, EvaluationFile
+from gui.models.evaluation import Evaluation
 from gui.models.playback.timeline_plots import PLOTTED, Waveform, plots_of
 from gui.shell import Shell
 from pipelines.takes.evaluation import measured_earlier_bake
@@ -13,7 +13,7 @@ class QualityFigures:
 
     def __init__(self, window: Shell) -> None:
         self._window = window
-        self._file = EvaluationFile()
+        self._seen: object = None
         self._waveform: Waveform | None = None
 
     @property
@@ -25,7 +25,13 @@ class QualityFigures:
         """Read the evaluation again if it has changed. Call before the window is drawn."""
         window = self._window
         take, frames = window.workspace.take, window.player.transport.frame_count
-        if self._file.changed(take, frames, self.camera, window.player.other):
+        stamp: object = None
+        if take is not None:
+            files = (take.evaluation, take.record("bake"))
+            stamp = (take.root, *(path.stat().st_mtime_ns if path.is_file() else 0 for path in files))
+        seen = (stamp, frames, self.camera, window.player.other)
+        if self._seen != seen:
+            self._seen = seen
             window.evaluation = Evaluation()
             if take is not None:
                 window.evaluation = Evaluation.read(take.evaluation, measured_earlier_bake(take))

@@ -10,6 +10,7 @@ from gui.actions.commands import Actions
 from gui.actions.search import opens_list
 from gui.drawing.canvas import shortened
 from gui.drawing.palette import TEXT
+from gui.models.take.log_words import stage_name
 from gui.models.take.run_state import percent
 from gui.models.take.workspace import Workspace
 from gui.shell import Shell
@@ -131,7 +132,7 @@ class Overlays:
 
 
 def window_title(name: str, workspace: Workspace, queued: tuple[str, str, float | None] | None = None) -> str:
-    """ "37% train - NAME - V3 Studio" while a run is in progress, else "NAME - V3 Studio".
+    """ "37% Train - NAME - V3 Studio" while a run is in progress, else "NAME - V3 Studio".
 
     Args:
         name: of the open take or stream; "" if there is none.
@@ -149,5 +150,6 @@ def window_title(name: str, workspace: Workspace, queued: tuple[str, str, float 
 
 
 def run_words(stage: str, fraction: float | None) -> str:
-    """ "37% train"; only the stage if it has not reported its progress."""
-    return stage if fraction is None else f"{percent(fraction)} {stage}"
+    """ "37% Train"; only the stage if it has not reported its progress."""
+    name = stage_name(stage)
+    return name if fraction is None else f"{percent(fraction)} {name}"

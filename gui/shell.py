@@ -1,18 +1,18 @@
-"""Shell: the interface of the main window (`gui.window.MainWindow`) for actions and the state log, and the layout of
-its panels. In a narrow window rows wrap and the right panel is hidden."""
+"""Shell: the part of the main window that actions and the state log use, and the layout of its panels. In a narrow
+window rows wrap and the right panel is hidden."""
 
 from __future__ import annotations
 
-from typing import Protocol
+import time
 
 from open3d.visualization import gui
 
-from gui.drawing.palette import GROUND, PANEL
+from gui.drawing.palette import DIM, GROUND, PANEL, TEXT
 from gui.models.evaluation import Evaluation
 from gui.models.marks import Marks
 from gui.models.notices import Notices
 from gui.models.playback.player import PlayerPresenter
-from gui.models.preferences import Preferences
+from gui.models.preferences import PICTURE_SIZES, Preferences
 from gui.models.take.exports import Exports
 from gui.models.take.serving import Serving
 from gui.models.take.workspace import Workspace
@@ -20,6 +20,8 @@ from gui.pages.stage_views import StageViews
 from gui.pages.start.panel import StartPanel
 from gui.platform.closing import CloseRequests
 from gui.platform.input_order import InputOrder
+from gui.platform.redraw import Redraws
+from gui.platform.x_window import XDisplay
 from gui.widgets.camera_menu import CameraMenu
 from gui.widgets.controls import ControlsPanel
 from gui.widgets.dialogs.base import Dialogs
@@ -28,10 +30,15 @@ from gui.widgets.inspector import InspectorPanel
 from gui.widgets.modes import ModesPanel
 from gui.widgets.notice_bar import NoticeBar
 from gui.widgets.path_panel import PathPanel
-from gui.widgets.picture import color
+from gui.widgets.picture import color, holds, plain_label
+from gui.widgets.raycast import RaycastMesh
 from gui.widgets.stages import StagesPanel
 from gui.widgets.timeline import STRIP, TimelinePanel
 from gui.widgets.viewport import Viewport
+
+AWAKE = 0.5
+"""Seconds after something has happened, or while an image is awaited, in which the window looks at everything at each
+tick (10 ms)."""
 
 NARROW = 60
 """Width in em below which the right panel is hidden until the user shows it (I)."""
@@ -47,64 +54,88 @@ PLAIN, SPARE, MOST_TALLER = 50.0, 0.12, 6.0
 """The timeline gets this share of what the window is higher than `PLAIN`, and at most so much more, em."""
 
 
-class Shell(Protocol):
-    """The part of the main window that actions and the state log use."""
+class Shell:
+    """What the window shows, and its panels; `gui.window.MainWindow` makes those that need actions, and runs all.
 
-    window: gui.Window
-    em: float
-    title: str
-    close_requests: CloseRequests
-    preferences: Preferences
-    device: str
-    workspace: Workspace
-    player: PlayerPresenter
-    views: StageViews
-    exports: Exports
-    notices: Notices
-    serving: Serving
-    marks: Marks
-    evaluation: Evaluation
-    camera_menu: CameraMenu
-    pictures: int
-    wants_close: bool
-    numbers: list[int | None]
-    dialogs: Dialogs
-    input: InputOrder
+    Args:
+        size: size of the window's content, pixels.
+        device: name of the Vulkan device, for Help > About.
+        titles: number of the font of titles.
+
+    Attributes:
+        pictures: number of images shown so far.
+        numbers: the frames that the image, the figures and the timeline show.
+        wants_close: asks the tick loop to close the window; Open3D crashes if it is closed within a tick.
+    """
+
+    layout: Layout
     viewport: Viewport
     timeline: TimelinePanel
     controls: ControlsPanel
     modes: ModesPanel
     stages: StagesPanel
     inspector: InspectorPanel
+    camera_menu: CameraMenu
     path_panel: PathPanel
     start: StartPanel
     notice_bar: NoticeBar
     hints: Hints
-    message: gui.Label
-    status: gui.Label
 
-    @property
-    def layout(self) -> Layout:
-        """Places the panels."""
+    def __init__(self, size: tuple[int, int], device: str, titles: int) -> None:
+        self.preferences, self.device = Preferences.read(), device
+        self.workspace = Workspace()
+        self.player = PlayerPresenter(read_mesh=RaycastMesh)
+        self.views = StageViews(self.workspace, self.player, RaycastMesh)
+        self.exports, self.serving = Exports(), Serving()
+        self.evaluation, self.marks = Evaluation(), Marks(None)
+        self.notices = Notices()
+        self.pictures = 0
+        self.numbers: list[int | None] = [None, None, None]
+        self.title, self.wants_close = "", False
+        self.window = gui.Application.instance.create_window("V3 Studio", *size)
+        self.em = float(self.window.theme.font_size)
+        self.x = XDisplay()
+        self.close_requests = CloseRequests(lambda: self.x.escape_down)
+        self.input = InputOrder(self.x.window)
+        self.dialogs = Dialogs(self.window, titles)
+        self.message, self.status = plain_label(TEXT, GROUND), plain_label(DIM, PANEL)
+        self.message.visible = False
+        self._redraws = Redraws()
+        self._awake_until = 0.0
 
     @property
     def control_held(self) -> bool:
         """Whether Ctrl or Shift is held."""
+        raise NotImplementedError
 
     def open(self, path: str) -> None:
-        """Open a take, a stream or a URL."""
-
-    def select(self, stage: str) -> None:
-        """Show a stage."""
+        """Open a take, a stream or a URL; bad input is reported in the window."""
+        raise NotImplementedError
 
     def changed(self) -> None:
         """Note that something on screen may have changed."""
+        self._redraws.changed()
+        self._stay_awake()
+
+    def _stay_awake(self) -> None:
+        self._awake_until = time.monotonic() + AWAKE
+
+    def select(self, stage: str) -> None:
+        """Show a stage."""
+        self.stages.selected = self.inspector.stage = stage
+        self.camera_menu.close()
+        self.views.select(stage)
+        self.window.set_needs_layout()
 
     def apply_preferences(self) -> None:
         """Apply the preferences."""
+        self.viewport.most_pixels = PICTURE_SIZES[self.preferences.picture_size]
+        self.player.background = self.preferences.background
 
     def over_view(self, x: int, y: int) -> bool:
         """Whether a menu or a card lies over the view at a position, window pixels."""
+        over = (self.camera_menu.widget, self.notice_bar.widget)
+        return any(widget.visible and holds(widget, x, y) for widget in over)
 
 
 class Layout:

@@ -7,10 +7,8 @@ from open3d.visualization import gui
 from gui.actions.commands import Actions
 from gui.models.loop import LOOP
 from gui.overlays import Overlays
-from gui.platform.closing import CloseRequests
 from gui.platform.menu_bar import MenuBar
 from gui.platform.presses import Chords, key_code, typed_code
-from gui.platform.x_window import XDisplay
 from gui.shell import Shell
 from gui.widgets.picture import holds
 
@@ -21,22 +19,11 @@ class UserInput:
     Args:
         actions: what keys and menus do.
         overlays: get their keys first.
-        x: tells of the mouse while its events do not pass through the window's input.
-        close_requests: notified of presses of Escape.
         menu_bar: follows the mouse.
     """
 
-    def __init__(
-        self,
-        window: Shell,
-        actions: Actions,
-        overlays: Overlays,
-        x: XDisplay,
-        close_requests: CloseRequests,
-        menu_bar: MenuBar,
-    ) -> None:
-        self._window, self._actions, self._overlays = window, actions, overlays
-        self._x, self._close_requests, self._menu_bar = x, close_requests, menu_bar
+    def __init__(self, window: Shell, actions: Actions, overlays: Overlays, menu_bar: MenuBar) -> None:
+        self._window, self._actions, self._overlays, self._menu_bar = window, actions, overlays, menu_bar
         self._chords = Chords()
         self.buttons = 0
         self._pointer: tuple[int, int] | None = None
@@ -75,7 +62,7 @@ class UserInput:
         if modifier and event.type == gui.KeyEvent.Type.UP:
             self._actions.search.show_expected()
         if event.key == gui.KeyName.ESCAPE:
-            self._close_requests.escape()
+            window.close_requests.escape()
             if event.type == gui.KeyEvent.Type.DOWN and window.input.escapes.heard(self._chords.again):
                 self._escape()
             return True
@@ -142,7 +129,7 @@ class UserInput:
         """Redraw when a mouse button is pressed or released: the toolkit reports no clicks on its menus and lists, and
         would show what they open only when the pointer moves."""
         window = self._window
-        buttons = window.input.buttons if window.input.active else self._x.buttons
+        buttons = window.input.buttons if window.input.active else window.x.buttons
         if buttons != self.buttons:
             self.buttons = buttons
             window.changed()

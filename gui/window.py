@@ -12,40 +12,25 @@ from gui.actions import menus
 from gui.actions.commands import Actions
 from gui.actions.opening import Opening
 from gui.drawing.icons import FONT
-from gui.drawing.palette import DIM, GROUND, PANEL, TEXT
+from gui.drawing.palette import DIM, TEXT
 from gui.figures import QualityFigures
-from gui.models.evaluation import Evaluation
 from gui.models.loop import LOOP
-from gui.models.marks import Marks
-from gui.models.notices import Notices
-from gui.models.playback.player import PlayerPresenter
-from gui.models.preferences import PICTURE_SIZES, Preferences
-from gui.models.take.exports import Exports
-from gui.models.take.serving import Serving
-from gui.models.take.workspace import Workspace
 from gui.overlays import Overlays
-from gui.pages.stage_views import StageViews
 from gui.pages.start.panel import StartPanel
-from gui.platform.closing import CloseRequests
 from gui.platform.drawn_frames import DrawnFrames
 from gui.platform.fonts import title_font, use_icons
-from gui.platform.input_order import InputOrder
 from gui.platform.menu_bar import MenuBar
-from gui.platform.redraw import Redraws
-from gui.platform.x_window import XDisplay
-from gui.shell import Layout
+from gui.shell import Layout, Shell
 from gui.state import StateLog
 from gui.user_input import UserInput
 from gui.widgets.camera_menu import CameraMenu
 from gui.widgets.controls import ControlsPanel
-from gui.widgets.dialogs.base import Dialogs
 from gui.widgets.hints import Hints
 from gui.widgets.inspector import InspectorPanel
 from gui.widgets.modes import ModesPanel
 from gui.widgets.notice_bar import NoticeBar
 from gui.widgets.path_panel import PathPanel
-from gui.widgets.picture import color, holds, plain_label, put
-from gui.widgets.raycast import RaycastMesh
+from gui.widgets.picture import color, put
 from gui.widgets.stages import StagesPanel
 from gui.widgets.swap_guard import SwapGuard
 from gui.widgets.timeline import TimelinePanel
@@ -60,9 +45,8 @@ JOB_PAUSE, ATTENTION = 1 / 2, 2.0
 """The same while a job runs and nobody has touched the window for some seconds (the second number): the job needs the
 CPU more."""
 
-REST, AWAKE = 0.05, 0.5
-"""Seconds between two looks at everything while nothing happens; seconds after something has happened, or while a
-image is awaited, in which the window looks at each tick (10 ms)."""
+REST = 0.05
+"""Seconds between two looks at everything while nothing happens."""
 
 LOOK_EVERY = 0.5
 """Seconds between two looks at the file of the marks, which browsers also change."""
@@ -71,12 +55,11 @@ LEAST_SIZE = (51, 40)
 """Width and height of the window in em below which controls would be cut off."""
 
 
-class MainWindow:
+class MainWindow(Shell):
     """See the module.
 
     Attributes:
         ticks: completed ticks, without those at rest.
-        wants_close: asks the tick loop to close the window; Open3D crashes if it is closed within a tick.
 
     Args:
         size: size of the window's content, pixels.
@@ -88,46 +71,26 @@ class MainWindow:
     def __init__(
         self, size: tuple[int, int], log: Path | None = None, device: str = "", software: bool = False
     ) -> None:
-        self.preferences = Preferences.read()
-        self.device = device
-        self.workspace = Workspace()
-        self.player = PlayerPresenter(read_mesh=RaycastMesh)
-        self.views = StageViews(self.workspace, self.player, RaycastMesh)
-        self.exports, self.serving = Exports(), Serving()
-        self.evaluation, self.marks = Evaluation(), Marks(None)
-        self.notices = Notices()
-        self._software = software
-        self._redraws = Redraws()
-        self._log = StateLog(log)
-        self.pictures = 0
-        self.numbers: list[int | None] = [None, None, None]
-        self.close_requests = CloseRequests(lambda: self._x.escape_down)
-        self.wants_close = False
-        self.ticks, self.title = 0, ""
-        self._awake_until = self._next_look = self._last_input = 0.0
         application = gui.Application.instance
         if application.menubar is None:
             use_icons(application, FONT)
         menus.build(application)
-        titles = title_font(application)
-        self.window = application.create_window("V3 Studio", *size)
+        super().__init__(size, device, title_font(application))
+        self._software = software
+        self._log = StateLog(log)
+        self.ticks = 0
+        self._next_look = self._last_input = 0.0
         # Without a scene that lives as long as the window, Open3D 0.20 leaks about 2 MB for each drawn frame.
         self._keep_alive = rendering.Open3DScene(self.window.renderer)
-        self.em = float(self.window.theme.font_size)
-        self._x = XDisplay()
-        own = self._x.window
-        self.input = InputOrder(own)
-        self._frames = DrawnFrames(own)
-        self._x.set_least_size(*(min(round(a * self.em), b) for a, b in zip(LEAST_SIZE, size, strict=True)))
+        self._frames = DrawnFrames(self.x.window)
+        self.x.set_least_size(*(min(round(a * self.em), b) for a, b in zip(LEAST_SIZE, size, strict=True)))
         self._guard = SwapGuard(lambda: self.input.pointer, self.em)
-        self.dialogs = Dialogs(self.window, titles)
         self.input.pressed = self.dialogs.pressed
         self.dialogs.last_folder, self.dialogs.remembered = self.preferences.folder, self._remember_folder
         self.actions = Actions(self)
         self.places = Opening(self, self._opening_ended)
         self._build()
-        menu_bar = MenuBar(self.em, menus.boxes(self.em))
-        self._user = UserInput(self, self.actions, self.overlays, self._x, self.close_requests, menu_bar)
+        self._user = UserInput(self, self.actions, self.overlays, MenuBar(self.em, menus.boxes(self.em)))
         self._quality = QualityFigures(self)
         self.layout.left = self.preferences.panel_width
         self.window.set_on_layout(self.layout.place)
@@ -158,8 +121,6 @@ class MainWindow:
         self.start = StartPanel(start.page, em, start.act, changed)
         self.notice_bar = NoticeBar(self.notices, em, self.actions.clipboard, changed)
         self.overlays: Overlays = Overlays(self, self.actions, changed)
-        self.message, self.status = plain_label(TEXT, GROUND), plain_label(DIM, PANEL)
-        self.message.visible = False
         self._pictures = (
             self.viewport.picture, self.timeline.picture, self.stages.list, self.inspector.figures, self.inspector.log,
             self.path_panel.picture, self.start.picture, hints.picture,
@@ -232,11 +193,6 @@ class MainWindow:
         else:
             self.actions.start.update()
 
-    def apply_preferences(self) -> None:
-        """Apply the preferences."""
-        self.viewport.most_pixels = PICTURE_SIZES[self.preferences.picture_size]
-        self.player.background = self.preferences.background
-
     def close(self) -> None:
         """Request that the window close at the next tick."""
         self.close_requests.granted = True
@@ -268,6 +224,7 @@ class MainWindow:
         self.actions.start.close()
         self.actions.clipboard.close()
         self.actions.bakes.close()
+        self.actions.cameras.thumbnails.close()
         self.actions.path.close()
         self.timeline.filmstrip.close()
         self.workspace.close()
@@ -277,7 +234,7 @@ class MainWindow:
         self._keep_alive = None
         self.input.close()
         self._frames.close()
-        self._x.close()
+        self.x.close()
         self._log.close()
 
     @property
@@ -286,23 +243,6 @@ class MainWindow:
         return self._user.control_held
 
     # User actions
-
-    def changed(self) -> None:
-        """Note that something on screen may have changed."""
-        self._redraws.changed()
-        self._stay_awake()
-
-    def select(self, stage: str) -> None:
-        """Show a stage."""
-        self.stages.selected = self.inspector.stage = stage
-        self.camera_menu.close()
-        self.views.select(stage)
-        self.window.set_needs_layout()
-
-    def over_view(self, x: int, y: int) -> bool:
-        """Whether a menu or a card lies over the view at a position, window pixels."""
-        over = (self.camera_menu.widget, self.notice_bar.widget)
-        return any(widget.visible and holds(widget, x, y) for widget in over)
 
     def _chosen(self, stage: str, key: str) -> None:
         if self._guard.refuses():
@@ -381,9 +321,6 @@ class MainWindow:
                 self.changed()
         self.ticks += 1
         return due
-
-    def _stay_awake(self) -> None:
-        self._awake_until = time.monotonic() + AWAKE
 
     def _rests(self) -> bool:
         """Whether nothing happens, so that this tick can pass without a look at everything."""

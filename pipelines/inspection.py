@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from pipelines.stages.camera_file import camera_file, camera_file_text
 from studio.capture import CaptureSettings, Footage, find_cameras, open_footage, suggested_held_out
+from studio.capture.detect import MASK_FOLDERS, PLATE_FOLDERS, all_beside
+from studio.capture.patterns import walk
 from studio.errors import Message, StudioError
 from studio.masks.mask_files import FileMaskSource
 from studio.progress import ProgressFn, no_progress
@@ -16,6 +20,9 @@ from studio.storage import is_address
 
 STRIP = 10
 """Most frames of the strip of frames."""
+
+SOUNDS = frozenset({".aac", ".flac", ".m4a", ".mp3", ".ogg", ".opus", ".wav"})
+"""Extensions of sound files."""
 
 THUMBNAIL = 96
 """Height of a thumbnail, pixels."""
@@ -32,6 +39,8 @@ class Inspection:
         lines: what was found, one sentence each.
         problems: what is wrong with it.
         rigs: calibration files to choose from with `capture.rig`; empty if there is one, or none.
+        masks, plates, sounds: what there is to choose from for `capture.mask_files`, `capture.clean_plates` and
+            `capture.audio`.
         cameras: names of all cameras, also of those that are not used.
         used: those that a take would use.
         unmasked: those without mask files, although others have them.
@@ -46,6 +55,9 @@ class Inspection:
     lines: tuple[str, ...] = ()
     problems: tuple[Message, ...] = ()
     rigs: tuple[str, ...] = ()
+    masks: tuple[str, ...] = ()
+    plates: tuple[str, ...] = ()
+    sounds: tuple[str, ...] = ()
     cameras: tuple[str, ...] = ()
     used: tuple[str, ...] = ()
     unmasked: tuple[str, ...] = ()
@@ -93,6 +105,9 @@ def _found(capture: CaptureSettings, footage: Footage, progress: ProgressFn | No
         lines=found_lines(footage),
         problems=(*footage.problems, *footage.warnings),
         rigs=tuple(rigs),
+        masks=_beside(footage, MASK_FOLDERS),
+        plates=_beside(footage, PLATE_FOLDERS),
+        sounds=tuple(path for path in walk(footage.spec.root, 1) if Path(path).suffix.lower() in SOUNDS),
         cameras=cameras,
         used=footage.camera_names,
         unmasked=tuple(name for name in cameras if name not in masked),
@@ -102,6 +117,16 @@ def _found(capture: CaptureSettings, footage: Footage, progress: ProgressFn | No
         thumbnails=thumbnails,
         strip=strip,
     )
+
+
+def _beside(footage: Footage, folders: re.Pattern[str]) -> tuple[str, ...]:
+    """Patterns of masks or clean plates, one for each set of files."""
+    found: dict[str, set[Path]] = {}
+    for pattern, matches in all_beside(footage.spec.root, folders, footage.camera_names):
+        files = {match.path for match in matches}
+        if not any(files & other for other in found.values()):
+            found[pattern] = files
+    return tuple(found)
 
 
 def _images(footage: Footage, progress: ProgressFn) -> tuple[dict[str, np.ndarray], dict[int, np.ndarray]]:

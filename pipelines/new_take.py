@@ -26,7 +26,8 @@ MOST_FPS = 10_000
 
 AUTO = "found automatically"
 CALIBRATE = "none: calibrate from the footage"
-"""Choices of the calibration file, besides those that were found."""
+SILENT = "as in the settings"
+"""Choices besides those that were found."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,8 @@ class NewTake:
         fps: frames per second, where the footage gives none; empty for that of the settings.
         images: pattern of the footage; `AUTO` for that of the settings.
         rig: calibration file; `AUTO` for that of the settings.
+        masks, plates: patterns of mask files and clean plates; `AUTO` for those of the settings.
+        audio: sound file; `SILENT` for that of the settings.
         frames: "60 to 83"; empty for those of the settings.
         uses: what each camera is used for; None: as the settings say.
     """
@@ -69,6 +72,9 @@ class NewTake:
     fps: str = ""
     images: str = AUTO
     rig: str = AUTO
+    masks: str = AUTO
+    plates: str = AUTO
+    audio: str = SILENT
     frames: str = ""
     uses: CameraUses | None = None
 
@@ -131,6 +137,14 @@ class NewTake:
             overrides.append(("capture.images", self.images))
         if self.rig != AUTO:
             overrides.append(("capture.rig", None if self.rig == CALIBRATE else self.rig))
+        if self.masks != AUTO:
+            overrides.append(("capture.mask_files", self.masks))
+        if self.plates != AUTO:
+            overrides.append(("capture.clean_plates", self.plates))
+            if self.masks == AUTO:  # else the masks are used
+                overrides.append(("capture.masks", "clean_plate"))
+        if self.audio != SILENT:
+            overrides.append(("capture.audio", self.audio))
         if self.settings.strip():
             path = Path(self.settings.strip()).expanduser()
             return for_another_take(load_config(path, overrides), path)

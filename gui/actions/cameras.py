@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from functools import partial
 
+import numpy as np
+
+from gui.models.evaluation import WorstFrame
 from gui.models.loop import later
-from gui.models.take.cameras import camera_facts, change_uses, quality
+from gui.models.playback.image_zoom import ImageZoom
+from gui.models.playback.thumbnails import Thumbnails
+from gui.models.take.cameras import camera_facts, change_uses
 from gui.pages.capture.view import MASKS
 from gui.shell import Shell
 from gui.widgets.camera_menu import Item
 from gui.widgets.dialogs.camera import ask_cameras
+from gui.widgets.dialogs.worst import WorstDialog
 from pipelines.takes.camera_uses import CameraUses
-from studio.comparison.metrics import MAIN
-
-MOST_WORST = 12
-"""Rows of the list of the worst frames."""
 
 
 class CameraActions:
@@ -22,6 +24,10 @@ class CameraActions:
 
     def __init__(self, window: Shell) -> None:
         self._window = window
+        self.thumbnails = Thumbnails()
+        self._worst = WorstDialog(window.dialogs, self._show_frame, self._picture)
+        self.thumbnails.changed.connect(self._worst.update)
+        self.thumbnails.changed.connect(window.changed)
         views, garbage, notices = window.views, window.views.capture.garbage, window.notices
         views.clicked.connect(self._close_menu)
         views.camera_clicked.connect(self._clicked)
@@ -50,24 +56,22 @@ class CameraActions:
             self._alone(camera)
 
     def show_worst(self) -> None:
-        """List the worst evaluated frames by camera; choosing one shows it in Review, from that camera."""
-        window = self._window
-        evaluation, transport = window.evaluation, window.player.transport
-        kind = "held out" if evaluation.held_out else "training camera"
-        rows = {
-            f"{MAIN.text(value)}    frame {transport.number(frame)}    {camera}, {kind}": (frame, camera)
-            for value, frame, camera in evaluation.worst(MOST_WORST)
-        }
+        """Show the worst evaluated frames; choosing one compares it with the footage of its camera."""
+        self._worst.show(self._window.evaluation, self._window.player.transport.number)
 
-        def go(line: str) -> None:
-            frame, camera = rows[line]
-            self.look_through(camera)
-            transport.pause()
-            transport.seek(frame)
+    def _show_frame(self, worst: WorstFrame) -> None:
+        transport = self._window.player.transport
+        self.look_through(worst.camera)
+        transport.pause()
+        transport.seek(worst.frame)
 
-        earlier = " of an earlier bake" if evaluation.stale else ""
-        title = f"Worst frames{earlier}: {MAIN.title}, decoded"
-        window.dialogs.choose("worst", title, list(rows), go, nothing="Nothing was evaluated yet. Run Review.")
+    def _picture(self, worst: WorstFrame, size: tuple[int, int]) -> np.ndarray | None:
+        player = self._window.player
+        if player.opened is None or player.opened.rig is None or worst.camera not in player.camera_names:
+            return None
+        camera = player.opened.rig[worst.camera].undistorted()
+        view = ImageZoom.around(player.points, camera, *size).camera(camera, *size)
+        return self.thumbnails.get(player.opened.path, player.contents, view, worst.frame, size)
 
     def _alone(self, camera: str) -> None:
         views = self._window.views
@@ -96,8 +100,6 @@ class CameraActions:
         ]
         if take.rig.is_file():
             items.append(("errors", "Show its reprojection errors", lambda: self._errors(camera)))
-        if any(quality(window.evaluation, camera, what) is not None for what in ("trained", "decoded")):
-            items.append(("quality", f"Show its {MAIN.title}", lambda: self.look_through(camera)))
         for other, label in (
             ("training", "Use for training"),
             ("held out", "Hold out"),
@@ -145,8 +147,4 @@ class CameraActions:
         def save(chosen: CameraUses) -> str:
             return change_uses(window.workspace, chosen, "the uses of cameras")
 
-        measured = {name: quality(window.evaluation, name) for name in uses.uses}
-        figures = {
-            name: MAIN.text(value).replace(" ", "\u00a0") for name, value in measured.items() if value is not None
-        }
-        ask_cameras(window.dialogs, uses, figures, save)
+        ask_cameras(window.dialogs, uses, save)

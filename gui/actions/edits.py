@@ -10,7 +10,7 @@ import numpy as np
 from open3d.visualization import gui
 
 from gui.models.loop import later
-from gui.pages.review.numbers import TITLES, brush_field, brush_of, fields_of, with_numbers
+from gui.pages.review.numbers import TITLES, fields_of, with_numbers
 from gui.pages.review.session import edits_of
 from gui.shell import Shell
 from gui.widgets.dialogs.numbers import ask_numbers
@@ -95,11 +95,7 @@ class EditActions:
         return (at[0] - view.frame.x) / view.frame.width, (at[1] - view.frame.y) / view.frame.height
 
     def _numbers(self) -> None:
-        tool = self._window.views.editor.tool
-        if tool == "brush":
-            self._ask_brush()
-            return
-        kind = _NUMBERS_OF.get(tool, "")
+        kind = _NUMBERS_OF.get(self._window.views.editor.tool, "")
         if kind:
             self._ask(kind)
             return
@@ -124,26 +120,6 @@ class EditActions:
 
         fields = fields_of(editor.pending or editor.edits, kind, editor.up)
         ask_numbers(self._window.dialogs, title, text, fields, save)
-
-    def _ask_brush(self) -> None:
-        editor = self._window.views.editor
-        key, label, now = brush_field(editor.brush)
-
-        def save(texts: dict[str, str]) -> str:
-            radius = brush_of(texts[key])
-            if isinstance(radius, str):
-                return radius
-            if texts[key] != now:  # else it would be rounded
-                editor.brush = radius
-            return ""
-
-        ask_numbers(
-            self._window.dialogs,
-            "Brush",
-            "Of what is painted from now on; - and + change it too.",
-            [(key, label, now)],
-            save,
-        )
 
     def _ask_distance(self, start: np.ndarray, end: np.ndarray) -> None:
         editor = self._window.views.editor

@@ -6,6 +6,7 @@ from functools import partial
 
 from open3d.visualization import gui
 
+from gui.actions.menus import MENUS
 from gui.drawing.key_list import key_list
 from gui.models.stage_rows import TITLES
 from gui.models.take.remedies import Fix
@@ -14,55 +15,39 @@ from gui.widgets.dialogs.base import BUTTON_PADDING
 from gui.widgets.picture import FIELD_PADDING, as_image, lowered
 from gui.widgets.stage_help import HELP, help_image
 
-SHORTCUTS: dict[str, dict[str, str]] = {
+KEYS: dict[str, dict[str, str]] = {
     "Playback": {
         "Space": "play or pause",
-        "Left, Right": "step one frame back or forward",
-        "Home, End": "go to the first or last frame",
-        "[ and ]": "go to the previous or next group",
-        "L": "toggle looping",
-        "V": "sound off or on",
-        "T": "select a span of frames: from here, to here, none",
+        "Left, Right": "previous, next frame",
+        "Home, End": "first, last frame",
+        "[ and ]": "previous, next group",
+        "L, V": "loop; sound off or on",
         "Drag the images": "above the timeline (or Shift + drag on it): select a span",
-        "M": "mark the frame, with a note",
-        "< and >": "go to the previous or next mark",
     },
     "View": {
         "Left drag": "orbit",
         "Right drag, Shift + drag": "pan",
         "Wheel": "zoom",
-        "R": "reset the view",
-        "C": "look through the next capture camera",
         "Z": "zoom to the performer in a capture camera's image; press again for the whole image",
         "Click, right click": "on a camera: look through it; its menu",
-        "F": "fullscreen viewport (Escape exits)",
     },
     "Compare": {
-        "1, 2, 3, 4": "show footage, trained, decoded, the other bake",
-        "S": "side by side",
+        "1, 2, 3, 4": "footage, trained, decoded, the other bake or take",
         "B": "what comparisons are against, and back",
-        "W": "wipe; drag the line",
-        "D": "difference heat map",
+        "S, W, D": "side by side; wipe (drag the line); difference heat map",
     },
-    "Tools": {
-        "X; - and +": "edit the take: trim, crop, clean, place the world; size of the brush",
-        "O": "scene: splats with cameras, points, mesh, grid and axes",
-        "K, P": "add the view to the camera path; show the editor of the path",
-        "N, E, Delete, U, A": "points by hand: new, edit, remove mark, undo, toggle snapping",
-        "Up, Down": "points by hand: select a point",
-        "Ctrl+Z, Ctrl+Shift+Z": "undo, redo a change of settings, marks or edits",
+    "Edit": {"- and +": "size of the brush"},
+    "Points by hand": {
+        "N, E, Delete, U, A": "new, edit, remove mark, undo, toggle snapping",
+        "Up, Down": "select a point",
     },
     "Window": {
-        "H": "show or hide the start page; there, arrow keys and Enter choose, Ctrl+V opens a path",
-        "Ctrl+K, Ctrl+Shift+P": "find a command by typing part of it",
-        "I, J": "show or hide the inspector and log; enlarge the log",
-        "Q": "show the queue of takes",
-        "Escape, Ctrl+O": "dismiss the notice over the view, open its folder",
+        "Arrow keys, Enter": "on the start page: choose; Ctrl+V opens a copied path",
+        "Escape, Ctrl+O": "dismiss the notice over the view; open its folder",
         "Ctrl+C": "copy its path or message, or else the table in the view",
-        "F1, ?": "what to look for in the selected stage; this list",
     },
 }
-"""Keys and what they do, under headings."""
+"""Keys and what they do, under headings, besides those of the menus."""
 
 WIDTH, SHORTCUTS_WIDTH = 50, 66
 """Widths of the help of a stage and of the list of shortcuts, em."""
@@ -94,7 +79,12 @@ class HelpActions:
         dialogs = self._window.dialogs
         dialogs.widgets = {}
         width = min(round(SHORTCUTS_WIDTH * dialogs.em), dialogs.room)
-        image = gui.ImageWidget(as_image(key_list(SHORTCUTS, width, dialogs.em)))
+        sections = {title: dict(keys) for title, keys in KEYS.items()}
+        for title, items in MENUS.items():
+            keys = {item.shortcut: item.words for item in items if item is not None and item.shortcut}
+            sections[title] = sections.get(title, {}) | keys
+        shown = {title: keys for title, keys in sections.items() if keys}
+        image = gui.ImageWidget(as_image(key_list(shown, width, dialogs.em)))
         dialogs.show("message", "Shortcuts", [image], [("close", "Close", dialogs.close)], 40, dialogs.close)
 
     def apply_fix(self, fix: Fix) -> None:

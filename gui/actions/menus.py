@@ -65,7 +65,7 @@ MENUS: dict[str, tuple[Item | None, ...]] = {
         None,
         Item("scene", "Scene: splats, cameras, points", "O", needs="splats"),
         None,
-        Item("worst", "Worst frames...", needs="take"),
+        Item("worst", "Worst frames by camera...", needs="take"),
         Item("queue", "Queue of takes", "Q", needs=""),
         None,
         Item("start", "Start page", "H", needs=""),

@@ -9,14 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from gui.models.camera_path import PathEditor, PathKey
-from gui.models.playback.sources import take_contents
 from gui.models.playback.thumbnails import Thumbnails
 from gui.models.scene.orbit import OrbitCamera
-from gui.models.ttl_cache import TtlCache
 from gui.shell import Shell
 from gui.widgets.dialogs.folder import ask_path
 from pipelines.takes.camera_paths import PATH_SUFFIXES, keys_in_take
-from pipelines.takes.take import Take
 from studio.errors import StudioError
 from studio.formats.camera_path import CameraPath
 
@@ -32,7 +29,6 @@ class PathActions:
         self._window, self._export = window, export
         self.thumbnails = Thumbnails()
         self.thumbnails.changed.connect(window.changed)
-        self._contents: TtlCache[Take, tuple[object, ...]] = TtlCache(take_contents)
         self._preview: tuple[CameraPath, float] | None = None
         self._shown: tuple[int, OrbitCamera] | None = None
 
@@ -208,9 +204,8 @@ class PathActions:
         opened, size = window.player.opened, window.path_panel.thumbnail_size
         if opened is None or window.player.transport.playing or not window.path_panel.shown:
             return [None] * len(self.editor.keys)
-        contents = self._contents.get(opened.take) if opened.take is not None else ()
         return [
-            None if frame is None else self.thumbnails.get(opened.path, contents, key.camera, frame, size)
+            None if frame is None else self.thumbnails.get(opened.path, window.player.contents, key.camera, frame, size)
             for key, frame in zip(self.editor.keys, self.editor.frames, strict=True)
         ]
 

@@ -16,7 +16,7 @@ ROWS, MESSAGE_LINES = 12, 3
 NAME = "queue"
 EMPTY = "The queue is empty. Add the open take, or another one."
 HINT = (
-    "The takes run one after the other, also when the window is closed.\n"
+    "The takes run one after another, even while the window is closed.\n"
     "A failed take does not stop the next one. A take that is stopped waits again and\n"
     "continues from its last finished frame. Double-click a take to open it."
 )

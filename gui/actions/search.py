@@ -62,6 +62,7 @@ class SearchActions:
             "undo": (history.can_undo, "nothing to undo"),
             "redo": (history.can_redo, "nothing to redo"),
             "camera": (window.player.camera_names, "it has no cameras"),
+            "worst": (window.evaluation.frames, "nothing is evaluated yet: run Review"),
             "next_mark": (window.marks.notes, "no marks: M makes one"),
             "previous_mark": (window.marks.notes, "no marks: M makes one"),
             "clear_keys": (window.exports.path.keys, "the camera path is empty"),

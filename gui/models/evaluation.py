@@ -6,27 +6,28 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pipelines.takes.evaluation import FrameQuality, read_evaluation
-from pipelines.takes.take import Take
+from pipelines.takes.evaluation import FrameQuality, Quality, read_evaluation
 from studio.comparison.metrics import MAIN
 from studio.errors import StudioError
 
+DECODED = f"{MAIN.name}_decoded"
 
-class EvaluationFile:
-    """Detects changes of a take's evaluation.json."""
 
-    def __init__(self) -> None:
-        self._seen: object = None
+@dataclass(frozen=True)
+class WorstFrame:
+    """A decoded frame as a camera sees it.
 
-    def changed(self, take: Take | None, frame_count: int, camera: str = "", other: object = None) -> bool:
-        """True on the first call, and if the file, the take or its bake, the number of frames, the camera or what it is
-        compared with has changed since the last."""
-        stamp = None
-        if take is not None:
-            files = (take.evaluation, take.record("bake"))
-            stamp = (take.root, *(path.stat().st_mtime_ns if path.is_file() else 0 for path in files))
-        before, self._seen = self._seen, (stamp, frame_count, camera, other)
-        return before != self._seen
+    Attributes:
+        value: the main metric.
+        frame: counted from 0.
+        camera: its name.
+        measures: all metrics by name.
+    """
+
+    value: float
+    frame: int
+    camera: str
+    measures: Mapping[str, float]
 
 
 @dataclass(frozen=True)
@@ -35,14 +36,14 @@ class Evaluation:
 
     Attributes:
         frames: figures by frame, counted from 0.
-        cameras: the evaluated cameras.
+        cameras: the evaluated cameras, with their means.
         held_out: whether they were held out; if not, they are training cameras.
         error: message if the file is damaged; "" otherwise.
         stale: whether an earlier bake was evaluated, not the one that is there.
     """
 
     frames: Mapping[int, FrameQuality] = field(default_factory=dict)
-    cameras: tuple[str, ...] = ()
+    cameras: Mapping[str, Quality] = field(default_factory=dict)
     held_out: bool = True
     error: str = ""
     stale: bool = False
@@ -57,7 +58,7 @@ class Evaluation:
         except StudioError as error:
             return cls(error=str(error))
         frames = {row.index: row for row in found.frames}
-        return cls(frames, found.protocol.cameras, found.protocol.held_out, stale=stale)
+        return cls(frames, found.cameras, found.protocol.held_out, stale=stale)
 
     def figures(self, frame: int, camera: str = "") -> tuple[Mapping[str, float], str]:
         """PSNR, SSIM and, if measured, LPIPS of a frame, and what they refer to, as in `whose`; ({}, "") if the frame
@@ -67,15 +68,25 @@ class Evaluation:
             return {}, ""
         return quality.cameras.get(camera, quality).measures, self.whose(camera)
 
-    def worst(self, count: int) -> list[tuple[float, int, str]]:
-        """Main metric of the decoded frame, frame, and camera, the worst first, `count` at most."""
-        name = f"{MAIN.name}_decoded"
+    def worst(self, count: int | None = None) -> list[WorstFrame]:
+        """Decoded frames as cameras see them, the worst first, `count` at most."""
         found = [
-            (getattr(measured, name), frame, camera)
+            WorstFrame(measured.measures[DECODED], frame, camera, measured.measures)
             for frame, quality in self.frames.items()
             for camera, measured in quality.cameras.items()
         ]
-        return sorted(found)[:count]
+        return sorted(found, key=lambda one: (one.value, one.frame, one.camera))[:count]
+
+    def worst_by_camera(self) -> list[WorstFrame]:
+        """The worst frame of each camera, the worst first."""
+        found: dict[str, WorstFrame] = {}
+        for one in self.worst():
+            found.setdefault(one.camera, one)
+        return list(found.values())
+
+    def mean(self, camera: str, what: str = "decoded") -> float | None:
+        """The main metric of a camera, "trained" or "decoded", mean over the frames; None if it was not measured."""
+        return getattr(self.cameras.get(camera), f"{MAIN.name}_{what}", None)
 
     def whose(self, camera: str = "") -> str:
         """What figures refer to, for a title: "camera cam05" if it was evaluated, else "mean of held-out cameras";

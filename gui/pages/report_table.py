@@ -16,7 +16,7 @@ class Sorting:
     """What a table is sorted by.
 
     Attributes:
-        column: title of a column; "" for the order of the rig.
+        column: title of a column; "" for held-out cameras first.
         descending: highest first.
     """
 
@@ -62,5 +62,5 @@ def cells_text(lines: Sequence[Sequence[str]]) -> str:
 def _figure(words: str) -> float | None:
     try:
         return float(words.rstrip("%"))
-    except ValueError:  # "from file", or nothing
+    except ValueError:  # "from a file", or nothing
         return None

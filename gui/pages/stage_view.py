@@ -104,8 +104,8 @@ class StageView:
     def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
         """Handle a drag in pixels; `turn`: orbit (left button), else pan."""
 
-    def wheel(self, notches: float) -> None:
-        """Handle the wheel."""
+    def wheel(self, x: float, y: float, notches: float) -> None:
+        """Handle the wheel at a pixel of the image."""
 
     def click(self, x: float, y: float) -> None:
         """Handle a click at a pixel of the image."""
@@ -116,9 +116,6 @@ class StageView:
     def camera_at(self, x: float, y: float) -> str:
         """The camera shown at a pixel of the image; "" if there is none."""
         return shown_at(self.places, x, y)
-
-    def hover(self, x: float, y: float) -> None:
-        """Note the pointer position for the wheel."""
 
     def reset(self) -> None:
         """Return to the initial view."""
@@ -163,7 +160,7 @@ class OrbitView(StageView):
         if orbit is not None:
             self.orbit = orbit.orbit(dx, dy) if turn else orbit.pan(dx, dy, height)
 
-    def wheel(self, notches: float) -> None:
+    def wheel(self, x: float, y: float, notches: float) -> None:
         orbit = self.orbit or self.home
         if orbit is not None:
             self.orbit = orbit.zoom(notches)

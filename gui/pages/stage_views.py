@@ -340,9 +340,9 @@ class StageViews:
         """Orbit or pan."""
         (self.stage_view or self.player).drag(dx, dy, turn, height)
 
-    def wheel(self, notches: float) -> None:
+    def wheel(self, x: float, y: float, notches: float) -> None:
         """Zoom."""
-        (self.stage_view or self.player).wheel(notches)
+        (self.stage_view or self.player).wheel(x, y, notches)
 
     def click(self, x: float, y: float) -> None:
         """Handle a click."""
@@ -394,11 +394,6 @@ class StageViews:
         if alone:
             self.capture.camera = ""
         return alone
-
-    def hover(self, x: float, y: float) -> None:
-        """Note the pointer position."""
-        if self.stage_view is not None:
-            self.stage_view.hover(x, y)
 
     def grabs(self, x: float, y: float) -> bool:
         """Whether a press at a pixel grabs the wipe's line, or a handle of an edit, or begins a lasso."""

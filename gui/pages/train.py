@@ -17,12 +17,10 @@ from gui.models.scene.splats import draw
 from gui.models.stages import performer_over
 from gui.models.take.run_state import Curve
 from gui.models.take.workspace import Workspace
-from gui.models.ttl_cache import TtlCache
 from gui.pages.capture.camera_color_pairs import CameraColorPairs
 from gui.pages.stage_view import Size, StageView
 from pipelines.runs.staleness import MISSING
 from pipelines.takes.frame_files import read_frame
-from pipelines.takes.take import Take
 from studio.errors import StudioError
 
 CURVES = (
@@ -49,7 +47,6 @@ class TrainView(StageView):
     def __init__(self, workspace: Workspace) -> None:
         super().__init__(workspace)
         self._pairs = CameraColorPairs(workspace)
-        self._count: TtlCache[Take, int] = TtlCache(lambda take: len(take.trained_files()[0]))
 
     def state(self) -> Hashable:
         """The run's metrics and previews, and the trained frames."""
@@ -58,9 +55,8 @@ class TrainView(StageView):
             return (self._pairs.stamp, self.em)
         preview = max((event.time for event in run.previews.values()), default=0.0)
         points = sum(len(line.positions) for lines in list(run.curves.values()) for line in list(lines.values()))
-        frames = self._count.get(take) if take is not None else 0
         lanes = tuple(run.lanes.get("train", {}).values())
-        return (take, frames, preview, points, run.stage, run.outcome, lanes, self.nothing, self.em)
+        return (take, run.results, preview, points, run.stage, run.outcome, lanes, self.nothing, self.em)
 
     @property
     def nothing(self) -> str:
@@ -114,7 +110,8 @@ class TrainView(StageView):
         try:
             words, render, footage = self._newest()
         except StudioError as error:
-            canvas.text(left + em, top + em, str(error), small, DIM, width=whole - 2 * em)
+            words = str(error)
+            canvas.text(left + em, top + em, words[:1].upper() + words[1:], small, DIM, width=whole - 2 * em)
             return
         canvas.text(left + em, top, words, small, DIM, width=whole - 2 * em)
         y = top + line_height(small)

@@ -17,8 +17,8 @@ from gui.models.take.inspector import (
     review_blocks,
     run_blocks,
 )
-from gui.models.take.log import LogLine, LogRow, LogView, grouped, log_rows
-from gui.models.take.remedies import Fix, fix_of
+from gui.models.take.log import LogRow, LogView, grouped, log_rows
+from gui.models.take.remedies import Fix
 from gui.models.take.workspace import Workspace
 from gui.widgets.picture import ImagePanel
 
@@ -159,8 +159,6 @@ class InspectorPanel:
         self._next, self._of = time.monotonic() + PAUSE, of
         self.frame = player.frame
         blocks = review_blocks(player, evaluation, marks, camera)
-        if stage != "review" and workspace.take is not None:
-            blocks = blocks[:1]
         blocks = [*run_blocks(workspace, stage), *of_stage, *blocks]
         self._blocks = blocks
         self._share()
@@ -194,16 +192,11 @@ class InspectorPanel:
             if id(run) != self._lines_of[0]:
                 self._back = 0
             self._lines_of = lines_of
-            config = workspace.config
-            events = zip(run.lines, run.times, run.notices, strict=True)
-            lines = grouped(LogLine(*line, time_of_day, notice) for line, time_of_day, notice in events)
+            lines = grouped(run.lines)
             warnings = [line for line in lines if line.kind]
             self._warnings = len(warnings)
             lines = warnings if self.only_warnings else lines
-            self._rows = log_rows(
-                [(line.kind, line.text) for line in lines], size[0], self._em, [line.told for line in lines],
-                [fix_of(line.notice, config) for line in lines],
-            )  # fmt: skip
+            self._rows = log_rows(lines, size[0], self._em, workspace.config)
         view = self._view
         state = (view.shown, view.back, size, view.large, view.warnings, view.only_warnings)
         if state == self._log_of:

@@ -257,7 +257,7 @@ class SettingsList:
         count = len(self._differing)
         usual_words = preset if self._has_presets else "the default" + "s" * (count > 1)
         if count:
-            self.summary.text = f"{count} differ{'s' * (count == 1)} from {usual_words}"
+            self.summary.text = f"{count} changed from {usual_words}"
         else:
             self.summary.text = "for Initialize and Train" if self._has_presets else ""
         self.summary.text_color = color(FAIR if count else DIM)

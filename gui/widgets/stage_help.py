@@ -89,12 +89,12 @@ HELP: Mapping[str, StageHelp] = {
     ),
     "review": StageHelp(
         (
-            "The difference to a held-out camera is thin and even along edges. Areas mean wrong shape or color.",
+            "The difference from a held-out camera is thin and even along edges. Areas mean wrong shape or color.",
             "A frame whose PSNR drops on the timeline: step to it, and look at fast parts first.",
             "Play it from a free view: flicker between groups is visible only in motion.",
         ),
         "Differences only where the axe is fast.",
-        "A third of the cameras are four frames late: limbs are blurred and differ as areas.",
+        "A third of the cameras are four frames late: limbs are blurred and differ all over.",
         ("capture.offsets", "train.group_size", "bake.quality"),
     ),
 }

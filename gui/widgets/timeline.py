@@ -111,19 +111,8 @@ class TimelinePanel:
         view, size = self.plots_view, self._picture_size
         frames = [slot.frame for slot in slots(view.timeline, size[0])] if has_pictures(self._player) else []
         pictures = self.filmstrip.pictures(self._player, frames, size, self.busy)
-        below = (
-            tuple((one, id(found)) for one, found in pictures.items()),
-            transport.span,
-            self.picture.size,
-            transport.frame_count,
-            transport.group_starts,
-            id(transport.numbers),
-            id(self.plots),
-            self.marks,
-            self._keys,
-            self.zoom,
-            self._kept,
-        )
+        drawn = tuple((one, id(found)) for one, found in pictures.items())
+        below = (drawn, view, id(self.plots), self.marks, self._keys)
         if time.monotonic() > self._hover_until:
             self._hover = None
         hover = self._hover if frame is not None else None

@@ -35,7 +35,7 @@ class Gestures(Protocol):
         """Orbit (`turn`) or pan."""
         ...
 
-    def wheel(self, notches: float) -> None:
+    def wheel(self, x: float, y: float, notches: float) -> None:
         """Zoom."""
         ...
 
@@ -57,10 +57,6 @@ class Gestures(Protocol):
 
     def context(self, x: float, y: float) -> None:
         """Handle a right click."""
-        ...
-
-    def hover(self, x: float, y: float) -> None:
-        """Note the pointer position for the wheel."""
         ...
 
 
@@ -140,8 +136,7 @@ class Viewport:
             self._last = None
             self._pulling = self._clicking = self._right = False
         elif event.type == kind.WHEEL:
-            gestures.hover(x * scale, y * scale)
-            gestures.wheel(event.wheel_dy)
+            gestures.wheel(x * scale, y * scale, event.wheel_dy)
             self._changed()
         else:
             return False

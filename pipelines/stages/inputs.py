@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from studio.edits import CropBox, EditList
 
 
-@dataclass
+@dataclass(eq=False)
 class Inputs:
     """A take with its settings; what is read from it is opened on first access.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import re
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path, PurePosixPath
 
@@ -388,6 +388,11 @@ def _with_extension(layout: str, matches: Sequence[Match]) -> str:
 
 
 def detect_beside(root: Path, folders: re.Pattern[str], cameras: Sequence[str]) -> tuple[str, list[Match]] | None:
+    """The first of `all_beside`; None if there are none."""
+    return next(all_beside(root, folders, cameras), None)
+
+
+def all_beside(root: Path, folders: re.Pattern[str], cameras: Sequence[str]) -> Iterator[tuple[str, list[Match]]]:
     """Find masks or clean plates of the cameras.
 
     Args:
@@ -396,8 +401,8 @@ def detect_beside(root: Path, folders: re.Pattern[str], cameras: Sequence[str]) 
             frames or those of the cameras. Masks may also be beside the images.
         cameras: names of the footage's cameras.
 
-    Returns:
-        A pattern and the files of `cameras` that match it; None if there are none.
+    Yields:
+        Patterns, each with the files of `cameras` that match it, the most likely first; some may match the same files.
     """
     wanted = set(cameras)
     listing = cache(lambda: list(walk(root, _DEPTH)))
@@ -405,7 +410,7 @@ def detect_beside(root: Path, folders: re.Pattern[str], cameras: Sequence[str]) 
     for pattern in named:
         found = _of_cameras(root, pattern, wanted)
         if found is not None:
-            return found
+            yield found
     inside: dict[str, list[str]] = {}
     for path in listing():
         for name in path.split("/")[:-1]:
@@ -425,14 +430,15 @@ def detect_beside(root: Path, folders: re.Pattern[str], cameras: Sequence[str]) 
         ):
             found = _of_cameras(root, pattern, wanted)
             if found is not None:
-                return found
+                yield found
+                break
     patterns = [f"{{camera}}/{name}.*" for name in _PLATE_FILES] if folders is PLATE_FOLDERS else []
     patterns += named
     if folders is MASK_FOLDERS:
         stems = {Path(path).stem for path in listing()}
         beside = [path for path in listing() if _is_mask(path, stems)]
         patterns += [layout.pattern for group in groups_of(beside) for layout in infer_layouts(group, wanted)]
-    return next((found for pattern in patterns if (found := _of_cameras(root, pattern, wanted)) is not None), None)
+    yield from (found for pattern in patterns if (found := _of_cameras(root, pattern, wanted)) is not None)
 
 
 def folders_named(root: Path, folders: re.Pattern[str]) -> list[str]:

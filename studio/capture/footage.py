@@ -194,10 +194,12 @@ class Footage:
         return self._mask(camera, frame, self._mask_source, "mask").copy()
 
     def evaluation_mask(self, camera: str, frame: int) -> np.ndarray:
-        """The exact mask if the footage was opened with such masks, else `mask`."""
-        if self._exact_mask_source is None:
+        """The exact mask if the footage was opened with such masks and they are of this camera, else `mask`: those of
+        cameras on which nothing is measured are not opened."""
+        exact = self._exact_mask_source
+        if exact is None or (isinstance(exact, FileMaskSource) and camera not in exact.cameras):
             return self.mask(camera, frame)
-        return self._mask(camera, frame, self._exact_mask_source, "exact").copy()
+        return self._mask(camera, frame, exact, "exact").copy()
 
     def view(self, camera: str, frame: int) -> FootageView:
         """Camera, image and mask together; the frame is decoded only once.

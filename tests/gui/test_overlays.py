@@ -33,12 +33,12 @@ def test_titles() -> None:
     assert found == [
         "walk - V3 Studio",
         "V3 Studio",
-        "37% train - walk - V3 Studio",
-        "train - walk - V3 Studio",
-        "50% train, paused - walk - V3 Studio",
-        "5% bake - night - V3 Studio",
+        "37% Train - walk - V3 Studio",
+        "Train - walk - V3 Studio",
+        "50% Train, paused - walk - V3 Studio",
+        "5% Bake - night - V3 Studio",
         "night - V3 Studio",
-        "50% train - walk - V3 Studio",
+        "50% Train - walk - V3 Studio",
     ]
 
 
@@ -48,5 +48,5 @@ def test_titles() -> None:
 def test_the_title_and_the_list_of_stages_say_the_same(fraction: float, said: str) -> None:
     run = RunState(stage="bake", progress=Progress(time=0.0, stage="bake", fraction=fraction))
     space = SimpleNamespace(busy=True, paused=False, run=run)
-    assert window_title("walk", space).startswith(f"{said} bake")  # type: ignore[arg-type]
+    assert window_title("walk", space).startswith(f"{said} Bake")  # type: ignore[arg-type]
     assert run.stage_words().split(",")[0] == said

@@ -151,3 +151,31 @@ def test_without_a_gpu_a_take_does_not_begin_with_the_papers_schedule(
     assert config.train.keyframe_iterations == (12_000 if gpu else 2400)
     new.settings = str(project / "ball.yaml")
     assert new.config().train == load_config(project / "ball.yaml").train  # what was chosen stays
+
+
+def test_one_of_several_masks_plates_and_sounds_is_chosen(tmp_path: Path) -> None:
+    root = tmp_path / "shots"
+    images(root / "images")
+    for kind, value in (("masks", 255), ("masks_fine", 128)):
+        for camera in ("a", "b"):
+            (root / kind / camera).mkdir(parents=True)
+            for frame in range(3):
+                mask = np.zeros((24, 32), np.uint8)
+                mask[8:16, 8:24] = value
+                Image.fromarray(mask).save(root / kind / camera / f"{frame:04d}.png")
+    for kind in ("clean_plates", "backgrounds"):
+        (root / kind).mkdir()
+        for camera in ("a", "b"):
+            Image.new("RGB", (32, 24)).save(root / kind / f"{camera}.png")
+    (root / "boom.wav").write_bytes(b"")
+    new = NewTake(str(root), take=str(tmp_path / "take"))
+    found = new.found().inspection
+    assert set(found.masks) == {"masks/{camera}/{frame}.png", "masks_fine/{camera}/{frame}.png"}
+    assert set(found.plates) == {"clean_plates/{camera}.png", "backgrounds/{camera}.png"}
+    assert found.sounds == ("boom.wav",)
+    new.plates, new.audio = "backgrounds/{camera}.png", "boom.wav"
+    capture = new.config().capture
+    assert (capture.masks, capture.clean_plates, capture.audio) == ("clean_plate", new.plates, "boom.wav")
+    new.masks = "masks_fine/{camera}/{frame}.png"
+    capture = new.config().capture
+    assert (capture.masks, capture.mask_files) == ("auto", new.masks)

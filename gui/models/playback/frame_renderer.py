@@ -362,6 +362,4 @@ def footage_image(request: RenderRequest, width: int, height: int) -> np.ndarray
         )
     image = performer_over(footage, request.camera, footage.frames[request.frame], request.background)
     camera = footage.rig[request.camera]
-    pixels = request.image_zoom.picture(image, camera, width, height)
-    request.image_zoom.mask_outside(pixels, camera)
-    return pixels
+    return request.image_zoom.whole(image, camera, width, height)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -21,6 +22,16 @@ FARTHEST = 0.5
 """Points farther than this from the body, as a part of its size, are ignored: they float."""
 
 
+class Sized(Protocol):
+    """A camera, or something else with an image."""
+
+    @property
+    def width(self) -> int: ...
+
+    @property
+    def height(self) -> int: ...
+
+
 @dataclass(frozen=True)
 class ImageZoom:
     """A part of an image, magnified.
@@ -34,11 +45,11 @@ class ImageZoom:
     v: float = 0.5
     zoom: float = 1.0
 
-    def scale(self, camera: Camera, width: int, height: int) -> float:
+    def scale(self, camera: Sized, width: int, height: int) -> float:
         """Picture pixels per image pixel, for an image of this size."""
         return min(width / camera.width, height / camera.height) * self.zoom
 
-    def offset(self, camera: Camera, width: int, height: int) -> tuple[float, float]:
+    def offset(self, camera: Sized, width: int, height: int) -> tuple[float, float]:
         """Position of the image's upper left corner in the image, pixels."""
         scale = self.scale(camera, width, height)
         return width / 2 - self.u * camera.width * scale, height / 2 - self.v * camera.height * scale
@@ -53,7 +64,7 @@ class ImageZoom:
         K[1, 2] += y
         return Camera(camera.name, width, height, K, camera.world_to_camera)
 
-    def picture(self, image: np.ndarray, camera: Camera, width: int, height: int) -> np.ndarray:
+    def picture(self, image: np.ndarray, camera: Sized, width: int, height: int) -> np.ndarray:
         """(height, width, 3) uint8: the part of the camera's (H, W, 3) uint8 image, resampled."""
         import cv2
 
@@ -68,7 +79,13 @@ class ImageZoom:
         pixels = cv2.warpAffine(image, warp, (width, height), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return np.ascontiguousarray(pixels)
 
-    def inside(self, camera: Camera, width: int, height: int) -> tuple[int, int, int, int]:
+    def whole(self, image: np.ndarray, camera: Sized, width: int, height: int) -> np.ndarray:
+        """The same, and the background outside the camera's image."""
+        pixels = self.picture(image, camera, width, height)
+        self.mask_outside(pixels, camera)
+        return pixels
+
+    def inside(self, camera: Sized, width: int, height: int) -> tuple[int, int, int, int]:
         """The camera's image in an image of this size: first column and row, and the column and row after the last,
         pixels."""
         scale = self.scale(camera, width, height)
@@ -77,7 +94,7 @@ class ImageZoom:
         top, bottom = max(round(y), 0), min(round(y + camera.height * scale), height)
         return left, top, right, bottom
 
-    def mask_outside(self, pixels: np.ndarray, camera: Camera) -> None:
+    def mask_outside(self, pixels: np.ndarray, camera: Sized) -> None:
         """Fill everything outside the camera's image with the background, in place."""
         left, top, right, bottom = self.inside(camera, pixels.shape[1], pixels.shape[0])
         pixels[:top], pixels[bottom:], pixels[:, :left], pixels[:, right:] = GROUND, GROUND, GROUND, GROUND
@@ -87,7 +104,7 @@ class ImageZoom:
         zoom = float(np.clip(self.zoom / 0.9**notches, 1.0, MOST_ZOOM))
         return ImageZoom(0.5, 0.5, 1.0) if zoom == 1.0 else ImageZoom(self.u, self.v, zoom)
 
-    def moved(self, dx: float, dy: float, camera: Camera, width: int, height: int) -> ImageZoom:
+    def moved(self, dx: float, dy: float, camera: Sized, width: int, height: int) -> ImageZoom:
         """This view moved by a drag in pixels of the image."""
         scale = self.scale(camera, width, height)
         u = float(np.clip(self.u - dx / scale / camera.width, 0.0, 1.0))

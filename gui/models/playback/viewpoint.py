@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gui.drawing.compare import ALONE, boxes
-from gui.models.held_out import HeldOut
+from gui.models.held_out import held_out_cameras, held_out_first
 from gui.models.loop import Signal
 from gui.models.playback.image_zoom import ImageZoom
 from gui.models.playback.other_source import OTHER, shown_beside
@@ -42,7 +42,6 @@ class Viewpoint:
     def __init__(self) -> None:
         self.opened: Opened | None = None
         self.context: Inputs | None = None
-        self._held_out = HeldOut()
         self.what = "decoded"
         self.mode = "single"
         self.camera = ""
@@ -72,7 +71,7 @@ class Viewpoint:
     def camera_names(self) -> list[str]:
         """Names of the capture cameras, the held-out ones first."""
         names = [camera.name for camera in self.opened.rig] if self.opened and self.opened.rig else []
-        return sorted(names, key=lambda name: name not in self.held_out)
+        return held_out_first(names, self.held_out)
 
     def why_not(self, what: str) -> str:
         """Why a source cannot be shown; "" if it can."""
@@ -102,7 +101,7 @@ class Viewpoint:
     @property
     def held_out(self) -> tuple[str, ...]:
         """The cameras that are not trained on."""
-        return self._held_out.of(self.context)
+        return held_out_cameras(self.context)
 
     def zoom_to_performer(self) -> None:
         """Zoom to the performer in the capture camera's image, or back to the whole image."""
@@ -182,7 +181,7 @@ class Viewpoint:
             return
         self.orbit = self.orbit.pan(dx, dy, height)
 
-    def wheel(self, notches: float) -> None:
+    def wheel(self, x: float, y: float, notches: float) -> None:
         """Zoom; within the image in a capture camera's view."""
         if self.camera:
             self._zoom_follows = False

@@ -14,6 +14,7 @@ import numpy as np
 from gui.models.scene import contents as scene
 from gui.models.scene.contents import Lines, SceneCamera, SceneContents, SceneWanted, Surface
 from gui.models.scene.handles import up_of
+from gui.models.stages import Inputs
 from pipelines.takes.edits import read_edits
 from pipelines.takes.point_files import read_points, read_sparse_points
 from studio.cameras import Camera, Rig
@@ -135,18 +136,13 @@ class SceneReader:
 
     def _image(self, wanted: SceneWanted, name: str, frame: int) -> np.ndarray | None:
         """The camera's image of the frame; until the view rests, the last one that was read."""
-        import cv2
-
         key = (name, frame)
         if key not in self._images and wanted.still and wanted.context is not None:
             while len(self._images) >= MOST_THUMBNAILS:
                 self._images.pop(next(iter(self._images)))
             self._images[key] = None  # the Capture view says why it cannot be read
             with contextlib.suppress(StudioError):
-                footage = wanted.context.footage.raw
-                whole = footage.raw_image(name, footage.frames[min(frame, len(footage.frames) - 1)])
-                scale = THUMBNAIL / max(whole.shape[:2])
-                self._images[key] = cv2.resize(whole, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+                self._images[key] = small_image(wanted.context, name, frame)
         image = self._images.get(key)
         if image is not None:
             self._last[name] = image
@@ -158,6 +154,17 @@ class SceneReader:
         self._images.clear()
         self._last.clear()
         self._undistorted = (None, [])
+
+
+def small_image(context: Inputs, camera: str, frame: int) -> np.ndarray:
+    """(h, w, 3) uint8: a camera's image of a frame, counted from 0, for its frustum. Raises StudioError as
+    `Footage.raw_image`."""
+    import cv2
+
+    footage = context.footage.raw
+    whole = footage.raw_image(camera, footage.frames[min(frame, len(footage.frames) - 1)])
+    scale = THUMBNAIL / max(whole.shape[:2])
+    return cv2.resize(whole, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
 
 
 def _unit(directions: np.ndarray) -> np.ndarray:

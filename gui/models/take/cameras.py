@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from statistics import fmean
-
 from gui.models.evaluation import Evaluation
 from gui.models.take.workspace import Workspace
 from pipelines.takes.camera_uses import CameraUses
@@ -30,23 +28,10 @@ def camera_facts(take: Take, evaluation: Evaluation, camera: str) -> list[tuple[
         rows.append(("matches", f"{check.fits:.0%} of {check.matches} fit"))
     if check is not None and check.mask_error is not None:
         rows.append(("mask", f"{check.mask_error:.0%} off the others' volume"))
-    measured = {what: quality(evaluation, camera, what) for what in ("trained", "decoded")}
+    measured = {what: evaluation.mean(camera, what) for what in ("trained", "decoded")}
     words = ", ".join(f"{MAIN.text(value)} {what}" for what, value in measured.items() if value is not None)
     rows.append((MAIN.title, words or "not evaluated"))
     return rows
-
-
-def quality(evaluation: Evaluation, camera: str, what: str = "decoded") -> float | None:
-    """A camera's mean over the frames where it was measured; None if it was not.
-
-    Args:
-        evaluation: of the take.
-        camera: its name.
-        what: "trained" or "decoded".
-    """
-    found = [getattr(frame.cameras.get(camera), f"{MAIN.name}_{what}", None) for frame in evaluation.frames.values()]
-    values = [value for value in found if value is not None]
-    return fmean(values) if values else None
 
 
 def change_uses(workspace: Workspace, uses: CameraUses, words: str) -> str:

@@ -13,6 +13,7 @@ from gui.models.evaluation import Evaluation
 from gui.models.marks import Marks
 from gui.models.playback.player import PlayerPresenter
 from gui.models.playback.span import SPANNED, span_rows
+from gui.models.take.log_words import stage_name
 from gui.models.take.workspace import Workspace
 from pipelines.reports.terminal import duration
 from studio.comparison.metrics import EVALUATED
@@ -43,20 +44,16 @@ def review_blocks(player: PlayerPresenter, evaluation: Evaluation, marks: Marks,
         return []
     frame = player.frame
     number = transport.number(frame)
-    blocks = [
-        Block(
-            "Frame",
-            [
-                ("frame", f"{number} ({transport.number(0)} to {transport.number(transport.last)})"),
-                ("time", f"{frame / transport.fps:.2f} s at {transport.fps:g} fps"),
-                *camera_rows(player),
-                *splat_rows(player),
-            ],
-            f"Mark: {marks.notes[number] or '(no note)'}" if number in marks.notes else "",
-        ),
-    ]  # fmt: skip
+    mark = f"Mark: {marks.notes[number] or '(no note)'}" if number in marks.notes else ""
+    rows = [
+        ("frame", f"{number} ({transport.number(0)} to {transport.number(transport.last)})"),
+        ("time", f"{frame / transport.fps:.2f} s at {transport.fps:g} fps"),
+    ]
+    if not player.on_screen:
+        return [Block("Frame", rows, mark)]
+    blocks = [Block("Frame", [*rows, *camera_rows(player), *splat_rows(player)], mark)]
     figures, whose = evaluation.figures(frame, camera)
-    rows: list[Row] = []
+    rows = []
     for metric in EVALUATED:
         for what in ("trained", "decoded"):
             value = figures.get(f"{metric.name}_{what}")
@@ -113,7 +110,7 @@ def run_blocks(workspace: Workspace, stage: str) -> list[Block]:
     progress = workspace.run.progress
     if workspace.busy and progress is not None:
         words = "paused" if workspace.paused else workspace.run.stage_words()
-        rows = [("stage", progress.stage), ("done", words)]
+        rows = [("stage", stage_name(progress.stage)), ("done", words)]
         if not workspace.paused:
             total = progress.total_seconds_left
             rows.append(("entire run", f"{duration(total)} left" if total is not None else "estimating time left"))
@@ -134,14 +131,10 @@ def run_blocks(workspace: Workspace, stage: str) -> list[Block]:
         if status is not None and status.seconds is not None:
             rows.append(("time", duration(status.seconds)))
         for name, value in (status.summary or {}).items() if status is not None else ():
-            words = (
-                ", ".join(f"{one:,}" if isinstance(one, int) else str(one) for one in value)
-                if isinstance(value, list)
-                else f"{value:,}"
-                if isinstance(value, int)
-                else str(value)
-            )
-            rows.append((name.replace("_", " "), words))
+            # of one value per group, the lowest and the highest: a list of them would look like one long number
+            ends = sorted({min(value), max(value)}) if isinstance(value, list) and value else [value]
+            texts = [f"{one:,}" if isinstance(one, int) else str(one) for one in ends]
+            rows.append((name.replace("_", " "), " to ".join(texts)))
         if stage == "capture":
             rows.append(("footage", row.words))
         blocks.append(Block(row.title, rows))

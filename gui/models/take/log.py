@@ -12,8 +12,9 @@ import numpy as np
 from gui.drawing.canvas import Canvas, line_height, text_width, wrapped
 from gui.drawing.palette import ACCENT, BAD, DIM, FAIR, GOOD, PANEL, RGB, TEXT
 from gui.models.take.inspector import heading
-from gui.models.take.remedies import Fix
-from pipelines.events import Notice
+from gui.models.take.remedies import Fix, fix_of
+from gui.models.take.run_state import LogLine
+from pipelines.config import Config
 
 LEVELS: dict[str, tuple[str, RGB, RGB]] = {
     "": ("", DIM, TEXT),
@@ -49,23 +50,6 @@ class LogRow:
     clock: str = ""
     first: bool = False
     fix: Fix | None = None
-
-
-@dataclass(frozen=True)
-class LogLine:
-    """A line of the log.
-
-    Attributes:
-        kind: "", "warning" or "error".
-        text: what it says.
-        told: when it was reported, seconds since 1970; 0 if unknown.
-        notice: the warning or error that it tells; None for others.
-    """
-
-    kind: str
-    text: str
-    told: float = 0.0
-    notice: Notice | None = None
 
 
 def grouped(lines: Iterable[LogLine]) -> list[LogLine]:
@@ -110,34 +94,19 @@ def _hang(width: float, em: float) -> float:
     return _indent(em) if width >= WIDE * em else 0.6 * em + HANG * em
 
 
-def log_rows(
-    lines: Iterable[tuple[str, str]],
-    width: int,
-    em: float,
-    times: Iterable[float] = (),
-    fixes: Iterable[Fix | None] = (),
-) -> list[LogRow]:
-    """The log wrapped to the width.
-
-    Args:
-        lines: (kind, text).
-        width: pixels.
-        times: when each line was reported, seconds since 1970; 0 if unknown.
-        fixes: the fix of each line; None for none.
-    """
+def log_rows(lines: Iterable[LogLine], width: int, em: float, config: Config | None = None) -> list[LogRow]:
+    """The log wrapped to the width, pixels, with the fixes of its lines for the take's settings."""
     found: list[LogRow] = []
-    none = itertools.repeat(None)
     room = width - _indent(em) - 0.6 * em
     spare = width - _hang(width, em) - 0.6 * em
-    for (kind, text), told, fix in zip(
-        lines, itertools.chain(times, itertools.repeat(0.0)), itertools.chain(fixes, none), strict=False
-    ):
-        clock = _clock(told)
-        words = LEVELS[kind][0] + text
+    for line in lines:
+        clock = _clock(line.told)
+        words = LEVELS[line.kind][0] + line.text
         parts = wrapped(words, _size(em), room)
         rest = words[len(parts[0]) :].removeprefix("\n").lstrip(" ")
         parts = [parts[0], *(wrapped(rest, _size(em), spare) if rest else [])]
-        found += [LogRow(kind, part, clock if not number else "", not number) for number, part in enumerate(parts)]
+        found += [LogRow(line.kind, part, clock * (not number), not number) for number, part in enumerate(parts)]
+        fix = fix_of(line.notice, config)
         if fix is not None:
             found.append(LogRow("fix", fix.words, fix=fix))
     return found

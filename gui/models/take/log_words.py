@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
+from gui.models.stages import STAGES
 from pipelines.events import Metrics
 from pipelines.reports.summary_words import size_words, summary_words
 from pipelines.reports.terminal import duration
@@ -15,8 +16,8 @@ Figures = dict[str, JsonData]
 
 
 def stage_name(stage: str) -> str:
-    """A stage as the log names it: "Train"."""
-    return stage[:1].upper() + stage[1:]
+    """A stage as the window names it, by its name on the command line: "Train"."""
+    return next((one.title for one in STAGES if one.name == stage), stage[:1].upper() + stage[1:])
 
 
 def metrics_words(event: Metrics) -> str:

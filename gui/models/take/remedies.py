@@ -65,29 +65,6 @@ REMEDIES: Mapping[str, Remedy] = {
 _DETECTED = ("clean_plate", "agreed", "median_background", "chroma_key")
 """Sources of masks that have a sensitivity."""
 
-NO_SETTING = frozenset(
-    {
-        "bake.live_failed",  # retried automatically
-        "calibration.low_coverage",  # film the board, or the set, in more of the image
-        "calibration.poor_cameras",  # they moved, or are out of focus
-        "calibration.unregistered",  # too few matches: film more of the set
-        "cluster.busy",  # other programs have its nodes
-        "cluster.worker_lost",  # restarted automatically
-        "evaluation.not_visible",  # of one frame
-        "footage.color_drift",  # in the footage
-        "lpips.other_weights",  # a file on this machine
-        "mask.weak",  # in the files
-        "target.outlier_views",  # in the footage
-        "tie_points.position_uncertainty",  # marks: "points by hand"
-        "tie_points.rejected",
-        "tie_points.reprojection_error",
-        "tie_points.unit",
-        "tie_points.world_error",
-        "training.not_visible",  # of one frame
-    }
-)
-"""Warnings of stages that no setting fixes."""
-
 
 @dataclass(frozen=True)
 class Fix:

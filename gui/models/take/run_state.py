@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from gui.models.take.log_words import metrics_words, stage_name
 from pipelines.events import (
@@ -48,6 +48,23 @@ class Curve:
             del self.positions[::2], self.values[::2]
 
 
+@dataclass(frozen=True)
+class LogLine:
+    """A line of the log.
+
+    Attributes:
+        kind: "", "warning" or "error".
+        text: what it says.
+        told: when it was reported, seconds since 1970; 0 if unknown.
+        notice: the warning or error of this run that it tells; None for others.
+    """
+
+    kind: str
+    text: str
+    told: float = 0.0
+    notice: Notice | None = None
+
+
 @dataclass
 class RunState:
     """See the module.
@@ -61,9 +78,7 @@ class RunState:
         failed_setting: the setting that fixes the error, by stage, where there is one.
         outcome: "" during the run, then "done", "failed" or "cancelled".
         message: text of the outcome.
-        lines: the log, newest last, with that of earlier runs: (kind, text), kind one of "", "warning", "error".
-        times: when each line was added, seconds since 1970; 0 if unknown.
-        notices: the warning or error of this run in each line; None for others.
+        lines: the log, newest last, with that of earlier runs.
         begun: whether this run has any lines.
         curves: loss, psnr, splats over the progress of training, one curve per group, since groups train in parallel.
         previews: latest image by camera.
@@ -79,9 +94,7 @@ class RunState:
     failed_setting: dict[str, str] = field(default_factory=dict)
     outcome: str = ""
     message: str = ""
-    lines: deque[tuple[str, str]] = field(default_factory=lambda: deque(maxlen=LOG_LINES))
-    times: deque[float] = field(default_factory=lambda: deque(maxlen=LOG_LINES))
-    notices: deque[Notice | None] = field(default_factory=lambda: deque(maxlen=LOG_LINES))
+    lines: deque[LogLine] = field(default_factory=lambda: deque(maxlen=LOG_LINES))
     curves: dict[str, dict[int, Curve]] = field(default_factory=dict)
     previews: dict[str, Preview] = field(default_factory=dict)
     lanes: dict[str, dict[int, GroupState]] = field(default_factory=dict)
@@ -98,9 +111,7 @@ class RunState:
         """The state of the next run: empty except for the log, and for the training curves and previews, which are kept
         until a run trains again."""
         return RunState(
-            lines=self.lines.copy(),
-            times=self.times.copy(),
-            notices=deque([None] * len(self.notices), maxlen=LOG_LINES),
+            lines=deque((replace(line, notice=None) for line in self.lines), maxlen=LOG_LINES),
             curves=self.curves,
             previews=self.previews,
             changes=self.changes + 1,
@@ -114,7 +125,7 @@ class RunState:
         self._now = event.time
         if isinstance(event, RunStarted):
             self.planned, self.pid, self.started = event.stages, event.pid, event.time
-            todo = ", ".join(event.stages) or "nothing to do, everything is up to date"
+            todo = ", ".join(map(stage_name, event.stages)) or "nothing to do, everything is up to date"
             self._say(f"Run started: {todo}")
         elif isinstance(event, StageStarted):
             self.stage, self.progress = event.stage, None
@@ -183,9 +194,7 @@ class RunState:
 
     def _say(self, text: str, kind: str = "", notice: Notice | None = None) -> None:
         self.begun = True
-        self.lines.append((kind, text))
-        self.times.append(self._now)
-        self.notices.append(notice)
+        self.lines.append(LogLine(kind, text, self._now, notice))
 
     def _metrics(self, event: Metrics) -> None:
         if event.stage in ("train", "bake", "initialize"):

@@ -20,7 +20,7 @@ FORMS: dict[str, tuple[str, str]] = {
 """Forms of a share: label, and what its name ends in."""
 
 PHONES = {
-    "folder": "Upload the folder to any web server; it works below any path.\n"
+    "folder": "Upload the folder to any web server; under any path.\n"
     "Phones decode fastest, and check what they receive, from https:// addresses.",
     "single-file": "Opens in a desktop browser from the disk. Phones seldom open HTML files\n"
     "that were sent to them: share a folder for phones, or serve it.",
@@ -28,9 +28,9 @@ PHONES = {
 """What viewers need."""
 
 PHONES_SERVE = (
-    "The phone must be in the same network, and this machine's firewall must let it in.\n"
-    "With https, the phone warns of the certificate, which is made for this time only:\n"
-    "compare the fingerprint. Without, it decodes slower and does not check what it receives."
+    "The phone must be on the same network, and this machine's firewall must let it in.\n"
+    "With https, the phone warns about the certificate, which is new each time: compare its\n"
+    "fingerprint. Without https, it decodes slower and does not check what it receives."
 )
 """The same, where this machine serves."""
 

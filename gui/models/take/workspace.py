@@ -274,7 +274,8 @@ class Workspace:
         words = "not run" if status.state == "missing" else status.state
         if status.state == "partial":
             words = f"{status.units_done} of {status.units} {status.unit}"
-        return StageRow(key, status.state, words, status.reason)
+        # that it has not run, and that earlier stages have not either, is in the list already
+        return StageRow(key, status.state, words, "" if status.state == "missing" else status.reason)
 
     def _state(self, name: str) -> str:
         status = self.assessment.stages.get(name)

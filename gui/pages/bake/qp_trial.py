@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Hashable
-from typing import TYPE_CHECKING
 
 from gui.models.stages import Inputs, Part, Trial, longest_part, measure
 from gui.models.take.workspace import Workspace
 from pipelines.takes.frame_numbers import FrameNumbers
 from studio.errors import StudioError
-
-if TYPE_CHECKING:
-    pass
 
 TRIED_QPS = (14, 18, 20, 22, 26, 30, 36)
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from gui.drawing.canvas import Canvas
 from gui.drawing.palette import FAIR, GROUND
+from gui.models.held_out import held_out_first
 from gui.models.loop import Signal
 from gui.models.stages import Inputs
 from gui.models.take.workspace import Workspace
@@ -46,7 +47,6 @@ class PointsView(StageView):
         self.magnifiers: dict[str, Magnifier] = {}
         self._images: dict[tuple[str, int], np.ndarray] = {}
         self._spots = Spots()
-        self._hover = (0.0, 0.0)
         self._changes = 0
         self._scroll = 0
         self._refused: tuple[Path, int] | None = None  # a damaged file is read only once
@@ -87,7 +87,7 @@ class PointsView(StageView):
             self.frame,
             self.em,
             solved,
-            magnifier.key if magnifier else None,
+            magnifier.view if magnifier else None,
         )
 
     def _load(self, path: Path) -> None:
@@ -120,7 +120,8 @@ class PointsView(StageView):
             raise StudioError(
                 "gui.no_points", self.problem or "no take is open", fix="" if self.problem else "Open a take."
             )
-        names = self.workspace.context.footage.raw.camera_names
+        footage = self.workspace.context.footage.raw
+        names = tuple(held_out_first(footage.camera_names, footage.held_out_cameras))
         self._footage = (self.workspace.context, names)
         if self.camera not in names:
             self.camera = names[0]
@@ -166,7 +167,7 @@ class PointsView(StageView):
         magnifier = self.magnifiers.get(self.camera)
         if magnifier is None:
             magnifier = self.magnifiers[self.camera] = Magnifier((image.shape[1], image.shape[0]))
-        magnifier.place(rect)
+        magnifier.rect = rect
         magnifier.draw(canvas, image)
         crosses(canvas, magnifier, marks, self.camera, self.em)
         rig = self._cameras()
@@ -295,21 +296,17 @@ class PointsView(StageView):
         self.snaps = not self.snaps
         self._changes += 1
 
-    def hover(self, x: float, y: float) -> None:
-        """Note the pointer position for the wheel."""
-        self._hover = (x, y)
-
     def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
         """Pan the image."""
         magnifier = self.magnifiers.get(self.camera)
         if magnifier is not None:
             magnifier.pan(dx, dy)
 
-    def wheel(self, notches: float) -> None:
+    def wheel(self, x: float, y: float, notches: float) -> None:
         """Zoom at the pointer; over the list, select the next or previous point."""
         magnifier = self.magnifiers.get(self.camera)
-        if magnifier is not None and magnifier.holds(*self._hover):
-            magnifier.zoom(notches, *self._hover)
+        if magnifier is not None and magnifier.holds(x, y):
+            magnifier.zoom(notches, x, y)
         else:
             self.step_point(-1 if notches > 0 else 1)
 

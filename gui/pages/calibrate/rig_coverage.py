@@ -119,7 +119,7 @@ class RigCoverage:
         rows = [
             ("training cameras", str(self.cameras)),
             ("good views", f"up to {self.range.angle:.0f} degrees away"),
-            ("views not covered", f"{share}% of all around"),
+            ("not covered", f"{share}% of all directions"),
             ("farthest view", f"{self.farthest:.0f} degrees away"),
         ]
         if len(self.points):

@@ -12,8 +12,9 @@ from gui.drawing.canvas import Canvas, line_height, text_width
 from gui.drawing.labels import draw_labels
 from gui.drawing.painter import NEAR, draw_frustum, draw_points, frustum
 from gui.drawing.palette import BAD, DIM, FAIR, GOOD, GROUND, HELD_OUT, LINE, RAISED, RGB, SECOND, TEXT
-from gui.models.held_out import HeldOut
+from gui.models.held_out import held_out_cameras, held_out_first
 from gui.models.scene.orbit import OrbitCamera
+from gui.models.scene.reader import MOST_THUMBNAILS, small_image
 from gui.models.take.inspector import Block
 from gui.models.take.workspace import Workspace
 from gui.pages.calibrate.rig_coverage import RigCoverage
@@ -37,11 +38,11 @@ TRAINING: tuple[str, RGB] = ("training cameras", SECOND)
 NOT_TRAINED_ON: tuple[str, RGB] = ("held out: not trained on, quality is measured with them", HELD_OUT)
 NONE_HELD_OUT = "no camera is held out: Capture > Cameras"
 
-NOT_KNOWN = "from file"
+NOT_KNOWN = "from a file"
 """The error of a camera that was not calibrated."""
 
-COLUMNS = ("error px", "points", "coverage", "focal px", "matches fit", "mask off", "refined by")
-PLACES = (0.28, 0.39, 0.51, 0.62, 0.75, 0.86, 1.0)
+COLUMNS = ("error px", "points", "coverage", "focal px", "matches fit", "mask error", "refined by")
+PLACES = (0.34, 0.44, 0.54, 0.63, 0.76, 0.87, 1.0)
 """Titles of the report's columns besides the cameras' names, and where columns end, shares of the width."""
 
 
@@ -60,7 +61,6 @@ class CalibrateView(OrbitView):
         self._thumbnails: dict[tuple[str, int], np.ndarray | None] = {}
         self._coverage: RigCoverage | None = None
         self._coverage_of: Hashable = None
-        self._asked_held_out = HeldOut()
         self._sorting = Sorting()
         self._titles: list[tuple[str, np.ndarray]] = []
         self._text = ""
@@ -150,7 +150,13 @@ class CalibrateView(OrbitView):
     @property
     def _held_out(self) -> tuple[str, ...]:
         """The cameras that are not trained on."""
-        return self._asked_held_out.of(self.workspace.context)
+        return held_out_cameras(self.workspace.context)
+
+    @property
+    def _cameras(self) -> list[Camera]:
+        """In the order of the report."""
+        assert self._rig is not None
+        return [self._rig[name] for name in held_out_first(self._rig.names, self._held_out)]
 
     def _error(self, name: str) -> float | None:
         figures = self._figures(name)
@@ -243,22 +249,16 @@ class CalibrateView(OrbitView):
             canvas.text(1.7 * self.em, y, words, small, DIM)
 
     def _thumbnail(self, name: str) -> np.ndarray | None:
-        import cv2
-
         context = self.workspace.context
         if context is None:
             return None
         key = (name, self.frame)
         if key not in self._thumbnails:
-            if len(self._thumbnails) > 200:
+            if len(self._thumbnails) > MOST_THUMBNAILS:
                 self._thumbnails.clear()
-            try:
-                footage = context.footage.raw
-                image = footage.raw_image(name, footage.frames[min(self.frame, len(footage.frames) - 1)])
-                scale = 160 / max(image.shape[:2])
-                self._thumbnails[key] = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-            except StudioError:
-                self._thumbnails[key] = None  # the Capture view shows the error
+            self._thumbnails[key] = None  # the Capture view shows the error
+            with suppress(StudioError):
+                self._thumbnails[key] = small_image(context, name, self.frame)
         return self._thumbnails[key]
 
     def _table(self, size: Size) -> np.ndarray:
@@ -269,6 +269,7 @@ class CalibrateView(OrbitView):
         y = em
         report, verdict = self._checked.report, self._checked.verdict
         source = (report.source if report is not None else None) or "an unknown source"
+        source = "a file" if isinstance(report, CamerasFromFile) else source
         facts = [counted(len(self._rig), "camera"), f"from {source}"]
         columns, same = self._columns()
         held_out = self._held_out
@@ -290,9 +291,9 @@ class CalibrateView(OrbitView):
         ends |= {title: em + at * wide for at, title in zip(PLACES, columns, strict=False)}
         self._titles = self._heading(canvas, ends, y, normal)
         y += step
-        cameras = list(self._rig)
-        order = self._sorting.order(self._rig.names, columns)
-        self._text = table_text(self._rig.names, columns, order)
+        cameras, names = self._cameras, [camera.name for camera in self._cameras]
+        order = self._sorting.order(names, columns)
+        self._text = table_text(names, columns, order)
         unregistered = report.unregistered if isinstance(report, CalibrationReport) else {}
         room = max(3, int((size[1] - y) / step) - len(unregistered) - 1)
         self._last_first_row = max(0, len(order) - room)
@@ -354,9 +355,8 @@ class CalibrateView(OrbitView):
     def _columns(self) -> tuple[dict[str, list[str]], list[str]]:
         """The columns of the report by title, without those in which nothing stands or which have the same in every
         row, and what is the same in every row."""
-        assert self._rig is not None
         rows = []
-        for camera in self._rig:
+        for camera in self._cameras:
             found = self._figures(camera.name)
             known = [NOT_KNOWN, "", ""]
             if found is not None:
@@ -389,10 +389,10 @@ class CalibrateView(OrbitView):
         if self.mode != "report":  # a table
             super().drag(dx, dy, turn, height)
 
-    def wheel(self, notches: float) -> None:
+    def wheel(self, x: float, y: float, notches: float) -> None:
         """Zoom; in the report, show other rows."""
         if self.mode != "report":
-            super().wheel(notches)
+            super().wheel(x, y, notches)
         else:
             self._first_row = min(max(self._first_row - round(3 * notches), 0), self._last_first_row)
 

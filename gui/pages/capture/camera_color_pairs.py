@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Hashable
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 
@@ -13,7 +12,6 @@ from gui.drawing.canvas import Canvas, wrapped
 from gui.drawing.palette import BAD, DIM, GROUND, RAISED, TEXT
 from gui.models.stages import Inputs
 from gui.models.take.workspace import Workspace
-from gui.models.ttl_cache import TtlCache
 from gui.pages.capture.view import grid
 from gui.pages.stage_view import Size, rectangle, sentence
 from pipelines.takes.atomic_files import read_model
@@ -22,8 +20,8 @@ from studio.cameras import CapturedView
 from studio.errors import StudioError
 
 OFF = (
-    "The colors of the cameras are not corrected. If cameras differ in exposure, white balance or model, turn "
-    "train.camera_colors; the cameras' images are then compared here."
+    "The colors of the cameras are not corrected. If cameras differ in exposure, white balance or model, set "
+    "train.camera_colors; their images are then compared here."
 )
 
 NOT_YET = "The colors of the cameras are fitted at the start of training. Run Train."
@@ -57,7 +55,6 @@ class CameraColorPairs:
     def __init__(self, workspace: Workspace) -> None:
         self.workspace = workspace
         self.places: list[tuple[str, np.ndarray]] = []
-        self._modified: TtlCache[Path, float] = TtlCache(lambda path: path.stat().st_mtime if path.is_file() else 0)
         self._pairs: _Pairs | None = None
 
     @property
@@ -71,7 +68,8 @@ class CameraColorPairs:
 
     def _of(self, context: Inputs) -> tuple[Hashable, ...]:
         path = context.take.camera_colors
-        return (path, self._modified.get(path), context.config.train.camera_colors, context.config.capture)
+        modified = path.stat().st_mtime_ns if path.is_file() else 0
+        return (path, modified, context.config.train.camera_colors, context.config.capture)
 
     def draw(self, size: Size, em: float) -> np.ndarray:
         """(height, width, 3) uint8.

@@ -11,6 +11,7 @@ import numpy as np
 
 from gui.drawing.canvas import Canvas, line_height, shortened, wrapped
 from gui.drawing.palette import ACCENT, BAD, DIM, GROUND, HELD_OUT, RAISED, TEXT
+from gui.models.held_out import held_out_first
 from gui.models.stages import Inputs
 from gui.models.take.inspector import Block
 from gui.models.take.workspace import Workspace
@@ -136,7 +137,7 @@ class CaptureView(StageView):
     def _thumbnails(self, canvas: Canvas, opened: _Reduced, frame: int, height: float) -> None:
         footage = opened.footage
         alone = self.camera in footage.camera_names
-        names = (self.camera,) if alone else footage.camera_names
+        names = [self.camera] if alone else held_out_first(footage.camera_names, footage.held_out_cameras)
         draws = alone and self.mode == GARBAGE
         drawn: Polygons = {}
         if self.mode == GARBAGE:

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 import numpy as np
 from pydantic import ValidationError
 
-from gui.pages.review.tools import LEAST_BRUSH, MOST_BRUSH
 from pipelines.takes.frame_numbers import FrameNumbers
 from studio.edits.edit_list import CropBox, DetailMark, EditList, Floaters, Ground, Trim, World
 from studio.errors import violation
@@ -76,22 +75,6 @@ def fields_of(edits: EditList, kind: str, up: np.ndarray) -> list[Field]:
         ("first", "In point", "" if trim is None else str(trim.first)),
         ("last", "Out point", "" if trim is None else str(trim.last)),
     ]
-
-
-def brush_field(radius: float) -> Field:
-    """The field of the brush's radius, which is relative to the height of the image."""
-    return "radius", "Radius, % of the height of the view", f"{100 * radius:.3g}"
-
-
-def brush_of(text: str) -> float | str:
-    """The brush's radius, relative to the height of the image, as typed; a sentence if it makes no sense."""
-    try:
-        radius = float(text.strip().removesuffix("%")) / 100
-    except ValueError:
-        return f"'{text}' is not a number; example: 3."
-    if not LEAST_BRUSH <= radius <= MOST_BRUSH:
-        return f"The radius must be from {100 * LEAST_BRUSH:g}% to {100 * MOST_BRUSH:g}%."
-    return radius
 
 
 def with_numbers(

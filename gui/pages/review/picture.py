@@ -13,7 +13,7 @@ from gui.drawing.canvas import Canvas
 from gui.drawing.painter import draw_line, draw_points
 from gui.drawing.palette import ACCENT, AXES, BAD, DIM, FAIR, GROUND, TEXT
 from gui.models.scene.compose import Color, SplatLayer, blend
-from gui.models.scene.contents import Lines
+from gui.models.scene.contents import BOX_EDGES, Lines
 from gui.models.scene.fragments import Fragments, line_fragments
 from gui.models.scene.handles import Handle
 from studio.cameras import Camera
@@ -28,8 +28,6 @@ HIDDEN = 0.22
 
 OPAQUE = 0.5
 """Opacity of the splats in a pixel from which on they hide what is behind them."""
-
-_EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if (a ^ b) in (1, 2, 4)]
 
 
 @dataclass(frozen=True)
@@ -89,7 +87,7 @@ def draw_lines(canvas: Canvas, view: Camera, lines: Lines, splats: SplatLayer) -
 def box_lines(box: CropBox, active: bool) -> Lines:
     """The edges of a box."""
     corners = box.corners
-    ends = [(corners[start], corners[end]) for start, end in _EDGES]
+    ends = [(corners[start], corners[end]) for start, end in BOX_EDGES]
     return Lines.of(ends, ACCENT if active else DIM, 2.0 if active else 1.0)
 
 

@@ -32,7 +32,7 @@ EDIT_CHOICES: tuple[Choice, ...] = (
     ("", "", ""),
     ("detail", "Detail", "Click a face or a hand: training gives it more splats"),
     ("", "", ""),
-    ("numbers", "Numbers", "Set the crop box, ground, floaters, brush, world or a detail in numbers"),
+    ("numbers", "Numbers", "Set the crop box, ground, floaters, world or a detail in numbers"),
     ("list", "List", "List the edits, and take some back"),
     ("removed", "Removed", "Draw what is removed in red"),
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Hashable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
@@ -29,7 +30,6 @@ from gui.models.scene.handles import (
 from gui.models.scene.orbit import OrbitCamera
 from gui.models.scene.splats import draw_layer
 from gui.models.take.workspace import Workspace
-from gui.models.ttl_cache import TtlCache
 from gui.pages.review import picture
 from gui.pages.review.details import detail_handles, draw_detail, marked, resized
 from gui.pages.review.frame import EditedFrame
@@ -94,7 +94,6 @@ class EditView(OrbitView):
 
     def __init__(self, workspace: Workspace) -> None:
         super().__init__(workspace)
-        self._trained: TtlCache[Take, tuple[int, ...]] = TtlCache(_group_starts)
         self.range_wanted: Signal[[int, range]] = Signal()
         self.tool, self.show_removed = "look", False
         self.pending: EditList | None = None
@@ -410,7 +409,8 @@ class EditView(OrbitView):
 
     def _group_ends(self) -> tuple[int, ...]:
         """First trained frame of each group, and the number of all."""
-        return self._trained.get(self.workspace.take) if self.workspace.take is not None else (0,)
+        take = self.workspace.take
+        return _group_ends(take, self.workspace.run.results) if take is not None else (0,)
 
     def poll(self, size: Size) -> np.ndarray | None:
         self._size = size
@@ -518,7 +518,7 @@ class EditView(OrbitView):
     def status(self) -> str:
         found = describe(self.edits)
         if not found:
-            return "No edits. They change what is baked and exported."
+            return "No edits yet. Edits change what is baked and exported."
         # in a narrow window, more would not fit; List shows all
         shown = {"details": "detail", "regions": "region"}  # each has a number
 
@@ -529,7 +529,9 @@ class EditView(OrbitView):
         return f"Edits: {', '.join(short(name, text) for name, text in found.items())}"
 
 
-def _group_starts(take: Take) -> tuple[int, ...]:
+@lru_cache(maxsize=1)
+def _group_ends(take: Take, results: int) -> tuple[int, ...]:
+    """See `EditView`; `results` changes with the trained frames."""
     files, starts = take.trained_files()
     return (*starts, len(files))
 

@@ -45,7 +45,7 @@ HINTS = {
     "forget": "Remove entries that no longer exist from the list; no file is touched",
     "remove": "Remove it from the list (Delete); no file is touched",
     "queue": "Add, move, remove and retry takes (Q)",
-    "start": "Run the takes of the queue one after the other, also when the window is closed",
+    "start": "Run the takes of the queue one after another, even while the window is closed",
     "stop": "Stop; the take that runs keeps finished work and waits again",
 }
 
@@ -228,7 +228,7 @@ class StartImage:
         rows = queue.view.rows
         if queue.view.error or not rows:
             words = queue.view.error or (
-                "The queue is empty. Takes in it run one after the other, also when the window is closed."
+                "The queue is empty. Takes in it run one after another, even while the window is closed."
             )
             y = self._lines(canvas, words, x, y, width, BAD if queue.view.error else DIM) + 0.5 * em
         for row in rows:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 from open3d.visualization import gui
 
+from gui.models.held_out import held_out_first
 from gui.widgets.dialogs.base import Dialogs
 from gui.widgets.dialogs.form import refusal
 from gui.widgets.picture import lowered
 from pipelines.takes.camera_uses import CameraUses
-from studio.comparison.metrics import MAIN
 
 ROWS, COLUMNS = 18, 2
 """Of a page of cameras."""
@@ -19,7 +19,6 @@ ROWS, COLUMNS = 18, 2
 def ask_cameras(
     dialogs: Dialogs,
     uses: CameraUses,
-    figures: Mapping[str, str],
     save: Callable[[CameraUses], str],
     error: str = "",
     page: int = 0,
@@ -28,7 +27,6 @@ def ask_cameras(
 
     Args:
         uses: the present uses.
-        figures: the quality beside a camera's name; empty before any was measured.
         save: called with the new uses; returns why they are refused, "" if they are not.
         error: why they were refused.
         page: the first is 0.
@@ -43,12 +41,12 @@ def ask_cameras(
         used, held_out = boxes[camera]
         used.checked, held_out.checked = use != "not used", use == "held out"
 
-    names = sorted(uses.uses, key=lambda name: uses.uses[name] != "held out")
+    names = held_out_first(uses.uses, [name for name, use in uses.uses.items() if use == "held out"])
     pages = -(-len(names) // (ROWS * COLUMNS))
     here = names[page * ROWS * COLUMNS :][: ROWS * COLUMNS]
     count = -(-len(here) // ROWS)
     # columns, since a grid of the toolkit asks for almost twice its height and breaks titles
-    heads = ("camera", "use", "hold\u00a0out", *((MAIN.title,) if figures else ()))
+    heads = ("camera", "use", "hold\u00a0out")
     columns = [gui.Vert(round(0.25 * em)) for _ in range(len(heads) * count)]
     for column, head in zip(columns, heads * count, strict=True):
         column.add_child(dialogs.label(head))
@@ -63,8 +61,6 @@ def ask_cameras(
             boxes[name] = (used, held_out)
             dialogs.widgets |= {f"use {name}": used, f"hold out {name}": held_out}
             cells = [lowered(dialogs.label(name, dim=False)), used, held_out]
-            if figures:
-                cells.append(lowered(dialogs.label(figures.get(name, "-"))))
             for column, widget in zip(columns[len(heads) * block :], cells, strict=False):
                 column.add_child(widget)
     table = gui.Horiz(round(0.5 * em))
@@ -81,12 +77,12 @@ def ask_cameras(
     def done() -> None:
         refused = save(chosen[0])
         if refused:
-            ask_cameras(dialogs, chosen[0], figures, save, refused, page)
+            ask_cameras(dialogs, chosen[0], save, refused, page)
         else:
             dialogs.close()
 
     def turn() -> None:
-        ask_cameras(dialogs, chosen[0], figures, save, page=(page + 1) % pages)
+        ask_cameras(dialogs, chosen[0], save, page=(page + 1) % pages)
 
     answers = [("save", "Save", done), ("close", "Cancel", dialogs.close)]
     if pages > 1:

@@ -16,20 +16,23 @@ from gui.widgets.dialogs.base import Dialogs, filled
 from gui.widgets.dialogs.folder import ask_path
 from gui.widgets.dialogs.form import Form, refusal
 from gui.widgets.picture import ImagePanel, lowered, put
-from pipelines.new_take import AUTO, CALIBRATE, Found, NewTake, next_use, uses_words, with_uses
+from pipelines.new_take import AUTO, CALIBRATE, SILENT, Found, NewTake, next_use, uses_words, with_uses
 from studio.errors import Cancelled, StudioError
 
 NAME = "new take"
-FOUND_LINES = 6
+FOUND_LINES = 5
 """Lines of the summary."""
 
 TEXT_SIZE = 0.88
 """Of a font of `gui.drawing` that is as wide as that of the toolkit, em."""
 
-WIDE, HIGH = 58, 12
+WIDE, HIGH = 58, 11
 """Size of the image, em."""
 
 HINT = "Click a camera to hold it out; again: not to use it. Drag across the frames to use some of them."
+CHOSEN = {"images": AUTO, "rig": AUTO, "masks": AUTO, "plates": AUTO, "audio": SILENT}
+"""Attributes of a new take with a list to choose from, and what is chosen at first."""
+
 SHOWN = ("capture.held_out", "Held out: ")
 """Of lines about what the image shows, and may differ from by now."""
 
@@ -74,13 +77,15 @@ class NewTakeDialog:
         ):
             edit = self._field(attribute)
             form.browsed(attribute, label, edit, attribute, self._browse(attribute, title, wanted))
-        self._lists = {"images": gui.Combobox(), "rig": gui.Combobox()}
+        self._lists = {attribute: gui.Combobox() for attribute in CHOSEN}
         for attribute, box in self._lists.items():
             box.set_on_selection_changed(lambda text, _number, attribute=attribute: self._chosen(attribute, text))
         self._fields = {name: self._field(name) for name in ("fps", "frames")}
         self._fields["frames"].tooltip = "First and last frame, such as 60 to 83"
-        self._pair(form, "Footage files", self._lists["images"], "Camera file", self._lists["rig"])
-        self._pair(form, "Frame rate (fps)", self._fields["fps"], "Frames", self._fields["frames"])
+        lists, fields = self._lists, self._fields
+        self._row(form, ("Footage files", lists["images"]), ("Camera file", lists["rig"]))
+        self._row(form, ("Mask files", lists["masks"]), ("Clean plates", lists["plates"]), ("Sound", lists["audio"]))
+        self._row(form, ("Frame rate (fps)", fields["fps"]), ("Frames", fields["frames"]))
         self._fields["take"] = form.widgets["take"]
         self._picture = ImagePanel(self._on_mouse, self._images)
         self._text = dialogs.label("")
@@ -101,15 +106,16 @@ class NewTakeDialog:
         if not error:
             self._look()
 
-    def _pair(self, form: Form, label: str, one: gui.Widget, other_label: str, other: gui.Widget) -> None:
-        """A row with two labeled fields."""
-        dialogs = self._dialogs
-        row = gui.Horiz(round(0.6 * dialogs.em))
-        room = text_width(other_label, round(dialogs.em)) + dialogs.em
-        words = other_label.replace(" ", "\u00a0")  # the row would break it at spaces
-        for widget in (one, lowered(dialogs.label(words), room=room), other):
-            row.add_child(widget)
-        form.add(label, label, row)
+    def _row(self, form: Form, first: tuple[str, gui.Widget], *others: tuple[str, gui.Widget]) -> None:
+        """A row with labeled fields."""
+        em = self._dialogs.em
+        row = gui.Horiz(round(0.6 * em))
+        row.add_child(first[1])
+        for label, field in others:
+            words = label.replace(" ", "\u00a0")  # the row would break it at spaces
+            row.add_child(lowered(self._dialogs.label(words), room=text_width(label, round(em)) + em))
+            row.add_child(field)
+        form.add(first[0], first[0], row)
 
     def _field(self, attribute: str) -> gui.TextEdit:
         edit = gui.TextEdit()
@@ -146,7 +152,9 @@ class NewTakeDialog:
         wanted = replace(self._new, take="", frames="", uses=None)
         if self._asked is not None and (self._asked.footage, self._asked.settings) != (wanted.footage, wanted.settings):
             self._new.uses = None
-            self._new.images = self._new.rig = wanted.images = wanted.rig = AUTO
+            for attribute, usual in CHOSEN.items():
+                setattr(self._new, attribute, usual)
+                setattr(wanted, attribute, usual)
         if wanted != self._asked:
             self._asked = wanted
             if not wanted.footage.strip() and not wanted.settings.strip():
@@ -198,10 +206,13 @@ class NewTakeDialog:
         self._fields["frames"].placeholder_text = f"{frames[0]} to {frames[-1]}" if frames else ""
         if not new.take:
             self._fields["take"].placeholder_text = new.proposed_take() or "a new folder"
-        for attribute, choices in (("images", found.images), ("rig", (*inspection.rigs, CALIBRATE))):
-            kept = getattr(new, attribute)
-            others = [] if kept in (AUTO, *choices) else [kept]
-            _set_items(self._lists[attribute], [AUTO, *choices, *others], kept)
+        there = {
+            "images": found.images, "rig": (*inspection.rigs, CALIBRATE), "masks": inspection.masks,
+            "plates": inspection.plates, "audio": inspection.sounds,
+        }  # fmt: skip
+        for attribute, usual in CHOSEN.items():
+            kept, choices = getattr(new, attribute), (usual, *there[attribute])
+            _set_items(self._lists[attribute], [*choices, *([] if kept in choices else [kept])], kept)
         uses = (new.uses or found.uses).uses
         dialogs.lines = [f"{name}: {use}" for name, use in uses.items()]
         widgets["suggested"].enabled = bool(inspection.suggested) and "held out" not in uses.values()

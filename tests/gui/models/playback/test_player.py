@@ -61,7 +61,7 @@ def test_pictures_follow_the_transport_and_the_view(player: PlayerPresenter, str
     assert "frame 7 (0 to 11)" in player.status
     before = player.orbit.eye
     player.drag(30, 0, True, 200)
-    player.wheel(1)
+    player.wheel(0, 0, 1)
     assert np.linalg.norm(player.orbit.eye - before) > 0.1
     player.reset()
     assert player.orbit.eye == pytest.approx(before)

@@ -74,7 +74,7 @@ def test_comparing_without_a_camera_compares_decoded_with_trained(player: Player
 
 def test_wheel_and_drag_move_within_a_cameras_image(player: PlayerPresenter) -> None:
     player.look_through("cam1")
-    player.wheel(5)
+    player.wheel(0, 0, 5)
     assert player.image_zoom.zoom == pytest.approx(0.9**-5)
     player.drag(20, 0, False, 200)
     assert player.image_zoom.u < 0.5

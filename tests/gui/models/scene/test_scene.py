@@ -10,7 +10,7 @@ import numpy as np
 import open3d as o3d
 import pytest
 
-from gui.models.held_out import HeldOut
+from gui.models.held_out import held_out_cameras
 from gui.models.loop import LOOP
 from gui.models.playback.player import PlayerPresenter
 from gui.models.scene.contents import SceneWanted
@@ -161,7 +161,7 @@ def test_cameras_held_out_by_name_are_known_without_the_footage(finished_project
     take = Take.open(finished_project / "take")
     config = load_config(take.config)
     gone = config.replace(capture=config.capture.replace(root=str(tmp_path / "gone")))
-    assert HeldOut().of(Inputs(take, gone)) == ("cam4",)
+    assert held_out_cameras(Inputs(take, gone)) == ("cam4",)
 
 
 def test_frusta_have_the_images_of_the_frame_once_the_view_rests(scene: Scene) -> None:

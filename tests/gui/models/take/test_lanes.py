@@ -16,6 +16,6 @@ def test_the_latest_state_of_each_group_is_kept_by_stage():
         run.apply(event)
     run.apply(lane(1, "retried", message="its worker was lost"))
     assert {group: one.state for group, one in run.lanes["train"].items()} == {0: "queued", 1: "retried"}
-    assert run.lines[-1] == ("warning", "Train, group 1 retried: its worker was lost")
+    assert (run.lines[-1].kind, run.lines[-1].text) == ("warning", "Train, group 1 retried: its worker was lost")
     run.apply(StageStarted(stage="train", reason="forced"))
     assert list(run.lanes) == ["bake"]

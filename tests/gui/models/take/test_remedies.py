@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from gui.drawing.palette import RAISED
-from gui.models.take.log import LogLine, LogView, grouped, log_rows
-from gui.models.take.remedies import NO_SETTING, REMEDIES, Fix, fix_of
-from gui.models.take.run_state import RunState
+from gui.models.take.log import LogView, grouped, log_rows
+from gui.models.take.remedies import REMEDIES, Fix, fix_of
+from gui.models.take.run_state import LogLine, RunState
 from gui.models.take.settings import SECTIONS, fields_of, stage_of
 from gui.widgets.stage_help import HELP
 from pipelines.config import Config
@@ -40,6 +40,26 @@ OTHERS = {
     "sync.unknown",
 }
 """Messages of commands, of errors and of the window: no warnings of stages."""
+NO_SETTING = {
+    "bake.live_failed",  # retried automatically
+    "calibration.low_coverage",  # film the board, or the set, in more of the image
+    "calibration.poor_cameras",  # they moved, or are out of focus
+    "calibration.unregistered",  # too few matches: film more of the set
+    "cluster.busy",  # other programs have its nodes
+    "cluster.worker_lost",  # restarted automatically
+    "evaluation.not_visible",  # of one frame
+    "footage.color_drift",  # in the footage
+    "lpips.other_weights",  # a file on this machine
+    "mask.weak",  # in the files
+    "target.outlier_views",  # in the footage
+    "tie_points.position_uncertainty",  # marks: "points by hand"
+    "tie_points.rejected",
+    "tie_points.reprojection_error",
+    "tie_points.unit",
+    "tie_points.world_error",
+    "training.not_visible",  # of one frame
+}
+"""Warnings of stages that no setting fixes."""
 
 
 @functools.cache
@@ -123,12 +143,12 @@ def test_without_a_known_value_the_setting_is_shown(footage_project: Path) -> No
     assert fix_of(Warned(message="m", code="hull.outlier_mask"), None) is None, "a stream has no settings"
 
 
-def test_the_log_has_a_button_below_the_warning_and_a_click_finds_it() -> None:
-    run = RunState()
-    run.apply(Warned(stage="train", message="too large", code="training.slow", time=1.0))
-    assert [notice is not None for notice in run.notices] == [True]
+def test_the_log_has_a_button_below_the_warning_and_a_click_finds_it(footage_project: Path) -> None:
+    config, run = load_config(footage_project / "ball.yaml"), RunState()
+    slow = Warned(stage="train", message="too large", code="training.slow", fields={"suggested": 0.5}, time=1.0)
+    run.apply(slow)
     fix = Fix("capture.scale", 0.5, sets=True)
-    rows = log_rows([*run.lines, ("", "next")], 400, 16.0, run.times, [fix])
+    rows = log_rows([*run.lines, LogLine("", "next")], 400, 16.0, config)
     assert [row.kind for row in rows] == ["warning", "fix", ""]
     assert rows[1].text == "Set capture.scale to 0.5"
     view = LogView(rows, 400, 200, 16.0)
@@ -141,7 +161,7 @@ def test_the_log_has_a_button_below_the_warning_and_a_click_finds_it() -> None:
 
 
 def test_the_heading_has_a_switch_to_warnings_only_where_there_are_some() -> None:
-    rows = log_rows([("warning", "m"), ("", "a line")], 400, 16.0)
+    rows = log_rows([LogLine("warning", "m"), LogLine("", "a line")], 400, 16.0)
     assert LogView(rows, 400, 200, 16.0).filter is None, "no warnings"
     view = LogView(rows, 400, 200, 16.0, warnings=3)
     across, down = view.places["warnings only (3)"]
@@ -161,8 +181,7 @@ def test_the_heading_has_a_switch_to_warnings_only_where_there_are_some() -> Non
 
 def told_of(run: RunState) -> list[LogLine]:
     """The log of a run as the window shows it."""
-    lines = zip(run.lines, run.times, run.notices, strict=True)
-    return grouped(LogLine(*line, told, notice) for line, told, notice in lines)
+    return grouped(run.lines)
 
 
 def test_the_same_warning_about_several_cameras_is_one_line() -> None:
@@ -181,5 +200,5 @@ def test_the_same_warning_about_several_cameras_is_one_line() -> None:
         "Camera 'a': weak screen (in 2 cameras: a, b)", "Camera 'a': weak screen", "Camera 'a': dark screen", "a line",
         "a line",
     ]  # fmt: skip
-    assert told[0].notice is run.notices[0], "it has the same remedy"
+    assert told[0].notice is run.lines[0].notice, "it has the same remedy"
     assert len(run.lines) == 6, "the run itself keeps all"

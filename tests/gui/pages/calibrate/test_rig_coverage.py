@@ -40,7 +40,7 @@ def test_a_ring_of_cameras_has_no_gaps() -> None:
     found = RigCoverage.of(cameras, cameras.names, np.zeros(3), None)
     assert found is not None
     assert rows(found)["training cameras"] == "12"
-    assert rows(found)["views not covered"] == "0% of all around"
+    assert rows(found)["not covered"] == "0% of all directions"
     assert rows(found)["farthest view"] == "15 degrees away"
     assert found.block.note == ""
     assert "surface seen by 0 or 1" not in rows(found), "nothing is known of the surface"
@@ -52,7 +52,7 @@ def test_few_cameras_are_warned_of_and_held_out_ones_do_not_count() -> None:
     assert found is not None
     # good for 35 degrees each: 40 to 220 degrees are farther than 35 from cameras at 0, 40 and 80
     assert rows(found)["training cameras"] == "3"
-    share = int(rows(found)["views not covered"].split("%")[0])
+    share = int(rows(found)["not covered"].split("%")[0])
     assert share == pytest.approx(100 * (360 - 80 - 70) / 360, abs=2)
     assert rows(found)["farthest view"] == "140 degrees away"
     assert found.block.note == FEW_CAMERAS

@@ -1,0 +1,142 @@
+"""A dialog with the worst evaluated frames by camera, as images, and a table of the cameras."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from open3d.visualization import gui
+
+from gui.drawing.canvas import Canvas, line_height
+from gui.drawing.compare import Box, boxes, label
+from gui.drawing.palette import DIALOG, DIM, HELD_OUT, RAISED, TEXT
+from gui.models.evaluation import Evaluation, WorstFrame
+from gui.models.loop import LOOP
+from gui.widgets.dialogs.base import Dialogs
+from gui.widgets.picture import ImagePanel
+from studio.comparison.metrics import EVALUATED, MAIN
+
+NAME = "worst"
+MOST = 12
+"""Frames that are shown."""
+
+WIDE, HIGH, TABLE = 66, 30, 22
+"""Size of the image and width of the table in it, em."""
+
+COLUMNS = ("camera", "mean", "lowest", "frame")
+PLACES = (0.5, 0.76, 1.0)
+"""Where the columns of numbers end, shares of the table's width."""
+
+Pictures = Callable[[WorstFrame, tuple[int, int]], np.ndarray | None]
+"""The image of a frame as a camera sees it, in a size; None while it is being rendered."""
+
+
+@dataclass(frozen=True)
+class WorstSheet:
+    """The image in the dialog.
+
+    Attributes:
+        size: (width, height), pixels.
+        em: the font size, pixels.
+        evaluation: what was measured.
+        number: gives the number by which people know a frame.
+    """
+
+    size: tuple[int, int]
+    em: float
+    evaluation: Evaluation
+    number: Callable[[int], int]
+
+    @property
+    def frames(self) -> Sequence[tuple[WorstFrame, Box]]:
+        """The frames, the worst first, and where each is."""
+        found = self.evaluation.worst(MOST)
+        room = (round(self.size[0] - TABLE * self.em), self.size[1])
+        return list(zip(found, boxes(room, max(len(found), 1), 1.0), strict=False))
+
+    def draw(self, pictures: Pictures) -> np.ndarray:
+        """(height, width, 3) uint8."""
+        canvas, em, small = Canvas(*self.size, DIALOG), self.em, round(0.8 * self.em)
+        step = line_height(small) + 0.3 * em
+        held_out = self.evaluation.held_out
+        for frame, box in self.frames:
+            canvas.rect(box.x, box.y, box.width, box.height, RAISED)
+            picture = pictures(frame, (box.width, box.height))
+            if picture is not None:
+                canvas.image(box.x, box.y, picture)
+            label(canvas, box.x, box.y, MAIN.text(frame.value), size=small)
+            words = f"frame {self.number(frame.frame)}, {frame.camera}"
+            color = HELD_OUT if held_out else TEXT
+            label(canvas, box.x, box.y + box.height - 2 * step, words, color=color, size=small)
+            label(canvas, box.x, box.y + box.height - step, _parts(frame), color=DIM, size=small)
+        self._table(canvas, self.size[0] - (TABLE - 1.5) * em, (TABLE - 1.5) * em, small)
+        return canvas.pixels
+
+    def _table(self, canvas: Canvas, left: float, width: float, size: int) -> None:
+        step, y = line_height(size) + 2, 0.0
+        rows = [COLUMNS]
+        for worst in self.evaluation.worst_by_camera():
+            mean = self.evaluation.mean(worst.camera)
+            words = "" if mean is None else MAIN.text(mean)
+            rows.append((worst.camera, words, MAIN.text(worst.value), str(self.number(worst.frame))))
+        for at, (name, *numbers) in enumerate(rows):
+            canvas.text(left, y, name, size, TEXT if at else DIM, width=0.25 * width)
+            for words, place in zip(numbers, PLACES, strict=True):
+                canvas.text(left + place * width, y, words, size, TEXT if at else DIM, "right")
+            y += step
+
+
+def _parts(frame: WorstFrame) -> str:
+    """The parts of the main metric: a low one along the outline is an error of the mask or of the cameras, a low one
+    inside of the splats."""
+    parts = [metric for metric in EVALUATED if metric is not MAIN and metric.title.startswith(MAIN.title)]
+    known = [(metric, frame.measures.get(f"{metric.name}_decoded")) for metric in parts]
+    return ", ".join(
+        f"{metric.title.removeprefix(MAIN.title).strip()} {value:.1f}" for metric, value in known if value is not None
+    )
+
+
+class WorstDialog:
+    """See the module.
+
+    Args:
+        chosen: called with the frame that was clicked, after the dialog has closed.
+        pictures: of the frames.
+    """
+
+    def __init__(self, dialogs: Dialogs, chosen: Callable[[WorstFrame], None], pictures: Pictures) -> None:
+        self._dialogs, self._chosen, self._pictures = dialogs, chosen, pictures
+        self._images: dict[tuple[int, ...], gui.UIImage] = {}  # of all openings
+
+    def show(self, evaluation: Evaluation, number: Callable[[int], int]) -> None:
+        """Show the dialog; `number` gives the number by which people know a frame."""
+        dialogs, em = self._dialogs, self._dialogs.em
+        dialogs.widgets = {}
+        size = min(round(WIDE * em), dialogs.room), round(HIGH * em)
+        self._sheet = WorstSheet(size, em, evaluation, number)
+        self._picture = ImagePanel(self._on_mouse, self._images)
+        self._picture.show(self._sheet.draw(self._pictures))
+        kind = "held-out" if evaluation.held_out else "training"
+        words = f"{MAIN.title} of decoded frames in {kind} cameras, the lowest first. Click one to compare it."
+        parts = [dialogs.label(words), self._picture.widget]
+        earlier = " of an earlier bake" if evaluation.stale else ""
+        dialogs.show(NAME, f"Worst frames{earlier}", parts, [("close", "Close", dialogs.close)], 110, dialogs.close)
+        dialogs.widgets["sheet"] = self._picture.widget
+        dialogs.pictures = [self._picture]
+
+    def update(self) -> None:
+        """Another image has been rendered."""
+        if self._dialogs.name == NAME:
+            self._picture.show(self._sheet.draw(self._pictures))
+
+    def _on_mouse(self, event: gui.MouseEvent, x: float, y: float) -> bool:
+        found = next((frame for frame, box in self._sheet.frames if box.holds(x, y)), None)
+        if event.type != gui.MouseEvent.Type.BUTTON_DOWN or found is None:
+            return event.type != gui.MouseEvent.Type.MOVE
+        LOOP.post(lambda: self._choose(found))  # the toolkit still uses the widget that would be closed
+        return True
+
+    def _choose(self, frame: WorstFrame) -> None:
+        self._dialogs.close()
+        self._chosen(frame)
