@@ -14,6 +14,7 @@ from pipelines.config import Config
 from pipelines.reports.images import encode
 from pipelines.reports.page import rendered
 from pipelines.reports.plots import mark_rows, plots
+from pipelines.reports.summary_words import summary_words
 from pipelines.reports.tables import metric_texts
 from pipelines.takes.atomic_files import digest_of, write_text
 from pipelines.takes.evaluation import Evaluation, read_evaluation
@@ -192,11 +193,11 @@ def _calibration(take: Take) -> dict[str, str | float]:
     return found
 
 
-def _timings(take: Take) -> list[tuple[str, float]]:
-    """Duration of each earlier stage in seconds."""
+def _timings(take: Take) -> list[tuple[str, float, str]]:
+    """Of each earlier stage: its duration in seconds, and its main figures."""
     found = []
     for stage in ("calibrate", "initialize", "train", "bake"):
         record = read_record(take, stage)
         if record is not None and record.seconds is not None:
-            found.append((stage, record.seconds))
+            found.append((stage, record.seconds, summary_words(stage, record.summary)))
     return found

@@ -55,7 +55,12 @@ def _initialize(rest: dict[str, JsonData]) -> list[str]:
 
 
 def _train(rest: dict[str, JsonData]) -> list[str]:
-    return [_length(rest), _span_words(rest.pop("splats", None))]
+    off = [one for one in rest.pop("outlines_off", None) or () if one is not None]
+    return [
+        _length(rest),
+        _span_words(rest.pop("splats", None)),
+        f"masks off the splats on {_span(off)}% of their outlines" if off else "",
+    ]
 
 
 def _bake(rest: dict[str, JsonData]) -> list[str]:

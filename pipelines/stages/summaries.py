@@ -52,6 +52,9 @@ class TrainSummary(Result):
     splats: tuple[int, ...]
     """Gaussians of each group."""
 
+    outlines_off: tuple[float | None, ...]
+    """Of each group, see `TrainedGroup`."""
+
 
 class BakeSummary(Result):
     """Main figures of `bake`."""

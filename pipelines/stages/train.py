@@ -100,17 +100,22 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> T
             _train_here(inputs, reporter, todo, finished, written)
         elif todo:
             executor.run(STAGE, inputs, todo, reporter, lambda group: written(group.index, len(group.frames)))
-    splats = []
+    trained = []
     for group in groups:
         _drop_leftovers(inputs, group)
-        splats.append(read_model(inputs.take.train_group(group.index) / "group.json", TrainedGroup).splats)
+        trained.append(read_model(inputs.take.train_group(group.index) / "group.json", TrainedGroup))
     if inputs.config.train.camera_colors is None:
         remove(inputs.take.camera_colors)
     wanted = {inputs.take.train_group(group.index) for group in groups}
     for folder in (inputs.take.root / "train").glob("group_*"):
         if folder not in wanted:
             remove(folder)
-    return TrainSummary(groups=len(groups), frames=len(footage.frames), splats=tuple(splats))
+    return TrainSummary(
+        groups=len(groups),
+        frames=len(footage.frames),
+        splats=tuple(one.splats for one in trained),
+        outlines_off=tuple(one.outlines_off for one in trained),
+    )
 
 
 def _train_here(

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
     from studio.gaussians import Gaussians
     from studio.training import TrainingView
+    from studio.training.refine import Refinement
     from studio.training.settings import TrainSettings
 
 
@@ -149,6 +150,7 @@ class GroupWork:
         self.stop = Cancellation()
         self._lock = threading.Lock()  # guards the clock, the labels and the time of the last preview
         self._labels: dict[int, str] = {}
+        self._outlines_off: dict[int, float | None] = {}  # of each group's keyframe, once it is trained
         self._last_preview = time.monotonic()
         self._advised = False
 
@@ -247,6 +249,7 @@ class GroupWork:
             [frame.to(device) for frame in frames],
             [seen[position] for position in range(len(frames))],
             self.settings,
+            keyframe_off=self._outlines_off[group.index],
             seed=derived_seed(self.inputs.config.run.seed, "train", group.index, "joint"),
             progress=self._joint_progress(group),
             checkpoint=keep,
@@ -301,6 +304,7 @@ class GroupWork:
             self.settings,
             before_previous=earlier[0] if earlier else None,
             third_last=earlier[1] if len(earlier) > 1 else None,
+            keyframe_off=self._outlines_off[group.index],
             seed=seed,
             progress=self._progress(group, position),
             snapshot=snapshot,
@@ -336,8 +340,20 @@ class GroupWork:
             snapshot=snapshot,
             checkpoint=keep,
             resume=resume,
+            compared=lambda refinement: self._tell_outlines(group, refinement),
         )
         return gaussians.detach().to("cpu")
+
+    def _tell_outlines(self, group: Group, refinement: Refinement) -> None:
+        """Keep and report what the keyframe shows about the masks."""
+        self._outlines_off[group.index] = refinement.off
+        if refinement.off is not None:
+            done = "are refined" if refinement.refined else "stay as they are"
+            siting = ", chroma is subsampled as in the footage" if refinement.chroma_shift is not None else ""
+            self.reporter.log(
+                f"group {group.index}: {refinement.off:.1f}% of the masks' outlines are off the splats' by more than a "
+                f"pixel: masks {done}{siting}"
+            )
 
     def _progress(self, group: Group, position: int) -> ProgressFn:
         """Progress callback for a frame."""
@@ -405,9 +421,11 @@ class GroupWork:
             )
 
     def _timings(self, group: Group, finished: int) -> list[float]:
-        """Training time of the finished frames; 0 where unknown."""
+        """Training time of the finished frames; 0 where unknown. Also what the keyframe showed, if it is finished."""
         path = self.inputs.take.train_group(group.index) / "group.json"
-        known = read_model(path, TrainedGroup).seconds if path.is_file() else ()
+        before = read_model(path, TrainedGroup) if path.is_file() else None
+        known = () if before is None else before.seconds
+        self._outlines_off[group.index] = before.outlines_off if before is not None and finished else None
         return [*known[:finished], *[0.0] * (finished - len(known))]
 
     def _write(self, group: Group, position: int, gaussians: Gaussians, key: str, timings: list[float]) -> None:
@@ -433,6 +451,7 @@ class GroupWork:
                 frames=tuple(int(frame) for frame in group.frames),
                 splats=len(gaussians),
                 sh_degree=gaussians.sh_degree,
+                outlines_off=self._outlines_off[group.index],
                 seconds=tuple(timings),
                 joint_seconds=joint_seconds,
             ),

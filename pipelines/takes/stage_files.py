@@ -47,6 +47,9 @@ class TrainedGroup(Result):
     splats: int
     sh_degree: int
 
+    outlines_off: float | None = None
+    """Percent of the masks' outlines that the keyframe's splats disagree with; None: not measured."""
+
     seconds: tuple[float, ...] = ()
     """Training time of each finished frame; 0 where unknown."""
 

@@ -54,6 +54,7 @@ def train_interframe(
     *,
     before_previous: Gaussians | None = None,
     third_last: Gaussians | None = None,
+    keyframe_off: float | None = None,
     seed: int = 0,
     progress: ProgressFn = no_progress,
     snapshot: SnapshotFn | None = None,
@@ -68,6 +69,7 @@ def train_interframe(
         before_previous: splats of frame t-2 of the same group, from which the velocity is computed; None if t-1 is the
             keyframe.
         third_last: splats of frame t-3 of the same group (with `settings.motion_acceleration`); None if there is none.
+        keyframe_off: `Refinement.off` of the group's keyframe; None: not known, and what is automatic stays off.
         seed: equal seeds and inputs give equal splats, bit for bit.
         progress: called with completed and total steps and `phase` ("motion" or "fine-tune"), and regularly also with
             `loss`, `psnr` (dB) and `splats`.
@@ -102,6 +104,7 @@ def train_interframe(
         warped,
         views,
         settings,
+        keyframe_off,
         generator,
         report(motion_steps, "fine-tune"),
         lambda step, gaussians: snapshot_at(motion_steps + step, gaussians),
@@ -160,6 +163,7 @@ def _fine_tune(
     warped: Gaussians,
     views: Sequence[TrainingView],
     settings: TrainSettings,
+    keyframe_off: float | None,
     generator: torch.Generator,
     progress: ProgressFn,
     snapshot: SnapshotFn,
@@ -171,7 +175,7 @@ def _fine_tune(
     stepper = Stepper(views, settings, generator)
     if settings.final_iterations:
         stepper.dropout = min(settings.dropout, FINAL_DROPOUT)
-    refinement = Refinement(stepper, settings, moved=True)
+    refinement = Refinement(stepper, settings, keyframe_off or 0.0)
     coding = PlanesCoding(previous)
     before = coding.coded_values(previous).detach()
     coded = CodedLoss(

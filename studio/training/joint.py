@@ -57,6 +57,7 @@ def train_jointly(
     views: Sequence[Sequence[TrainingView]],
     settings: TrainSettings,
     *,
+    keyframe_off: float | None = None,
     seed: int = 0,
     progress: ProgressFn = no_progress,
     checkpoint: CheckpointFn | None = None,
@@ -69,6 +70,7 @@ def train_jointly(
         frames: the group's frames as trained one after the other, at least two, in order.
         views: training views of each frame.
         settings: see `TrainSettings`; `joint_iterations` steps per frame.
+        keyframe_off: see `train_interframe`.
         seed: equal seeds and inputs give equal splats, bit for bit.
         progress, checkpoint, checkpoint_every, resume: see `GroupRun.train`.
 
@@ -79,7 +81,7 @@ def train_jointly(
         StudioError: `training.diverged` or `training.no_views`.
         Cancelled: raised by `progress`.
     """
-    run = _Run(frames, views, settings, seed)
+    run = _Run(frames, views, settings, keyframe_off, seed)
     run.train(progress, checkpoint, checkpoint_every, resume)
     return [run.gaussians(frame).detach().clone() for frame in range(len(frames))]
 
@@ -92,6 +94,7 @@ class _Run(GroupRun):
         frames: Sequence[Gaussians],
         views: Sequence[Sequence[TrainingView]],
         settings: TrainSettings,
+        keyframe_off: float | None,
         seed: int,
     ) -> None:
         self._dilation = frames[0].dilation
@@ -120,7 +123,7 @@ class _Run(GroupRun):
         for frame, stepper in zip(frames, self.steppers, strict=True):
             if settings.final_iterations:
                 stepper.dropout = min(settings.dropout, FINAL_DROPOUT)
-            Refinement(stepper, settings, moved=True).begin(frame.detach())
+            Refinement(stepper, settings, keyframe_off or 0.0).begin(frame.detach())
 
     def gaussians(self, frame: int) -> Gaussians:
         """See `GroupRun`."""

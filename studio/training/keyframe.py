@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import torch
@@ -95,6 +95,7 @@ def train_keyframe(
     checkpoint: CheckpointFn | None = None,
     checkpoint_every: int | None = None,
     resume: Checkpoint | None = None,
+    compared: Callable[[Refinement], None] | None = None,
 ) -> Gaussians:
     """Train a keyframe: 3DGS with densification, then rounds of pruning by opacity and fine-tuning.
 
@@ -111,6 +112,7 @@ def train_keyframe(
         checkpoint: called with the complete state every `checkpoint_every` steps.
         checkpoint_every: steps between these calls, at least 1; None for `CHECKPOINT_EVERY`.
         resume: a checkpoint of the same inputs, settings and seed. The result equals that of an uninterrupted run.
+        compared: called at the end, with how masks and splats compared before pruning; later frames need its `off`.
 
     Returns:
         Detached splats, at most `settings.max_splats`.
@@ -130,6 +132,8 @@ def train_keyframe(
             snapshot(run.done, run.optimizer.gaussians.detach())
         if checkpoint is not None and run.done % every == 0:
             checkpoint(run.done, run.state())
+    if compared is not None:
+        compared(run.refinement)
     return run.optimizer.gaussians.clone()
 
 
@@ -150,7 +154,7 @@ class _Run:
         self._generator = torch.Generator().manual_seed(seed)
         self._stepper = Stepper(views, settings, self._generator)
         self._details = views[0].details
-        self._refinement = Refinement(self._stepper, settings)
+        self.refinement = Refinement(self._stepper, settings)
         start = initial_gaussians(points, colors, settings.sh_degree, settings.dilation)
         self.optimizer = SplatOptimizer(start, settings.rates, self._extent)
         self._density = density_control(len(start), self._extent, settings, points.device, self._details)
@@ -200,7 +204,7 @@ class _Run:
             return
         if self._total - self.done <= settings.final_iterations:
             self._stepper.dropout = min(settings.dropout, FINAL_DROPOUT)
-        self._refinement.before_step(self.done - settings.keyframe_iterations, self.optimizer.gaussians)
+        self.refinement.before_step(self.done - settings.keyframe_iterations, self.optimizer.gaussians)
 
     def _grow(self) -> None:
         settings, optimizer = self._settings, self.optimizer
@@ -243,7 +247,7 @@ class _Run:
             **{f"splats.{name}": value for name, value in self.optimizer.state().items()},
             **{f"density.{name}": value for name, value in self._density.state().items()},
             **{f"stepper.{name}": value for name, value in self._stepper.state().items()},
-            **{f"refinement.{name}": value for name, value in self._refinement.state().items()},
+            **{f"refinement.{name}": value for name, value in self.refinement.state().items()},
         }
 
     def restore(self, state: Checkpoint) -> None:
@@ -254,7 +258,7 @@ class _Run:
             self.optimizer.set_means_progress(self.done / self._settings.keyframe_iterations)
             self._density.restore(part_of(state, "density."))
             self._stepper.restore(part_of(state, "stepper."))
-            self._refinement.restore(part_of(state, "refinement."))
+            self.refinement.restore(part_of(state, "refinement."))
             self._generator.set_state(state["generator"].cpu())
         except KeyError as error:
             raise StudioError(

@@ -29,16 +29,13 @@ REFINE_EVERY = 100
 FINAL_DROPOUT = 0.1
 """Highest dropout of the last steps, if `final_iterations` is above 0."""
 
-REFINED_ALPHA_WEIGHT = 1.0
-"""Lowest weight of the alpha loss once masks may be refined, also for masks that auto found good."""
+RAGGED_ABOVE = 10.0
+"""For auto: masks are refined above this percentage of their outlines that splats disagree with, see `outlines_off`.
+2 for masks of the sample capture from clean plates, 25 and more for ragged ones (docs/measurements/masks.md)."""
 
-REFINE_ABOVE = 0.22
-"""For auto: mean distance between the outlines of given and rendered masks, in pixels, above which they are refined.
-It is 0.14 for exact masks of the sample capture and 0.33 for those from clean plates."""
-
-REFINE_MOVED_BELOW = 0.66
-"""For auto in later frames: above this distance, in pixels, the motion was not found. The given masks are then kept
-until fine-tuning has brought the splats closer."""
+_MOVED_OFF = 1.5
+"""For auto in later frames: above this multiple of the keyframe's percentage, the motion was not found. The given masks
+are then kept until fine-tuning has brought the splats closer."""
 
 
 def sharpened(alpha: Tensor) -> Tensor:
@@ -52,18 +49,19 @@ def drawn_mask(gaussians: Gaussians, view: TrainingView) -> Tensor:
         return sharpened(rasterize(gaussians, view.camera).alpha)
 
 
-def disagreement(drawn: Sequence[Tensor], views: Sequence[TrainingView]) -> float:
-    """How much the views' masks differ from rendered ones: the sum of the absolute differences of all views, divided by
-    the length of the rendered outlines, in pixels.
-
-    About a quarter of a pixel for exact masks and a trained keyframe.
+def outlines_off(drawn: Sequence[Tensor], views: Sequence[TrainingView]) -> float:
+    """Percent of the outlines of the views' masks that are more than a pixel from the rendered ones.
 
     Args:
         drawn: (H, W) per view, 0 to 1, from `drawn_mask`.
         views: with the masks to compare, in the same order.
     """
-    difference = sum(float((one - view.mask).abs().sum()) for one, view in zip(drawn, views, strict=True))
-    return difference / max(1.0, sum(_outline(one) for one in drawn))
+    off = length = 0
+    for one, view in zip(drawn, views, strict=True):
+        outline = _outline(view.mask)
+        off += int((outline & ~_widened(_outline(one))).sum())
+        length += int(outline.sum())
+    return 100 * off / max(1, length)
 
 
 def _refined(gaussians: Gaussians, view: TrainingView, mask: Tensor) -> TrainingView:
@@ -73,10 +71,15 @@ def _refined(gaussians: Gaussians, view: TrainingView, mask: Tensor) -> Training
     return refined
 
 
-def _outline(mask: Tensor) -> float:
-    """Length of the outline at one half in pixels: sides between a pixel inside and one outside."""
+def _outline(mask: Tensor) -> Tensor:
+    """(H, W) bool: pixels of the mask beside one that is not; the image's border does not count."""
     inside = mask > 0.5
-    return float((inside[1:] != inside[:-1]).sum() + (inside[:, 1:] != inside[:, :-1]).sum())
+    return inside & _widened(~inside)
+
+
+def _widened(where: Tensor) -> Tensor:
+    """(H, W) bool: where one of the nine pixels around is set."""
+    return torch.nn.functional.max_pool2d(where.float()[None, None], 3, 1, 1)[0, 0] > 0.5
 
 
 class Refinement:
@@ -85,18 +88,21 @@ class Refinement:
     Args:
         stepper: its views are replaced.
         settings: see `TrainSettings`.
-        moved: the splats come from another frame. If they are far from the masks, it is they that are wrong.
+        keyframe_off: `off` of the keyframe, for a later frame; None for the keyframe. If the splats of a later frame
+            are much farther from the masks, it is they that are wrong.
 
     Attributes:
+        off: percent of the masks' outlines that the splats disagree with, see `outlines_off`; None before `begin`.
         refined: whether the masks are refined; None before `begin`.
+        chroma_shift: see `Stepper`.
     """
 
-    def __init__(self, stepper: Stepper, settings: TrainSettings, moved: bool = False) -> None:
-        self._stepper, self._settings = stepper, settings
-        self._highest = REFINE_MOVED_BELOW if moved else math.inf
+    def __init__(self, stepper: Stepper, settings: TrainSettings, keyframe_off: float | None = None) -> None:
+        self._stepper, self._settings, self._keyframe_off = stepper, settings, keyframe_off
+        self.off: float | None = None
         self.refined: bool | None = None
         self._splats: Gaussians | None = None
-        self._siting_shift = 0.0
+        self.chroma_shift: float | None = None
 
     def before_step(self, step: int, gaussians: Gaussians) -> None:
         """Begin or refresh if due; `step` counts from 0."""
@@ -106,47 +112,63 @@ class Refinement:
             self.refresh(gaussians.detach())
 
     def begin(self, gaussians: Gaussians) -> None:
-        """Decide whether the masks need it, refine them, and set the weights of the steps that follow."""
-        self._siting_shift = chroma_shift(gaussians, self._stepper.views, self._settings.chroma_siting)
-        drawn = self._drawn(gaussians)
-        self.refined = self._wants(drawn)
+        """Decide whether the masks need it, and refine them and how colors are compared."""
+        drawn = []
+        if self._keyframe_off is None or self._wanted:
+            drawn = self._drawn(gaussians)
+            self._decide(drawn)
+        siting = self._settings.chroma_siting
+        if siting in SITINGS or (siting == "auto" and self._ragged):
+            self.chroma_shift = chroma_shift(gaussians, self._stepper.views, siting)
         self._set(gaussians, drawn)
 
     def refresh(self, gaussians: Gaussians) -> None:
-        """Draw the masks again, after `begin`. Moved splats that were too far off may have come closer."""
+        """Render the masks again, after `begin`. Moved splats that were too far off may have come closer."""
+        if not self._wanted:
+            return
         drawn = self._drawn(gaussians)
-        if not self.refined and self._highest < math.inf:
-            self.refined = self._wants(drawn)
+        if not self.refined:
+            self._decide(drawn)
         if self.refined:
             self._set(gaussians, drawn)
 
+    @property
+    def _ragged(self) -> bool:
+        """Whether the keyframe's splats disagree with its masks."""
+        off = self.off if self._keyframe_off is None else self._keyframe_off
+        return off is not None and off > RAGGED_ABOVE
+
+    @property
+    def _wanted(self) -> bool:
+        wanted = self._settings.refine_masks
+        return wanted == "always" or (wanted == "auto" and self._ragged)
+
     def _drawn(self, gaussians: Gaussians) -> list[Tensor]:
-        if self._settings.refine_masks == "never":
-            return []
         return [drawn_mask(gaussians, view) for view in self._stepper.views]
 
-    def _wants(self, drawn: list[Tensor]) -> bool:
-        settings = self._settings
-        if settings.refine_masks != "auto":
-            return settings.refine_masks == "always"
-        return REFINE_ABOVE < disagreement(drawn, self._stepper.views) < self._highest
+    def _decide(self, drawn: list[Tensor]) -> None:
+        self.off = outlines_off(drawn, self._stepper.views)
+        found = self._keyframe_off is None or self.off < _MOVED_OFF * self._keyframe_off
+        self.refined = self._wanted and (found or self._settings.refine_masks == "always")
 
     def _set(self, gaussians: Gaussians, drawn: list[Tensor]) -> None:
-        stepper, settings = self._stepper, self._settings
+        stepper = self._stepper
         if self.refined:
             stepper.views = [_refined(gaussians, view, one) for view, one in zip(stepper.views, drawn, strict=True)]
         self._splats = gaussians.clone()
-        if settings.refine_masks != "never":
-            stepper.alpha_weight = max(stepper.alpha_weight, REFINED_ALPHA_WEIGHT)
-        stepper.chroma_shift = None if settings.chroma_siting == "none" else self._siting_shift
+        stepper.chroma_shift = self.chroma_shift
 
     def state(self) -> dict[str, Tensor]:
         """What `restore` needs: the splats that drew the masks, a hundredth of the masks' size. Empty before
         `begin`."""
         if self._splats is None:
             return {}
-        decided = {"refined": torch.tensor(bool(self.refined)), "siting_shift": torch.tensor(self._siting_shift)}
-        return {**decided, **{f"splats.{name}": value for name, value in self._splats.state_dict().items()}}
+        shift = math.nan if self.chroma_shift is None else self.chroma_shift
+        decided = {"refined": bool(self.refined), "off": self.off, "chroma_shift": shift}
+        return {
+            **{name: torch.tensor(value, dtype=torch.float64) for name, value in decided.items()},
+            **{f"splats.{name}": value for name, value in self._splats.state_dict().items()},
+        }
 
     def restore(self, state: dict[str, Tensor]) -> None:
         """Continue from a `state()`, bit for bit."""
@@ -155,8 +177,9 @@ class Refinement:
         parts = part_of(state, "splats.")
         device = self._stepper.views[0].device
         splats = Gaussians.from_state_dict(parts).to(device)
-        self.refined, self._siting_shift = bool(state["refined"]), float(state["siting_shift"])
-        self._set(splats, [drawn_mask(splats, view) for view in self._stepper.views] if self.refined else [])
+        self.refined, self.off, shift = bool(state["refined"]), float(state["off"]), float(state["chroma_shift"])
+        self.chroma_shift = None if math.isnan(shift) else shift
+        self._set(splats, self._drawn(splats) if self.refined else [])
 
 
 SITINGS: tuple[Siting, ...] = ("left", "center")

@@ -86,17 +86,18 @@ class TrainSettings(Settings):
     unmasked footage with splats rendered over it instead of masking the performer. Reduces the effect of mask
     errors."""
 
-    refine_masks: Annotated[Literal["auto", "always", "never"], Heading("Refined masks")] = "never"
+    refine_masks: Annotated[Literal["auto", "always", "never"], Heading("Refined masks")] = "auto"
     """Replace the masks with ones that all cameras agree on, the rendered alpha of the splats with twice the contrast.
     This happens at the start of a keyframe's pruning and of a later frame's fine-tuning, and again every 100 steps.
-    auto: if the outlines differ by more than 0.22 pixels on average. auto and always raise alpha_weight to at least 1
-    from then on."""
+    auto: in groups in which more than 10% of the masks' outlines are more than a pixel from those of the keyframe's
+    splats."""
 
-    chroma_siting: Literal["auto", "left", "center", "none"] = "none"
+    chroma_siting: Literal["auto", "left", "center", "none"] = "auto"
     """Compare footage with subsampled chroma (4:2:0, 4:2:2) with renders that are subsampled in the same way, so that
     colors that bled over outlines are not learned. The value is where the encoder took its samples: left (standard for
-    H.264 and HEVC) or center (used by many converters). auto: whichever fits the footage better. none: no subsampling.
-    Only for videos that are used at full size and without lens distortion."""
+    H.264 and HEVC) or center (used by many converters). auto: whichever fits the footage better, in groups where
+    refine_masks: auto refines masks, else none. none: no subsampling. Only for videos that are used at full size and
+    without lens distortion."""
 
     final_iterations: int = Field(default=0, ge=0)
     """Number of last steps of a keyframe with a dropout of at most 0.1, which makes details sharper. If above 0, the

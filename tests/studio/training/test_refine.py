@@ -15,7 +15,7 @@ from studio.chroma import ChromaSampling, resampled
 from studio.gaussians import Gaussians
 from studio.training import LearningRates, TrainingView, TrainSettings, refine, train_interframe, train_keyframe
 from studio.training.keyframe import Checkpoint
-from studio.training.refine import Refinement, chroma_shift, disagreement, drawn_mask, sharpened
+from studio.training.refine import Refinement, chroma_shift, drawn_mask, outlines_off, sharpened
 from studio.training.step import Stepper
 from tests.studio.training.test_group import HEIGHT, WIDTH, cameras
 
@@ -35,7 +35,7 @@ SETTINGS = TrainSettings(
 @pytest.fixture(autouse=True)
 def constants_for_small_images(monkeypatch: pytest.MonkeyPatch) -> None:
     """The images are small, and outlines soft."""
-    monkeypatch.setattr(refine, "REFINE_ABOVE", 0.65)
+    monkeypatch.setattr(refine, "RAGGED_ABOVE", 8.0)
     monkeypatch.setattr(refine, "REFINE_EVERY", 25)
 
 
@@ -55,12 +55,14 @@ def test_sharpened_has_twice_the_slope_around_one_half() -> None:
     assert found.tolist() == pytest.approx([0, 0, 0.3, 0.5, 0.9, 1, 1])
 
 
-def test_disagreement_is_the_distance_of_outlines() -> None:
-    inner = box(15, 10, 20, 16)
-    assert disagreement([inner], [view_with(inner)]) == 0
-    # one pixel more on the left and right: 32 pixels, over an outline of 72
-    assert disagreement([inner], [view_with(box(14, 10, 22, 16))]) == pytest.approx(32 / 72)
-    assert disagreement([inner, inner], [view_with(inner), view_with(box(14, 10, 22, 16))]) == pytest.approx(32 / 144)
+def test_outlines_that_are_off_by_more_than_a_pixel_count() -> None:
+    inner = box(15, 10, 20, 16)  # an outline of 68 pixels
+    near, far = view_with(box(14, 9, 22, 18)), view_with(box(13, 10, 22, 16))  # one pixel all around; two on the left
+    assert outlines_off([inner], [near]) == 0
+    # of 72 pixels, those of the left side and of its corners
+    assert outlines_off([inner], [far]) == pytest.approx(100 * 16 / 72)
+    assert outlines_off([inner, inner], [view_with(inner), far]) == pytest.approx(100 * 16 / 140)
+    assert outlines_off([box(0, 0, 20, 16)], [view_with(box(0, 0, 20, 16))]) == 0
 
 
 def sphere(camera: Camera) -> tuple[torch.Tensor, torch.Tensor]:
@@ -129,8 +131,7 @@ def test_refined_masks_are_closer_to_the_truth(plates: bool) -> None:
     assert refined < (0.85 if plates else 0.97) * given
 
 
-def test_a_later_frame_keeps_the_outlines_of_the_keyframe(trained: Gaussians, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(refine, "REFINE_MOVED_BELOW", 2.0)
+def test_a_later_frame_keeps_the_outlines_of_the_keyframe(trained: Gaussians) -> None:
     views, exact = shadowed(plates=False)
     settings = SETTINGS.replace(
         alpha_weight=1.0,
@@ -139,7 +140,7 @@ def test_a_later_frame_keeps_the_outlines_of_the_keyframe(trained: Gaussians, mo
     )
 
     def error(which: TrainSettings) -> float:
-        found = train_interframe(trained, views, which).gaussians
+        found = train_interframe(trained, views, which, keyframe_off=60.0).gaussians
         return errors([drawn_mask(found, view) for view in views], exact)
 
     assert error(settings) < 0.95 * error(settings.replace(refine_masks="never"))
@@ -154,19 +155,16 @@ def test_auto_keeps_exact_masks_and_refines_others(trained: Gaussians) -> None:
         refinement = Refinement(stepper, SETTINGS)
         refinement.begin(trained)
         assert refinement.refined == refined
-        assert stepper.alpha_weight == refine.REFINED_ALPHA_WEIGHT
         found = [view.mask for view in stepper.views]
         assert errors(found, exact) <= errors(masks, exact)
         assert all(torch.equal(one, other) for one, other in zip(found, masks, strict=True)) != refined
 
 
-def test_splats_that_were_moved_badly_do_not_replace_masks(trained: Gaussians, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(refine, "REFINE_ABOVE", 0.0)
-    monkeypatch.setattr(refine, "REFINE_MOVED_BELOW", 0.8)
+def test_splats_that_were_moved_badly_do_not_replace_masks(trained: Gaussians) -> None:
     views, exact = shadowed(plates=True)
     views = [view.with_mask(mask) for view, mask in zip(views, exact, strict=True)]
     stepper = Stepper(views, SETTINGS, torch.Generator())
-    refinement = Refinement(stepper, SETTINGS, moved=True)
+    refinement = Refinement(stepper, SETTINGS, keyframe_off=20.0)
     refinement.begin(replace(trained, means=trained.means + 0.1))
     assert refinement.refined is False
     assert stepper.views is views
@@ -212,14 +210,27 @@ def test_siting_is_found_from_the_footage(siting: str, expected: float, trained:
     assert chroma_shift(trained, views, siting) == expected
 
 
-def test_what_is_refined_stays_refined(trained: Gaussians, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_refined_stays_refined(trained: Gaussians) -> None:
     """Also once splats have followed their masks so closely that `auto` would not begin."""
-    monkeypatch.setattr(refine, "REFINE_MOVED_BELOW", 50.0)
     views, _ = shadowed(plates=True)
     stepper = Stepper(views, SETTINGS, torch.Generator())
-    refinement = Refinement(stepper, SETTINGS, moved=True)
+    refinement = Refinement(stepper, SETTINGS, keyframe_off=60.0)
     refinement.begin(trained)
     assert refinement.refined is True
     for _ in range(3):
         refinement.refresh(trained)  # the masks are what these splats draw
         assert refinement.refined is True
+
+
+@pytest.mark.parametrize(("keyframe_off", "refined"), [(None, True), (60.0, True), (0.0, False)])
+def test_a_group_does_what_its_keyframe_showed(keyframe_off: float | None, refined: bool, trained: Gaussians) -> None:
+    """None: the keyframe itself, whose masks are ragged."""
+    sampling = ChromaSampling((2, 2), (0.0, 0.5), "left")
+    views = [
+        TrainingView(view.camera, view.image, view.mask, view.full_size, view.plate, sampling)
+        for view in shadowed(plates=True)[0]
+    ]
+    stepper = Stepper(views, SETTINGS, torch.Generator())
+    Refinement(stepper, SETTINGS, keyframe_off).begin(trained)
+    assert (stepper.views is not views) == refined
+    assert (stepper.chroma_shift is not None) == refined
