@@ -18,7 +18,7 @@ from studio.training.hashgrid import HashGrid
 from studio.training.keyframe import scene_extent
 from studio.training.motion import MotionField, predicted_means
 from studio.training.noise import draw_seed
-from studio.training.refine import FINAL_DROPOUT, Refinement
+from studio.training.refine import Refinement
 from studio.training.settings import MEANS_FINETUNE_RATE, TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
 from studio.training.step import FIGURES_EVERY, SnapshotFn, Stepper
@@ -173,8 +173,6 @@ def _fine_tune(
     rates = settings.rates.replace(means=MEANS_FINETUNE_RATE)
     optimizer = SplatOptimizer(warped, rates, extent, train_means=settings.finetune_means)
     stepper = Stepper(views, settings, generator)
-    if settings.final_iterations:
-        stepper.dropout = min(settings.dropout, FINAL_DROPOUT)
     refinement = Refinement(stepper, settings, keyframe_off or 0.0)
     coding = PlanesCoding(previous)
     before = coding.coded_values(previous).detach()

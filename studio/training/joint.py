@@ -17,7 +17,7 @@ from studio.progress import ProgressFn, no_progress
 from studio.training.group_run import GroupRun
 from studio.training.interframe import performer_box
 from studio.training.keyframe import scene_extent
-from studio.training.refine import FINAL_DROPOUT, Refinement
+from studio.training.refine import Refinement
 from studio.training.settings import MEANS_FINETUNE_RATE, TrainSettings
 from studio.training.step import Checkpoint, CheckpointFn
 from studio.training.views import TrainingView
@@ -121,8 +121,6 @@ class _Run(GroupRun):
             seed,
         )
         for frame, stepper in zip(frames, self.steppers, strict=True):
-            if settings.final_iterations:
-                stepper.dropout = min(settings.dropout, FINAL_DROPOUT)
             Refinement(stepper, settings, keyframe_off or 0.0).begin(frame.detach())
 
     def gaussians(self, frame: int) -> Gaussians:

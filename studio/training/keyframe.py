@@ -17,7 +17,7 @@ from studio.training import settings as constants
 from studio.training.densify import density_control
 from studio.training.details import detail_weights
 from studio.training.pruning import prune_rounds, pruned_in_round
-from studio.training.refine import FINAL_DROPOUT, Refinement
+from studio.training.refine import Refinement
 from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
 from studio.training.step import Checkpoint, CheckpointFn, SnapshotFn, Stepper, part_of, regularized
@@ -198,13 +198,10 @@ class _Run:
         prune(optimizer, importance, pruned_in_round(settings, len(optimizer), self._pruned))
 
     def _refine(self) -> None:
-        """Refine the masks if due, and set the dropout."""
-        settings = self._settings
-        if not settings.prune_finetune_iterations:
-            return
-        if self._total - self.done <= settings.final_iterations:
-            self._stepper.dropout = min(settings.dropout, FINAL_DROPOUT)
-        self.refinement.before_step(self.done - settings.keyframe_iterations, self.optimizer.gaussians)
+        """Refine the masks if due."""
+        if self._settings.prune_finetune_iterations:
+            step = self.done - self._settings.keyframe_iterations
+            self.refinement.before_step(step, self.optimizer.gaussians)
 
     def _grow(self) -> None:
         settings, optimizer = self._settings, self.optimizer

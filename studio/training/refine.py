@@ -26,9 +26,6 @@ CONTRAST = 2.0
 REFINE_EVERY = 100
 """Steps after which the masks are refined again."""
 
-FINAL_DROPOUT = 0.1
-"""Highest dropout of the last steps, if `final_iterations` is above 0."""
-
 RAGGED_ABOVE = 10.0
 """For auto: masks are refined above this percentage of their outlines that splats disagree with, see `outlines_off`.
 2 for masks of the sample capture from clean plates, 25 and more for ragged ones (docs/measurements/masks.md)."""

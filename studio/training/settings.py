@@ -99,10 +99,6 @@ class TrainSettings(Settings):
     refine_masks: auto refines masks, else none. none: no subsampling. Only for videos that are used at full size and
     without lens distortion."""
 
-    final_iterations: int = Field(default=0, ge=0)
-    """Number of last steps of a keyframe with a dropout of at most 0.1, which makes details sharper. If above 0, the
-    fine-tuning of later frames uses that dropout in all steps."""
-
     camera_colors: Annotated[
         Literal["splats"] | Annotated[int, Field(ge=0, strict=True)] | None, Heading("Colors of cameras")
     ] = None

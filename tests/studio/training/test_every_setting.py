@@ -57,7 +57,6 @@ CHANGES: dict[str, tuple[Any, dict[str, Any]]] = {
     "dilation": (0.1, {}),
     "refine_masks": ("always", {}),
     "chroma_siting": ("center", {}),
-    "final_iterations": (2, {}),
     "keyframe_iterations": (13, {}),
     "strategy": ("mcmc", {"densify_max_splats": 600}),
     "densify_from": (7, {}),

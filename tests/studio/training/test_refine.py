@@ -27,7 +27,6 @@ SETTINGS = TrainSettings(
     opacity_reg=0.0,
     refine_masks="auto",
     chroma_siting="auto",
-    final_iterations=40,
     rates=LearningRates(opacity=0.15, means=2e-4),
 )
 
