@@ -129,7 +129,7 @@ def _run(known: argparse.Namespace) -> tuple[int, Message | None]:
 
 def _exit_code(error: StudioError) -> int:
     """2 for what is wrong with the arguments, also with settings among them; 1 for everything else."""
-    from pipelines.config.loading import COMMAND_LINE
+    from studio.settings import COMMAND_LINE
 
     places = {mistake.get("file") for mistake in error.fields.get("mistakes", ())} or {error.file}
     return 2 if error.code.startswith("command.") or places == {COMMAND_LINE} else 1

@@ -8,12 +8,22 @@ the window and the staleness check all read these models; nothing is declared tw
 
 from __future__ import annotations
 
+import difflib
+import json
+import os
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from types import UnionType
-from typing import Annotated, Any, ClassVar, Self, TypeVar, Union, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeVar, Union, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic.fields import FieldInfo
+
+from studio.errors import Message, StudioError, violation
+from studio.json_types import JsonObject
+
+COMMAND_LINE = "command line"
+"""Named in place of a file in errors about overrides."""
 
 RESULTS = {
     "cameras_from_file": "cameras read from the capture's calibration file",
@@ -70,7 +80,7 @@ class Unbounded:
 
 
 class Conflict(ValueError):
-    """Raised by validators of settings; pydantic wraps it in a ValidationError.
+    """Raised by validators of settings; becomes a StudioError.
 
     Attributes:
         problem: what is wrong, as a clause.
@@ -88,8 +98,8 @@ class Settings(BaseModel):
     """Base class of all settings: frozen, with validated defaults; rejects unknown names, NaN and infinity.
 
     Raises:
-        pydantic.ValidationError: (a ValueError) on construction: an unknown name, a value outside its bounds, or values
-            that contradict each other. `error.errors()` has the field's name as `loc`.
+        StudioError: on construction: an unknown name (`settings.unknown`), a value outside its bounds, or values that
+            contradict each other (`settings.invalid`). Its fields `setting` and `settings` name them.
     """
 
     model_config = ConfigDict(
@@ -109,6 +119,17 @@ class Settings(BaseModel):
             for field in [cls.model_fields.get(name)]
         }
 
+    if not TYPE_CHECKING:  # type checkers read the names and types of the fields instead
+
+        def __init__(self, **values: Any) -> None:
+            try:
+                super().__init__(**values)
+            except ValidationError as error:
+                raise refused(error, type(self), type(self).__name__) from None
+
+        # nested models are validated with the outer one, whose error names the whole path
+        __init__.__pydantic_base_init__ = True
+
     affects: ClassVar[Affects | None] = None
     """Results affected by fields without their own `Affects`. None: those of the field that contains the model."""
 
@@ -116,9 +137,9 @@ class Settings(BaseModel):
         """A validated copy with some values replaced.
 
         Raises:
-            pydantic.ValidationError: as on construction.
+            StudioError: as on construction.
         """
-        return type(self).model_validate({name: getattr(self, name) for name in type(self).model_fields} | changes)
+        return type(self)(**{name: getattr(self, name) for name in type(self).model_fields} | changes)
 
 
 _Marker = TypeVar("_Marker", Affects, Heading, Unbounded)
@@ -193,6 +214,131 @@ def affected(model: type[Settings], prefix: str = "", outer: Affects | None = No
         else:
             found |= affected(inner, f"{prefix}{name}.", own)
     return found
+
+
+def all_names(model: type[Settings], prefix: str = "") -> Iterator[str]:
+    """Dotted names of a model's settings (leaves only)."""
+    for name, field in model.model_fields.items():
+        inner = submodel(field)
+        if inner is not None:
+            yield from all_names(inner, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}"
+
+
+def field_named(model: type[Settings], name: str) -> FieldInfo | None:
+    """The field with a dotted name; None if there is no such setting."""
+    field, section = None, model
+    for part in name.split("."):
+        field = section.model_fields.get(part) if section is not None else None
+        if field is None:
+            return None
+        section = submodel(field)  # type: ignore[assignment]
+    return field
+
+
+def nearest_name(model: type[Settings], name: str) -> str | None:
+    """The setting or section of a model most similar to a dotted name; None if none is similar."""
+    known = list(all_names(model))
+    sections = {known_name.rsplit(".", 1)[0] for known_name in known}
+    if "." not in name:
+        near = difflib.get_close_matches(name, sorted(sections), n=1, cutoff=0.5)
+        if near:
+            return near[0]
+    # the usual mistake is a correct name in the wrong section
+    last = name.rsplit(".", 1)[-1]
+    twins = [candidate for candidate in known if candidate.rsplit(".", 1)[-1] == last]
+    if twins:
+        return difflib.get_close_matches(name, twins, n=1, cutoff=0.0)[0]
+    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    if near:
+        return near[0]
+    tails = {candidate.rsplit(".", 1)[-1]: candidate for candidate in known}
+    near = difflib.get_close_matches(last, list(tails), n=1, cutoff=0.5)
+    return tails[near[0]] if near else None
+
+
+def nearest_sentence(model: type[Settings], name: str) -> str:
+    """What to do about an unknown setting."""
+    near = nearest_name(model, name)
+    return f"Did you mean {near}?" if near else "`v3studio config` lists all settings."
+
+
+def refused(
+    error: ValidationError, model: type[Settings], where: str | os.PathLike[str], given: Collection[str] = ()
+) -> StudioError:
+    """Convert a pydantic error to a StudioError: one sentence per mistake, with file, setting, value and fix.
+
+    Args:
+        error: raised by a settings model.
+        model: that model.
+        where: file that the settings come from, or a description of another source.
+        given: dotted names of settings from the command line.
+
+    Returns:
+        `settings.unknown` or `settings.invalid`; for several mistakes `settings.invalid`, whose field `mistakes`
+        contains each as `Message.to_dict()`.
+    """
+    mistakes = [_mistake(dict(problem), model, where, given) for problem in error.errors()]
+    if len(mistakes) == 1:
+        (one,) = mistakes
+        return StudioError(one.code, one.problem, file=one.file, value=one.value, fix=one.fix, **one.fields)
+    lines = "\n".join(str(mistake) for mistake in mistakes)
+    return StudioError("settings.invalid", lines, mistakes=[mistake.to_dict() for mistake in mistakes])
+
+
+def _mistake(
+    problem: JsonObject, model: type[Settings], where: str | os.PathLike[str], given: Collection[str]
+) -> Message:
+    location = [str(part) for part in problem["loc"]]
+    name = ".".join(location)
+    known = set(all_names(model))
+    setting = next(
+        (".".join(location[:n]) for n in range(len(location), 0, -1) if ".".join(location[:n]) in known), name
+    )
+    if setting in given or name in given:
+        where = COMMAND_LINE
+    elif where != COMMAND_LINE and any(one.startswith(f"{name}.") for one in given):  # a rule across several settings
+        where = f"{os.fspath(where)} and {COMMAND_LINE}"
+    kind, found = problem["type"], problem.get("input")
+    if kind == "extra_forbidden":
+        fix = nearest_sentence(model, name)
+        return Message("settings.unknown", f"unknown setting {name}", where, found, fix, {"setting": name})
+    fields: JsonObject = {"setting": setting}
+    fix = ""
+    cause = problem.get("ctx", {}).get("error")
+    if isinstance(cause, Conflict):
+        text, fix = cause.problem, cause.fix
+        if cause.secret:
+            text, found = f"{name} {text}", None
+        elif cause.names:
+            fields["settings"] = [".".join([*location, one]) for one in cause.names]
+            text = f"{name}: {text}" if name else text
+            found = None
+        else:
+            text = f"{name} = {_plain(found)} {'' if text.startswith('must') else 'is invalid: '}{text}"
+    elif kind in ("model_type", "model_attributes_type"):
+        text, fix = f"{name} = {found!r} is not a section", f"Indent settings under it, one per line ({name}: ...)."
+    else:
+        words = violation(problem)
+        text = f"{name} = {_plain(found)} {'' if words.startswith(('must', 'is ')) else 'is invalid: '}{words}"
+        fix = _default_sentence(model, setting)
+    return Message("settings.invalid", text, where, found, fix, fields)
+
+
+def _default_sentence(model: type[Settings], name: str) -> str:
+    """What a setting is if nothing is said; "" for those of nested models."""
+    field = field_named(model, name)
+    if field is None or field.is_required():
+        return ""
+    value = field.get_default(call_default_factory=True)
+    items = list(value) if isinstance(value, tuple) else [value]
+    plain = all(isinstance(item, str | int | float | None) for item in items)
+    return f"The default is {json.dumps(value).strip(chr(34))}." if plain else ""
+
+
+def _plain(value: Any) -> str:
+    return f"'{value}'" if isinstance(value, str) else repr(value)
 
 
 Name = Annotated[str, Field(min_length=1)]

@@ -41,8 +41,8 @@ def add_board_command(commands: Any) -> None:
 def _board(arguments: argparse.Namespace) -> int:
     from pydantic import ValidationError
 
-    from pipelines.config.loading import COMMAND_LINE, refused
     from studio.calibration import CalibrationTarget, write_target_pdf
+    from studio.settings import COMMAND_LINE, refused
     from studio.yaml_text import dump_yaml
 
     if arguments.file.suffix.lower() != ".pdf":
@@ -66,17 +66,19 @@ def _board(arguments: argparse.Namespace) -> int:
             marker,
         )
     try:
-        target = CalibrationTarget(
-            kind=arguments.kind,
-            columns=arguments.columns,
-            rows=arguments.rows,
-            square=arguments.square / 1000,
-            marker=marker / 1000,
-            dictionary=arguments.dictionary,
-            inverted=arguments.inverted,
+        target = CalibrationTarget.model_validate(
+            {
+                "kind": arguments.kind,
+                "columns": arguments.columns,
+                "rows": arguments.rows,
+                "square": arguments.square / 1000,
+                "marker": marker / 1000,
+                "dictionary": arguments.dictionary,
+                "inverted": arguments.inverted,
+            }
         )
     except ValidationError as error:
-        raise refused(error, COMMAND_LINE, "calibrate.board.") from None
+        raise refused(error, CalibrationTarget, COMMAND_LINE) from None
     width, height = write_target_pdf(target, arguments.file, paper=arguments.paper)
     names = ["kind", "columns", "rows", "square"]
     names += ["marker", "dictionary"] if target.kind == "charuco" else []

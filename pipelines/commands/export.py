@@ -11,9 +11,16 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import ALL_FRAMES, add_frames, add_json, invalid_option, three_numbers
-from pipelines.commands.common.output import add_overwrite, replacing
+from pipelines.commands.common.arguments import (
+    ALL_FRAMES,
+    add_frames,
+    add_json,
+    add_overwrite,
+    invalid_option,
+    three_numbers,
+)
 from pipelines.commands.common.working import json_output, say_note, working
+from pipelines.takes.outputs import replacing
 from studio.counts import counted
 from studio.errors import StudioError
 from studio.formats import EXPORTS, USD_SUFFIXES

@@ -6,9 +6,9 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.common.arguments import add_json, invalid_option, three_numbers
-from pipelines.commands.common.output import add_overwrite, replacing
+from pipelines.commands.common.arguments import add_json, add_overwrite, invalid_option, three_numbers
 from pipelines.commands.common.working import json_output, say_note, working
+from pipelines.takes.outputs import replacing
 from studio.counts import counted
 
 

@@ -6,8 +6,9 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.common.output import add_overwrite, replacing
+from pipelines.commands.common.arguments import add_overwrite
 from pipelines.commands.common.source import add_preset, add_source, is_footage, read_settings
+from pipelines.takes.outputs import replacing
 from studio.errors import StudioError
 
 _SHOWN = ("capture.root", "capture.images", "capture.rig", "capture.masks", "capture.held_out", "capture.scale")

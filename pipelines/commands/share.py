@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
-from pipelines.commands.common.arguments import add_json, invalid_option
-from pipelines.commands.common.output import add_overwrite
+from pipelines.commands.common.arguments import add_json, add_overwrite, invalid_option
 from pipelines.commands.common.working import json_output, working
 
 if TYPE_CHECKING:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import difflib
-import json
 import re
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
@@ -14,14 +12,11 @@ from pydantic.fields import FieldInfo
 
 from pipelines.config.config import Config
 from studio.bounded_files import need_utf8, read_bounded_text
-from studio.errors import Message, StudioError, reason_of, violation
+from studio.errors import StudioError, reason_of
 from studio.json_types import JsonObject
-from studio.settings import Conflict, Settings, is_list_of_text, submodel
+from studio.settings import COMMAND_LINE, field_named, is_list_of_text, nearest_sentence, refused
 from studio.storage import is_address
 from studio.yaml_text import YamlError, dump_yaml, parse_yaml
-
-COMMAND_LINE = "command line"
-"""Named in place of a file in errors about overrides."""
 
 
 def parse_override(text: str) -> tuple[str, Any]:
@@ -42,7 +37,7 @@ def parse_override(text: str) -> tuple[str, Any]:
             value=text,
             fix="Example: train.max_splats=20000.",
         )
-    field = _field(name)
+    field = field_named(Config, name)
     text_only = _is_text(field)
     try:
         parsed = parse_yaml(value)
@@ -59,17 +54,6 @@ def parse_override(text: str) -> tuple[str, Any]:
             fix="Quote it if it is text.",
             setting=name,
         ) from None
-
-
-def _field(name: str) -> FieldInfo | None:
-    """The field of a setting; None if there is no such setting."""
-    field, model = None, Config
-    for part in name.split("."):
-        field = model.model_fields.get(part) if model is not None else None
-        if field is None:
-            return None
-        model = submodel(field)  # type: ignore[assignment]
-    return field
 
 
 def _is_text(field: FieldInfo | None) -> bool:
@@ -107,7 +91,7 @@ def load_config(path: Path | str | None, overrides: Iterable[tuple[str, Any]] = 
                     f"unknown setting {name}: {section} is not a section",
                     file=COMMAND_LINE,
                     value=value,
-                    fix=_nearest_sentence(name),
+                    fix=nearest_sentence(Config, name),
                     setting=name,
                 )
             target = found
@@ -118,7 +102,7 @@ def load_config(path: Path | str | None, overrides: Iterable[tuple[str, Any]] = 
     try:
         return Config.model_validate(values)
     except ValidationError as error:
-        raise refused(error, path, given=given) from None
+        raise refused(error, Config, path or COMMAND_LINE, given) from None
 
 
 def read_yaml(path: Path) -> JsonObject:
@@ -162,7 +146,7 @@ def _as_written(section: str, values: Any, plain: Any) -> Any:
         return values
     written = {}
     for (name, value), text in zip(values.items(), plain.values(), strict=True):
-        field = _field(f"{section}.{name}")
+        field = field_named(Config, f"{section}.{name}")
         is_value = isinstance(value, (int, float))
         if (is_list_of_text(field) and isinstance(value, list)) or (_is_text(field) and is_value):
             written[name] = _texts(value, text)
@@ -216,118 +200,3 @@ def _anchor_root(values: JsonObject, folder: Path, where: str) -> None:
                 setting="capture.root",
             ) from None
         need_utf8(root)
-
-
-def all_names(model: type[Settings] = Config, prefix: str = "") -> Iterator[str]:
-    """Dotted names of all settings (leaves only)."""
-    for name, field in model.model_fields.items():
-        inner = submodel(field)
-        if inner is not None:
-            yield from all_names(inner, f"{prefix}{name}.")
-        else:
-            yield f"{prefix}{name}"
-
-
-def nearest_name(name: str) -> str | None:
-    """The known setting or section most similar to a dotted name; None if none is similar."""
-    known = list(all_names())
-    sections = {known_name.rsplit(".", 1)[0] for known_name in known}
-    if "." not in name:
-        near = difflib.get_close_matches(name, sorted(sections), n=1, cutoff=0.5)
-        if near:
-            return near[0]
-    # the usual mistake is a correct name in the wrong section
-    last = name.rsplit(".", 1)[-1]
-    twins = [candidate for candidate in known if candidate.rsplit(".", 1)[-1] == last]
-    if twins:
-        return difflib.get_close_matches(name, twins, n=1, cutoff=0.0)[0]
-    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
-    if near:
-        return near[0]
-    tails = {candidate.rsplit(".", 1)[-1]: candidate for candidate in known}
-    near = difflib.get_close_matches(last, list(tails), n=1, cutoff=0.5)
-    return tails[near[0]] if near else None
-
-
-def _nearest_sentence(name: str) -> str:
-    near = nearest_name(name)
-    return f"Did you mean {near}?" if near else "`v3studio config` lists all settings."
-
-
-def refused(
-    error: ValidationError, file: Path | str | None, prefix: str = "", given: Collection[str] = ()
-) -> StudioError:
-    """Convert a pydantic error to a StudioError: one sentence per mistake, with file, setting, value and fix.
-
-    Args:
-        error: raised by a settings model.
-        file: file that the settings come from, or a description of another source.
-        prefix: dotted name of the model's section, with a dot at the end; "" for `Config`.
-        given: dotted names of settings from the command line.
-
-    Returns:
-        `settings.unknown` or `settings.invalid`; for several mistakes `settings.invalid`, whose field `mistakes`
-        contains each as `Message.to_dict()`.
-    """
-    mistakes = [_mistake(dict(problem), file, prefix, given) for problem in error.errors()]
-    if len(mistakes) == 1:
-        (one,) = mistakes
-        return StudioError(one.code, one.problem, file=one.file, value=one.value, fix=one.fix, **one.fields)
-    lines = "\n".join(str(mistake) for mistake in mistakes)
-    return StudioError("settings.invalid", lines, mistakes=[mistake.to_dict() for mistake in mistakes])
-
-
-def _mistake(problem: JsonObject, file: Path | str | None, prefix: str, given: Collection[str]) -> Message:
-    location = [*filter(None, prefix.split(".")), *map(str, problem["loc"])]
-    name = ".".join(location)
-    known = set(all_names())
-    setting = next(
-        (".".join(location[:n]) for n in range(len(location), 0, -1) if ".".join(location[:n]) in known), name
-    )
-    where: Path | str = file or "settings"
-    if setting in given or name in given:
-        where = COMMAND_LINE
-    elif any(one.startswith(f"{name}.") for one in given):  # a rule across several settings
-        where = f"{where} and {COMMAND_LINE}" if file else COMMAND_LINE
-    kind, found = problem["type"], problem.get("input")
-    if kind == "extra_forbidden":
-        return Message(
-            "settings.unknown", f"unknown setting {name}", where, found, _nearest_sentence(name), {"setting": name}
-        )
-    fields: JsonObject = {"setting": setting}
-    fix = ""
-    cause = problem.get("ctx", {}).get("error")
-    if isinstance(cause, Conflict):
-        text, fix = cause.problem, cause.fix
-        if cause.secret:
-            text, found = f"{name} {text}", None
-        elif cause.names:
-            fields["settings"] = [f"{name}.{one}" for one in cause.names]
-            text = f"{name}: {text}"
-            found = None
-        else:
-            text = f"{name} = {_plain(found)} {'' if text.startswith('must') else 'is invalid: '}{text}"
-    elif kind in ("model_type", "model_attributes_type"):
-        text, fix = f"{name} = {found!r} is not a section", f"Indent settings under it, one per line ({name}: ...)."
-    else:
-        words = violation(problem)
-        text = f"{name} = {_plain(found)} {'' if words.startswith(('must', 'is ')) else 'is invalid: '}{words}"
-        fix = _default_sentence(setting)
-    return Message("settings.invalid", text, where, found, fix, fields)
-
-
-def _default_sentence(name: str) -> str:
-    """What a setting is if nothing is said; "" for those of nested models."""
-    value: Any = Config()
-    for part in name.split("."):
-        if not hasattr(value, part):
-            return ""
-        value = getattr(value, part)
-    if isinstance(value, tuple):
-        value = list(value)
-    plain = all(isinstance(item, str | int | float | None) for item in (value if isinstance(value, list) else [value]))
-    return f"The default is {json.dumps(value).strip(chr(34))}." if plain else ""
-
-
-def _plain(value: Any) -> str:
-    return f"'{value}'" if isinstance(value, str) else repr(value)

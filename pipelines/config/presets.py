@@ -129,7 +129,7 @@ def with_values(config: Config, values: Mapping[str, JsonValue]) -> Config:
     """A validated copy with some values replaced, by dotted name.
 
     Raises:
-        pydantic.ValidationError: the values do not fit together.
+        StudioError: the values do not fit together (`settings.invalid`).
     """
     changed = config.model_dump(mode="json")
     for name, value in values.items():
@@ -138,4 +138,4 @@ def with_values(config: Config, values: Mapping[str, JsonValue]) -> Config:
         for section in sections:
             target = target[section]
         target[last] = value
-    return Config.model_validate(changed)
+    return Config(**changed)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pipelines.takes.atomic_files import remove
+from pipelines.takes.outputs import check_output
 from pipelines.version import program_version
 from studio.atomic_files import leftovers, remove_leftovers, temporary_path
 from studio.bounded_files import parse_json
@@ -77,19 +78,16 @@ def shared_folder(out: Path, title: str | None) -> Iterator[SharedFolder]:
         files.write(RECORD_NAME, (json.dumps(record, indent=1, ensure_ascii=False) + "\n").encode())
 
 
-def check_folder(out: Path) -> None:
-    """Raises StudioError (`output.not_ours`) unless `out` is missing, empty, or an earlier share and nothing else."""
-    if not os.path.lexists(out):
-        return
-    fix = "Choose another folder, or delete it."
-    if not out.is_dir() or out.is_symlink():
-        raise StudioError("output.not_ours", "exists and is not a folder", file=out, fix=fix)
-    present = {path.relative_to(out).as_posix() for path in out.rglob("*") if not path.is_dir() or path.is_symlink()}
-    if not present and not any(out.iterdir()):
-        return
+def is_shared_folder(out: Path) -> bool:
+    """Whether a folder is an earlier share.
+
+    Raises:
+        StudioError: it holds other files as well (`output.not_ours`).
+    """
     listed = _recorded(out / RECORD_NAME)
     if listed is None:
-        raise StudioError("output.not_ours", "exists and is not an earlier share", file=out, fix=fix)
+        return False
+    present = {path.relative_to(out).as_posix() for path in out.rglob("*") if not path.is_dir() or path.is_symlink()}
     strange = sorted(present - listed - {RECORD_NAME})
     if strange:
         raise StudioError(
@@ -99,6 +97,7 @@ def check_folder(out: Path) -> None:
             value=strange[0],
             fix="Move them away, or choose another folder.",
         )
+    return True
 
 
 def _recorded(path: Path) -> set[str] | None:
@@ -126,7 +125,7 @@ def _replaced(out: Path) -> Iterator[Path]:
     new.mkdir(parents=True)
     try:
         yield new
-        check_folder(out)  # it took a while: somebody may have written there meanwhile
+        check_output(out, True, is_shared_folder)  # it took a while: somebody may have written there meanwhile
         if os.path.lexists(out):
             os.rename(out, old)
         try:

@@ -5,7 +5,6 @@ Nothing is loaded from elsewhere.
 
 from __future__ import annotations
 
-import os
 import re
 from base64 import b64encode
 from collections.abc import Iterator
@@ -17,9 +16,10 @@ from typing import Literal
 from pipelines.share.cast import is_cast, write_cast
 from pipelines.share.page import GENERATOR, PAGE_NAME, PageText, player_page, preview_tags
 from pipelines.share.player_files import PlayerFiles, read_player
-from pipelines.share.shared_folder import RECORD_NAME, check_folder, shared_folder
+from pipelines.share.shared_folder import RECORD_NAME, is_shared_folder, shared_folder
 from pipelines.share.stream_to_share import StreamToShare, stream_to_share
 from pipelines.takes.atomic_files import atomic_path, disk_errors
+from pipelines.takes.outputs import check_output
 from studio.atomic_files import remove_leftovers
 from studio.errors import StudioError
 from studio.json_types import JsonObject
@@ -128,11 +128,7 @@ def share(
     """
     out = Path(out).expanduser().absolute()
     single_file = out.suffix.lower() in (".html", ".htm")
-    (_check_file if single_file else check_folder)(out)
-    if not overwrite and (out.is_file() or (out / RECORD_NAME).is_file()):
-        raise StudioError(
-            "output.exists", "already exists", file=out, fix="Choose another name, or add --overwrite to replace it."
-        )
+    check_output(out, overwrite, _is_shared_file if single_file else is_shared_folder)
     if is_cast(str(source)):
         return _share_cast(Path(source).expanduser(), out, text or PageText(), single_file, progress)
     player = read_player()
@@ -251,17 +247,9 @@ def _in_script(text: str) -> str:
     return _ENDS_SCRIPT.sub(lambda _: r"\x3C", text)
 
 
-def _check_file(out: Path) -> None:
-    """Raises StudioError (`output.not_ours`) unless `out` is missing, or an earlier share."""
-    if not os.path.lexists(out):
-        return
-    if out.is_file():
-        with out.open("rb") as file:
-            if _MARK in file.read(4096):
-                return
-    raise StudioError(
-        "output.not_ours",
-        "exists and is not an earlier share",
-        file=out,
-        fix="Choose another name, or delete it.",
-    )
+def _is_shared_file(out: Path) -> bool:
+    """Whether a file is an earlier share."""
+    if not out.is_file():
+        return False
+    with out.open("rb") as file:
+        return _MARK in file.read(4096)

@@ -13,9 +13,10 @@ from pydantic.fields import FieldInfo
 
 from pipelines.config import Config
 from pipelines.config.description import allowed_values
-from pipelines.config.loading import all_names
 from studio.calibration import CalibrationTarget
-from studio.settings import RESULTS, Affects, Conflict, Settings, Unbounded, affected, marker, submodel
+from studio.errors import StudioError
+from studio.settings import RESULTS, Affects, Settings, Unbounded, affected, all_names, marker, submodel
+from studio.stream import BakeSettings
 from studio.training.settings import LearningRates
 
 
@@ -108,7 +109,7 @@ def test_what_settings_affect_is_said_at_the_field_the_section_or_the_class() ->
     assert found["train.rates.opacity"] == ("keyframe",)  # from the class that contains it
     assert found["run.check_footage"] == found["run.threads"] == ()
     assert found["calibrate.board.square"] == found["calibrate.board.kind"]  # from the field that contains its model
-    assert set(found) == set(all_names())
+    assert set(found) == set(all_names(Config))
 
 
 class Example(Settings):
@@ -128,7 +129,7 @@ def test_settings_are_frozen_strict_and_replaced_with_validation() -> None:
     assert made.replace(high=5) == Example(low=2, high=5)
     assert affected(Example, "x.") == {"x.low": ("videos",), "x.high": ()}
     for change in ({"low": -1}, {"lo": 1}, {"low": float("nan")}):
-        with pytest.raises(ValidationError):
+        with pytest.raises(StudioError):
             made.replace(**change)
     with pytest.raises(ValidationError):
         made.low = 3  # type: ignore[misc]
@@ -140,16 +141,38 @@ def test_a_replaced_target_forgets_what_was_computed() -> None:
     assert target.replace(square=0.1).corners.max() == pytest.approx(7 * 0.1)
 
 
-def test_the_library_raises_value_errors() -> None:
-    with pytest.raises(ValueError, match="means") as caught:
-        LearningRates(means=-1)
-    assert isinstance(caught.value, ValidationError)
-    with pytest.raises(ValueError, match="not smaller than square") as caught:
+@pytest.mark.parametrize(
+    ("model", "values", "code", "setting"),
+    [
+        (LearningRates, {"means": -1}, "settings.invalid", "means"),
+        (BakeSettings, {"qualty": 30}, "settings.unknown", "qualty"),
+        (BakeSettings, {"ladder": [{"qp": 99}]}, "settings.invalid", "ladder"),
+        (Config, {"train": {"rates": {"means": -1}}}, "settings.invalid", "train.rates.means"),
+    ],
+)
+def test_bad_values_in_python_raise_the_error_of_the_library(
+    model: type[Settings], values: dict[str, Any], code: str, setting: str
+) -> None:
+    with pytest.raises(StudioError) as caught:
+        model(**values)
+    assert (caught.value.code, caught.value.fields["setting"]) == (code, setting)
+    assert model.__name__ in str(caught.value)
+    assert caught.value.fix
+
+
+def test_several_mistakes_are_one_error() -> None:
+    with pytest.raises(StudioError) as caught:
+        LearningRates(means=-1, opacity="much")  # type: ignore[arg-type]
+    assert [mistake["setting"] for mistake in caught.value.fields["mistakes"]] == ["means", "opacity"]
+
+
+def test_settings_that_contradict_each_other_are_named() -> None:
+    with pytest.raises(StudioError) as caught:
         CalibrationTarget(square=0.04)
-    (problem,) = caught.value.errors()  # type: ignore[attr-defined]
-    cause: Any = problem["ctx"]["error"]
-    assert isinstance(cause, Conflict)
-    assert cause.names == ("marker", "square")
+    assert caught.value.fields["settings"] == ["marker", "square"]
+    with pytest.raises(StudioError) as caught:
+        Config(calibrate={"board": {"square": 0.04}})  # type: ignore[arg-type]
+    assert caught.value.fields["settings"] == ["calibrate.board.marker", "calibrate.board.square"]
 
 
 def test_dictionaries_are_opencvs() -> None:

@@ -6,20 +6,16 @@ import contextlib
 from collections.abc import Iterator
 
 import pytest
-from pydantic import ValidationError
 
-from studio.settings import Conflict
+from studio.errors import StudioError
 
 
 @contextlib.contextmanager
 def refuses_setting(*names: str) -> Iterator[None]:
-    """Assert that the block raises one ValidationError for the field `names[0]` or, with several names, a `Conflict`
-    of exactly these fields."""
-    with pytest.raises(ValidationError) as caught:
+    """Assert that the block raises one StudioError for the setting `names[0]` or, with several names, for exactly these
+    settings, which contradict each other."""
+    with pytest.raises(StudioError) as caught:
         yield
-    (problem,) = caught.value.errors()
-    cause = problem.get("ctx", {}).get("error")
-    if isinstance(cause, Conflict) and cause.names:
-        assert cause.names == names, str(cause)
-    else:
-        assert (str(problem["loc"][0]),) == names, problem["msg"]
+    assert caught.value.code == "settings.invalid"
+    found = caught.value.fields
+    assert tuple(found.get("settings", (found["setting"].split(".")[0],))) == names, str(caught.value)

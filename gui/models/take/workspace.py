@@ -22,7 +22,6 @@ from gui.models.take.jobs import Job, is_paused, pause_process, stop_process
 from gui.models.take.run_state import RunState
 from gui.models.worker import Done, LatestWorker
 from pipelines.config import Config, load_config
-from pipelines.config.loading import COMMAND_LINE
 from pipelines.events import Finished
 from pipelines.events.log_follower import LogFollower
 from pipelines.reports.terminal import duration
@@ -31,6 +30,7 @@ from pipelines.takes.cancel_request import request_cancel
 from pipelines.takes.settings_file import save_config
 from pipelines.takes.take import Take
 from studio.errors import Message, StudioError
+from studio.settings import COMMAND_LINE
 from studio.yaml_text import inline_yaml
 
 LOOK_EVERY = 0.5

@@ -145,6 +145,11 @@ def add_json(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print events as JSON lines; the last one has the result")
 
 
+def add_overwrite(parser: argparse.ArgumentParser, text: str = "replace the output if it exists") -> None:
+    """Add the option `--overwrite`."""
+    parser.add_argument("--overwrite", action="store_true", help=text)
+
+
 def frame_range(text: str) -> tuple[int | None, int | None, int]:
     """The type of frame ranges: "A:B", "A:B:S" or parts of it, frames A to B - 1 in steps of S, as in Python.
 

@@ -29,7 +29,6 @@ from gui.pages.stage_views import StageViews
 from gui.pages.train import NOT_RUN, TrainView
 from gui.widgets.raycast import RaycastMesh
 from pipelines.config import Config, dump_config, load_config
-from pipelines.config.loading import all_names
 from pipelines.new_take import NewTake
 from pipelines.stages.inputs import Inputs
 from pipelines.takes.atomic_files import write_text
@@ -40,6 +39,7 @@ from studio.cameras import Camera, Rig
 from studio.edits import EditList
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
+from studio.settings import all_names
 from studio.similarity import Similarity
 from studio.stream import StreamReader
 from tests.support.errors import refuses
@@ -350,7 +350,7 @@ def test_stages_that_have_not_run_say_what_to_do(views: StageViews, footage_proj
 
 def test_each_setting_has_a_field_with_words_and_its_text_reads_back() -> None:
     fields = [field for stage in SECTIONS for field in fields_of(stage)]
-    assert sorted(field.name for field in fields) == sorted(all_names())
+    assert sorted(field.name for field in fields) == sorted(all_names(Config))
     for field in fields:
         assert len(field.documentation) > 10, field.name
         value = field.parsed(field.shown(Config()))

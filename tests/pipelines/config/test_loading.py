@@ -7,11 +7,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pipelines.config import Config, describe, dump_config, load_config, parse_override
-from pipelines.config.loading import all_names
 from studio.calibration.settings import CalibrateSettings
 from studio.capture.settings import CaptureSettings
 from studio.errors import StudioError
 from studio.meshing.settings import InitializeSettings
+from studio.settings import all_names
 from studio.stream.settings import BakeSettings
 from studio.training.settings import TrainSettings
 from studio.yaml_text import dump_yaml
@@ -42,7 +42,7 @@ def test_defaults_of_the_library_are_those_of_the_command_line():
 
 def test_settings_keep_their_order():
     """`v3studio config` uses this order, and digests of ablations depend on it."""
-    names = list(all_names())
+    names = list(all_names(Config))
     assert names[:4] == ["capture.root", "capture.images", "capture.rig", "capture.masks"]
     assert names.index("train.grouping") + 1 == names.index("train.sh_degree")
     assert names.index("capture.mask_components") + 1 == names.index("capture.key_color")
@@ -72,7 +72,7 @@ def test_description_is_a_configuration_with_the_same_values(tmp_path):
     config = load_config(write(tmp_path, text))
     assert config.train.max_splats == 1234
     assert config.bake.attribute_qps == {"sh": 30}
-    assert all(f"{name.rsplit('.', 1)[-1]}:" in text for name in all_names())
+    assert all(f"{name.rsplit('.', 1)[-1]}:" in text for name in all_names(Config))
     assert "[0 to 51]" in text
     assert "[one of random, black, white]" in text
 

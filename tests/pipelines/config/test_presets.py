@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from pydantic import ValidationError
 
 from pipelines.config import Config, load_config
 from pipelines.config.presets import PRESETS, differing, preset_of, values_of, with_values
+from studio.errors import StudioError
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -46,5 +46,5 @@ def test_what_differs_has_the_values_of_the_preset() -> None:
     config = with_values(config, {"capture.scale": 0.5, "calibrate.floor": True})
     assert differing(config, "standard") == {"train.max_splats": 36_000, "train.rates.opacity": 0.05}
     assert with_values(config, differing(config, "standard")).train == with_values(Config(), PRESETS["standard"]).train
-    with pytest.raises(ValidationError):
+    with pytest.raises(StudioError):
         with_values(Config(), {"train.max_splats": -1})

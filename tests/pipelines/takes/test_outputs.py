@@ -1,4 +1,4 @@
-"""`--overwrite`: outputs that exist are replaced only with it, and only those of the same kind."""
+"""Outputs that exist are replaced only when asked, and only those of the same kind."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from pipelines.commands.common.output import replacing
+from pipelines.takes.outputs import replacing
 from studio.errors import Cancelled
 from studio.formats.placing import new_file
 from tests.support.errors import refuses
@@ -31,6 +31,14 @@ def test_an_output_is_replaced_only_when_asked(tmp_path: Path) -> None:
     assert out.read_text() == "new"
 
 
+def test_an_empty_folder_is_no_obstacle(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    with replacing(out, False, Path.is_file):
+        out.write_text("new")
+    assert out.read_text() == "new"
+
+
 def test_a_failure_restores_what_was_there(tmp_path: Path) -> None:
     out = tmp_path / "out"
     out.mkdir()
@@ -52,10 +60,12 @@ def test_what_another_program_wrote_meanwhile_stays(tmp_path: Path) -> None:
 
 def test_other_things_are_never_deleted(tmp_path: Path) -> None:
     (tmp_path / "photos").mkdir()
+    (tmp_path / "photos" / "one.jpg").touch()
     (tmp_path / "link").symlink_to(tmp_path / "photos")
     for name in ("photos", "link"):
-        with refuses("output.not_ours"), replacing(tmp_path / name, True, Path.is_file):
-            pass
+        for overwrite in (False, True):
+            with refuses("output.not_ours"), replacing(tmp_path / name, overwrite, Path.is_file):
+                pass
         assert (tmp_path / name).exists()
 
 

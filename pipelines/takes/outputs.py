@@ -1,0 +1,69 @@
+"""Outputs that exist: replaced only when asked, and only if they are of the same kind."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from studio.errors import StudioError
+
+
+def check_output(out: Path, overwrite: bool, ours: Callable[[Path], bool]) -> None:
+    """Check that `out` may be written. An empty folder always may.
+
+    Args:
+        out: file or folder.
+        overwrite: whether it may exist.
+        ours: whether an existing output is of the kind that would be written; may raise a StudioError that says more.
+
+    Raises:
+        StudioError: `out` is something else (`output.not_ours`), or it exists and `overwrite` is false
+            (`output.exists`).
+    """
+    if not os.path.lexists(out) or _is_empty(out):
+        return
+    if out.is_symlink() or not ours(out):
+        raise StudioError(
+            "output.not_ours",
+            "exists and is not an earlier output of this command",
+            file=out,
+            fix="Choose another name, or delete it.",
+        )
+    if not overwrite:
+        raise StudioError(
+            "output.exists", "already exists", file=out, fix="Choose another name, or add --overwrite to replace it."
+        )
+
+
+@contextmanager
+def replacing(out: Path, overwrite: bool, ours: Callable[[Path], bool]) -> Iterator[None]:
+    """The block writes `out`, which does not exist then. What was there is restored if it fails.
+
+    Args and raises: as for `check_output`.
+    """
+    out = out.absolute()
+    check_output(out, overwrite, ours)
+    if not os.path.lexists(out):
+        yield
+        return
+    from pipelines.takes.atomic_files import disk_errors, remove
+
+    old = out.with_name(f".{out.name}.{os.getpid()}.old")
+    with disk_errors(out.parent):
+        os.rename(out, old)
+    try:
+        yield
+    except BaseException as error:
+        if isinstance(error, StudioError) and error.code == "export.already_exists":  # by another program, meanwhile
+            remove(old)
+            raise
+        remove(out)
+        os.rename(old, out)
+        raise
+    remove(old)
+
+
+def _is_empty(out: Path) -> bool:
+    return out.is_dir() and not out.is_symlink() and not any(out.iterdir())
