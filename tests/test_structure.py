@@ -106,6 +106,7 @@ PIPELINES = (
     "inspection",
     "stages",
     "reports",
+    "outputs",
     "takes",
     "events",
     "config",

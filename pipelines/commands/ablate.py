@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from pipelines.commands.common.arguments import add_overwrite, invalid_option
-from pipelines.takes.outputs import replacing
+from pipelines.outputs import replacing
 
 _HELP = "train variants without parts of the method and compare quality and size"
 _NOTE = """The first variant is the full method with the settings in CONFIG; each other variant leaves out one part.

@@ -20,7 +20,7 @@ from pipelines.commands.common.arguments import (
     three_numbers,
 )
 from pipelines.commands.common.working import json_output, say_note, working
-from pipelines.takes.outputs import replacing
+from pipelines.outputs import replacing
 from studio.counts import counted
 from studio.errors import StudioError
 from studio.formats import EXPORTS, USD_SUFFIXES

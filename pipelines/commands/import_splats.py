@@ -8,7 +8,7 @@ from typing import Any
 
 from pipelines.commands.common.arguments import add_json, add_overwrite, invalid_option, three_numbers
 from pipelines.commands.common.working import json_output, say_note, working
-from pipelines.takes.outputs import replacing
+from pipelines.outputs import replacing
 from studio.counts import counted
 
 

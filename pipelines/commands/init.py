@@ -8,7 +8,7 @@ from typing import Any
 
 from pipelines.commands.common.arguments import add_overwrite
 from pipelines.commands.common.source import add_preset, add_source, is_footage, read_settings
-from pipelines.takes.outputs import replacing
+from pipelines.outputs import replacing
 from studio.errors import StudioError
 
 _SHOWN = ("capture.root", "capture.images", "capture.rig", "capture.masks", "capture.held_out", "capture.scale")

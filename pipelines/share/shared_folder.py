@@ -9,8 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pipelines.outputs import check_output
 from pipelines.takes.atomic_files import remove
-from pipelines.takes.outputs import check_output
 from pipelines.version import program_version
 from studio.atomic_files import leftovers, remove_leftovers, temporary_path
 from studio.bounded_files import parse_json

@@ -13,13 +13,13 @@ from html import escape
 from pathlib import Path
 from typing import Literal
 
+from pipelines.outputs import check_output
 from pipelines.share.cast import is_cast, write_cast
 from pipelines.share.page import GENERATOR, PAGE_NAME, PageText, player_page, preview_tags
 from pipelines.share.player_files import PlayerFiles, read_player
 from pipelines.share.shared_folder import RECORD_NAME, is_shared_folder, shared_folder
 from pipelines.share.stream_to_share import StreamToShare, stream_to_share
 from pipelines.takes.atomic_files import atomic_path, disk_errors
-from pipelines.takes.outputs import check_output
 from studio.atomic_files import remove_leftovers
 from studio.errors import StudioError
 from studio.json_types import JsonObject

@@ -101,7 +101,7 @@ FORMATS = (
     ),
     Format(
         "v3", "stream", ".v3s", "Stream in one file",
-        "one .v3s file with the whole stream as it is, which all players except the browser open",
+        "one .v3s file with the whole stream as it is, which all players here open",
     ),
     Format("turntable", "movie", ".mp4", "Movie: turntable", "an MP4 of a camera circling the performer"),
     Format(

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from pipelines.takes.outputs import replacing
+from pipelines.outputs import replacing
 from studio.errors import Cancelled
 from studio.formats.placing import new_file
 from tests.support.errors import refuses
