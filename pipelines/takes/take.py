@@ -1,24 +1,4 @@
-"""A take's folder: its layout, and the lock that prevents two runs at the same time.
-
-Layout::
-
-    take.json                                   format version, program that created it
-    config.yaml                                 all settings of the last run
-    calibrate/rig.json, report.json             cameras as in the footage (full size, with lens distortion)
-    calibrate/points.ply                        sparse points, if the cameras were calibrated from footage
-    initialize/group_000/mesh.ply, points.ply   visual hull and initial points of a group's keyframe; report.json
-    train/group_000/frame_000000.safetensors    Gaussians of a frame, counted from 0 in the take; group.json
-    train/group_000/separate_*.safetensors      the same before joint training, if there was any
-    train/group_000/offsets_*.safetensors       fine-tuning of splats that a rung of the ladder keeps
-    stream/                                     the stream and nothing else
-    bakes/NAME/                                 a bake that is kept under a name (`pipelines.takes.kept_bakes`)
-    evaluation.json, report.html                measured quality and the report
-    marks.json                                  marked frames with notes, if any
-    camera_path.json                            camera path for movies, if any
-    garbage.yaml                                garbage masks that were drawn in the window, if any
-    edits.json                                  trim, crop box, removed floaters, world, if any
-    .v3studio/                                  lock, records of finished stages, work in progress
-"""
+"""A take's folder: where everything is (docs/reference/take.md), and the lock against two runs at the same time."""
 
 from __future__ import annotations
 
@@ -60,6 +40,16 @@ class TakeFile(Result):
     """UTC, ISO 8601."""
 
 
+class _At:
+    """A file or folder of a take, by its path relative to it."""
+
+    def __init__(self, path: str) -> None:
+        self._path = path
+
+    def __get__(self, take: Take, owner: type[Take]) -> Path:
+        return take.root / self._path
+
+
 @dataclass(frozen=True)
 class Take:
     """The paths in a take. Use `open` or `create`, which check the folder.
@@ -69,6 +59,48 @@ class Take:
     """
 
     root: Path
+    config = _At("config.yaml")
+    """All settings of the last run."""
+    rig = _At("calibrate/rig.json")
+    calibration_report = _At("calibrate/report.json")
+    calibration_points = _At("calibrate/points.ply")
+    """Sparse points, if the cameras were calibrated from footage."""
+    rig_verdict = _At("initialize/verdict.json")
+    """Whether cameras, images and masks agree."""
+    grouping = _At("initialize/groups.json")
+    """Where groups begin, with train.grouping = motion."""
+    camera_colors = _At("train/camera_colors.json")
+    """Color matrices of the cameras, with train.camera_colors."""
+    refined_rig = _At("train/rig.json")
+    """The cameras that were refined while training, if they are used."""
+    camera_refinement = _At("train/refinement.json")
+    """What refining the cameras changed; exists if it was tried."""
+    stream = _At("stream")
+    """Either complete or absent."""
+    bakes = _At("bakes")
+    """Bakes that are kept under names."""
+    evaluation = _At("evaluation.json")
+    report = _At("report.html")
+    """Self-contained."""
+    marks = _At("marks.json")
+    """Marked frames with notes."""
+    camera_path = _At("camera_path.json")
+    """The camera path that was edited in the window."""
+    edits = _At("edits.json")
+    """What is trimmed, cropped, removed and moved after training."""
+    garbage = _At("garbage.yaml")
+    """Garbage masks that were drawn in the window."""
+    private = _At(".v3studio")
+    footage_cache = _At(".v3studio/footage")
+    """Cache of masks and background plates. Its files never become stale and may be deleted at any time."""
+    previews = _At(".v3studio/previews")
+    """Preview images rendered during training."""
+    cancel_request = _At(".v3studio/cancel")
+    """Exists while the run in progress is asked to stop."""
+    group_events = _At(".v3studio/events")
+    """What the groups of a run on several machines report."""
+    log = _At(".v3studio/events.jsonl")
+    """Events of the last run, one JSON object per line."""
 
     @classmethod
     def open(cls, root: Path | str) -> Take:
@@ -135,31 +167,6 @@ class Take:
         write_model(root / "take.json", about, durable=True)
         return cls(root)
 
-    @property
-    def config(self) -> Path:
-        """config.yaml: all settings of the last run."""
-        return self.root / "config.yaml"
-
-    @property
-    def rig(self) -> Path:
-        """calibrate/rig.json."""
-        return self.root / "calibrate" / "rig.json"
-
-    @property
-    def rig_verdict(self) -> Path:
-        """initialize/verdict.json: whether cameras, images and masks agree."""
-        return self.root / "initialize" / "verdict.json"
-
-    @property
-    def calibration_report(self) -> Path:
-        """calibrate/report.json."""
-        return self.root / "calibrate" / "report.json"
-
-    @property
-    def calibration_points(self) -> Path:
-        """calibrate/points.ply: sparse points, if the cameras were calibrated from footage."""
-        return self.root / "calibrate" / "points.ply"
-
     def initialize_group(self, group: int) -> Path:
         """initialize/group_000: mesh.ply, points.ply, report.json."""
         return self.root / "initialize" / group_name(group)
@@ -167,21 +174,6 @@ class Take:
     def train_group(self, group: int) -> Path:
         """train/group_000: one frame_000000.safetensors per frame, group.json."""
         return self.root / "train" / group_name(group)
-
-    @property
-    def camera_colors(self) -> Path:
-        """train/camera_colors.json: color matrices of the cameras, with train.camera_colors."""
-        return self.root / "train" / "camera_colors.json"
-
-    @property
-    def refined_rig(self) -> Path:
-        """train/rig.json: the cameras that were refined while training, if they are used."""
-        return self.root / "train" / "rig.json"
-
-    @property
-    def camera_refinement(self) -> Path:
-        """train/refinement.json: what refining the cameras changed; exists if it was tried."""
-        return self.root / "train" / "refinement.json"
 
     def trained_frame(self, group: int, index: int) -> Path:
         """Gaussians of frame `index`, counted from 0 in the take."""
@@ -219,56 +211,6 @@ class Take:
         """Checkpoint of that fine-tuning; deleted when it is finished."""
         return self.train_group(group) / f"offsets_{rung}.checkpoint"
 
-    @property
-    def stream(self) -> Path:
-        """stream/: either complete or absent."""
-        return self.root / "stream"
-
-    @property
-    def bakes(self) -> Path:
-        """bakes/: bakes that are kept under names."""
-        return self.root / "bakes"
-
-    @property
-    def evaluation(self) -> Path:
-        """evaluation.json."""
-        return self.root / "evaluation.json"
-
-    @property
-    def report(self) -> Path:
-        """report.html, self-contained."""
-        return self.root / "report.html"
-
-    @property
-    def marks(self) -> Path:
-        """marks.json: marked frames with notes."""
-        return self.root / "marks.json"
-
-    @property
-    def camera_path(self) -> Path:
-        """camera_path.json: the camera path that was edited in the window."""
-        return self.root / "camera_path.json"
-
-    @property
-    def edits(self) -> Path:
-        """edits.json: what is trimmed, cropped, removed and moved after training."""
-        return self.root / "edits.json"
-
-    @property
-    def garbage(self) -> Path:
-        """garbage.yaml: garbage masks that were drawn in the window."""
-        return self.root / "garbage.yaml"
-
-    @property
-    def private(self) -> Path:
-        """.v3studio/."""
-        return self.root / ".v3studio"
-
-    @property
-    def grouping(self) -> Path:
-        """initialize/groups.json: where groups begin, with train.grouping = motion."""
-        return self.root / "initialize" / "groups.json"
-
     def record(self, stage: str) -> Path:
         """Record of a finished stage; absent until it finishes."""
         return self.private / "stages" / f"{stage}.json"
@@ -280,31 +222,6 @@ class Take:
     def work(self, stage: str) -> Path:
         """A stage's folder for work in progress."""
         return self.private / "work" / stage
-
-    @property
-    def footage_cache(self) -> Path:
-        """Cache of masks and background plates. Its files never become stale and may be deleted at any time."""
-        return self.private / "footage"
-
-    @property
-    def previews(self) -> Path:
-        """Preview images rendered during training."""
-        return self.private / "previews"
-
-    @property
-    def cancel_request(self) -> Path:
-        """cancel: exists while the run in progress is asked to stop."""
-        return self.private / "cancel"
-
-    @property
-    def group_events(self) -> Path:
-        """events/: what the groups of a run on several machines report."""
-        return self.private / "events"
-
-    @property
-    def log(self) -> Path:
-        """events.jsonl: events of the last run, one JSON object per line."""
-        return self.private / "events.jsonl"
 
     @contextmanager
     def locked(self, command: str) -> Iterator[None]:
