@@ -10,8 +10,6 @@ Imported splats have no cameras, and are treated alike by their own middle and r
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from studio.cameras import Rig
@@ -53,7 +51,7 @@ def _frame(middle: np.ndarray, radius: float, least: float, most: float, usual: 
 def in_own_frame(rig: Rig) -> Rig:
     """The cameras in the take's own frame; the same object if that is their world."""
     frame = own_frame(rig)
-    return rig if frame.is_identity else replace(rig, cameras=tuple(frame.camera(camera) for camera in rig))
+    return rig if frame.is_identity else frame.rig(rig)
 
 
 def undone(frame: Similarity, *, placed: bool) -> Similarity:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from studio.cameras import Camera
+from studio.cameras import Camera, Rig
 from studio.json_types import JsonObject
 from studio.rotations import matrices_to_quats, quats_to_matrices
 
@@ -59,6 +59,10 @@ class Similarity:
         pose[:3, :3] = camera.rotation @ self.rotation.T
         pose[:3, 3] = self.scale * camera.translation - pose[:3, :3] @ self.translation
         return replace(camera, world_to_camera=pose)
+
+    def rig(self, rig: Rig) -> Rig:
+        """The cameras that see of the new world what those of a rig see of the old one."""
+        return replace(rig, cameras=tuple(self.camera(camera) for camera in rig))
 
     def to_json(self) -> JsonObject:
         """Scale, rotation (quaternion wxyz) and translation, read back by `from_json`."""

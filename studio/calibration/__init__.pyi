@@ -1,4 +1,4 @@
-from .alignment import RigDifference, Similarity, align_points, align_rigs, compare_rigs, floor_world
+from .alignment import RigDifference, align_points, align_rigs, compare_rigs, floor_world
 from .manual.file import TiePoint, read_tie_points, write_tie_points
 from .manual.solve import calibrate_from_tie_points
 from .result import CalibrationResult, reprojection_report
@@ -14,7 +14,6 @@ __all__ = [
     "CalibrationResult",
     "CalibrationTarget",
     "RigDifference",
-    "Similarity",
     "TargetObservation",
     "TiePoint",
     "align_points",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -10,35 +10,7 @@ from scipy.spatial.transform import Rotation
 from studio.calibration.report import FloorReport
 from studio.cameras import Rig
 from studio.errors import StudioError
-
-
-@dataclass(frozen=True)
-class Similarity:
-    """Similarity transform x' = scale * rotation @ x + translation.
-
-    Attributes:
-        scale: greater than 0.
-        rotation: (3, 3) rotation matrix.
-        translation: (3,).
-    """
-
-    scale: float
-    rotation: np.ndarray
-    translation: np.ndarray
-
-    def points(self, points: np.ndarray) -> np.ndarray:
-        """Transform points (N, 3)."""
-        return self.scale * points @ self.rotation.T + self.translation
-
-    def rig(self, rig: Rig) -> Rig:
-        """Transform the cameras of a rig. What they see does not change."""
-        cameras = []
-        for camera in rig:
-            pose = np.eye(4)
-            pose[:3, :3] = camera.rotation @ self.rotation.T
-            pose[:3, 3] = -pose[:3, :3] @ self.points(camera.center[None])[0]
-            cameras.append(replace(camera, world_to_camera=pose))
-        return Rig(tuple(cameras))
+from studio.similarity import Similarity
 
 
 def align_points(source: np.ndarray, target: np.ndarray) -> Similarity:
@@ -88,7 +60,6 @@ def upright(rig: Rig, points: np.ndarray, *, keep_scale: bool = False) -> Simila
     the mean distance of the cameras from the origin is 1.
 
     Args:
-        rig: the cameras.
         points: (P, 3) sparse points.
         keep_scale: do not change the scale, for example if it is already metric.
     """
@@ -121,7 +92,6 @@ def floor_world(rig: Rig, points: np.ndarray, *, seed: int = 0) -> tuple[Similar
     Args:
         rig: the cameras, with z approximately up, as after `upright`.
         points: (P, 3) sparse points.
-        seed: random seed.
 
     Returns:
         the transform, and a report of the floor plane.
@@ -184,7 +154,6 @@ def scale_to_distance(rig: Rig, first: str, second: str, distance: float) -> Sim
     """The scaling about the origin that sets the distance between two cameras.
 
     Args:
-        rig: the cameras.
         first, second: names of the two cameras.
         distance: distance between their centers after scaling.
 
@@ -208,7 +177,7 @@ def scale_to_distance(rig: Rig, first: str, second: str, distance: float) -> Sim
             fix="Choose two cameras that are apart.",
             setting="calibrate.known_distance",
         )
-    return Similarity(distance / found, np.eye(3), np.zeros(3))
+    return Similarity(distance / found)
 
 
 @dataclass(frozen=True)

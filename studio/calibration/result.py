@@ -34,12 +34,12 @@ class CalibrationResult:
     report: CalibrationReport
 
 
-def image_coverage(pixels: np.ndarray, size: tuple[int, int], cells: int = 4) -> float:
-    """Fraction of a `cells` x `cells` grid over an image of (width, height) with at least one of the pixels (N, 2)."""
+def image_coverage(pixels: np.ndarray, size: tuple[int, int]) -> float:
+    """Fraction of a 4x4 grid over an image of (width, height) with at least one of the pixels (N, 2)."""
     if len(pixels) == 0:
         return 0.0
-    column, row = (np.clip(pixels[:, axis] / size[axis] * cells, 0, cells - 1).astype(int) for axis in (0, 1))
-    return len(np.unique(column * cells + row)) / cells**2
+    column, row = (np.clip(pixels[:, axis] / size[axis] * 4, 0, 3).astype(int) for axis in (0, 1))
+    return len(np.unique(column * 4 + row)) / 16
 
 
 def error_statistics(errors: np.ndarray) -> ErrorStatistics:
@@ -57,7 +57,6 @@ def reprojection_report(rig: Rig, points: np.ndarray, observations: dict[str, np
     """Reprojection errors of a solution, measured with `Camera.project`.
 
     Args:
-        rig: the cameras.
         points: (P, 3) world coordinates.
         observations: camera name to (M, 3): index of the point, column and row of each observation in pixels.
 
@@ -144,9 +143,9 @@ class _WidestAngles:
         return round(float(np.degrees(np.arccos(np.clip(np.median(self.cosine), -1, 1)))), 2)
 
 
-def _coverage_map(pixels: np.ndarray, size: tuple[int, int], cells: int = 8) -> list[list[int]]:
+def _coverage_map(pixels: np.ndarray, size: tuple[int, int]) -> list[list[int]]:
     """Number of pixels in each cell of a grid over the image."""
-    rows, columns = (np.clip(pixels[:, axis] / size[axis] * cells, 0, cells - 1).astype(int) for axis in (1, 0))
-    counts = np.bincount(rows * cells + columns, minlength=cells * cells)
-    grid: list[list[int]] = counts.reshape(cells, cells).tolist()
+    rows, columns = (np.clip(pixels[:, axis] / size[axis] * 8, 0, 7).astype(int) for axis in (1, 0))
+    counts = np.bincount(rows * 8 + columns, minlength=64)
+    grid: list[list[int]] = counts.reshape(8, 8).tolist()
     return grid

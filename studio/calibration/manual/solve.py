@@ -58,8 +58,6 @@ def calibrate_from_tie_points(
         known: cameras with fixed intrinsics; their poses are not used.
         focal_lengths: initial focal lengths in pixels, for example from EXIF.
         distance: two camera names and the distance of their centers, used if no positions are measured.
-        settings: how to solve.
-        seed: random seed.
         progress: called per attempt.
 
     Returns:

@@ -19,7 +19,6 @@ def adjust(
     Args:
         model: pycolmap.Reconstruction.
         job: specifies which intrinsics and poses are fixed.
-        threads: number of threads.
         last: True: squared loss, then filter points with errors over 4 pixels; False: Cauchy loss, 12 pixels.
         width: width of a Cauchy loss in pixels, with up to 100 iterations; None: as determined by `last`.
         centers: also adjust principal points.

@@ -35,17 +35,14 @@ def run_reporting(
     on_progress: Callable[[WorkerProgress | None], None],
     *,
     what: str,
-    tick: float = 0.2,
 ) -> None:
     """Run `python -m module arguments` to completion and pass on the progress that it prints as JSON lines.
 
     Args:
         module: the module to run, with this interpreter and import path.
-        arguments: its arguments.
-        on_progress: called with each line, and with None every `tick` seconds without one. If it raises (for example
+        on_progress: called with each line, and with None every 0.2 s without one. If it raises (for example
             `Cancelled`), the child is killed before the exception passes on.
         what: name of the work, for messages.
-        tick: interval in seconds.
 
     Raises:
         StudioError: the child reported an error (calibration.worker_failed), or ended without a result
@@ -87,7 +84,7 @@ def run_reporting(
     try:
         while True:
             try:
-                line = lines.get(timeout=tick)
+                line = lines.get(timeout=0.2)
             except queue.Empty:
                 on_progress(None)
                 continue

@@ -73,7 +73,6 @@ def find_matches(folder: Path, job: SfmJob) -> Path:
 
     Args:
         folder: the work folder with images/ and masks/.
-        job: the job.
 
     Returns:
         the database for mapping: image n + 1 belongs to camera n.

@@ -22,7 +22,6 @@ def guess_focal_lengths(database: Path, folder: Path, cameras: Sequence[int], se
         database: a database with verified matches.
         folder: folder for a temporary copy of it.
         cameras: ids of the cameras with unknown focal length.
-        seed: random seed.
     """
     import pycolmap
 

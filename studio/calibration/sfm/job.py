@@ -143,10 +143,8 @@ def sfm_job(
         masks: whether there are masks.
         known: cameras with known intrinsics.
         focal_lengths: camera name to an initial focal length in pixels.
-        settings: how to solve.
         poses: an earlier solution with all the cameras, or None.
         threads: number of threads, 0 = all cores.
-        seed: random seed.
 
     Raises:
         StudioError: intrinsics_groups names a camera without images (calibration.intrinsics_groups), or known
@@ -213,7 +211,6 @@ def neighbors(rig: Rig, each: int = 10, widest: float = 80.0) -> list[tuple[int,
     """Pairs of cameras worth matching if their poses are known.
 
     Args:
-        rig: the cameras.
         each: number of nearest cameras with which each camera is paired.
         widest: largest angle between viewing directions in degrees; beyond it features do not match.
 

@@ -41,7 +41,6 @@ class Mapper:
     Args:
         folder: the work folder.
         database: image n + 1 belongs to camera n.
-        job: the job.
     """
 
     def __init__(self, folder: Path, database: Path, job: SfmJob) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.calibration.alignment import Similarity, align_rigs, compare_rigs, scale_to_distance, upright
+from studio.calibration.alignment import align_rigs, compare_rigs, scale_to_distance, upright
 from studio.calibration.report import CalibrationReport, CameraMotion, SharedIntrinsicsReport
 from studio.calibration.result import CalibrationResult, reprojection_report
 from studio.calibration.settings import CalibrateSettings
@@ -20,6 +20,7 @@ from studio.camera_files.colmap_model import intrinsics
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
 from studio.progress import ProgressFn, no_progress
+from studio.similarity import Similarity
 
 _FOCAL = 1.6
 """A focal length is doubtful if its ratio to the median of cameras with the same image size exceeds this."""
@@ -38,15 +39,13 @@ def calibrate_from_images(
     images: Mapping[str, Pictures],
     masks: Mapping[str, Pictures] | None = None,
     *,
-    workdir: Path | str,
+    workdir: Path,
     known: Mapping[str, Camera] | None = None,
     poses: Rig | None = None,
     focal_lengths: Mapping[str, float] | None = None,
     settings: CalibrateSettings | None = None,
     threads: int = 0,
     seed: int = 0,
-    allow_unregistered: bool = False,
-    reference: Rig | None = None,
     distance: tuple[str, str, float] | None = None,
     progress: ProgressFn = no_progress,
 ) -> CalibrationResult:
@@ -63,16 +62,12 @@ def calibrate_from_images(
             from it and the cameras refined, which is much faster; the result is aligned with it. Its intrinsics are
             used for cameras that are not in `known`.
         focal_lengths: initial focal lengths in pixels, for example from EXIF.
-        settings: how to solve.
         threads: number of threads, 0 = all cores. With one thread, the same seed gives bit-identical results.
-        seed: random seed.
-        allow_unregistered: report cameras that cannot be registered instead of raising.
-        reference: align the result with this rig, by at least three common camera centers.
         distance: two camera names and the distance of their centers, to set the scale.
         progress: called several times per second; raising `Cancelled` stops COLMAP immediately.
 
     Returns:
-        cameras, sparse points and report. Without a reference, world coordinates are those of `alignment.upright`: z is
+        cameras, sparse points and report. Without `poses`, world coordinates are those of `alignment.upright`: z is
         up, the origin is the point that the cameras look at, and their mean distance from it is 1.
 
     Raises:
@@ -81,7 +76,6 @@ def calibrate_from_images(
             camera name to reason).
         Cancelled: from `progress`.
     """
-    workdir = Path(workdir)
     settings = settings or CalibrateSettings()
     started = time.monotonic()
     names = list(images)
@@ -92,19 +86,18 @@ def calibrate_from_images(
             value=len(names),
             expected=2,
         )
-    folder = Path(workdir)
     for leftover in ("images", "masks", "models", "models_global", "models_known"):
-        shutil.rmtree(folder / leftover, ignore_errors=True)
+        shutil.rmtree(workdir / leftover, ignore_errors=True)
     for leftover in ("solution.json", "points.npz"):
-        (folder / leftover).unlink(missing_ok=True)
+        (workdir / leftover).unlink(missing_ok=True)
     if poses is not None:
         poses = poses.subset(names)
         known = {**{camera.name: camera for camera in poses}, **(known or {})}
-    sizes, sync_frames = write_pictures(folder, names, images, masks or {}, progress)
+    sizes, sync_frames = write_pictures(workdir, names, images, masks or {}, progress)
     job = sfm_job(
         names, sizes, sync_frames, bool(masks), known or {}, focal_lengths or {}, settings, poses, threads, seed
     )
-    path = folder / "job.json"
+    path = workdir / "job.json"
     path.write_text(job.model_dump_json(), encoding="utf-8")
 
     at = {"done": 5}
@@ -116,9 +109,8 @@ def calibrate_from_images(
         progress(at["done"], 100)
 
     run_reporting("studio.calibration.sfm.worker", [str(path)], relay, what="Structure from motion")
-    result = _read(folder, names, sizes, allow_unregistered)
-    kept = poses is not None and reference is None and settings.known == "poses"
-    transform = _gauge(result, reference if reference is not None else poses, distance, kept)
+    result = _read(workdir, names, sizes)
+    transform = _gauge(result, poses, distance, settings.known == "poses")
     report = result.report.model_copy(
         update={"sync_frames": sync_frames, "seconds": round(time.monotonic() - started, 1)}
     )
@@ -139,9 +131,7 @@ def _moved(result: CalibrationResult, before: Rig, settings: CalibrateSettings) 
     }
 
 
-def _read(
-    folder: Path, names: Sequence[str], sizes: Mapping[str, tuple[int, int]], allow_unregistered: bool
-) -> CalibrationResult:
+def _read(folder: Path, names: Sequence[str], sizes: Mapping[str, tuple[int, int]]) -> CalibrationResult:
     """The worker's solution in COLMAP's gauge."""
     solution = SfmSolution.model_validate_json((folder / "solution.json").read_text(encoding="utf-8"))
     with np.load(folder / "points.npz") as arrays:
@@ -174,7 +164,7 @@ def _read(
             "from tie points (calibrate.tie_points).",
             camera=worst,
         )
-    if missing and not allow_unregistered:
+    if missing:
         text = "; ".join(f"'{name}': {reason}" for name, reason in missing.items())
         raise StudioError(
             "calibration.unregistered",
@@ -193,7 +183,7 @@ def _read(
     ]
     report = report.model_copy(
         update={
-            "unregistered": missing,
+            "unregistered": {},
             "mapper": solution.mapper,
             "features": features,
             "matches": matches,
@@ -226,14 +216,9 @@ def _reason(features: int, best: int) -> str:
 
 
 def _gauge(
-    result: CalibrationResult, reference: Rig | None, distance: tuple[str, str, float] | None, kept: bool
+    result: CalibrationResult, poses: Rig | None, distance: tuple[str, str, float] | None, kept: bool
 ) -> Similarity:
-    if reference is not None and kept:
-        return Similarity(1.0, np.eye(3), np.zeros(3))
-    if reference is not None:
-        return align_rigs(result.rig, reference)
+    if poses is not None:
+        return Similarity() if kept else align_rigs(result.rig, poses)
     transform = upright(result.rig, result.points)
-    if distance is not None:
-        scaling = scale_to_distance(transform.rig(result.rig), *distance)
-        return Similarity(transform.scale * scaling.scale, transform.rotation, transform.translation * scaling.scale)
-    return transform
+    return transform if distance is None else scale_to_distance(transform.rig(result.rig), *distance).after(transform)

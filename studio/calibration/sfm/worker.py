@@ -30,7 +30,6 @@ class Worker:
 
     Args:
         folder: the work folder.
-        job: the job.
     """
 
     def __init__(self, folder: Path, job: SfmJob) -> None:

@@ -6,7 +6,6 @@ sync frame. The corners are constant points, so the result is metric and free of
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -50,7 +49,6 @@ def refine(
     target: CalibrationTarget,
     model: str,
     *,
-    known: Mapping[str, Camera],
     principal_point: bool,
     threads: int,
 ) -> TargetRig:
@@ -58,11 +56,8 @@ def refine(
 
     Args:
         state: initial values; every camera and target pose needs an observation.
-        target: the target.
-        model: COLMAP camera model of unknown intrinsics.
-        known: cameras with fixed intrinsics.
+        model: COLMAP camera model.
         principal_point: estimate the principal points.
-        threads: number of threads.
 
     Raises:
         StudioError: the adjustment failed (target.bundle_adjustment).
@@ -75,9 +70,9 @@ def refine(
     reference = state.cameras[names[0]].world_to_camera
     for number, name in enumerate(names, 1):
         camera = state.cameras[name]
-        colmap_model, parameters = _parameters(camera, model, name in known)
+        parameters = _parameters(camera, model)
         sensor = pycolmap.Camera(
-            camera_id=number, model=colmap_model, width=camera.width, height=camera.height, params=parameters
+            camera_id=number, model=model, width=camera.width, height=camera.height, params=parameters
         )
         world.add_camera(sensor)
         if number == 1:
@@ -112,9 +107,6 @@ def refine(
     for number, corner in enumerate(target.corners):
         if tracks[number].length():
             config.add_constant_point(world.add_point3D(corner, tracks[number]))
-    for number, name in enumerate(names, 1):
-        if name in known:
-            config.set_constant_cam_intrinsics(number)
     options = pycolmap.BundleAdjustmentOptions()
     options.refine_principal_point = principal_point
     options.print_summary = False
@@ -130,17 +122,13 @@ def refine(
     return _read(world, state, names, reference)
 
 
-def _parameters(camera: Camera, model: str, known: bool) -> tuple[str, list[float]]:
-    """COLMAP model and parameters: the given model, or for known intrinsics one that expresses them."""
-    from studio.camera_files.colmap_model import camera_model
-
-    if known:
-        return camera_model(camera)
+def _parameters(camera: Camera, model: str) -> list[float]:
+    """Parameters of a COLMAP model."""
     focal, distortion = (camera.fx + camera.fy) / 2, np.zeros(8)
     distortion[: camera.distortion.size] = camera.distortion[:8]
     one = model in ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
     base = [focal, camera.cx, camera.cy] if one else [camera.fx, camera.fy, camera.cx, camera.cy]
-    return model, base + distortion[: MODELS[model][1] - len(base)].tolist()
+    return base + distortion[: MODELS[model][1] - len(base)].tolist()
 
 
 def _read(world: Any, state: TargetRig, names: list[str], reference: np.ndarray) -> TargetRig:

@@ -30,7 +30,6 @@ def intrinsics_from_views(
     Args:
         name: name of the camera.
         size: (width, height) of its images.
-        target: the target.
         views: observations at several positions and tilts.
         model: COLMAP camera model, as in `CalibrateSettings.camera_model`.
         principal_point: estimate it; otherwise it is the image center.

@@ -9,7 +9,6 @@ import numpy as np
 from studio.calibration.target.bundle_adjustment import TargetRig, refine
 from studio.calibration.target.intrinsics import reprojection, target_pose
 from studio.calibration.target.pattern import CalibrationTarget, TargetObservation
-from studio.cameras import Camera
 from studio.errors import StudioError
 
 
@@ -19,7 +18,6 @@ def refine_without_outliers(
     model: str,
     outlier: float,
     *,
-    known: Mapping[str, Camera],
     principal_point: bool,
     threads: int,
 ) -> tuple[TargetRig, int]:
@@ -31,10 +29,9 @@ def refine_without_outliers(
 
     Args:
         state: initial values.
-        target: the target.
         model: COLMAP camera model.
         outlier: threshold as a multiple of the median of these errors; the threshold is at least 0.5 pixels.
-        known, principal_point, threads: as in `refine`.
+        principal_point, threads: as in `refine`.
 
     Raises:
         StudioError: no observation of a camera is consistent (target.inconsistent), or `refine` fails.
@@ -44,7 +41,7 @@ def refine_without_outliers(
     everything = dict(state.views)
     counts: list[dict[tuple[int, str], int]] = []
     for widening in (3.0, 2.0, 1.0, 1.0, 1.0):
-        state = refine(state, target, model, known=known, principal_point=principal_point, threads=threads)
+        state = refine(state, target, model, principal_point=principal_point, threads=threads)
         target_poses = {
             sync_frame: _consensus(sync_frame, state, target, everything, poses, limit)
             for sync_frame in _sync_frames(everything)
@@ -66,7 +63,7 @@ def refine_without_outliers(
         counts.append({key: len(view.ids) for key, view in kept.items()})
         if widening == 1.0 and len(counts) > 1 and counts[-1] == counts[-2]:
             break
-    state = refine(state, target, model, known=known, principal_point=principal_point, threads=threads)
+    state = refine(state, target, model, principal_point=principal_point, threads=threads)
     corners = sum(len(view.ids) for view in everything.values()) - sum(len(view.ids) for view in state.views.values())
     return state, corners
 

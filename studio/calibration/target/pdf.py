@@ -28,7 +28,6 @@ def write_target_pdf(target: CalibrationTarget, path: Path | str, *, paper: str 
     """Write a target as a PDF.
 
     Args:
-        target: the target.
         path: the PDF file, replaced atomically.
         paper: "fit" for a page of the target's size with a margin of one square, or a key of `PAPERS`; the orientation
             (portrait or landscape) is chosen so that the target fits.

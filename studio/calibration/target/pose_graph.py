@@ -25,7 +25,6 @@ def chain_poses(
 
     Args:
         intrinsics: name to camera with intrinsics; poses are not used.
-        target: the target.
         views: (sync frame, camera) to observation.
 
     Returns:

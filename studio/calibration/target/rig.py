@@ -8,8 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from studio.calibration.alignment import Similarity, upright
-from studio.calibration.checks import check_intrinsics_size
+from studio.calibration.alignment import upright
 from studio.calibration.report import IntrinsicsReport, TargetReport
 from studio.calibration.result import CalibrationResult, error_statistics, image_coverage, reprojection_report
 from studio.calibration.settings import CalibrateSettings
@@ -22,6 +21,7 @@ from studio.calibration.target.scale_accuracy import scale_check, shared_sync_fr
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
 from studio.progress import ProgressFn, no_progress
+from studio.similarity import Similarity
 
 _OUTLIER = 4.0
 """Outlier threshold as a multiple of the median error of the views, each at its own best target pose; see
@@ -47,7 +47,6 @@ def detect_target(
     Args:
         cameras: name to a function that reads the image (H, W, 3) uint8 RGB of a sync frame.
         sync_frames: name to the sync frames to read.
-        target: the target.
         progress: called per image.
 
     Returns:
@@ -116,7 +115,7 @@ def calibrate_intrinsics(
                 camera=name,
                 setting="calibrate.board",
             )
-        state, _ = _refine(state, target, settings, {}, principal_point, threads)
+        state, _ = _refine(state, target, settings, principal_point, threads)
         cameras[name] = state.cameras[name]
         errors = np.concatenate(list(state.errors(target).values()))
         figures[name] = IntrinsicsReport(**error_statistics(errors).model_dump(), views=len(state.views))
@@ -128,7 +127,6 @@ def calibrate_from_target(
     views: Mapping[tuple[int, str], TargetObservation],
     sizes: Mapping[str, tuple[int, int]],
     *,
-    known: Mapping[str, Camera] | None = None,
     settings: CalibrateSettings | None = None,
     threads: int = 0,
     progress: ProgressFn = no_progress,
@@ -136,11 +134,8 @@ def calibrate_from_target(
     """Estimate intrinsics and poses of all cameras.
 
     Args:
-        target: the target.
         views: (sync frame, camera) to observation.
         sizes: camera name to (width, height) of its images, for all cameras to calibrate.
-        known: cameras with fixed intrinsics; their poses are not used.
-        settings: how to solve.
         threads: number of threads, 0 = all cores.
         progress: called per step.
 
@@ -153,7 +148,6 @@ def calibrate_from_target(
             (target.origin).
     """
     settings = settings or CalibrateSettings()
-    known = dict(known or {})
     if target.is_symmetric:
         raise StudioError(
             "target.symmetric",
@@ -164,7 +158,7 @@ def calibrate_from_target(
             setting="calibrate.board",
         )
     intrinsics: dict[str, Camera] = {}
-    estimated: dict[str, bool] = {}
+    principal_points: dict[str, bool] = {}
     for number, (name, size) in enumerate(sizes.items()):
         progress(number, 2 * len(sizes) + 3)
         own = [view for (_, camera), view in views.items() if camera == name]
@@ -176,18 +170,14 @@ def calibrate_from_target(
                 camera=name,
                 setting="calibrate.board",
             )
-        if name in known:
-            check_intrinsics_size(known[name], size)
-            intrinsics[name] = known[name]
-        else:
-            estimated[name] = _estimates_principal_point(own, size)
-            intrinsics[name] = intrinsics_from_views(
-                name, size, target, own, settings.camera_model, principal_point=estimated[name]
-            )
+        principal_points[name] = _estimates_principal_point(own, size)
+        intrinsics[name] = intrinsics_from_views(
+            name, size, target, own, settings.camera_model, principal_point=principal_points[name]
+        )
     progress(len(sizes), 2 * len(sizes) + 3)
     state = chain_poses(intrinsics, target, views)
     progress(2 * len(sizes), 2 * len(sizes) + 3)
-    state, dropped = _refine(state, target, settings, known, all(estimated.values()), threads)
+    state, dropped = _refine(state, target, settings, all(principal_points.values()), threads)
     progress(2 * len(sizes) + 2, 2 * len(sizes) + 3)
     result = _result(state, target, settings)
     figures = TargetReport(
@@ -211,7 +201,6 @@ def _refine(
     state: TargetRig,
     target: CalibrationTarget,
     settings: CalibrateSettings,
-    known: Mapping[str, Camera],
     principal_point: bool,
     threads: int,
 ) -> tuple[TargetRig, int]:
@@ -220,7 +209,6 @@ def _refine(
         target,
         settings.camera_model,
         _OUTLIER,
-        known=known,
         principal_point=principal_point,
         threads=threads or os.cpu_count() or 1,
     )
@@ -268,7 +256,6 @@ def target_world(target: CalibrationTarget, pose: np.ndarray, *, upright: bool) 
     """The transform to world coordinates defined by a target: origin at its center, x along its rows, z up.
 
     Args:
-        target: the target.
         pose: (4, 4) transform from target to current coordinates.
         upright: see `CalibrateSettings.board_upright`.
     """

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from studio.calibration import align_points, align_rigs, compare_rigs
-from studio.calibration.alignment import Similarity, scale_to_distance, upright
+from studio.calibration.alignment import scale_to_distance, upright
 from studio.cameras import Camera, Rig
+from studio.similarity import Similarity
 from tests.support import rigs
 from tests.support.errors import refuses
 
