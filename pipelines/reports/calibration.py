@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from pipelines.reports.page import rendered
-from pipelines.takes.atomic_files import Result, write_text
+from pipelines.takes.atomic_files import write_text
 from pipelines.takes.checked_cameras import NOT_CHECKED, CheckedCameras, checked_cameras
 from pipelines.takes.take import Take
 from studio.calibration.report import CalibrationReport
 from studio.errors import Message
+from studio.json_types import JsonObject
 
 _SPARSE = 0.4
 """Smallest fraction of the image with observations; elsewhere lens distortion is extrapolated."""
@@ -55,36 +56,17 @@ def write_calibration_page(take: Take) -> None:
         write_text(take.calibration_report.with_suffix(".html"), page)
 
 
-class CalibrationFigures(Result):
-    """Figures for an event: over all cameras, and the mean reprojection error of each; pixels."""
-
-    reprojection_mean: float
-    reprojection_median: float
-    reprojection_p95: float
-    points: int
-
-    cameras: dict[str, float]
-    """Camera name to mean reprojection error."""
-
-    unregistered: dict[str, str]
-    """Cameras without a pose, with the reason."""
-
-    match_inlier_ratio: float | None = None
-
-
-def calibration_figures(report: CalibrationReport) -> CalibrationFigures:
-    """The figures of a report."""
-    figures = CalibrationFigures(
-        reprojection_mean=report.reprojection.mean,
-        reprojection_median=report.reprojection.median,
-        reprojection_p95=report.reprojection.p95,
-        points=report.points,
-        cameras={name: camera.mean for name, camera in report.cameras.items()},
-        unregistered=report.unregistered,
-    )
-    if report.match_inlier_ratio is None:
-        return figures
-    return figures.model_copy(update={"match_inlier_ratio": report.match_inlier_ratio})
+def calibration_figures(report: CalibrationReport) -> JsonObject:
+    """Figures for an event: reprojection errors over all cameras and the mean of each, pixels; cameras without a pose,
+    with the reason; and the share of matches that agree, if it was measured."""
+    errors, ratio = report.reprojection, report.match_inlier_ratio
+    return {
+        **{f"reprojection_{name}": getattr(errors, name) for name in ("mean", "median", "p95")},
+        "points": report.points,
+        "cameras": {name: camera.mean for name, camera in report.cameras.items()},
+        "unregistered": report.unregistered,
+        **({} if ratio is None else {"match_inlier_ratio": ratio}),
+    }
 
 
 def calibration_warnings(report: CalibrationReport) -> list[Message]:

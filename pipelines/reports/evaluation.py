@@ -13,7 +13,7 @@ import numpy as np
 from pipelines.config import Config
 from pipelines.reports.images import encode
 from pipelines.reports.page import rendered
-from pipelines.reports.plots import mark_rows, plots
+from pipelines.reports.plots import plots
 from pipelines.reports.summary_words import summary_words
 from pipelines.reports.tables import metric_texts
 from pipelines.takes.atomic_files import digest_of, write_text
@@ -53,10 +53,6 @@ def render_report(
     """Render the report as HTML.
 
     Args:
-        take: the take.
-        config: its settings.
-        groups: its groups.
-        evaluation: its evaluation.
         samples: images to show.
     """
     return rendered(
@@ -132,7 +128,8 @@ def _over_time(take: Take, groups: Sequence[Group], evaluation: Evaluation) -> s
     body = rendered(
         "over_time.html.j2",
         plots=plots(take, groups, evaluation, marks),
-        marks=mark_rows(evaluation, marks),
+        marks=sorted(marks.items()),
+        rows={row.frame: row for row in evaluation.frames},
         marks_error=error,
     )
     return f"{_BEGIN}\n{_note_of(marks, error)}\n{body}\n{_END}"
@@ -151,24 +148,12 @@ def _note_of(marks: dict[int, str], error: str) -> str:
     return f"<!-- marks {digest_of([sorted(marks.items()), error])} -->"
 
 
-@dataclass(frozen=True)
-class _Images:
-    """A sample in the page: its images as labels and data URIs."""
-
-    frame: int
-    camera: str
-    images: tuple[tuple[str, str], ...]
-
-
-def _images(sample: Sample) -> _Images:
+def _images(sample: Sample) -> dict[str, str]:
+    """The images of a sample as data URIs, by label."""
     difference = np.clip(np.abs(sample.decoded - sample.footage) * DIFFERENCE_GAIN, 0, 1)
-    images = (
-        ("footage", sample.footage),
-        ("trained", sample.trained),
-        ("decoded", sample.decoded),
-        (f"difference x{DIFFERENCE_GAIN:g}", difference),
-    )
-    return _Images(sample.frame, sample.camera, tuple((label, _embedded(image)) for label, image in images))
+    images = {"footage": sample.footage, "trained": sample.trained, "decoded": sample.decoded}
+    images[f"difference x{DIFFERENCE_GAIN:g}"] = difference
+    return {f"frame {sample.frame}, {sample.camera}: {name}": _embedded(image) for name, image in images.items()}
 
 
 def _embedded(image: np.ndarray) -> str:

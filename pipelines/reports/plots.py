@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from pipelines.takes.atomic_files import read_model
@@ -21,9 +20,6 @@ def plots(take: Take, groups: Sequence[Group], evaluation: Evaluation, marks: Ma
     """SVG by name: quality, flicker, size, train; "" if there is nothing to plot.
 
     Args:
-        take: the take.
-        groups: its groups.
-        evaluation: its evaluation.
         marks: notes by frame number in the footage.
     """
     rows = evaluation.frames
@@ -34,21 +30,6 @@ def plots(take: Take, groups: Sequence[Group], evaluation: Evaluation, marks: Ma
         "size": _svg(_size_plot, rows, marked),
         "train": _svg(_train_plot, _train_seconds(take, groups), marked),
     }
-
-
-@dataclass(frozen=True)
-class MarkRow:
-    """A mark in the table; `row` is None if the frame was not measured."""
-
-    frame: int
-    note: str
-    row: FrameQuality | None
-
-
-def mark_rows(evaluation: Evaluation, marks: Mapping[int, str]) -> list[MarkRow]:
-    """The table of marks, in order."""
-    rows = {row.frame: row for row in evaluation.frames}
-    return [MarkRow(frame, marks[frame], rows.get(frame)) for frame in sorted(marks)]
 
 
 def figure_with_axes(width: float, height: float) -> tuple[Any, Any]:
