@@ -14,9 +14,10 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, redirect_stdout, suppress
+from importlib import import_module
 from typing import TextIO
 
-from pipelines.commands.board import add_board_command, add_sync_command
+from pipelines.commands import completion
 from pipelines.commands.common.arguments import (
     CommandParser,
     WordPairs,
@@ -41,6 +42,15 @@ GROUPS = {
     "Research": ("compare", "ablate"),
 }
 """Commands in the order of `v3studio --help`."""
+
+_MODULES = (
+    "run", "status", "estimate", "cancel", "queue", "work", "edit", "check", "open_window", "play", "serve", "share",
+    "publish", "export", "import_splats", "colors", "compare", "ablate", "config", "init", "board",
+)  # fmt: skip
+"""Of `pipelines.commands`, which register the commands."""
+
+_OF_PAIRS = ("bakes", "models")
+"""Those of commands of two words."""
 
 _EXAMPLES = """Examples:
     v3studio run footage/first --take takes/first
@@ -164,31 +174,6 @@ def _json_output() -> Iterator[TextIO]:
 
 def make_parser() -> tuple[CommandParser, dict[str, CommandParser]]:
     """The parser, and those of the commands by name."""
-    from pipelines.commands import (
-        ablate,
-        bakes,
-        cancel,
-        check,
-        colors,
-        compare,
-        completion,
-        config,
-        edit,
-        estimate,
-        export,
-        import_splats,
-        init,
-        models,
-        open_window,
-        play,
-        publish,
-        queue,
-        run,
-        serve,
-        share,
-        status,
-        work,
-    )
     from pipelines.version import program_version
 
     parser = _MainParser(
@@ -203,34 +188,11 @@ def make_parser() -> tuple[CommandParser, dict[str, CommandParser]]:
         **{action.dest: str(action.help) for action in commands._choices_actions},
         **pairs.summaries,
     }
-    for module in (
-        run,
-        status,
-        estimate,
-        cancel,
-        queue,
-        work,
-        edit,
-        check,
-        open_window,
-        play,
-        serve,
-        share,
-        publish,
-        export,
-        import_splats,
-        colors,
-        compare,
-        ablate,
-        config,
-        init,
-    ):
-        module.register(commands)
-    bakes.register(pairs)
-    models.register(pairs)
+    for name in _MODULES:
+        import_module(f"pipelines.commands.{name}").register(commands)
+    for name in _OF_PAIRS:
+        import_module(f"pipelines.commands.{name}").register(pairs)
     completion.register(commands, make_parser)
-    add_board_command(commands)
-    add_sync_command(commands)
     return parser, {**commands.choices, **pairs.parsers}
 
 

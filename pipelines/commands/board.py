@@ -10,8 +10,13 @@ from pipelines.commands.common.arguments import add_json, invalid_option
 from pipelines.commands.common.source import add_source, read_settings
 
 
-def add_board_command(commands: Any) -> None:
-    """Add the command to the parser's commands."""
+def register(commands: Any) -> None:
+    """Add the commands to the command line."""
+    _add_board(commands)
+    _add_sync(commands)
+
+
+def _add_board(commands: Any) -> None:
     board = commands.add_parser(
         "board",
         help="write a calibration target to print, as PDF",
@@ -92,8 +97,7 @@ def _board(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def add_sync_command(commands: Any) -> None:
-    """Add the command to the parser's commands."""
+def _add_sync(commands: Any) -> None:
     sync = commands.add_parser(
         "sync",
         help="estimate time offsets between cameras",

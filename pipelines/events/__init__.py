@@ -11,7 +11,7 @@ import re
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields
-from typing import Any, ClassVar, Self, TypeAlias
+from typing import Any, ClassVar, Self, TypeAlias, get_args
 
 from studio.bounded_files import parse_json
 from studio.errors import Message, StudioError
@@ -286,13 +286,7 @@ AnyEvent: TypeAlias = (
 )
 Emit: TypeAlias = Callable[[Event], None]
 
-_KINDS: dict[str, type[Event]] = {
-    cls.kind: cls
-    for cls in (
-        RunStarted, StageStarted, Progress, Metrics, GroupState, Preview, Log, Serving, Warned, StageFinished,
-        StageFailed, Finished,
-    )
-}  # fmt: skip
+_KINDS: dict[str, type[Event]] = {kind.kind: kind for kind in get_args(AnyEvent)}
 
 
 _SURROGATE = re.compile("[\ud800-\udfff]")
