@@ -75,7 +75,7 @@ class Views:
     """The views of the evaluation of some frames: footage, and renders of the trained splats."""
 
     def __init__(self, inputs: Inputs) -> None:
-        self.inputs, self.cameras = inputs, compared_cameras(inputs)
+        self.inputs, self.cameras = inputs, compared_cameras(inputs.footage.trained)
         self.trained: list[tuple[int, ComparedView, np.ndarray]] = []
         """Index of the frame in the take, view, and (h, w, 3) what it shows of the trained splats."""
         self._trained_errors: list[float] = []

@@ -113,7 +113,6 @@ class StageCode(Protocol):
         """Write the results; finished units are kept.
 
         Args:
-            inputs: what the stage reads.
             reporter: receives progress, figures and warnings; raises Cancelled when the run is cancelled.
             executor: runs groups elsewhere; None: they run in this process.
 
@@ -163,7 +162,6 @@ class Executor(Protocol):
 
         Args:
             stage: their stage.
-            inputs: of the run.
             groups: those that are not up to date.
             reporter: receives progress, figures, previews and warnings as in a local run.
             finished: called after each group, in this thread.

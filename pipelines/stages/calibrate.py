@@ -25,8 +25,7 @@ from pipelines.stages.known_cameras import (
     focal_lengths,
     known_cameras,
     known_distance,
-    known_file,
-    tie_file,
+    named_file,
 )
 from pipelines.stages.params import Params, settings_affecting
 from pipelines.stages.reporter import StageReporter
@@ -36,7 +35,9 @@ from pipelines.stages.target import calibrate_with_target, intrinsics_from_targe
 from pipelines.takes.atomic_files import atomic_path, digest_of_file, remove, write_model
 from pipelines.takes.point_files import write_points
 from pipelines.takes.stage_files import CamerasFromFile, CamerasReport
+from pipelines.takes.take import Take
 from studio.calibration.report import CalibrationReport
+from studio.calibration.settings import CalibrateSettings
 from studio.counts import counted
 from studio.errors import Message, StudioError
 from studio.progress import ProgressFn
@@ -60,7 +61,7 @@ def params(inputs: Inputs) -> Params:
         return {"board footage": target_digest(inputs), **settings_affecting(config, "cameras_from_target")}
     if config.calibrate.tie_points:
         return {
-            "tie points": _digest(tie_file(inputs)),
+            "tie points": _digest(_tie_file(inputs)),
             "sizes": {name: list(inputs.footage.raw.raw_size(name)) for name in inputs.footage.raw.camera_names},
             **settings_affecting(config, "cameras_from_points"),
             **_intrinsics_files(inputs),
@@ -68,7 +69,7 @@ def params(inputs: Inputs) -> Params:
     masked = config.calibrate.look_at != "everything"
     return {
         "footage": inputs.footage.digest,
-        "frames": frames_to_try(inputs),
+        "frames": frames_to_try(config.calibrate, inputs.footage.raw.frames),
         **settings_affecting(config, "cameras_from_images", *(("calibration_masks",) if masked else ())),
         **_intrinsics_files(inputs),
     }
@@ -106,7 +107,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> C
     write_model(inputs.take.calibration_report, report)
     if isinstance(report, CalibrationReport):
         write_calibration_page(inputs.take)
-        reporter.metrics(calibration_figures(report).to_json())
+        reporter.metrics(calibration_figures(report))
         for sentence in intrinsics_sentences(report):
             reporter.log(sentence)
         for warning in calibration_warnings(report):
@@ -134,7 +135,7 @@ def _from_file(inputs: Inputs, path: Path) -> tuple[Rig, CamerasFromFile]:
 
     footage = inputs.footage.raw
     rig = rig_of_footage(read_rig(path), inputs.config.capture, footage.camera_names)
-    check_sizes(inputs, rig, path)
+    check_sizes(rig, footage, path)
     framed = frame_sentence(own_frame(rig))
     notes = rig.notes if framed is None else (*rig.notes, framed)
     return rig, CamerasFromFile(source="file", file=str(path), notes=notes)
@@ -148,10 +149,8 @@ _ENOUGH_POINTS = 300
 """Observations that each camera needs. With 30 to 170, 31 real cameras were folded; with 400, they were off by 2 cm."""
 
 
-def frames_to_try(inputs: Inputs) -> list[list[int]]:
-    """The frames that cameras are calibrated from; several lists if the first may not be enough."""
-    frames = inputs.footage.raw.frames
-    section = inputs.config.calibrate
+def frames_to_try(section: CalibrateSettings, frames: Sequence[int]) -> list[list[int]]:
+    """The frames of the footage that cameras are calibrated from; several lists if the first may not be enough."""
     if section.frame is None:
         counts = _MORE_FRAMES if section.frame_count is None else (section.frame_count,)
         fewer = sorted({min(count, len(frames)) for count in counts})
@@ -188,7 +187,7 @@ def _spread(frames: Sequence[int], count: int) -> list[int]:
 
 def _from_target(inputs: Inputs, reporter: StageReporter) -> tuple[Rig, CalibrationReport]:
     result = calibrate_with_target(inputs, reporter)
-    _keep_points(inputs, result.points, result.colors)
+    _keep_points(inputs.take, result.points, result.colors)
     return result.rig, result.report.model_copy(update={"source": "board"})
 
 
@@ -196,7 +195,7 @@ def _from_footage(inputs: Inputs, reporter: StageReporter) -> tuple[Rig, Calibra
     from studio.calibration import floor_world
 
     footage, section = inputs.footage.raw, inputs.config.calibrate
-    attempts = frames_to_try(inputs)
+    attempts = frames_to_try(section, footage.frames)
     names = footage.camera_names
     if section.frame_count is not None and section.frame_count > len(attempts[-1]):
         reporter.warn(
@@ -254,7 +253,7 @@ def _from_footage(inputs: Inputs, reporter: StageReporter) -> tuple[Rig, Calibra
         world, found = floor_world(rig, points)
         rig, points = world.rig(rig), world.points(points)
         report = report.model_copy(update={"floor": found})
-    _keep_points(inputs, points, result.colors)
+    _keep_points(inputs.take, points, result.colors)
     return rig.subset(names), report
 
 
@@ -298,13 +297,14 @@ def _from_tie_points(inputs: Inputs, reporter: StageReporter) -> tuple[Rig, Cali
 
     footage, section = inputs.footage.raw, inputs.config.calibrate
     names = footage.camera_names
-    points = read_tie_points(tie_file(inputs))
+    file = _tie_file(inputs)
+    points = read_tie_points(file)
     strange = sorted({camera for point in points for camera in point.pixels} - set(names))
     if strange and not inputs.config.capture.cameras:
         raise StudioError(
             "tie_points.unknown_camera",
             f"camera '{strange[0]}' not found in the footage",
-            file=tie_file(inputs),
+            file=file,
             value=strange[0],
             fix=f"Cameras of the footage: {', '.join(names)}.",
             camera=strange[0],
@@ -321,9 +321,13 @@ def _from_tie_points(inputs: Inputs, reporter: StageReporter) -> tuple[Rig, Cali
         seed=inputs.config.run.seed,
         progress=reporter.part("solving", 0.2 if section.intrinsics_images else 0.0, 1.0),
     )
-    _keep_points(inputs, result.points, result.colors)
-    about = {"source": "tie points", "file": str(tie_file(inputs)), **_of_target(known.reports)}
+    _keep_points(inputs.take, result.points, result.colors)
+    about = {"source": "tie points", "file": str(file), **_of_target(known.reports)}
     return result.rig, result.report.model_copy(update=about)
+
+
+def _tie_file(inputs: Inputs) -> Path:
+    return named_file(inputs.config.calibrate, "tie_points", inputs.footage.capture.root)
 
 
 def has_camera_file(inputs: Inputs) -> bool:
@@ -357,13 +361,17 @@ def _intrinsics_files(inputs: Inputs) -> Params:
     """Digests of the files that known intrinsics are read from (see `_known_intrinsics`)."""
     section = inputs.config.calibrate
     return {
-        **({"known": _digest(known_file(inputs))} if section.known_cameras else {}),
+        **(
+            {"known": _digest(named_file(section, "known_cameras", inputs.footage.capture.root))}
+            if section.known_cameras
+            else {}
+        ),
         **({"board footage": target_digest(inputs)} if section.intrinsics_images else {}),
     }
 
 
-def _keep_points(inputs: Inputs, points: np.ndarray, colors: np.ndarray) -> None:
-    with atomic_path(inputs.take.calibration_points) as temporary:
+def _keep_points(take: Take, points: np.ndarray, colors: np.ndarray) -> None:
+    with atomic_path(take.calibration_points) as temporary:
         write_points(temporary, points, None, colors, doubles=True)
 
 
@@ -387,8 +395,8 @@ def _known_intrinsics(inputs: Inputs, reporter: StageReporter) -> _KnownIntrinsi
     reports: dict[str, IntrinsicsReport] = {}
     if inputs.config.calibrate.intrinsics_images:
         known, reports = intrinsics_from_target(inputs, reporter, 0.0, 0.2)
-        known = {name: at_footage_size(inputs, name, camera) for name, camera in known.items()}
-    before = known_cameras(inputs)
+        known = {name: at_footage_size(camera, inputs.footage.raw) for name, camera in known.items()}
+    before = known_cameras(inputs.config.calibrate, inputs.footage.raw)
     if before is not None:
         known = {camera.name: camera for camera in before} | known
     return _KnownIntrinsics(known, before, reports)

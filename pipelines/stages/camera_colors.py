@@ -15,6 +15,7 @@ from pipelines.stages.training_views import training_views
 from pipelines.takes.atomic_files import write_model
 from pipelines.takes.point_files import read_points
 from pipelines.takes.stage_files import CameraColors
+from pipelines.takes.take import Take
 from studio.counts import counted
 from studio.errors import Message
 
@@ -31,7 +32,6 @@ def camera_colors_key(inputs: Inputs, recipe: Params) -> str:
     """Digest of what the matrices are made from.
 
     Args:
-        inputs: of the stage `train`.
         recipe: settings and inputs of keyframes.
     """
     return fit_key(inputs, "camera colors", VERSION, recipe)
@@ -47,7 +47,7 @@ def ensure_camera_colors(inputs: Inputs, reporter: StageReporter, key: str, stop
         Cancelled: the run was cancelled.
     """
     if inputs.config.train.camera_colors == "splats":
-        check_first_points(inputs, "the colors of the cameras are fitted to")
+        check_first_points(inputs.take, "the colors of the cameras are fitted to")
     fit = partial(_fit, inputs, reporter, key)
     ensure_fitted(inputs, reporter, stop, inputs.take.camera_colors, CameraColors, key, fit)
 
@@ -69,7 +69,7 @@ def _fit_to_chart(inputs: Inputs, reporter: StageReporter, key: str, frame: int)
 
     footage = inputs.footage.calibrated
     fit = fit_chart_colors(footage, frame, footage.train_cameras, tell)
-    _write(inputs, key, frame, fit.matrices)
+    _write(inputs.take, key, frame, fit.matrices)
     for name in fit.matrices:
         reporter.log(
             f"colors of {name}: {fit.before[name]:.1f} levels of 255 from the mean camera on the chart, "
@@ -86,13 +86,13 @@ def _fit_to_chart(inputs: Inputs, reporter: StageReporter, key: str, frame: int)
         )
 
 
-def _write(inputs: Inputs, key: str, frame: int, matrices: Mapping[str, Any]) -> CameraColors:
+def _write(take: Take, key: str, frame: int, matrices: Mapping[str, Any]) -> CameraColors:
     colors = CameraColors(
         key=key,
         frame=int(frame),
         cameras={name: tuple(map(tuple, one.tolist())) for name, one in matrices.items()},
     )
-    write_model(inputs.take.camera_colors, colors)
+    write_model(take.camera_colors, colors)
     return colors
 
 
@@ -129,7 +129,7 @@ def _fit_to_splats(inputs: Inputs, reporter: StageReporter, key: str) -> None:
         progress=tell,
     )
     names = [view.camera.name for view in views]
-    colors = _write(inputs, key, group.keyframe, dict(zip(names, found, strict=True)))
+    colors = _write(inputs.take, key, group.keyframe, dict(zip(names, found, strict=True)))
     _log_differences(reporter, colors)
     without = [name for name in inputs.footage.calibrated.train_cameras if name not in names]
     if without:

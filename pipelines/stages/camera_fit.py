@@ -14,6 +14,7 @@ from pipelines.stages.reporter import StageReporter
 from pipelines.takes.atomic_files import read_model
 from pipelines.takes.records import result_of
 from pipelines.takes.stage_files import CameraColors, CameraRefinement, InitialPointsReport
+from pipelines.takes.take import Take
 from studio.errors import StudioError
 
 _Fitted = CameraColors | CameraRefinement
@@ -23,7 +24,6 @@ def fit_key(inputs: Inputs, what: str, version: int, recipe: Params, *more: Any)
     """Digest of what is fitted to the cameras.
 
     Args:
-        inputs: of the stage `train`.
         what: is fitted.
         version: of the algorithm.
         recipe: settings and inputs of keyframes.
@@ -35,14 +35,13 @@ def fit_key(inputs: Inputs, what: str, version: int, recipe: Params, *more: Any)
     return key_of(what, version, recipe, result_of(inputs.take, "calibrate"), files, first.keyframe, *more)
 
 
-def check_first_points(inputs: Inputs, what: str) -> None:
+def check_first_points(take: Take, what: str) -> None:
     """Raise StudioError `training.no_first_points` if the first group has no initial points.
 
     Args:
-        inputs: of the stage `train`.
         what: begins the sentence, up to "the first group".
     """
-    points = inputs.take.initialize_group(inputs.groups[0].index) / "points.ply"
+    points = take.initialize_group(0) / "points.ply"
     if not points.is_file():
         raise StudioError(
             "training.no_first_points",
@@ -65,8 +64,6 @@ def ensure_fitted(
     """Fit unless the result is there. Any worker may do it: the same inputs give the same bytes.
 
     Args:
-        inputs: of the stage `train`.
-        reporter: of the stage.
         stop: of the run.
         file: of the result, in the take.
         kind: of the result.

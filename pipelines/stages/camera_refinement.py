@@ -39,7 +39,6 @@ def refinement_key(inputs: Inputs, recipe: Params, *more: Any) -> str:
     """Digest of what the cameras are refined from.
 
     Args:
-        inputs: of the stage `train`.
         recipe: settings and inputs of keyframes.
         more: what else they are refined from.
     """
@@ -55,7 +54,7 @@ def ensure_refined_cameras(inputs: Inputs, reporter: StageReporter, key: str, st
             training diverged.
         Cancelled: the run was cancelled.
     """
-    check_first_points(inputs, "the cameras are refined with")
+    check_first_points(inputs.take, "the cameras are refined with")
     fit = partial(_refine, inputs, reporter, key)
     ensure_fitted(inputs, reporter, stop, inputs.take.camera_refinement, CameraRefinement, key, fit)
     inputs.footage.forget_cameras()
@@ -72,7 +71,7 @@ def drop_refined_cameras(inputs: Inputs) -> None:
 def _refine(inputs: Inputs, reporter: StageReporter, key: str) -> None:
     import torch
 
-    from studio.camera_files import write_rig
+    from studio.camera_files import read_rig, write_rig
     from studio.training import refine_cameras
     from studio.training.camera_refinement import WORTH
 
@@ -114,7 +113,8 @@ def _refine(inputs: Inputs, reporter: StageReporter, key: str) -> None:
     used = found.gain >= WORTH
     names = [view.camera.name for view in (*trained, *held_out)]
     corrections = dict(zip(names, (*found.corrections, *found.held_out), strict=True))
-    rig = _refined(inputs, corrections)
+    given = read_rig(inputs.take.rig)
+    rig = _refined(given, footage.rig, corrections)
     if used:
         inputs.take.refined_rig.parent.mkdir(parents=True, exist_ok=True)
         with atomic_path(inputs.take.refined_rig) as temporary:
@@ -128,21 +128,19 @@ def _refine(inputs: Inputs, reporter: StageReporter, key: str) -> None:
         held_out_calibrated=_rounded(found.held_out_calibrated),
         held_out_before=_rounded(found.held_out_before),
         held_out_after=_rounded(found.held_out_after),
-        cameras=_changes(inputs, rig, names),
+        cameras=_changes(given, rig, footage.rig, names),
     )
     write_model(inputs.take.camera_refinement, report)
     write_calibration_page(inputs.take)
     reporter.log(report.sentence)
 
 
-def _refined(inputs: Inputs, corrections: dict[str, Correction]) -> Rig:
-    """The take's cameras with these corrections, at the size of the footage and in the world of the calibration."""
-    from studio.camera_files import read_rig
+def _refined(given: Rig, seen: Rig, corrections: dict[str, Correction]) -> Rig:
+    """The calibrated cameras with corrections of the cameras that training sees, which may be smaller."""
     from studio.cameras import Rig
     from studio.own_frame import own_frame
 
-    given = read_rig(inputs.take.rig)
-    frame, seen = own_frame(given), inputs.footage.calibrated.rig
+    frame = own_frame(given)
 
     def of(camera: Camera) -> Camera:
         if camera.name not in corrections:
@@ -155,10 +153,8 @@ def _refined(inputs: Inputs, corrections: dict[str, Correction]) -> Rig:
     return Rig(tuple(of(camera) for camera in given), given.notes)
 
 
-def _changes(inputs: Inputs, rig: Rig, names: Sequence[str]) -> dict[str, CameraChange]:
-    from studio.camera_files import read_rig
-
-    given, seen, found = read_rig(inputs.take.rig), inputs.footage.calibrated.rig, {}
+def _changes(given: Rig, rig: Rig, seen: Rig, names: Sequence[str]) -> dict[str, CameraChange]:
+    found = {}
     for name in names:
         before, after = given[name], rig[name]
         smaller = seen[name].width / before.width

@@ -12,6 +12,7 @@ from studio.comparison import ViewPair, padded_box
 
 if TYPE_CHECKING:
     from studio.cameras import Camera
+    from studio.capture import Footage
     from studio.gaussians import Gaussians
 
 
@@ -61,7 +62,6 @@ def compared_view(inputs: Inputs, camera: str, frame: int) -> ComparedView | Non
     return ComparedView(place, view.image, mask, box, settings.evaluate.background, inputs.device)
 
 
-def compared_cameras(inputs: Inputs) -> tuple[str, ...]:
+def compared_cameras(footage: Footage) -> tuple[str, ...]:
     """Names of the held-out cameras; those of the training cameras if none is held out."""
-    footage = inputs.footage.trained
     return footage.measured_cameras or footage.train_cameras

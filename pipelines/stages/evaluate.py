@@ -81,7 +81,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> E
     lpips = lpips_of(inputs.config, inputs.device if executor is None else "cpu")
     if lpips is not None and lpips.remark:
         reporter.warn(lpips.remark)
-    held_out, cameras = bool(footage.measured_cameras), compared_cameras(inputs)
+    held_out, cameras = bool(footage.measured_cameras), compared_cameras(footage)
     if not held_out:
         reporter.warn(
             Message(
@@ -142,7 +142,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> E
     protocol = Protocol(
         cameras=tuple(cameras),
         held_out=held_out,
-        note=_note(inputs, held_out),
+        note=_note(held_out, inputs.take.refined_rig.is_file()),
         resolution={name: (footage.rig[name].width, footage.rig[name].height) for name in cameras},
         crop=f"bounding box of the mask, padded by {inputs.config.evaluate.crop_padding} px",
         background=inputs.config.evaluate.background,
@@ -178,12 +178,12 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> E
     return summary
 
 
-def _note(inputs: Inputs, held_out: bool) -> str:
+def _note(held_out: bool, refined: bool) -> str:
     """What the cameras have to do with training."""
     if not held_out:
         return "No camera was held out: these are the training cameras."
     note = "The cameras were held out from training."
-    if inputs.take.refined_rig.is_file():
+    if refined:
         note += " Training refined its cameras, and each of these was aligned to the splats of the first keyframe."
     return note
 
@@ -235,7 +235,7 @@ def _reader(inputs: Inputs) -> Iterator[StreamReader]:
 def _measure(
     inputs: Inputs, group: Group, reporter: StageReporter, reader: StreamReader, start: float, stop: float
 ) -> Measured:
-    measured, cameras = Measured(), compared_cameras(inputs)
+    measured, cameras = Measured(), compared_cameras(inputs.footage.trained)
     lpips = lpips_of(inputs.config, inputs.device)
     sizes = {
         frame: one.bytes / one.frame_count
@@ -286,7 +286,7 @@ def _residuals(
     if index not in baked:
         return found
     decoded = reader.gaussians(index - baked[0])
-    for camera in compared_cameras(inputs):
+    for camera in compared_cameras(inputs.footage.trained):
         reporter.check()
         view = compared_view(inputs, camera, inputs.footage.raw.frames[index])
         if view is not None:

@@ -92,13 +92,11 @@ class TakeFootage:
             StudioError: as `calibrated`.
         """
         from studio.camera_files import read_rig
-        from studio.cameras import Rig
         from studio.own_frame import own_frame
 
         if not self.take.refined_rig.is_file():
             return self.calibrated
-        frame = own_frame(read_rig(self.take.rig))
-        return self.opened(Rig(tuple(frame.camera(camera) for camera in read_rig(self.take.refined_rig))))
+        return self.opened(own_frame(read_rig(self.take.rig)).rig(read_rig(self.take.refined_rig)))
 
     @cached_property
     def digest(self) -> str:

@@ -5,22 +5,23 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pipelines.events.cancellation import Cancellation
-from pipelines.stages.inputs import Inputs
 from pipelines.stages.reporter import StageReporter
 from studio.errors import Cancelled, Message, StudioError
+
+if TYPE_CHECKING:
+    from studio.capture import Footage
 
 
 @contextmanager
 def footage_check(
-    inputs: Inputs, frames: tuple[int, ...], stop: Cancellation, reporter: StageReporter
+    footage: Footage, frames: tuple[int, ...], stop: Cancellation, reporter: StageReporter
 ) -> Iterator[None]:
     """Check frames in a thread while the block trains; the block's end waits for the check.
 
     Args:
-        inputs: the take with its footage.
         frames: frame numbers to check.
         stop: ends the training in the block; set when the check finds problems.
         reporter: gets a warning for each camera whose exposure or white balance changes.
@@ -33,7 +34,7 @@ def footage_check(
     from studio.capture import check_footage
     from studio.capture.checks import ColorDrift
 
-    footage, ended, drift = inputs.footage.trained, Cancellation(), ColorDrift()
+    ended, drift = Cancellation(), ColorDrift()
     problems: list[Message] = []
     failures: list[BaseException] = []
 

@@ -21,6 +21,7 @@ from pipelines.takes.groups import Group
 from pipelines.takes.point_files import write_mesh, write_points
 from pipelines.takes.records import digests_on_record, result_of
 from pipelines.takes.stage_files import InitialPointsReport
+from pipelines.takes.take import Take
 from studio.errors import Message, StudioError
 
 if TYPE_CHECKING:
@@ -109,7 +110,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> I
                     _make(inputs, group, reporter, start, stop, f"group {group.index}")
         report = read_model(inputs.take.initialize_group(group.index) / "report.json", InitialPointsReport)
         counts.append(report.faces)
-    _drop_leftovers(inputs, groups)
+    _drop_leftovers(inputs.take, groups)
     return InitializeSummary(groups=len(groups), points_per_group=inputs.config.initialize.points, faces=tuple(counts))
 
 
@@ -182,7 +183,7 @@ def _make(inputs: Inputs, group: Group, reporter: StageReporter, start: float, s
     for warning in found.warnings:
         reporter.warn(_in_group(warning, group.index))
     if group.index == 0:
-        _tell_coverage(inputs, reporter, points, normals)
+        _tell_coverage(inputs.footage.calibrated, reporter, points, normals)
     folder = inputs.take.initialize_group(group.index)
     folder.mkdir(parents=True, exist_ok=True)
     remove(folder / "report.json")
@@ -204,11 +205,10 @@ def _make(inputs: Inputs, group: Group, reporter: StageReporter, start: float, s
     reporter.metrics(report.model_dump(include={"points", "faces", "disagreement"}), group=group.index)
 
 
-def _tell_coverage(inputs: Inputs, reporter: StageReporter, points: np.ndarray, normals: np.ndarray) -> None:
+def _tell_coverage(footage: Footage, reporter: StageReporter, points: np.ndarray, normals: np.ndarray) -> None:
     """Log how well the training cameras cover the performer, and warn of gaps."""
     from studio.coverage import LARGEST_GAPS, coverage
 
-    footage = inputs.footage.calibrated
     found = coverage([footage.rig[name] for name in footage.train_cameras], points, normals, footage.rig.up)
     if found is None:
         return
@@ -231,9 +231,9 @@ def _tell_coverage(inputs: Inputs, reporter: StageReporter, points: np.ndarray, 
         )
 
 
-def _drop_leftovers(inputs: Inputs, groups: tuple[Group, ...]) -> None:
-    wanted = {inputs.take.initialize_group(group.index) for group in groups}
-    for folder in (inputs.take.root / "initialize").glob("group_*"):
+def _drop_leftovers(take: Take, groups: tuple[Group, ...]) -> None:
+    wanted = {take.initialize_group(group.index) for group in groups}
+    for folder in (take.root / "initialize").glob("group_*"):
         if folder not in wanted:
             remove(folder)
 

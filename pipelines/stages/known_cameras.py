@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
-from pipelines.stages.inputs import Inputs
 from studio.calibration.settings import CalibrateSettings
 from studio.errors import StudioError
 from studio.storage import whole_file
@@ -17,27 +16,17 @@ if TYPE_CHECKING:
     from studio.capture import Footage
 
 
-def known_file(inputs: Inputs) -> Path:
-    """The file of calibrate.known_cameras.
+def named_file(section: CalibrateSettings, setting: Literal["known_cameras", "tie_points"], root: Path) -> Path:
+    """The file that one of these settings names.
+
+    Args:
+        root: folder of the footage.
 
     Raises:
         StudioError: `settings.file_not_found`.
     """
-    return _named(inputs, "known_cameras")
-
-
-def tie_file(inputs: Inputs) -> Path:
-    """The file of calibrate.tie_points.
-
-    Raises:
-        StudioError: `settings.file_not_found`.
-    """
-    return _named(inputs, "tie_points")
-
-
-def _named(inputs: Inputs, setting: str) -> Path:
-    name = getattr(inputs.config.calibrate, setting)
-    path: Path = whole_file(inputs.footage.capture.root / name)
+    name = getattr(section, setting)
+    path: Path = whole_file(root / name)
     if not path.exists():
         raise StudioError(
             "settings.file_not_found",
@@ -50,7 +39,7 @@ def _named(inputs: Inputs, setting: str) -> Path:
     return path
 
 
-def known_cameras(inputs: Inputs) -> Rig | None:
+def known_cameras(section: CalibrateSettings, footage: Footage) -> Rig | None:
     """The cameras of calibrate.known_cameras with the footage's image size and camera names; None if it is empty.
 
     Raises:
@@ -61,7 +50,6 @@ def known_cameras(inputs: Inputs) -> Rig | None:
     from studio.cameras import Rig
     from studio.capture import match_rig
 
-    section = inputs.config.calibrate
     if not section.known_cameras:
         if section.known in ("poses", "initial_poses"):
             raise StudioError(
@@ -71,29 +59,29 @@ def known_cameras(inputs: Inputs) -> Rig | None:
                 setting="calibrate.known_cameras",
             )
         return None
-    footage = inputs.footage.raw
-    known = replace(read_rig(known_file(inputs)), left_out=())  # each camera must be known
+    known = replace(
+        read_rig(named_file(section, "known_cameras", footage.spec.root)), left_out=()
+    )  # each camera must be known
     found = match_rig(known, footage.camera_names)
-    return Rig(tuple(at_footage_size(inputs, name, camera) for name, camera in found.items()))
+    return Rig(tuple(at_footage_size(camera, footage) for camera in found.values()))
 
 
-def at_footage_size(inputs: Inputs, name: str, camera: Camera) -> Camera:
-    """Convert a camera to the image size of the footage (`capture.size_rule`).
+def at_footage_size(camera: Camera, footage: Footage) -> Camera:
+    """Convert a camera to the image size that it has in the footage (`capture.size_rule`).
 
     Raises:
         StudioError: the aspect ratios differ and capture.size_rule = auto cannot decide.
     """
     from studio.capture.warp import Warp, fit_size
 
-    footage = inputs.footage.raw
-    width, height = footage.raw_size(name)
-    rule = inputs.config.capture.size_rule
+    width, height = footage.raw_size(camera.name)
+    rule = footage.spec.size_rule
     same_shape = width * camera.height == height * camera.width
-    image = footage.raw_image(name, footage.frames[0]) if rule == "auto" and not same_shape else None
+    image = footage.raw_image(camera.name, footage.frames[0]) if rule == "auto" and not same_shape else None
     return Warp(camera, width, height, 1.0, fit_size(camera, width, height, rule, image)).source
 
 
-def check_sizes(inputs: Inputs, rig: Rig, path: Path) -> None:
+def check_sizes(rig: Rig, footage: Footage, path: Path) -> None:
     """Check that cameras of another image size can be used with the footage, before later stages fail.
 
     With the same aspect ratio they always can. The cameras themselves are not changed.
@@ -109,14 +97,13 @@ def check_sizes(inputs: Inputs, rig: Rig, path: Path) -> None:
 
     with naming(path):
         for camera in rig:
-            at_footage_size(inputs, camera.name, camera)
+            at_footage_size(camera, footage)
 
 
 def known_distance(section: CalibrateSettings, names: Sequence[str]) -> tuple[str, str, float] | None:
     """calibrate.known_distance: two cameras and their distance in meters; None if not set.
 
     Args:
-        section: settings.
         names: cameras of the footage.
 
     Raises:

@@ -73,10 +73,8 @@ def check_rig(inputs: Inputs, key: str, frame: int, reporter: StageReporter) -> 
     """Judge the rig by the images and masks of a frame, log the verdict, and store it.
 
     Args:
-        inputs: of the stage.
         key: digest of cameras, images and masks: a stored verdict with it is used again.
         frame: frame number in the footage.
-        reporter: of the stage.
 
     Raises:
         StudioError: the rig is wrong (rig.wrong) or the masks are (masks.contradiction), unless run.check_rig is off.

@@ -177,7 +177,7 @@ def _checked(
     frames = tuple(frame for group in groups for frame in group.frames[finished[group.index] :])
     if not inputs.config.run.check_footage or not frames:
         return nullcontext()
-    return footage_check(inputs, frames, work.stop, work.reporter)
+    return footage_check(inputs.footage.trained, frames, work.stop, work.reporter)
 
 
 def _prepare(inputs: Inputs, reporter: StageReporter, stop: Cancellation) -> None:

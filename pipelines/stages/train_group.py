@@ -113,7 +113,6 @@ def before_joint(take: Take, group: Group, index: int, key: str) -> Path | None:
     """The file of a frame as it was trained after the one before it, not jointly; None if there is none with `key`.
 
     Args:
-        take: the take.
         group: the frame's group.
         index: of the frame in the take.
         key: of the frame, see `pipelines.stages.train`.
@@ -126,8 +125,6 @@ class GroupWork:
     """Trains groups; several threads may train one group each.
 
     Args:
-        inputs: what the stage reads.
-        reporter: of the stage.
         clock: progress of all groups together.
         readers: threads that read the images of a frame, per group.
         written: called with the index of a group and the number of its finished frames, after each frame.
@@ -163,7 +160,6 @@ class GroupWork:
         """Train the frames of a group and write each as soon as it is finished; then train them jointly.
 
         Args:
-            group: the group.
             finished: number of frames that are trained already, not counting joint training.
             keys: key of each frame before joint training, see `pipelines.stages.train`.
             final_keys: the same after it; equal to `keys` if there is none.
@@ -223,7 +219,6 @@ class GroupWork:
         """Train all frames of a group together, from a checkpoint with the same key if there is one.
 
         Args:
-            group: the group.
             seen: views of frames that this run has read already, by position.
             keys: of the frames before joint training.
             key: of all frames after it.

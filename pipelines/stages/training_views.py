@@ -39,7 +39,6 @@ def training_views(
     """Views of all cameras that see the performer.
 
     Args:
-        inputs: of the stage.
         reporter: gets a warning for each camera that does not see the performer.
         frame: frame number in the footage.
         reading: called with images read and images before each image, by any thread; may raise Cancelled.

@@ -34,7 +34,6 @@ class LiveBake:
     lost to it.
 
     Args:
-        inputs: what the stages read.
         reporter: of the stage `train`.
         finished: number of trained frames by group.
     """

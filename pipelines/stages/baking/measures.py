@@ -92,7 +92,7 @@ class FilmedError:
         self, inputs: Inputs, frames: Sequence[Gaussians], numbers: Sequence[int], check: Callable[[], None]
     ) -> None:
         self._inputs, self._frames, self._numbers, self._check = inputs, frames, numbers, check
-        self._names = _evenly(compared_cameras(inputs))
+        self._names = _evenly(compared_cameras(inputs.footage.trained))
         self._trained: dict[int, float] = {}
         self.losses: dict[int, float] = {}
 

@@ -109,9 +109,6 @@ class BakePlan:
     Each baked part has a note beside the folder: the digest of everything that it was made from, the digests of its
     files, and its entry for the manifest. Files are in the work folder or in the take's stream.
 
-    Args:
-        inputs: what the stage reads.
-
     Attributes:
         parts: in order.
         folder: where groups are baked.
@@ -138,7 +135,6 @@ class BakePlan:
         """The note on a part that is baked, up to date and undamaged; None if it must be baked.
 
         Args:
-            part: the part.
             known: digests of files that need not be read, gigabytes in a long take.
         """
         if not self.note_path(part).is_file():

@@ -26,7 +26,6 @@ def publish(plan: BakePlan, notes: Sequence[BakedGroupNote], live: bool, reporte
     """Write the take's stream. If this is interrupted, the stream is still the earlier one.
 
     Args:
-        plan: of the bake.
         notes: on the first groups of the stream.
         live: whether others follow. The sound is added with the last.
         reporter: receives warnings of what the sound lacks.

@@ -2,8 +2,6 @@
 
 import threading
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -12,7 +10,7 @@ import pytest
 from pipelines.events.cancellation import Cancellation
 from pipelines.stages.footage_check import footage_check
 from pipelines.stages.reporter import StageReporter
-from studio.capture import CaptureSettings, open_footage
+from studio.capture import CaptureSettings, Footage, open_footage
 from studio.errors import Cancelled, StudioError
 from tests.support.errors import refuses
 
@@ -33,14 +31,13 @@ def folders(tmp_path: Path) -> Path:
 REPORTER = StageReporter("train")
 
 
-def context_of(folder: Path) -> Any:
-    footage = open_footage(CaptureSettings(root=folder, masks="files"))
-    return cast(Any, SimpleNamespace(footage=SimpleNamespace(trained=footage)))
+def footage_of(folder: Path) -> Footage:
+    return open_footage(CaptureSettings(root=folder, masks="files"))
 
 
 def test_sound_footage_does_not_disturb(folders: Path) -> None:
     stop, trained = Cancellation(), []
-    with footage_check(context_of(folders), (0, 1, 2), stop, REPORTER):
+    with footage_check(footage_of(folders), (0, 1, 2), stop, REPORTER):
         trained.append(1)
     assert trained
     assert not stop.cancelled
@@ -51,7 +48,7 @@ def test_a_problem_ends_training_and_is_reported(folders: Path) -> None:
     stop = Cancellation()
     with (
         refuses("footage.image_unreadable", count=1),
-        footage_check(context_of(folders), (0, 1, 2), stop, StageReporter("train")),
+        footage_check(footage_of(folders), (0, 1, 2), stop, StageReporter("train")),
     ):
         while True:  # training, which only ends when it is told to
             stop.check()
@@ -62,16 +59,16 @@ def test_all_problems_are_named_if_training_meets_one_first(folders: Path) -> No
         (folders / "images" / "left" / f"{frame:03d}.png").write_bytes(b"not an image")
     with (
         refuses("footage.image_unreadable", count=2),
-        footage_check(context_of(folders), (0, 1, 2), Cancellation(), StageReporter("train")),
+        footage_check(footage_of(folders), (0, 1, 2), Cancellation(), StageReporter("train")),
     ):
         raise StudioError("footage.image_unreadable", "cannot read frame 1")
 
 
 def test_cancelling_ends_the_check(folders: Path) -> None:
-    context, reporter = context_of(folders), StageReporter("train")
+    footage, reporter = footage_of(folders), StageReporter("train")
 
     def train() -> None:
-        with footage_check(context, (0, 1, 2), Cancellation(), reporter):
+        with footage_check(footage, (0, 1, 2), Cancellation(), reporter):
             reporter.cancellation.cancel()
             raise Cancelled
 

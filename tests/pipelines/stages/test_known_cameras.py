@@ -40,22 +40,26 @@ def rig(names: tuple[str, ...], width: int = 160) -> Rig:
     return Rig(tuple(Camera(name, width, width * 3 // 4, K, np.eye(4)) for name in names))
 
 
+def known_in(made: Inputs) -> Rig | None:
+    return known_cameras(made.config.calibrate, made.footage.raw)
+
+
 def test_an_older_solution_is_brought_to_the_footages_size(tmp_path: Path) -> None:
     made = context(tmp_path, known_cameras="old.json")
     write_rig(rig(("a.png", "b.png")), tmp_path / "capture" / "old.json")
-    found = known_cameras(made)
+    found = known_in(made)
     assert found is not None
     assert found.names == ("a", "b")
     assert (found["a"].width, found["a"].fx, found["a"].cx) == (80, 100, 40)
     write_rig(rig(("a",)), tmp_path / "capture" / "old.json")
     with refuses("calibration.camera_missing", value="b", known=("a",)):
-        known_cameras(made)
+        known_in(made)
     (tmp_path / "capture" / "old.json").unlink()
     with refuses("settings.file_not_found", file=tmp_path / "capture" / "old.json", setting="calibrate.known_cameras"):
-        known_cameras(made)
+        known_in(made)
     with refuses("settings.missing", setting="calibrate.known_cameras"):
-        known_cameras(context(tmp_path, known="initial_poses"))
-    assert known_cameras(context(tmp_path)) is None
+        known_in(context(tmp_path, known="initial_poses"))
+    assert known_in(context(tmp_path)) is None
 
 
 def test_a_camera_file_of_another_shape_is_told_by_calibrate(tmp_path: Path) -> None:
@@ -111,13 +115,13 @@ def test_focal_lengths_from_exif(tmp_path: Path) -> None:
         ({"frame": 7}, [[7]]),
     ],
 )
-def test_which_frames(tmp_path: Path, settings: dict, expected: list[list[int]]) -> None:
-    assert calibrate.frames_to_try(context(tmp_path, filmed=12, **settings)) == expected
+def test_which_frames(settings: dict, expected: list[list[int]]) -> None:
+    assert calibrate.frames_to_try(CalibrateSettings(**settings), range(12)) == expected
 
 
-def test_frames_that_contradict_each_other(tmp_path: Path) -> None:
+def test_frames_that_contradict_each_other() -> None:
     with refuses("settings.conflict", setting="calibrate.frame", other="calibrate.frame_count"):
-        calibrate.frames_to_try(context(tmp_path, filmed=3, frame=1, frame_count=2))
+        calibrate.frames_to_try(CalibrateSettings(frame=1, frame_count=2), range(3))
 
 
 def test_intrinsics_of_another_aspect_follow_the_size_rule(tmp_path: Path) -> None:
@@ -128,8 +132,8 @@ def test_intrinsics_of_another_aspect_follow_the_size_rule(tmp_path: Path) -> No
     wide = Camera("a", 88, 60, K, np.eye(4))
     made = context(tmp_path)
     with refuses("footage.aspect_ratio", value=(80, 60), camera="a", expected=(88, 60)):
-        at_footage_size(made, "a", wide)
+        at_footage_size(wide, made.footage.raw)
     section = made.config.capture.model_copy(update={"size_rule": "crop"})
     made = Inputs(made.take, made.config.model_copy(update={"capture": section}))
-    found = at_footage_size(made, "a", wide)
+    found = at_footage_size(wide, made.footage.raw)
     assert (found.width, found.height, found.fx, found.cx, found.cy) == (80, 60, 100, 40, 30)
