@@ -153,7 +153,6 @@ def gaps(found: ViewRange, up: np.ndarray) -> tuple[float, float]:
     need not be that of the performer's middle.
 
     Args:
-        found: the range.
         up: (3,) direction that points up.
 
     Returns:

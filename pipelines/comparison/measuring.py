@@ -23,7 +23,6 @@ class FrameMeasurer:
     """Measures frames in order; each one's flicker is against the one before.
 
     Args:
-        takes: the takes.
         cameras: names.
         protocol: which pixels.
         lpips: the metric; None: not measured.

@@ -90,7 +90,6 @@ def estimate(work: Work, measured: Measured, qp: int | None) -> Estimate:
     """The stages after calibration.
 
     Args:
-        work: what the run has to do.
         measured: seconds per unit of work.
         qp: of a stream with the profile `motion`; None for others, whose size is not estimated.
     """

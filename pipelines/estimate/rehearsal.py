@@ -105,8 +105,6 @@ def rehearse(inputs: Inputs, work: Work, progress: ProgressFn = no_progress) -> 
     """Measure the work of a take whose cameras are known; about 20 s on an idle machine.
 
     Args:
-        inputs: of the take.
-        work: what the run has to do.
         progress: called with parts done and parts; may raise Cancelled.
 
     Raises:

@@ -49,9 +49,6 @@ def review_routes(review: TakeReview) -> list[BaseRoute]:
 
     GET `data.json` and `frames/CAMERA/FRAME.jpg`, GET and POST `marks`, as in `pipelines.review.messages`. Refused
     changes are answered with a sentence and all marks as they are: 409 if somebody else changed the mark.
-
-    Args:
-        review: of the take.
     """
     working = asyncio.Semaphore(AT_ONCE)
 

@@ -30,7 +30,6 @@ def printed_commands(
 
     Args:
         take: the take; its cameras must be calibrated before the commands run.
-        config: its settings.
         stages: what each command does of its group.
         form: plain is one command a line, as GNU parallel and OpenCue's cuecmd take them; deadline is the same for
             Deadline's plugin CommandScript; sbatch is a Slurm batch file with an array of tasks.

@@ -46,7 +46,6 @@ def work(
 
     Args:
         take: the take. It is not locked, only the group is.
-        config: its settings.
         stages: names of stages with `Stage.by_group`.
         group: number of the group, counted from 0.
         emit: receives the events of the stages' work.
@@ -130,9 +129,6 @@ def is_up_to_date(stage: Stage, inputs: Inputs, group: Group, known: dict[str, S
     """Whether a stage has nothing to do for a group.
 
     Args:
-        stage: the stage.
-        inputs: of the take.
-        group: the group.
         known: status of whole stages, which is filled in; share it between groups only while nothing is written.
     """
     # an evaluation that is finished keeps no results of groups

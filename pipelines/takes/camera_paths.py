@@ -24,7 +24,6 @@ def film_world(video: SplatVideo, *, upright: bool = True) -> Similarity:
     """From the world of a video's splats to that of film tools, which has y up and is that of exported USD files.
 
     Args:
-        video: the splats.
         upright: False: the axes and the place of the capture.
     """
     rotation = axes_of(video, EXPORTS["exr"].up, upright)

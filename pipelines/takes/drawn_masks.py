@@ -36,7 +36,6 @@ def for_another_take(config: Config, path: Path | None, other: Path | None = Non
     """A take's settings for use in another take: its garbage masks stay those that were drawn in the first.
 
     Args:
-        config: the settings.
         path: the file that they are from; None: the defaults.
         other: folder of the other take, if there is one already; the settings stay as they are if `path` is in it.
     """

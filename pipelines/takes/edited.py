@@ -62,7 +62,6 @@ class EditedGroup:
     """A trained group with edits.
 
     Args:
-        take: the take.
         group: the group, with all its frames.
         edits: of the take.
     """
@@ -152,7 +151,6 @@ class EditedFrames(Sequence["Gaussians"]):
     """Some frames of an edited group, read on access.
 
     Args:
-        group: the group.
         indices: the frames, counted from 0 in the take.
     """
 

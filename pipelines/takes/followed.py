@@ -22,7 +22,6 @@ def followed(take: Take, frame: int | None, center: np.ndarray, radius: float, w
     """A ball that is marked in a trained frame, with its path through all trained frames.
 
     Args:
-        take: the take.
         frame: its number in the footage; None: the first.
         center: (3,) its middle, world of the capture.
         radius: above 0, same units.

@@ -37,7 +37,6 @@ def set_settings(path: Path, values: Mapping[str, Any]) -> None:
     already has all values keeps its bytes.
 
     Args:
-        path: the file.
         values: JSON-ready values by dotted name, "bake.quality" or "calibrate.board.columns".
 
     Raises:

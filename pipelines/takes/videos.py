@@ -156,7 +156,6 @@ def stream_numbers(text: str, reader: StreamReader) -> FrameNumbers:
 
     Args:
         text: what was opened, see `open_reader`.
-        reader: of the stream.
 
     Raises:
         StudioError: a file of the take is damaged.

@@ -20,9 +20,6 @@ _COPY_AGAIN = "Copy it again, or convert it to WAV."
 class SoundFile:
     """A file with sound. Time 0 is its first video frame, or, without video, its beginning.
 
-    Args:
-        path: the file.
-
     Attributes:
         path: the file.
         channels: of what `blocks` returns: 1 for mono, otherwise 2.

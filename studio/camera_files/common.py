@@ -125,7 +125,6 @@ def read_csv(path: Path, columns: Sequence[str], optional: Collection[str] = ())
     which are replaced by periods.
 
     Args:
-        path: the file.
         columns: required columns; the first one names the row.
         optional: other known columns.
 

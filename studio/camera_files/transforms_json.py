@@ -292,7 +292,6 @@ def write_transforms(rig: Rig, path: Path, *, image_pattern: str = "images/{came
 
     Args:
         rig: cameras with at most the distortion terms k1 k2 p1 p2 k3.
-        path: the file.
         image_pattern: pattern of `file_path`, relative to the file.
 
     Raises:

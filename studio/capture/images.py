@@ -68,7 +68,6 @@ def read_image(path: Path, transfer: TransferFunction = "auto") -> np.ndarray:
     to stored pixels.
 
     Args:
-        path: the file.
         transfer: what its values are, see `CaptureSettings.transfer`.
 
     Returns:

@@ -27,7 +27,6 @@ def rig_of_footage(rig: Rig, spec: CaptureSettings, names: Sequence[str]) -> Rig
 
     Args:
         rig: of the camera file.
-        spec: settings of the footage.
         names: cameras of the footage.
 
     Returns:

@@ -414,7 +414,6 @@ def held_out_cameras(spec: CaptureSettings, names: tuple[str, ...]) -> tuple[str
     """The cameras that are held out, in order.
 
     Args:
-        spec: settings of the footage.
         names: all cameras that are used, in order.
 
     Raises:

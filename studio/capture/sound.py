@@ -60,7 +60,6 @@ def find_sound(spec: CaptureSettings, sources: Mapping[str, FrameSource], fps: f
     """Find and open the sound that `spec.audio` names; None if it names none.
 
     Args:
-        spec: the settings.
         sources: the cameras.
         fps: frames per second of the footage.
 

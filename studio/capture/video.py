@@ -33,7 +33,6 @@ class VideoReader:
     """Reads one video file. Frames are numbered from 0 in presentation order. Thread safe (one decoder, one lock).
 
     Args:
-        path: the file.
         color_matrix: YUV to RGB: "auto" (the file's tag, BT.601 if untagged), "bt601" or "bt709".
         transfer: what the values are, see `CaptureSettings.transfer`.
 

@@ -60,7 +60,6 @@ def bake_video(
     Args:
         video: the frames; its groups are kept, but split if they are longer than `group_size`.
         folder: must not exist.
-        settings: bake settings.
         group_size: maximum number of frames per group.
         progress: called with baked and total frames.
         threads: CPU threads; 0: one per core.

@@ -72,7 +72,6 @@ def export_exr(
     """Write `folder/plate.0000.exr`, ..., numbered as in the video.
 
     Args:
-        video: the splats.
         folder: must not exist; appears only when it is complete.
         camera: returns the camera at an index of a frame, also between two of them, in the world of the splats. All
             have one size.

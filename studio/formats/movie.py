@@ -186,7 +186,6 @@ def movie_sound(
     """The sound of a movie of `video`, and the reason if it is left out.
 
     Args:
-        video: the splat video.
         frame: returns the frame of the video at a movie time in seconds, as for `render_movie`.
         seconds, fps: of the movie.
 

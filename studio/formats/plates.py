@@ -68,7 +68,6 @@ class Plates:
     """Renders the plates of a video.
 
     Args:
-        video: the splats.
         camera: returns the camera at an index of a frame, also between two of them, in the world of the splats.
         world: from the world of the splats to that of the plates.
         linear: from (H, W, 4) premultiplied sRGB to the color space of the plates.

@@ -84,7 +84,6 @@ def read(path: Path, note: Note) -> Gaussians:
     The filter of Mip-Splatting is merged into scales and opacities; splats with two scales (2DGS) become flat.
 
     Args:
-        path: the file.
         note: takes other elements and properties, which are ignored.
 
     Raises:

@@ -183,7 +183,6 @@ def read(path: Path, note: Note) -> Gaussians:
     Splats that are stored in other axes than right, up, back are turned to these, and mirrored if need be.
 
     Args:
-        path: the file.
         note: takes other extensions, which are skipped, and other axes.
 
     Raises:

@@ -303,9 +303,6 @@ def opened_stage(pxr: Any, path: Path) -> Any:
 class UsdFrames:
     """The splats of a USD file, frame by frame.
 
-    Args:
-        path: of the file.
-
     Raises:
         StudioError: usd-core cannot be used (see `usd`), or the file is damaged, has no splats, or has what would
             change their meaning and is not supported.

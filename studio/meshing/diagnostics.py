@@ -14,7 +14,6 @@ def raise_disagreement(shapes: Silhouettes, points: torch.Tensor, slack: float, 
     """Raise an error that names the cameras that reject the points on which most other cameras agree.
 
     Args:
-        shapes: the silhouettes.
         points: (N, 3) float32 world points that cover the expected hull.
         slack: distance in world units by which an accepted point may be outside a silhouette cone.
         min_views: number of cameras that must see a point of the hull.

@@ -138,7 +138,6 @@ def locate(shapes: Silhouettes, allowed: int, min_views: int) -> tuple[np.ndarra
     """Bounds of the volume that the masks agree on.
 
     Args:
-        shapes: the silhouettes.
         allowed: number of cameras that may reject a point.
         min_views: number of cameras that must see a point.
 
@@ -213,7 +212,6 @@ def carve(
     """Carve the hull within bounds.
 
     Args:
-        shapes: the silhouettes.
         bounds: lower and upper corner, (3,) each, in world units.
         resolution: voxels along the longest side; fewer if pixels are coarser.
         allowed: number of cameras that may be outliers.

@@ -26,7 +26,6 @@ class BoundedQueue(Generic[T]):
         """Append an item; waits while the queue is full.
 
         Args:
-            item: the item.
             stale: if the queue is full, the oldest item is dropped when `stale` is true for the second oldest, that is,
                 when the second oldest is already due. None: no item is dropped.
 

@@ -15,7 +15,6 @@ class Follower:
     """A thread that refreshes a reader until its stream is no longer live. It does nothing for other streams.
 
     Args:
-        reader: of the stream.
         grown: called after new groups were found, and when the stream is complete.
         lost: called with the error if the stream was replaced by another one; nothing follows.
 

@@ -35,7 +35,6 @@ class Shared:
     """See the module docstring. Thread safe.
 
     Args:
-        reader: the stream.
         adaptive: True: change renditions by `RateRule`; False: keep the reader's; None: change them if the stream comes
             from a web server and has several.
     """

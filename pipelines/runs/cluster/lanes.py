@@ -14,7 +14,6 @@ class Lanes:
 
     Args:
         stage: the stage that they are in.
-        emit: receives the events.
     """
 
     def __init__(self, stage: str, emit: Emit) -> None:

@@ -116,7 +116,6 @@ class _EventFile:
 
     Args:
         take: the take, where it is on this node.
-        task: the task.
         node: id of this node.
     """
 
