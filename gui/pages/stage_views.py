@@ -240,14 +240,19 @@ class StageViews:
         """Whether the view of manual tie points is on screen."""
         return self.stage == "calibrate" and self.stage_views["calibrate"].mode in self.points.modes
 
+    @property
+    def _over_footage(self) -> bool:
+        """Whether the timeline has the frames of the footage, as the settings choose them."""
+        shows_splats = self.shows_player or self.stage in ("bake", "review")
+        return bool(self.workspace.assessment.numbers) and (not shows_splats or self.player.source is None)
+
     def fit_transport(self) -> bool:
         """Set the transport's range to the frames of the selected stage; returns whether it changed."""
         found, player = self.workspace.assessment, self.player
         trained = player.opened.sources.get("trained") if player.opened is not None else None
         if self.edits_take and trained is not None:  # all, so that frames that are trimmed off can be brought back
             return player.span(trained.frame_count, trained.group_starts, trained.fps)
-        over_footage = not (self.shows_player or self.stage in ("bake", "review")) or self.player.source is None
-        if over_footage and found.numbers:
+        if self._over_footage:
             return self.player.span(len(found.numbers), found.group_starts, found.fps)
         return self.player.span_source()
 
@@ -308,9 +313,10 @@ class StageViews:
         return stage_view.poll(wanted)
 
     def _number_frames(self) -> None:
-        """Number the trained frames as they were when they were trained, the others as the settings say now."""
+        """Number the trained frames as they were when they were trained, the others as the settings say now; over the
+        footage all as the settings say."""
         opened, filmed = self.player.opened, self.workspace.assessment.numbers
-        trained = opened.numbers.known if opened is not None else ()
+        trained = opened.numbers.known if opened is not None and not self._over_footage else ()
         of = (trained, filmed, self.player.transport)
         if any(one is not other for one, other in zip(of, self._numbered, strict=True)):
             self._numbered = of

@@ -21,6 +21,7 @@ from gui.pages.capture.camera_color_pairs import CameraColorPairs
 from gui.pages.stage_view import Size, StageView
 from pipelines.runs.staleness import MISSING
 from pipelines.takes.frame_files import read_frame
+from pipelines.takes.frame_numbers import trained_numbers
 from studio.errors import StudioError
 
 CURVES = (
@@ -167,8 +168,8 @@ class TrainView(StageView):
         view = view.scaled(min(1.0, 640 / view.width))
         background = context.config.evaluate.background
         render = draw(read_frame(files[index]), view, background)
-        words = f"{_kind(camera, held_out)}, frame {footage.frames[index]}"
-        return words, render, self._footage(camera, footage.frames[index])
+        number = trained_numbers(take).number(index)
+        return f"{_kind(camera, held_out)}, frame {number}", render, self._footage(camera, number)
 
     def _footage(self, camera: str, frame: int) -> np.ndarray | None:
         """A camera's image of a frame, by its number in the footage; None if it cannot be read."""

@@ -159,6 +159,8 @@ class InspectorPanel:
         self._next, self._of = time.monotonic() + PAUSE, of
         self.frame = player.frame
         blocks = review_blocks(player, evaluation, marks, camera)
+        if stage != "review" and workspace.take is not None:
+            blocks = blocks[:1]
         blocks = [*run_blocks(workspace, stage), *of_stage, *blocks]
         self._blocks = blocks
         self._share()

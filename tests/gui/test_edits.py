@@ -77,12 +77,6 @@ def test_edits_the_scene_cameras_and_points(open_window: Callable[..., RunningWi
     (region,) = read_edits(take_copy / "edits.json").regions
     assert region.radius is not None
     assert region.frames == (0, 0)
-    window.click("numbers")
-    window.wait_for("typing", lambda s: s["dialog"] == "numbers" and s["typing"] and "dialog radius" in s["texts"])
-    window.key("6")
-    window.wait_for("a radius", lambda s: s["texts"]["dialog radius"] == "6")
-    window.key("Return")
-    window.wait_for("the view", lambda s: s["dialog"] == "")
     window.click("look")
     window.wait_for("no tool", lambda s: "look" in s["mode"])
     window.click("numbers")

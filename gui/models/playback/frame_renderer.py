@@ -41,6 +41,7 @@ class RenderRequest:
     Attributes:
         sources: Gaussians by name ("trained", "decoded", "other").
         frame: counted from 0.
+        number: of the frame in the footage; None if that is not known: they are counted from 0, too.
         mode: one of `compare.MODES`.
         what: "footage", "trained", "decoded" or "other"; a comparison compares it with `reference`.
         orbit: the free view.
@@ -61,6 +62,7 @@ class RenderRequest:
 
     sources: dict[str, FrameSource]
     frame: int
+    number: int | None
     mode: str
     what: str
     reference: str
@@ -110,10 +112,10 @@ class RenderRequest:
             and (self.scene and self.scene.key) == (other.scene and other.scene.key)
             and self.context is other.context
             and all(self.sources.get(name) is other.sources.get(name) for name in ("trained", "decoded", *OTHERS))
-            and (self.frame, self.mode, self.what, self.reference, self.camera, self.image_zoom, self.size,
+            and (self.frame, self.number, self.mode, self.what, self.reference, self.camera, self.image_zoom, self.size,
                 self.background, self.wipe, self.place)
-            == (other.frame, other.mode, other.what, other.reference, other.camera, other.image_zoom, other.size,
-                other.background, other.wipe, other.place)
+            == (other.frame, other.number, other.mode, other.what, other.reference, other.camera, other.image_zoom,
+                other.size, other.background, other.wipe, other.place)
         )  # fmt: skip
 
 
@@ -233,7 +235,7 @@ class FrameRenderer:
         source = request.sources.get(name)
         seen_by: object = (request.camera, request.image_zoom) if capture is not None else request.orbit.key
         holder = request.context if name == "footage" else source
-        key = (name, id(holder), request.frame, seen_by, request.background, box.width, box.height)
+        key = (name, id(holder), request.frame, request.number, seen_by, request.background, box.width, box.height)
         pictures = self._kept  # `forget` replaces them, on another thread
         kept = pictures.get(key)
         if kept is None:
@@ -354,12 +356,12 @@ def footage_image(request: RenderRequest, width: int, height: int) -> np.ndarray
     if not request.camera:
         raise StudioError("playback.no_camera_selected", "footage needs a capture camera", fix="Select one (C).")
     footage = request.context.footage.trained
-    if request.frame >= len(footage.frames):
-        raise StudioError(
-            "footage.no_such_frame",
-            f"frame {request.frame} not found in the footage, which has frames 0 to {len(footage.frames) - 1}",
-            frame=request.frame,
-        )
-    image = performer_over(footage, request.camera, footage.frames[request.frame], request.background)
+    known = range(len(footage.frames)) if request.number is None else footage.frames
+    frame = request.frame if request.number is None else request.number
+    if frame not in known:
+        words = f"the settings use frames {footage.frames[0]} to {footage.frames[-1]} of the footage only"
+        raise StudioError("footage.no_such_frame", words, frame=frame)
+    number = footage.frames[frame] if request.number is None else frame
+    image = performer_over(footage, request.camera, number, request.background)
     camera = footage.rig[request.camera]
     return request.image_zoom.whole(image, camera, width, height)

@@ -334,11 +334,16 @@ class PlayerPresenter(Viewpoint):
         if self.opened is None or self.source is None:
             return None
         return RenderRequest(
-            self.opened.sources, self.transport.frame, self.mode, self.what, self.reference, self.orbit,
+            self.opened.sources, self.transport.frame, self._number, self.mode, self.what, self.reference, self.orbit,
             self.camera, self.image_zoom, self.size, BACKGROUNDS[self.background], self.wipe, self.context,
             self.opened.rig, self._points, self.home, self._scene(), self.em,
             self.shape if self.mode == "side by side" else 1.0, self.places.get(self.transport.frame),
         )  # fmt: skip
+
+    @property
+    def _number(self) -> int | None:
+        """Number of the current frame in the footage; None if it is not known."""
+        return self.transport.number(self.transport.frame) if self.transport.numbers.known else None
 
     def _scene(self) -> SceneWanted | None:
         """What the scene shows; None if it is not on screen."""
@@ -348,7 +353,7 @@ class PlayerPresenter(Viewpoint):
         group = opened.group(self.transport.frame, self.filmed_groups)
         return SceneWanted(
             opened.take, self.context, opened.rig, self.camera, group, self.scene_parts, opened.up, self._points,
-            self.still, self.em, self.held_out,
+            self.still, self.em, self.held_out, self._number,
         )  # fmt: skip
 
     @property

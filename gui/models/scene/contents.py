@@ -50,6 +50,7 @@ class SceneWanted:
         still: whether the view rests: time for full resolution, and for the frame's images on the frusta.
         em: font size, pixels.
         not_trained_on: names of the held-out cameras.
+        number: of the frame in the footage; None if it is not known.
     """
 
     take: Take | None
@@ -63,6 +64,7 @@ class SceneWanted:
     still: bool
     em: float
     not_trained_on: tuple[str, ...] = ()
+    number: int | None = None
 
     @property
     def key(self) -> tuple[object, ...]:

@@ -142,7 +142,7 @@ class SceneReader:
                 self._images.pop(next(iter(self._images)))
             self._images[key] = None  # the Capture view says why it cannot be read
             with contextlib.suppress(StudioError):
-                self._images[key] = small_image(wanted.context, name, frame)
+                self._images[key] = small_image(wanted.context, name, frame, wanted.number)
         image = self._images.get(key)
         if image is not None:
             self._last[name] = image
@@ -156,13 +156,14 @@ class SceneReader:
         self._undistorted = (None, [])
 
 
-def small_image(context: Inputs, camera: str, frame: int) -> np.ndarray:
-    """(h, w, 3) uint8: a camera's image of a frame, counted from 0, for its frustum. Raises StudioError as
-    `Footage.raw_image`."""
+def small_image(context: Inputs, camera: str, frame: int, number: int | None = None) -> np.ndarray:
+    """(h, w, 3) uint8: a camera's image of a frame for its frustum, by its number, or counted from 0 if that is None.
+    Raises StudioError as `Footage.raw_image`."""
     import cv2
 
     footage = context.footage.raw
-    whole = footage.raw_image(camera, footage.frames[min(frame, len(footage.frames) - 1)])
+    found = footage.frames[min(frame, len(footage.frames) - 1)] if number is None else number
+    whole = footage.raw_image(camera, found)
     scale = THUMBNAIL / max(whole.shape[:2])
     return cv2.resize(whole, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
 

@@ -49,9 +49,9 @@ def review_blocks(player: PlayerPresenter, evaluation: Evaluation, marks: Marks,
         ("frame", f"{number} ({transport.number(0)} to {transport.number(transport.last)})"),
         ("time", f"{frame / transport.fps:.2f} s at {transport.fps:g} fps"),
     ]
-    if not player.on_screen:
-        return [Block("Frame", rows, mark)]
-    blocks = [Block("Frame", [*rows, *camera_rows(player), *splat_rows(player)], mark)]
+    if player.on_screen:
+        rows += [*camera_rows(player), *splat_rows(player)]
+    blocks = [Block("Frame", rows, mark)]
     figures, whose = evaluation.figures(frame, camera)
     rows = []
     for metric in EVALUATED:

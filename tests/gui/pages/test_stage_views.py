@@ -224,6 +224,29 @@ def test_frames_have_the_numbers_of_the_footage_that_they_were_trained_on(views:
     assert "Frames 61 to 62" in [block.title for block in review_blocks(player, Evaluation(), Marks(None))]
 
 
+def test_footage_is_that_of_the_frame_whose_number_is_shown(views: StageViews, take_copy: Path) -> None:
+    """When the settings choose other frames, trained ones keep theirs, and so does the footage beside them."""
+    opened(views, take_copy)
+    player = views.player
+    views.select("review")
+    wait_in_loop("assessed", lambda: views.workspace.assessment.numbers)
+    shown(views)
+    player.look_through("cam1")
+    assert player.choose("footage")
+    player.transport.seek(3)
+    shown(views, lambda _: player.current and player.settled)
+    assert player.picture is not None
+    before = player.picture.image
+    assert views.workspace.change_setting("capture.frames", "1:") is None
+    wait_in_loop("other frames", lambda: views.workspace.assessment.numbers[0] == 1)
+    shown(views, lambda picture: bool((picture == before).all()))
+    assert player.transport.number(player.transport.frame) == 3
+    views.select("capture")
+    shown(views)
+    views.fit_transport()
+    assert [player.transport.number(index) for index in (0, player.transport.last)] == [1, 4]
+
+
 def test_coverage_leaves_out_the_surface_of_other_cameras(views: StageViews, take_copy: Path) -> None:
     def rows() -> dict[str, str]:
         calibrate.draw(SIZE, calibrate.state())
