@@ -1,6 +1,8 @@
 /** A performer in a PlayCanvas scene. */
 
-import { type AppBase, BoundingBox, Entity, GSplatData, GSplatResource, Quat, Vec3 } from "playcanvas";
+import {
+  type AppBase, BoundingBox, Entity, GSplatData, GSplatResource, Quat, Vec3, WORKBUFFER_UPDATE_ALWAYS,
+} from "playcanvas";
 import { SplatPlayback } from "../src/player/splat_playback.ts";
 import type { StreamOptions } from "../src/player/stream.ts";
 import type { Splats, StreamInfo } from "../src/worker/messages.ts";
@@ -18,6 +20,7 @@ export class V3Performer extends Entity {
     this.playback = new SplatPlayback((splats) => this.show(splats), options);
     this.stop = app.on("update", () => this.playback.advance(performance.now()));
     this.addComponent("gsplat", {});
+    this.gsplat!.workBufferUpdate = WORKBUFFER_UPDATE_ALWAYS; // else it copies splats only when their number changes
   }
 
   /**
