@@ -10,7 +10,7 @@ import json
 import sqlite3
 import threading
 from collections.abc import Callable
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -49,10 +49,19 @@ def polled(step: str, total: int, count: Callable[[], int]) -> Any:
     say(step=step, done=total, total=total)
 
 
-def count_rows(database: Path, query: str) -> int:
-    """The result of a count query on a database that another thread writes; 0 if it cannot be read."""
+def count_rows(database: Path, query: str, written: bool = False) -> int:
+    """The result of a count query on a database; 0 if it cannot be read.
+
+    Args:
+        database: the database.
+        query: returns one number.
+        written: COLMAP is writing to it. COLMAP has an SQLite of its own, and two in one process do not see each
+            other's locks: without readonly_shm, this one would truncate the index that the other has mapped, which
+            loses rows or ends the process (https://www.sqlite.org/howtocorrupt.html, section 2.2.1).
+    """
+    options = "mode=ro&readonly_shm=1" if written else "mode=ro"
     try:
-        with sqlite3.connect(f"file:{database}?mode=ro", uri=True, timeout=0.1) as connection:
+        with closing(sqlite3.connect(f"file:{database}?{options}", uri=True, timeout=0.1)) as connection:
             return int(connection.execute(query).fetchone()[0])
     except sqlite3.Error:
         return 0
@@ -141,7 +150,7 @@ def _extract(path: Path, folder: Path, job: SfmJob) -> None:
     options.sift.max_num_features = job.max_features
     names = [file_name(number, sync_frame) for number in range(len(job.names)) for sync_frame in range(job.sync_frames)]
     count = "SELECT COUNT(*) FROM keypoints"
-    with polled("features", len(names), lambda: count_rows(path, count)):
+    with polled("features", len(names), lambda: count_rows(path, count, written=True)):
         # Once, on a busy machine, COLMAP left an image out silently. A second call continues with those that
         # are missing; an image without any feature is not missing.
         for _ in range(2):
@@ -192,7 +201,8 @@ def _match_images(
     matching.use_gpu = False
     pairing = pycolmap.ImportedPairingOptions()
     pairing.match_list_path = listed
-    with polled(step, len(pairs), lambda: count_rows(path, "SELECT COUNT(*) FROM two_view_geometries")):
+    verified = "SELECT COUNT(*) FROM two_view_geometries"
+    with polled(step, len(pairs), lambda: count_rows(path, verified, written=True)):
         pycolmap.match_image_pairs(
             path,
             matching_options=matching,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sqlite3
+import threading
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import replace
@@ -304,6 +305,28 @@ def test_sync_frames_become_one_image_per_camera(tmp_path: Path) -> None:
     final.close()
     assert count_rows(tmp_path / "database.db", "SELECT COUNT(*) FROM images") == 2
     assert count_rows(tmp_path / "nothing.db", "SELECT COUNT(*) FROM images") == 0
+
+
+def test_counting_leaves_a_database_that_colmap_writes_alone(tmp_path: Path) -> None:
+    path, written = tmp_path / "database.db", threading.Event()
+    database = pycolmap.Database.open(path)
+    cameras = write_cameras(database, job_of(1))
+
+    def count() -> None:
+        while not written.is_set():
+            count_rows(path, "SELECT COUNT(*) FROM images", written=True)
+
+    counting = threading.Thread(target=count)
+    counting.start()
+    try:
+        for number in range(3000):
+            write_image(database, f"{number}.png", *cameras[0])
+    finally:
+        written.set()
+        counting.join()
+    assert database.num_images() == 3000
+    assert count_rows(path, "SELECT COUNT(*) FROM images", written=True) == 3000
+    database.close()
 
 
 def test_neighbors_have_similar_viewing_directions() -> None:
