@@ -70,9 +70,9 @@ class FileSettings(Settings):
     auto: search the usual layouts."""
 
     rig: Annotated[str | None, Affects()] = "auto"
-    """Calibration file or folder (rig.json, cameras.json, transforms.json, a COLMAP model, *.qca.txt), relative to
-    root, or the pattern of OpenCV's files if there is one per camera: {camera}/config.xml. auto: the one found under a
-    usual name; if there is none, calibrate from the footage. null: always calibrate from the footage."""
+    """Calibration file or folder, relative to root, in any format of docs/reference/files.md, or the pattern of
+    OpenCV's files if there is one per camera: {camera}/config.xml. auto: the one found under a usual name; if there is
+    none, calibrate from the footage. null: always calibrate from the footage."""
 
     masks: MaskKind | ImportPath = "auto"
     """How to separate the performer from the background. alpha: the images' alpha channel. files: mask files.
@@ -94,7 +94,7 @@ class FileSettings(Settings):
 
     clean_plates: str = "auto"
     """Pattern of the clean plates, one image (or a video, whose median is used) per camera. auto: search folders named
-    clean_plates, clean_plate, bg, background or backgrounds."""
+    clean_plates, clean_plate, bg, background, backgrounds or plates."""
 
     audio: Annotated[str | None, Affects("sound")] = None
     """Sound of the performance: an audio file (WAV or anything else that FFmpeg reads) relative to root, or the name of
@@ -114,17 +114,17 @@ class DifferenceSettings(Settings):
     affects: ClassVar[Affects | None] = _DEFAULT
 
     mask_sensitivity: float = Field(default=1.0, gt=0, le=10)
-    """Masks from clean plates, median or screen: above 1 detects more foreground, below 1 less."""
+    """Masks from clean plates, agreed, median or screen: above 1 detects more foreground, below 1 less."""
 
     mask_shadows: Literal["none", "gray", "colored"] = "gray"
-    """Masks from clean plates, median or screen: which parts of the background count as shadow rather than performer.
-    gray: darkened background. colored (clean plates and median only): also where its color changes, as in shadows of
-    colored lights, or where it is very dark (down to 0.12). Before a set without texture, and where it is thin, a
-    performer as dark as such a shadow, or lighter than it, can be lost; see docs/guides/masks.md."""
+    """Masks from clean plates, agreed, median or screen: which parts of the background count as shadow rather than
+    performer. gray: darkened background. colored (not for screens): also where its color changes, as in shadows of
+    colored lights, or where it is very dark (down to 0.12). Thin or dark parts of the performer in front of a set
+    without texture can be lost; see docs/guides/masks.md."""
 
     mask_components: int | None = Field(default=None, ge=1)
-    """Masks from clean plates, median, screen or model: maximum number of connected components per camera, largest
-    first. null: no limit (except noise)."""
+    """Masks from clean plates, agreed, median, screen or model: maximum number of connected components per camera,
+    largest first. null: no limit (except noise)."""
 
 
 class ScreenSettings(Settings):
