@@ -55,7 +55,8 @@ def _initialize(rest: dict[str, JsonData]) -> list[str]:
 
 
 def _train(rest: dict[str, JsonData]) -> list[str]:
-    off = [one for one in rest.pop("outlines_off", None) or () if one is not None]
+    shares = rest.pop("outlines_off", None)
+    off = [one for one in shares if one is not None] if isinstance(shares, list | tuple) else []
     return [
         _length(rest),
         _span_words(rest.pop("splats", None)),
