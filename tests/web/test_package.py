@@ -7,6 +7,7 @@ import json
 import os
 import re
 import shutil
+import struct
 import subprocess
 import tarfile
 import time
@@ -97,12 +98,12 @@ void stream.frame("first");
 
 
 @pytest.fixture
-def package_site(site: Site, installed, baked):
-    """The examples' pages beside the package, and a stream with harmonics."""
+def package_site(request, site: Site, installed, baked):
+    """The examples' pages beside the package, and a stream with harmonics, of degree 1 unless the test says another."""
     for page in (ROOT / "examples" / "web").glob("*.html"):
         shutil.copy(page, site.folder)
     (site.folder / "node_modules").symlink_to(installed)
-    shutil.copytree(baked(degree=1), site.stream)
+    shutil.copytree(baked(degree=getattr(request, "param", 1)), site.stream)
     return site
 
 
@@ -236,6 +237,7 @@ def steady_shot(page, script, argument=None):
     return np.asarray(Image.open(io.BytesIO(images[-1])).convert("RGB")).astype(int)
 
 
+@pytest.mark.parametrize("package_site", [3], indirect=True)
 @pytest.mark.parametrize("engine", ["three", "playcanvas"])
 def test_an_engine_shows_the_performer_among_meshes(package_site, open_page, engine):
     address = f"http://127.0.0.1:{package_site.port}/{engine}.html"
@@ -252,14 +254,17 @@ def test_an_engine_shows_the_performer_among_meshes(package_site, open_page, eng
         page.handle.wait_for_function("(frame) => example.performer.playback.frame === frame", arg=frame)
         shot()
     python = support.PythonFrames(package_site.stream)
-    want, other = (support.draw(python.gaussians(frame), view) for frame in (6, 8))
+    splats = [python.gaussians(6), python.gaussians(8), python.gaussians(6)]
+    splats[2] = splats[2].with_sh_degree(splats[2].sh_degree - 1)
+    want, other, less = (support.draw(one, view) for one in splats)
     python.close()
     found, deadline = 0.0, time.monotonic() + 120
     while found <= 36 and time.monotonic() < deadline:  # engines sort in a worker, which a busy machine delays
         alone = shot()
         found = psnr(alone.astype(np.uint8), want)
     assert found > 36, found
-    assert psnr(alone.astype(np.uint8), other) < found - 3  # another frame would be noticed
+    for wrong in (other, less):  # another frame, and fewer harmonics, would be noticed
+        assert psnr(alone.astype(np.uint8), wrong) < found - 3
 
     nothing = shot(figure=False)
     differs = lambda a, b: np.abs(a - b).max(axis=2) > 40  # noqa: E731
@@ -274,6 +279,37 @@ def test_an_engine_shows_the_performer_among_meshes(package_site, open_page, eng
     assert differs(shot(back=True), back)[post].mean() > 0.5  # the performer hides it
 
 
+def red_post(path: Path) -> None:
+    """A GLB by the glTF 2.0 specification: an upright rectangle 0.12 m wide, 1.2 m high, red whatever the light."""
+    corners = np.array([[-0.06, 0, 0], [0.06, 0, 0], [0.06, 1.2, 0], [-0.06, 1.2, 0]], "<f4")
+    faces = np.array([0, 1, 2, 0, 2, 3], "<u2")
+    buffer = corners.tobytes() + faces.tobytes()
+    document = {
+        "asset": {"version": "2.0"},
+        "extensionsUsed": ["KHR_materials_unlit"],
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0, "name": "post"}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, "material": 0}]}],
+        "materials": [
+            {"pbrMetallicRoughness": {"baseColorFactor": [1, 0, 0, 1]}, "extensions": {"KHR_materials_unlit": {}}}
+        ],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3",
+             "min": corners.min(0).tolist(), "max": corners.max(0).tolist()},
+            {"bufferView": 1, "componentType": 5123, "count": 6, "type": "SCALAR"},
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": 0, "byteLength": 48}, {"buffer": 0, "byteOffset": 48, "byteLength": 12}
+        ],
+        "buffers": [{"byteLength": len(buffer)}],
+    }  # fmt: skip
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(buffer), b"BIN\0") + buffer
+    path.write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
+
+
 def test_a_cast_has_performers_in_their_places_with_shadows(package_site, installed, open_page, tmp_path, monkeypatch):
     monkeypatch.setattr("pipelines.share.cast.player_folder", lambda: installed.parent / "player")
     ball = Gaussians(
@@ -284,6 +320,7 @@ def test_a_cast_has_performers_in_their_places_with_shadows(package_site, instal
         torch.tensor([[[1.77, -1.77, -1.77]]]),
     )
     ply.write(tmp_path / "ball.ply", ball)
+    red_post(tmp_path / "post.glb")
     stream = str(package_site.stream)
     document = {
         "format": "v3studio-cast",
@@ -295,6 +332,8 @@ def test_a_cast_has_performers_in_their_places_with_shadows(package_site, instal
             {"stream": stream, "position": [-0.8, 0, 0]},
             {"stream": stream, "position": [0.8, 0, 0], "start": 1000},
             {"splats": "ball.ply", "position": [0, 1, 0]},
+            {"model": "post.glb", "position": [-0.7, 0, 0.5]},
+            {"model": "post.glb", "position": [0.95, 0, -0.5]},
         ],
     }
     (tmp_path / "cast.json").write_text(json.dumps(document))
@@ -305,8 +344,17 @@ def test_a_cast_has_performers_in_their_places_with_shadows(package_site, instal
     assert page.evaluate(f"() => {frames}[1]") == 0  # it has not begun
     page.handle.locator("button").click()
     assert page.handle.locator("button").inner_text() == "Play"
-    look = """(visible) => { for (const {performer} of cast.parts) performer.visible = visible; }"""
-    shown, hidden = steady_shot(page, look, True), steady_shot(page, look, False)
+    look = """([performers, posts]) => {
+      for (const {performer} of cast.parts) performer.visible = performers;
+      cast.scene.traverse((object) => { if (object.name === "post") object.visible = posts; });
+    }"""
+    shown, hidden = steady_shot(page, look, [True, False]), steady_shot(page, look, [False, False])
+    both, posts = steady_shot(page, look, [True, True]), steady_shot(page, look, [False, True])
+    differs = lambda a, b: np.abs(a - b).max(axis=2) > 40  # noqa: E731
+    for side, winner in ((np.s_[:, :200], posts), (np.s_[:, 200:], shown)):  # in front of a performer, and behind one
+        together = (differs(posts, hidden) & differs(shown, hidden))[side]
+        assert together.sum() > 50
+        assert differs(both, winner)[side][together].mean() < 0.2
     columns = np.flatnonzero((np.abs(shown - hidden).max(axis=2) > 40).any(axis=0))
     left, right = columns[columns < 200], columns[columns >= 200]
     # Seen from 4 m at 40 degrees, 0.8 m are 82 pixels.
