@@ -27,7 +27,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         description="From footage to a reviewed Gaussian video: run the stages of a take, play and compare.",
     )
     parser.add_argument(
-        "path", nargs="?", metavar="TAKE|STREAM", help="folder of a take or of a stream, or URL of a stream"
+        "path",
+        nargs="?",
+        metavar="TAKE|STREAM|CAST",
+        help="folder of a take or of a stream, URL of a stream, or the .json document of a cast",
     )
     parser.add_argument(
         "--size",

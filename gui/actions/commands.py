@@ -284,7 +284,7 @@ class Actions:
         if opened is not None and isinstance(opened.path, Path):
             known.insert(0, opened.path)
         start = window.dialogs.usual_folder(*(path.parent for path in known))
-        ask_path(window.dialogs, "Open take or stream", start, "take", window.open)
+        ask_path(window.dialogs, "Open take, stream or cast", start, "take", window.open, endings=(".v3s", ".json"))
 
     def _ask_address(self) -> None:
         window = self._window

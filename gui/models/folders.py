@@ -39,7 +39,7 @@ class FolderList:
     Args:
         start: folder to start in, or a path in it; if it does not exist, its nearest existing parent.
         wanted: "folder" (any), "take" (the folder of a take or a stream) or "file".
-        endings: extensions of files that can be chosen.
+        endings: extensions of files that can be chosen; none: all, if files are wanted.
 
     Attributes:
         folder: the current folder.
@@ -84,7 +84,7 @@ class FolderList:
             self.message = f"{path}: no such {'file' if self.wanted == 'file' else 'folder'}. Choose another."
             return None
         if not path.is_dir():
-            if self.wanted == "file" or path.name in ("take.json", "manifest.json"):
+            if self.wanted == "file" or self._fits(path.name) or path.name in ("take.json", "manifest.json"):
                 return path
             self.message = f"{path}: not a folder. Choose a folder."
             return None
@@ -119,7 +119,7 @@ class FolderList:
         return True
 
     def _fits(self, name: str) -> bool:
-        return self.wanted == "file" and (not self.endings or name.lower().endswith(self.endings))
+        return (self.wanted == "file" and not self.endings) or name.lower().endswith(self.endings)
 
 
 def kind_of(folder: Path) -> str:

@@ -12,12 +12,15 @@ def register(commands: Any) -> None:
     """Add the command to the command line."""
     parser = commands.add_parser(
         "open",
-        help="open the window on a take or a stream",
-        description="Open the window on a take, a stream or the URL of a stream; without one, on the start page. "
-        "v3studio-gui is the same, with more options.",
+        help="open the window on a take, a stream or a cast",
+        description="Open the window on a take, a stream, the URL of a stream, or a cast; without one, on the start "
+        "page. v3studio-gui is the same, with more options.",
     )
     parser.add_argument(
-        "place", nargs="?", metavar="TAKE|STREAM", help="folder of a take or of a stream, or URL of a stream"
+        "place",
+        nargs="?",
+        metavar="TAKE|STREAM|CAST",
+        help="folder of a take or of a stream, URL of a stream, or the .json document of a cast",
     )
     parser.set_defaults(command=_open)
 

@@ -33,6 +33,7 @@ MAX_FILE_BYTES = 1_000_000_000
 
 SPLATS = (".ply", ".splat", ".ksplat", ".spz", ".sog")
 MODELS = (".glb",)
+_GZIP = b"\x1f\x8b"
 
 Number = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
 Unit = Annotated[float, Field(ge=0, le=1)]
@@ -196,7 +197,8 @@ def _page_files() -> tuple[str, bytes, bytes]:
         ) from error
 
 
-def _beside(named: str, source: Path) -> str:
+def beside(named: str, source: Path) -> str:
+    """The path or URL that an item of a document names."""
     return named if "://" in named else str(source.parent / Path(named).expanduser())
 
 
@@ -209,14 +211,14 @@ def _credits(text: PageText, streams: Sequence[PageText]) -> str:
 
 def _add_stream(named: str, source: Path, folder: SharedFolder, number: int) -> tuple[str, PageText]:
     """Copy a stream; its new address, and what it says of itself."""
-    with stream_to_share(_beside(named, source)) as stream:
+    with stream_to_share(beside(named, source)) as stream:
         folder.write_stream(str(number), stream.reader)
         return f"{number}/{MANIFEST_NAME}", stream.text(PageText())
 
 
 def _add_file(named: str, source: Path, folder: SharedFolder, number: int) -> str:
     """Copy a static file; its new address."""
-    path = Path(_beside(named, source))
+    path = Path(beside(named, source))
     try:
         size = path.stat().st_size
         if size > MAX_FILE_BYTES:
@@ -226,5 +228,8 @@ def _add_file(named: str, source: Path, folder: SharedFolder, number: int) -> st
     except OSError as error:
         problem = f"cannot be read: {error.strerror}"
         raise StudioError("share.bad_cast", problem, file=path, fix=f"Correct the path in {source}.") from None
+    if path.suffix.lower() == ".spz" and not data.startswith(_GZIP):
+        fix = "Export it with --spz-version 3."
+        raise StudioError("share.bad_cast", "is no SPZ of version 3 or older, which the page reads", file=path, fix=fix)
     folder.write(f"{number}/{path.name}", data)
     return f"{number}/{quote(path.name)}"

@@ -7,7 +7,6 @@ import json
 import os
 import re
 import shutil
-import struct
 import subprocess
 import tarfile
 import time
@@ -24,6 +23,7 @@ from pipelines.share.sharing import share
 from studio.formats import ply
 from studio.gaussians import Gaussians
 from studio.rotations import quats_to_matrices
+from tests.support.glb import red_post
 from tests.support.shared import made_once
 
 pytestmark = pytest.mark.web
@@ -277,37 +277,6 @@ def test_an_engine_shows_the_performer_among_meshes(package_site, open_page, eng
     post = differs(back, nothing) & figure
     assert post.sum() > 50
     assert differs(shot(back=True), back)[post].mean() > 0.5  # the performer hides it
-
-
-def red_post(path: Path) -> None:
-    """A GLB by the glTF 2.0 specification: an upright rectangle 0.12 m wide, 1.2 m high, red whatever the light."""
-    corners = np.array([[-0.06, 0, 0], [0.06, 0, 0], [0.06, 1.2, 0], [-0.06, 1.2, 0]], "<f4")
-    faces = np.array([0, 1, 2, 0, 2, 3], "<u2")
-    buffer = corners.tobytes() + faces.tobytes()
-    document = {
-        "asset": {"version": "2.0"},
-        "extensionsUsed": ["KHR_materials_unlit"],
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0, "name": "post"}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, "material": 0}]}],
-        "materials": [
-            {"pbrMetallicRoughness": {"baseColorFactor": [1, 0, 0, 1]}, "extensions": {"KHR_materials_unlit": {}}}
-        ],
-        "accessors": [
-            {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3",
-             "min": corners.min(0).tolist(), "max": corners.max(0).tolist()},
-            {"bufferView": 1, "componentType": 5123, "count": 6, "type": "SCALAR"},
-        ],
-        "bufferViews": [
-            {"buffer": 0, "byteOffset": 0, "byteLength": 48}, {"buffer": 0, "byteOffset": 48, "byteLength": 12}
-        ],
-        "buffers": [{"byteLength": len(buffer)}],
-    }  # fmt: skip
-    text = json.dumps(document).encode()
-    text += b" " * (-len(text) % 4)
-    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(buffer), b"BIN\0") + buffer
-    path.write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
 
 
 def test_a_cast_has_performers_in_their_places_with_shadows(package_site, installed, open_page, tmp_path, monkeypatch):

@@ -110,7 +110,7 @@ class PlayerPresenter(Viewpoint):
         self.opened, self.context = opened, None
         self._load_sound()
         self._contents = take_contents(opened.take) if opened.take else ()
-        self.mode, self.camera = "single", ""
+        self.mode, self.camera = "scene" if opened.models else "single", ""
         self.what = self._wanted = opened.default.name if opened.default is not None else "decoded"
         self.transport = Transport(1, FALLBACK_FPS, now=self._now)
         self.transport.numbers = opened.numbers
@@ -353,7 +353,7 @@ class PlayerPresenter(Viewpoint):
         group = opened.group(self.transport.frame, self.filmed_groups)
         return SceneWanted(
             opened.take, self.context, opened.rig, self.camera, group, self.scene_parts, opened.up, self._points,
-            self.still, self.em, self.held_out, self._number,
+            self.still, self.em, self.held_out, self._number, opened.models,
         )  # fmt: skip
 
     @property

@@ -13,6 +13,8 @@ import numpy as np
 
 from gui.models.playback.frame_cache import frame_cache
 from gui.models.playback.stream_source import StreamSource
+from pipelines.share.cast import is_cast
+from pipelines.share.cast_frames import CastFrames
 from pipelines.takes.edited import EditedGroup
 from pipelines.takes.edits import read_edits
 from pipelines.takes.frame_files import read_frame
@@ -23,6 +25,7 @@ from studio.cameras import Camera, Rig
 from studio.edits.edit_list import Trim
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
+from studio.similarity import Similarity
 
 REACH_FRAMES = 6
 """Number of trained frames from which `TrainedSource.reach` is known."""
@@ -61,6 +64,7 @@ class Opened:
         trim: the frames that the take's edits keep; None for all.
         numbers: of the trained frames, as people know them.
         reach: (N, 3) points of the performer in frames spread over the take, world coordinates; none for a bare stream.
+        models: GLB files of a cast, and where they are.
     """
 
     title: str
@@ -74,6 +78,7 @@ class Opened:
     trim: Trim | None = None
     numbers: FrameNumbers = field(default_factory=FrameNumbers)
     reach: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    models: Sequence[tuple[Path, Similarity]] = ()
 
     @property
     def default(self) -> FrameSource | None:
@@ -157,10 +162,10 @@ def thinned(points: np.ndarray, most: int = 4000) -> np.ndarray:
 
 
 def open_path(place: Path | str, in_take: bool = False) -> Opened:
-    """Open the folder of a take or a stream, or the URL of a stream.
+    """Open the folder of a take or a stream, the URL of a stream, or the document of a cast.
 
     Args:
-        place: the folder, or the URL.
+        place: the folder, the URL, or the document.
         in_take: how a stream is opened, see `StreamSource`.
 
     Raises:
@@ -177,6 +182,10 @@ def open_path(place: Path | str, in_take: bool = False) -> Opened:
         return _open_take(path)
     if (path / "manifest.json").exists() or path.suffix.lower() == ".v3s":
         return _open_stream(path, path.name, in_take)
+    if path.is_file() and is_cast(str(path)):
+        cast = CastFrames(path)
+        up = np.array([0.0, 1.0, 0.0])
+        return Opened(path.name, path, {cast.name: cast}, view=cast.camera, up=up, models=cast.models)
     if not path.exists():
         raise StudioError(
             "gui.no_such_folder", "no such folder", file=path, fix="Choose the folder of a take or of a stream."

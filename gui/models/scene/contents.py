@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -13,6 +14,7 @@ from gui.drawing.palette import AXES, FAIR, HELD_OUT, LINE, RGB
 from gui.models.stages import Inputs
 from pipelines.takes.take import Take
 from studio.cameras import Camera, Rig
+from studio.similarity import Similarity
 
 PARTS = ("splats", "cameras", "points", "mesh", "grid", "axes", "volume")
 SHOWN_AT_FIRST = frozenset({"splats", "cameras", "grid", "axes", "volume"})
@@ -51,6 +53,7 @@ class SceneWanted:
         em: font size, pixels.
         not_trained_on: names of the held-out cameras.
         number: of the frame in the footage; None if it is not known.
+        models: of `Opened`.
     """
 
     take: Take | None
@@ -65,6 +68,7 @@ class SceneWanted:
     em: float
     not_trained_on: tuple[str, ...] = ()
     number: int | None = None
+    models: Sequence[tuple[Path, Similarity]] = ()
 
     @property
     def key(self) -> tuple[object, ...]:
@@ -126,6 +130,7 @@ class SceneContents:
         length: of their frusta.
         points: (N, 3), with `colors` (N, 3) uint8.
         mesh: None for none.
+        models: other meshes, and where they are.
         lines: grid, axes, box.
         words: what is shown, in words.
     """
@@ -135,6 +140,7 @@ class SceneContents:
     points: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     colors: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), np.uint8))
     mesh: Surface | None = None
+    models: Sequence[tuple[Surface, Similarity]] = ()
     lines: tuple[Lines, ...] = ()
     words: str = ""
 

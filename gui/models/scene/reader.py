@@ -98,7 +98,15 @@ class SceneReader:
         length = 1.0
         if wanted.rig is not None and "cameras" in wanted.parts:
             cameras, length = self._cameras(wanted, frame), scene.frustum_length(wanted.rig, middle)
-        found = SceneContents(cameras=cameras, length=length, mesh=mesh, lines=tuple(lines), words="   ".join(words))
+        models = [(self._file(path, self._maybe_mesh, None), place) for path, place in wanted.models]
+        found = SceneContents(
+            cameras=cameras,
+            length=length,
+            mesh=mesh,
+            models=[(one, at) for one, at in models if one is not None],
+            lines=tuple(lines),
+            words="   ".join(words),
+        )
         if "points" in wanted.parts:
             colors = (np.clip(sparse[1], 0, 1) * 255).astype(np.uint8)
             found = replace(found, points=sparse[0], colors=colors)

@@ -76,6 +76,9 @@ class SceneRenderer:
         if contents.mesh is not None:
             pixels, depth = contents.mesh.seen(view)
             surfaces.add(Patch(slice(None), slice(None), np.isfinite(depth), pixels, depth))
+        for model, place in contents.models:
+            pixels, depth = model.seen(place.inverse.camera(view))
+            surfaces.add(Patch(slice(None), slice(None), np.isfinite(depth), pixels, depth * place.scale))
         self._images(view, contents, surfaces)
         found = [line_fragments(view, lines) for lines in (*contents.lines, frusta_lines(contents))]
         found.append(point_fragments(view, contents.points, contents.colors, 2))

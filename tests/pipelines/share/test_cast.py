@@ -99,6 +99,9 @@ def test_what_is_missing_leaves_the_earlier_share(place):
     before = contents(site)
     with refuses("share.bad_cast", file=place / "none.spz"):
         share(document(place, ITEM, {"splats": "none.spz"}), site, overwrite=True)
+    (place / "new.spz").write_bytes(b"NGSP")
+    with refuses("share.bad_cast", file=place / "new.spz"):
+        share(document(place, ITEM, {"splats": "new.spz"}), site, overwrite=True)
     with refuses("stream.not_found"):
         share(document(place, {"stream": "none"}), site, overwrite=True)
     with refuses("share.bad_cast"):

@@ -49,6 +49,11 @@ def test_what_is_marked_is_what_is_chosen(tree: Path) -> None:
     assert takes.choose(tree / "cam2") is None
     assert "neither a take nor a stream" in takes.message
 
+    with_files = FolderList(tree, "take", (".yaml",))
+    assert with_files.entries[-1].path == tree / "run.yaml"
+    assert with_files.choose(tree / "run.yaml") == tree / "run.yaml"
+    assert with_files.choose(tree / "notes.txt") is None
+
     files = FolderList(tree, "file", (".yaml",))
     assert files.choose(tree / "run.yaml") == tree / "run.yaml"
     assert files.choose(tree / "cam2") is None

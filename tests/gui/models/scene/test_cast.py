@@ -1,0 +1,56 @@
+"""The window's scene of a cast: models hide splats, and splats hide models."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from gui.models.playback.player import PlayerPresenter
+from gui.models.scene.orbit import OrbitCamera
+from gui.widgets.raycast import RaycastMesh
+from studio.formats import ply
+from studio.gaussians import Gaussians
+from tests.support.glb import red_post
+from tests.support.players import settle
+from tests.support.streams import bake_numbered
+
+BLUE = torch.tensor([[[-1.77, -1.77, 1.77]]])
+
+
+def test_models_and_splats_hide_each_other(tmp_path: Path) -> None:
+    bake_numbered(tmp_path / "walk", [2], 25.0)
+    unit = torch.tensor([[1.0, 0, 0, 0]])
+    ball = Gaussians(torch.zeros(1, 3), unit, torch.full((1, 3), -1.5), torch.tensor([9.0]), BLUE)
+    ply.write(tmp_path / "ball.ply", ball)
+    red_post(tmp_path / "post.glb")
+    items = [
+        {"stream": "walk", "position": [0, 0, -500]},
+        {"splats": "ball.ply", "position": [0, 0.6, 0]},
+        {"model": "post.glb", "position": [-0.1, 0, 1]},
+        {"model": "post.glb", "position": [0.1, 0, -1]},
+    ]
+    (tmp_path / "cast.json").write_text(json.dumps({"format": "v3studio-cast", "version": 1, "items": items}))
+    player = PlayerPresenter(read_mesh=RaycastMesh)
+    assert player.open(tmp_path / "cast.json"), player.message
+    assert player.mode == "scene"
+    player.scene_parts = frozenset({"splats"})
+    player.background = "black"
+    player.resize(320, 240)
+    player.orbit = OrbitCamera.from_to(np.array([0, 0.6, 4]), np.array([0, 0.6, 0]), np.array([0, 1.0, 0]), 0.6)
+
+    settle(player)
+    assert player.picture is not None
+    view = player.orbit.camera(320, 240)
+    for x, y, z, blue in [
+        (-0.1, 0.6, 1, False),
+        (0.1, 0.6, -1, True),
+        (0.1, 1.1, -1, False),
+    ]:  # the ball ends below 1.1
+        column, row = view.project(np.array([[x, y, z]]))[0][0].astype(int)
+        red, _, found = player.picture.image[row, column].astype(int)
+        assert red + found > 60
+        assert (found > 2 * red) == blue
+    assert player.close()

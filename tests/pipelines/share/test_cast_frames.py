@@ -1,0 +1,77 @@
+"""What the window shows of a cast: everything where the document, and so the page, puts it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from pipelines.share.cast_frames import CastFrames
+from studio.formats import ply
+from studio.gaussians import Gaussians
+from tests.support.errors import refuses
+from tests.support.glb import red_post
+from tests.support.streams import bake_numbered, edit_manifest
+
+
+@pytest.fixture
+def place(tmp_path: Path) -> Path:
+    """A stream with the splat 0 of frame i at x = i, z up, and one static splat at (1, 2, 3)."""
+    bake_numbered(tmp_path / "walk", [4], 25.0, splats=40)
+    edit_manifest(tmp_path / "walk", lambda values: values.update(metadata={"up": [0, 0, 1]}))
+    unit = torch.tensor([[1.0, 0, 0, 0]])
+    at, size = torch.tensor([[1.0, 2, 3]]), torch.full((1, 3), -3.0)
+    ply.write(tmp_path / "dot.ply", Gaussians(at, unit, size, torch.zeros(1), torch.zeros(1, 4, 3)))
+    return tmp_path
+
+
+def opened(place: Path, *items: object, **values: object) -> CastFrames:
+    path = place / "cast.json"
+    path.write_text(json.dumps({"format": "v3studio-cast", "version": 1, "items": items, **values}))
+    return CastFrames(path)
+
+
+def test_streams_stand_at_their_places_and_begin_at_their_times(place: Path) -> None:
+    later = {"stream": "walk", "position": [0, 0, 5], "turn": [0, 90, 0], "scale": 2, "start": 0.08}
+    cast = opened(place, {"stream": "walk", "position": [10, 1, 0]}, later)
+    assert (cast.frame_count, cast.fps) == (6, 25)  # the second begins two frames later
+    for frame in range(cast.frame_count):
+        means = cast.gaussians(frame).means.numpy().reshape(2, 40, 3)
+        np.testing.assert_allclose(means[0, :, 0], 10 + frame % 4, atol=1e-3)
+        np.testing.assert_allclose(means[0, :, 1:], [[1, 0]] * 40, atol=0.2)  # its lowest point, below its centers
+        # x of the stream is -z of the world after 90 degrees about y
+        np.testing.assert_allclose(means[1, :, 2], 5 - 2 * max(frame - 2, 0), atol=1e-3)
+        np.testing.assert_allclose(means[1, :, 0], 0, atol=0.01)
+    cast.close()
+
+
+def test_static_splats_are_turned_about_x_then_y_then_z_of_their_own(place: Path) -> None:
+    dot = {"splats": "dot.ply", "turn": [90, 0, 90], "scale": 2, "position": [0, 0, 1]}
+    cast = opened(place, dot, {"stream": "walk"})
+    splats = cast.gaussians(0)
+    # as in three.js: about its z first, (1, 2, 3) to (-2, 1, 3), then about x, to (-2, -3, 1)
+    np.testing.assert_allclose(splats.means[-1], [-4, -6, 3], atol=1e-5)
+    assert splats.sh_degree == 1
+    assert splats.dilation == cast.gaussians(1).dilation
+    cast.close()
+
+
+def test_models_and_the_first_view(place: Path) -> None:
+    red_post(place / "post.glb")
+    post = {"model": "post.glb", "position": [0, 0, 1], "scale": 3}
+    cast = opened(place, {"splats": "dot.ply"}, post, camera={"position": [0, 1, 4], "target": [0, 1, 0], "fov": 30})
+    ((path, world),) = cast.models
+    assert path == place / "post.glb"
+    np.testing.assert_allclose(world.points(np.array([0, 1.2, 0])), [0, 3.6, 1])
+    np.testing.assert_allclose(cast.camera.center, [0, 1, 4])
+    assert cast.frame_count == 1
+    cast.close()
+    with refuses("share.no_splats"):
+        opened(place, post)
+    with refuses("share.bad_cast", file=place / "none.glb"):
+        opened(place, {"model": "none.glb"})
+    with refuses("stream.not_found"):
+        opened(place, {"stream": "none"})
