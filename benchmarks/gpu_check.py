@@ -399,7 +399,7 @@ def quality(footage: Footage, frame: int, splats: Sequence[Gaussians]) -> float:
         view = TrainingView.from_view(footage.view(name, frame), splats[-1].device, 0.0, use_plate=False)
         black = torch.zeros(3, device=splats[-1].device)
         with torch.no_grad():
-            found.append(float(psnr(rasterize(splats[-1], view.camera, black).image, view.composited(black))))
+            found.append(float(psnr(rasterize(splats[-1], view.camera, black).image, view.over(black)[0])))
     return round(statistics.mean(found), 2)
 
 

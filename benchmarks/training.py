@@ -150,8 +150,8 @@ class Scene:
 
         for step, calls in (("keyframe", 1), ("motion", settings.motion_views), ("fine-tuning", 1)):
             self.two("rendering", render, render, step, calls)
-        image = view.composited(black).clone().requires_grad_()
-        target = view.composited(torch.ones(3))
+        image = view.over(black)[0].clone().requires_grad_()
+        target = view.over(torch.ones(3))[0]
         for step, calls in (("keyframe", 1), ("motion", settings.motion_views), ("fine-tuning", 1)):
             self.two(
                 "image loss",
@@ -160,7 +160,7 @@ class Scene:
                 step,
                 calls,
             )
-            self.pair("image over a color", lambda: view.composited(black), step, calls)
+            self.pair("image over a color", lambda: view.over(black)[0], step, calls)
         logits = splats.logit_opacities
         for step in ("keyframe", "fine-tuning"):
             self.pair(
@@ -202,8 +202,7 @@ class Scene:
 
         def keyframe() -> None:
             splats = optimizer.gaussians
-            offsets = torch.zeros(len(splats), 2, requires_grad=True)
-            loss = stepper(splats, offsets, dropout=True).loss
+            loss = stepper(splats, dropout=True).loss
             loss = loss + settings.opacity_reg * splats.opacities.mean()
             loss = loss + settings.scale_reg / extent * splats.scales.mean()
             loss.backward()  # type: ignore[no-untyped-call]

@@ -115,7 +115,7 @@ def rehearse(inputs: Inputs, work: Work, progress: ProgressFn = no_progress) -> 
     progress(0, parts)
     views, training = _read(inputs, work, found)
     progress(1, parts)
-    points = _hulls(inputs, views, found)
+    points = _hulls(inputs, work, views, found)
     progress(2, parts)
     results: list[_Training] = []
     started, processor = time.perf_counter(), time.process_time()
@@ -175,14 +175,14 @@ def _read(inputs: Inputs, work: Work, found: Measured) -> tuple[list[FootageView
     return views, training
 
 
-def _hulls(inputs: Inputs, views: list[FootageView], found: Measured) -> InitResult:
-    """Initial points, on a coarse hull."""
+def _hulls(inputs: Inputs, work: Work, views: list[FootageView], found: Measured) -> InitResult:
+    """As many initial points as there are splats after densification, on a coarse hull."""
     from studio.meshing import initialize_points
 
     settings, seconds = inputs.config.initialize, []
     for resolution in RESOLUTIONS:
         faces = max(100, round(settings.max_faces * (resolution / settings.resolution) ** 2))
-        coarse = settings.replace(resolution=resolution, max_faces=faces)
+        coarse = settings.replace(resolution=resolution, max_faces=faces, points=work.splats_before_pruning)
         begun = time.perf_counter()
         made = initialize_points(views, coarse)
         seconds.append(time.perf_counter() - begun)
@@ -217,10 +217,8 @@ class _Training:
 
         from studio.training import train_keyframe
 
-        keep_points = self._work.splats_before_pruning
         points, colors = (
-            torch.from_numpy(array[:keep_points]).to(self._inputs.device)
-            for array in (self._points.points, self._points.colors)
+            torch.from_numpy(array).to(self._inputs.device) for array in (self._points.points, self._points.colors)
         )
         latest: list[Gaussians] = []
         steps = _Steps(SECONDS / 2, self._stop.check)

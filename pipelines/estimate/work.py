@@ -82,9 +82,11 @@ class Work:
 
     @property
     def splats_before_pruning(self) -> int:
-        """Of a keyframe, if densification and the removal of transparent splats cancel out. They nearly do on the
-        sample capture; how many splats footage needs is only known after training."""
-        return min(self.points, max(self.train.densify_max_splats, self.train.max_splats))
+        """Of a keyframe, if no splats become transparent; on the sample capture, nearly none do."""
+        train = self.train
+        first = (train.densify_from // train.densify_every + 1) * train.densify_every
+        grows = first < min(train.densify_until, train.keyframe_iterations + 1)
+        return max(self.points, train.densify_max_splats) if grows else self.points
 
     @property
     def pruning_rounds(self) -> int:

@@ -13,7 +13,8 @@ from studio.gaussians import SH_C0, Gaussians
 from studio.rasterizer.interface import rasterize
 
 
-def contribution(gaussians: Gaussians, cameras: Sequence[Camera]) -> Tensor:
+@torch.enable_grad()  # type: ignore[untyped-decorator]
+def contribution(gaussians: Gaussians, cameras: Sequence[Camera], weights: Sequence[Tensor] | None = None) -> Tensor:
     """Sum over cameras and pixels of each splat's blending weight alpha_i prod_(j<i) (1 - alpha_j) (3DGS, equation 3).
 
     The weights are the derivative of the image by the splats' colors, so one backward pass per camera gives them all.
@@ -21,13 +22,15 @@ def contribution(gaussians: Gaussians, cameras: Sequence[Camera]) -> Tensor:
     Args:
         gaussians: N splats, on the device to render on.
         cameras: at least one, without distortion.
+        weights: how much the pixels of each camera count, (H, W); None: all the same.
 
     Returns:
         (N,) float64, at least 0; 0 for splats that no camera sees.
     """
     gray = torch.zeros(len(gaussians), 1, 3, device=gaussians.device, dtype=gaussians.means.dtype, requires_grad=True)
     colorless = replace(gaussians.detach(), sh=gray)
-    for camera in cameras:
-        rasterize(colorless, camera).image[..., 0].sum().backward()
+    for number, camera in enumerate(cameras):
+        seen = rasterize(colorless, camera).image[..., 0]
+        seen.backward(torch.ones_like(seen) if weights is None else weights[number])  # type: ignore[no-untyped-call]
     assert gray.grad is not None
     return gray.grad[:, 0, 0].double().clamp_min(0) / SH_C0

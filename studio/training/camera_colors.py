@@ -101,7 +101,7 @@ def camera_colors(gaussians: Gaussians, views: Sequence[TrainingView]) -> Tensor
 def _camera_color(gaussians: Gaussians, view: TrainingView) -> Tensor:
     black = torch.zeros(3, device=view.device)
     render = rasterize(gaussians, view.camera, black)
-    image, alpha, target, backdrop = render.image, render.alpha, view.composited(black), view.backdrop(black)
-    if backdrop is not None:
-        target = target - (1 - alpha)[..., None] * backdrop
+    target, behind = view.over(black)
+    image, alpha = render.image, render.alpha
+    target = target - (1 - alpha)[..., None] * behind
     return fit_color(image, alpha, target, interior(view.mask), RIDGE).cpu()

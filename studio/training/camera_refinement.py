@@ -337,12 +337,11 @@ def _psnr(gaussians: Gaussians, views: Sequence[TrainingView], placements: Seque
     errors = []
     for view, place in zip(views, placements, strict=True):
         black = torch.zeros(3, device=view.device)
-        backdrop = view.backdrop(black)
-        behind = black if backdrop is None else backdrop
+        target, behind = view.over(black)
         moved, offsets = place(gaussians)
         render = rasterize(moved, view.camera, behind, screen_offsets=offsets)
         image = view.in_its_colors(render.image, render.alpha, behind)
-        off = (image - view.composited(black)).square()
+        off = (image - target).square()
         errors.append(float((off if view.hidden is None else off[view.hidden]).mean()))
     return -10 * math.log10(max(float(np.mean(errors)), 1e-12)) if errors else None
 

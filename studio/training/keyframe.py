@@ -157,7 +157,7 @@ class _Run:
         self.refinement = Refinement(self._stepper, settings)
         start = initial_gaussians(points, colors, settings.sh_degree, settings.dilation)
         self.optimizer = SplatOptimizer(start, settings.rates, self._extent)
-        self._density = density_control(len(start), self._extent, settings, points.device, self._details)
+        self._density = density_control(self._stepper, self._extent, settings)
         self.done = 0
         self._rounds = prune_rounds(settings, min(len(start), settings.max_splats))
         self._pruned = 0
@@ -185,7 +185,7 @@ class _Run:
             self._prune()
             self._pruned += 1
         if settings.prune_finetune_iterations:
-            self._advance(self.optimizer.gaussians, None)
+            self._advance(self.optimizer.gaussians)
 
     def _prune(self) -> None:
         optimizer, settings = self.optimizer, self._settings
@@ -211,10 +211,7 @@ class _Run:
         gaussians = optimizer.gaussians
         if degree < settings.sh_degree:
             gaussians = gaussians.with_sh_degree(degree)
-        offsets = None
-        if iteration < settings.densify_until and settings.strategy == "default":
-            offsets = torch.zeros(len(gaussians), 2, device=gaussians.device, requires_grad=True)
-        self._advance(gaussians, offsets)
+        self._advance(gaussians)
         self._density.after_step(iteration, optimizer, self._generator)
         if len(optimizer) == 0:
             raise StudioError(
@@ -224,12 +221,9 @@ class _Run:
                 step=iteration,
             )
 
-    def _advance(self, gaussians: Gaussians, screen_offsets: Tensor | None) -> None:
-        step = self._stepper(gaussians, screen_offsets, dropout=True)
+    def _advance(self, gaussians: Gaussians) -> None:
+        step = self._stepper(gaussians, dropout=True)
         regularized(step.loss, gaussians, self._settings, self._extent).backward()  # type: ignore[no-untyped-call]
-        if screen_offsets is not None and screen_offsets.grad is not None:
-            size = (step.view.camera.width, step.view.camera.height)
-            self._density.observe(screen_offsets.grad, step.render.radii, size, step.view.full_size)
         self.optimizer.step()
         self.done += 1
         self._progress(self.done, self._total, **step.figures(self.done, "keyframe", len(self.optimizer)))
@@ -242,7 +236,6 @@ class _Run:
             "pruned": torch.tensor(self._pruned),
             "generator": self._generator.get_state(),
             **{f"splats.{name}": value for name, value in self.optimizer.state().items()},
-            **{f"density.{name}": value for name, value in self._density.state().items()},
             **{f"stepper.{name}": value for name, value in self._stepper.state().items()},
             **{f"refinement.{name}": value for name, value in self.refinement.state().items()},
         }
@@ -253,7 +246,6 @@ class _Run:
             self.done, self._rounds, self._pruned = (int(state[name]) for name in ("done", "rounds", "pruned"))
             self.optimizer.restore(part_of(state, "splats."))
             self.optimizer.set_means_progress(self.done / self._settings.keyframe_iterations)
-            self._density.restore(part_of(state, "density."))
             self._stepper.restore(part_of(state, "stepper."))
             self.refinement.restore(part_of(state, "refinement."))
             self._generator.set_state(state["generator"].cpu())

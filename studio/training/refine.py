@@ -204,9 +204,8 @@ def chroma_shift(gaussians: Gaussians, views: Sequence[TrainingView], siting: st
         for view in sampled:
             assert view.chroma is not None
             black = torch.zeros(3, device=view.device)
-            backdrop = view.backdrop(black)
-            target = view.composited(black)
-            image = rasterize(gaussians, view.camera, black if backdrop is None else backdrop).image
+            target, behind = view.over(black)
+            image = rasterize(gaussians, view.camera, behind).image
             for one in SITINGS:
                 drawn = resampled(image, view.chroma, _shift_of(view, one))
                 errors[one] += float((drawn - target).square().sum())

@@ -41,9 +41,6 @@ class Relocation:
     def __init__(self, settings: TrainSettings, details: Sequence[Detail] = ()) -> None:
         self._settings, self._details = settings, details
 
-    def observe(self, *_: object) -> None:
-        """Does nothing: relocation only uses opacities."""
-
     @torch.no_grad()
     def after_step(self, iteration: int, optimizer: SplatOptimizer, generator: torch.Generator) -> None:
         """Relocate and grow if due, then add noise; `iteration` counts from 1."""
@@ -52,13 +49,6 @@ class Relocation:
             relocate_dead(optimizer, generator, self._details)
             grow(optimizer, settings.densify_max_splats, generator, self._details)
         add_noise(optimizer, generator)
-
-    def state(self) -> dict[str, Tensor]:
-        """Empty: this strategy has no state."""
-        return {}
-
-    def restore(self, state: dict[str, Tensor]) -> None:
-        """Does nothing."""
 
 
 def shared_opacity_and_scale(opacity: Tensor, copies: Tensor) -> tuple[Tensor, Tensor]:

@@ -123,8 +123,8 @@ class TrainSettings(Settings):
     """Training steps of the keyframe before pruning."""
 
     strategy: Literal["default", "mcmc"] = "default"
-    """Densification strategy. default: clone and split, as in 3DGS. mcmc: relocate dead splats and grow to
-    densify_max_splats (Kheradmand et al. 2024)."""
+    """Densification strategy. default: split splats where several views agree that the image is wrong. mcmc: relocate
+    dead splats and copy live ones (Kheradmand et al. 2024)."""
 
     densify_from: int = Field(default=500, ge=0)
     """Densification starts after this step."""
@@ -135,11 +135,9 @@ class TrainSettings(Settings):
     densify_every: int = Field(default=100, ge=1)
     """Steps between densifications."""
 
-    densify_gradient: float = Field(default=2e-4, gt=0)
-    """Strategy default: mean screen-space gradient (NDC) above which a splat is cloned or split."""
-
-    densify_max_splats: int = Field(default=300_000, ge=1)
-    """No densification above this number of splats (before pruning)."""
+    densify_max_splats: int = Field(default=140_000, ge=1)
+    """Number of splats that densification grows to, before pruning. The paper does not give it; 98,000 are left of the
+    default."""
 
     sh_degree_every: int = Field(default=1_000, ge=1)
     """Steps after which the next degree of the spherical harmonics is added to training, up to sh_degree."""

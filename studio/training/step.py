@@ -115,55 +115,67 @@ class Stepper:
     def views(self, views: Sequence[TrainingView]) -> None:
         self._views.views = views
 
-    def __call__(self, gaussians: Gaussians, screen_offsets: Tensor | None = None, dropout: bool = False) -> Step:
+    def __call__(self, gaussians: Gaussians, dropout: bool = False) -> Step:
         """Render the next view and compare it with the footage; with `dropout`, a random subset of the splats."""
         view, background = next(self._views), next(self._backgrounds)
         if dropout and self.dropout:
             logits = drop_splats(gaussians.logit_opacities, self.dropout, draw_seed(self._generator))
             gaussians = replace(gaussians, logit_opacities=logits)
+        screen_offsets = None
         if self.moved is not None:
             gaussians, screen_offsets = self.moved(gaussians, view)
-        behind = _behind(view, background)
+        target, behind = view.over(background)
         render = rasterize(gaussians, view.camera, behind, screen_offsets=screen_offsets)
-        return self._step(gaussians, view, background, behind, render)
+        return self._step(gaussians, view, background, target, behind, render)
 
     def several(self, gaussians: Gaussians, count: int) -> list[Step]:
         """The same as `count` calls with these splats, which are rendered in one call of the rasterizer."""
         seen = [(next(self._views), next(self._backgrounds)) for _ in range(count)]
-        cameras, behind = [view.camera for view, _ in seen], [_behind(*one) for one in seen]
-        renders = rasterize_views(gaussians, cameras, behind)
-        drawn = zip(seen, behind, renders, strict=True)
-        return [self._step(gaussians, *one, backdrop, render) for one, backdrop, render in drawn]
+        over = [view.over(background) for view, background in seen]
+        renders = rasterize_views(gaussians, [view.camera for view, _ in seen], [behind for _, behind in over])
+        drawn = zip(seen, over, renders, strict=True)
+        return [self._step(gaussians, *one, *images, render) for one, images, render in drawn]
 
     def _step(
-        self, gaussians: Gaussians, view: TrainingView, background: Tensor, behind: Tensor, render: Render
+        self,
+        gaussians: Gaussians,
+        view: TrainingView,
+        background: Tensor,
+        target: Tensor,
+        behind: Tensor,
+        render: Render,
     ) -> Step:
-        """Compare a render with the view."""
-        image, target = self._compared(render, view, background, behind)
+        """Compare a render with the view; `target`, `behind`: what it has `over` the background."""
+        image, target = self._compared(render, view, target, behind)
         loss = photometric_loss(image, target, self._settings.dssim_weight)
         for box, closer in zip_longest(view.detail_boxes, view.closer):
             parts: tuple[Tensor, ...] = ()
             if closer is not None:
-                behind = _behind(closer, background)
-                parts = self._compared(rasterize(gaussians, closer.camera, behind), closer, background, behind)
+                near, behind = closer.over(background)
+                parts = self._compared(rasterize(gaussians, closer.camera, behind), closer, near, behind)
             loss = loss + detail_loss(image, target, box, self._settings.dssim_weight, parts)
         if self.alpha_weight:
             off = (render.alpha - view.mask).abs()
             loss = loss + self.alpha_weight * (off if view.hidden is None else off * ~view.hidden).mean()
         return Step(loss, target, render, view, image)
 
-    def _compared(
-        self, render: Render, view: TrainingView, background: Tensor, behind: Tensor
-    ) -> tuple[Tensor, Tensor]:
+    def _compared(self, render: Render, view: TrainingView, target: Tensor, behind: Tensor) -> tuple[Tensor, Tensor]:
         """A render over `behind` in the colors of the view, and the (H, W, 3) target to compare it with."""
         image = view.in_its_colors(render.image, render.alpha, behind)
         if self.chroma_shift is not None and view.chroma is not None:
             image = resampled(image, view.chroma, self.chroma_shift)
-        target = view.composited(background)
         if view.hidden is None:
             return image, target
         seen = ~view.hidden[..., None]
         return image * seen, target * seen
+
+    @torch.no_grad()
+    def error(self, gaussians: Gaussians, view: TrainingView) -> Tensor:
+        """(H, W) mean absolute difference of the channels between a render of all splats over black and a view."""
+        black = torch.zeros(3, device=view.device)
+        target, behind = view.over(black)
+        image, target = self._compared(rasterize(gaussians, view.camera, behind), view, target, behind)
+        return (image - target).abs().mean(-1)
 
     def state(self) -> dict[str, Tensor]:
         """Position in the sequence of views. The caller stores the state of the generator."""
@@ -172,12 +184,6 @@ class Stepper:
     def restore(self, state: dict[str, Tensor]) -> None:
         """Continue from a `state()`."""
         self._views.restore(state["views"])
-
-
-def _behind(view: TrainingView, background: Tensor) -> Tensor:
-    """What the splats of a view are rendered over: the (3,) background, or the (H, W, 3) backdrop with it."""
-    backdrop = view.backdrop(background)
-    return background if backdrop is None else backdrop
 
 
 def regularized(loss: Tensor, gaussians: Gaussians, settings: TrainSettings, extent: float) -> Tensor:

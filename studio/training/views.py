@@ -39,7 +39,6 @@ class TrainingView:
         camera: pinhole camera of `image`.
         image: (H, W, 3) RGB of the footage, uint8 or float32 in 0 to 1.
         mask: (H, W), same dtype; 255 or 1 is the performer.
-        full_size: (width, height) of the uncropped image, pixels.
         plate: (H, W, 3) empty set, same dtype, or None. With a plate, the performer is not cut out: on and around the
             performer, the footage is compared with the splats rendered over the plate. This models soft edges correctly
             and tolerates small mask errors. (H, W, 4): estimated from the footage, reliable where the fourth channel is
@@ -47,7 +46,7 @@ class TrainingView:
         chroma: chroma grid of `image`; None: no subsampling.
 
     Attributes:
-        camera, full_size, chroma: as above.
+        camera, chroma: as above.
         color: (3, 4) matrix from the splats' colors to those of this camera; None: they are the same. See
             `studio.color_fit.correct_color`.
         details: parts of the performer that count more in this frame; the same in all of its views.
@@ -61,11 +60,10 @@ class TrainingView:
         camera: Camera,
         image: Tensor,
         mask: Tensor,
-        full_size: tuple[int, int],
         plate: Tensor | None = None,
         chroma: ChromaSampling | None = None,
     ) -> None:
-        self.camera, self.full_size, self.chroma = camera, full_size, chroma
+        self.camera, self.chroma = camera, chroma
         self.color: Tensor | None = None
         self.hidden: Tensor | None = None
         self.details: tuple[Detail, ...] = ()
@@ -126,7 +124,6 @@ class TrainingView:
             StudioError: `mask.empty`: the mask does not contain any performer pixels.
         """
         camera, image, mask, plate = view.camera, view.image, view.mask, view.plate if use_plate else None
-        size = (camera.width, camera.height)
         if box is None and crop_margin is not None:
             box = mask_box(mask, crop_margin, camera.name)
         if box is not None:
@@ -141,7 +138,7 @@ class TrainingView:
             # copy: a NumPy view of the crop would keep the full image in memory
             return torch.from_numpy(np.array(image, dtype=np.uint8, order="C")).to(device)
 
-        return cls(camera, tensor(image), tensor(mask), size, None if plate is None else tensor(plate), chroma)
+        return cls(camera, tensor(image), tensor(mask), None if plate is None else tensor(plate), chroma)
 
     def with_mask(self, mask: Tensor) -> TrainingView:
         """The same view with another (H, W) mask, 0 to 1. Where it is compared over the plate stays the same."""
@@ -226,22 +223,15 @@ class TrainingView:
         rest = (1 - alpha)[..., None] * behind
         return correct_color(image - rest, alpha, self.color) + rest
 
-    def composited(self, background: Tensor) -> Tensor:
-        """(H, W, 3) target image over a (3,) background color.
+    def over(self, background: Tensor) -> tuple[Tensor, Tensor]:
+        """The view over a (3,) background color, and over what splats are rendered for comparison with it.
 
-        Without a plate: the performer, composited over the color with the mask. With a plate: the footage on and
-        around the performer, and the color elsewhere.
+        Without a plate: (H, W, 3) performer, composited over the color with the mask; the color. With a plate: (H, W,
+        3) footage on and around the performer, and the color elsewhere; (H, W, 3) the same of the plate.
         """
-        image, rest, _, _ = self._cached or self._parts()
-        return over_color(image, rest, background)
-
-    def backdrop(self, background: Tensor) -> Tensor | None:
-        """(H, W, 3) background over which splats are rendered for comparison with `composited`: the plate on and around
-        the performer, and the (3,) color elsewhere. None without a plate: the background is the color."""
-        if self._plate is None:
-            return None
-        _, _, plate, rest = self._cached or self._parts()
-        return None if plate is None else over_color(plate, rest, background)
+        image, rest, plate, plate_rest = self._cached or self._parts()
+        target = over_color(image, rest, background)
+        return target, background if plate is None else over_color(plate, plate_rest, background)
 
     def _parts(self) -> tuple[Tensor, Tensor, Tensor | None, Tensor]:
         """The image (H, W, 3) times its weight, one minus the weight (H, W, 1), and the same of the plate."""

@@ -148,7 +148,7 @@ def test_without_a_gpu_a_take_does_not_begin_with_the_papers_schedule(
     assert f"preset is {name}" in new.found().words
     config = load_config(new.create() / "config.yaml")
     assert preset_of(config) == name
-    assert config.train.keyframe_iterations == (12_000 if gpu else 2400)
+    assert config.train.keyframe_iterations == (12_000 if gpu else 2000)
     new.settings = str(project / "ball.yaml")
     assert new.config().train == load_config(project / "ball.yaml").train  # what was chosen stays
 

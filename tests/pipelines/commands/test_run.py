@@ -99,7 +99,7 @@ def test_sections_and_changed_settings(here: Callable, project: Path) -> None:
     changed = parse_yaml(here("config", project / "ball.yaml", "train", "--changed").stdout)
     assert set(changed) == {"train"}
     assert changed["train"]["keyframe_iterations"] == 25
-    assert "densify_gradient" not in changed["train"]
+    assert "sh_degree_every" not in changed["train"]
     assert parse_yaml(here("config", "--changed").stdout) is None
     assert here("config", project / "ball.yaml", project / "other.yaml").returncode == 2
 

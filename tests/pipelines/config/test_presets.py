@@ -36,8 +36,9 @@ def test_final_has_the_defaults_and_standard_the_schedule_of_the_sample() -> Non
 def test_the_demo_differs_from_the_quickstart_in_its_schedule_only() -> None:
     quick, demo = (values_of(load_config(ROOT / "sample_configs" / f"{name}.yaml")) for name in ("quickstart", "demo"))
     assert {name for name, value in demo.items() if quick[name] != value} == {
-        "train.keyframe_iterations", "train.densify_until", "train.prune_finetune_iterations", "train.prune_ratio",
-        "train.motion_views", "train.motion_acceleration", "train.finetune_iterations", "bake.quality",
+        "initialize.points", "train.keyframe_iterations", "train.densify_until", "train.densify_max_splats",
+        "train.prune_finetune_iterations", "train.motion_views", "train.motion_acceleration",
+        "train.finetune_iterations", "bake.quality",
     }  # fmt: skip
 
 

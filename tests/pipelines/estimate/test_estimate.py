@@ -18,6 +18,7 @@ pytestmark = pytest.mark.long
 SETTINGS = TrainSettings.model_validate(
     {
         "keyframe_iterations": 1000,
+        "densify_until": 0,
         "prune_finetune_iterations": 100,
         "motion_iterations": 50,
         "motion_first_iterations": 80,
@@ -51,6 +52,8 @@ def test_steps_are_counted_as_training_does_them() -> None:
     assert steps == keyframe_steps(SETTINGS, WORK.points)
     more = replace(WORK, train=SETTINGS.replace(max_splats=6000))
     assert (more.pruning_rounds, more.splats) == (2, 6000)
+    grown = replace(WORK, train=SETTINGS.replace(densify_until=900, densify_max_splats=20_000, max_splats=20_000))
+    assert grown.splats == 14_000
 
 
 def test_groups_wait_for_a_free_worker() -> None:
@@ -99,7 +102,7 @@ def test_the_tiny_capture(project: Path, monkeypatch: pytest.MonkeyPatch, capsys
     assert all(stage["seconds"] > 0 for stage in found["stages"])
     assert found["seconds_low"] < found["seconds"] < found["seconds_high"]
     assert found["memory"] > 10e6
-    assert found["splats"] == 280
+    assert found["splats"] == 400
     assert list(found["presets"]) == ["preview", "final"]
     assert 0 < found["presets"]["preview"]["seconds"] < found["presets"]["final"]["seconds"]
     assert sorted(project.rglob("*")) == before

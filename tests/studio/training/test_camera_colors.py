@@ -37,12 +37,10 @@ def filmed(plate: torch.Tensor | None = None) -> list[TrainingView]:
         render = rasterize(ball(torch.zeros(3)), camera, torch.zeros(3))
         image = correct_color(render.image, render.alpha, matrix)
         if plate is None:
-            made.append(
-                TrainingView(camera, image / render.alpha[..., None].clamp_min(1e-3), render.alpha, (WIDTH, HEIGHT))
-            )
+            made.append(TrainingView(camera, image / render.alpha[..., None].clamp_min(1e-3), render.alpha))
         else:
             over = image + (1 - render.alpha)[..., None] * plate
-            made.append(TrainingView(camera, over, render.alpha, (WIDTH, HEIGHT), plate))
+            made.append(TrainingView(camera, over, render.alpha, plate))
     return made
 
 

@@ -15,7 +15,7 @@ from studio.gaussians import SH_C0
 from studio.similarity import Similarity
 from studio.training import Correction, RefinedCameras, TrainingView, TrainSettings, refine_cameras
 from studio.training.camera_refinement import WORTH
-from tests.studio.training.test_group import HEIGHT, WIDTH, ball, cameras, views
+from tests.studio.training.test_group import ball, cameras, views
 
 SETTINGS = TrainSettings(keyframe_iterations=400, dropout=0.0, opacity_reg=0.0, scale_reg=0.0)
 HELD_OUT = 3
@@ -34,12 +34,12 @@ def off(camera: Camera, number: int) -> Camera:
 def seen_by(rig: list[Camera]) -> list[TrainingView]:
     """What the true cameras see, by cameras that say that they are elsewhere."""
     true = views(torch.zeros(3))
-    return [TrainingView(camera, one.image, one.mask, (WIDTH, HEIGHT)) for camera, one in zip(rig, true, strict=True)]
+    return [TrainingView(camera, one.image, one.mask) for camera, one in zip(rig, true, strict=True)]
 
 
 def noisy(view: TrainingView, deviation: float, number: int) -> TrainingView:
     noise = torch.randn(view.image.shape, generator=torch.Generator().manual_seed(number))
-    return TrainingView(view.camera, (view.image + deviation * noise).clamp(0, 1), view.mask, (WIDTH, HEIGHT))
+    return TrainingView(view.camera, (view.image + deviation * noise).clamp(0, 1), view.mask)
 
 
 def refined(rig: list[Camera], seed: int = 0, noise: float = 0.0, settings: TrainSettings = SETTINGS) -> RefinedCameras:

@@ -1,128 +1,119 @@
-"""Density control of 3DGS: which splats are cloned, split and removed, and at which steps."""
+"""Density control: which splats are split and removed, and at which steps."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
 
 from studio.gaussians import Gaussians
 from studio.training import TrainSettings
-from studio.training.densify import DensityControl
+from studio.training.densify import DensityControl, agreed_error
+from studio.training.details import Detail
 from studio.training.splat_optimizer import SplatOptimizer
+from studio.training.step import Stepper
+from studio.training.views import TrainingView
+from tests.studio.training.test_group import ball, views
 
 EXTENT = 2.0
-PICTURE = (100, 50)
 
 
-def scene(sizes: list[float], opacity: float = 0.5) -> SplatOptimizer:
-    """Splats along x with these sizes."""
-    count = len(sizes)
-    means = torch.zeros(count, 3)
-    means[:, 0] = torch.arange(count)
-    quats = torch.tensor([[1.0, 0, 0, 0]]).repeat(count, 1)
-    scales = torch.tensor(sizes).log()[:, None].repeat(1, 3)
-    logits = torch.full((count,), math.log(opacity / (1 - opacity)))
-    settings = TrainSettings()
-    return SplatOptimizer(Gaussians(means, quats, scales, logits, torch.zeros(count, 1, 3)), settings.rates, EXTENT)
+@pytest.fixture(scope="module")
+def seen() -> list[TrainingView]:
+    return views(torch.zeros(3))
 
 
-def observed(control: DensityControl, gradients: list[float], radii: list[int] | None = None) -> None:
-    """One step in which the 2D means had these gradients along x, in NDC units."""
-    screen = torch.zeros(len(gradients), 2)
-    screen[:, 0] = torch.tensor(gradients) / (PICTURE[0] / 2)
-    control.observe(screen, torch.tensor(radii or [3] * len(gradients)), PICTURE, PICTURE)
+def control(seen: list[TrainingView], **values: object) -> DensityControl:
+    settings = TrainSettings(**values)  # type: ignore[arg-type]
+    return DensityControl(Stepper(seen, settings, generator()), EXTENT, settings)
+
+
+def optimizer_of(gaussians: Gaussians) -> SplatOptimizer:
+    return SplatOptimizer(gaussians, TrainSettings().rates, EXTENT)
 
 
 def generator() -> torch.Generator:
     return torch.Generator().manual_seed(1)
 
 
-def settings(**values: object) -> TrainSettings:
-    return TrainSettings(**{"densify_gradient": 0.1, "densify_max_splats": 100, **values})  # type: ignore[arg-type]
+def wrong_where(wrong: torch.Tensor) -> Gaussians:
+    """The ball with inverted colors where `wrong`."""
+    gaussians = ball(torch.zeros(3))
+    return replace(gaussians, sh=torch.where(wrong[:, None, None], -gaussians.sh, gaussians.sh))
 
 
-def test_small_splats_are_cloned_and_large_ones_split() -> None:
-    small, large = 0.009 * EXTENT, 0.011 * EXTENT  # percent_dense is 0.01
-    optimizer = scene([small, large, small, large])
-    control = DensityControl(4, EXTENT, settings(), torch.device("cpu"))
-    observed(control, [0.2, 0.2, 0.05, 0.05])
-    control.densify(optimizer, generator(), remove_huge=False)
+def test_an_error_of_one_view_does_not_count() -> None:
+    errors = [torch.tensor([0.0, 3.0, 1.0]), torch.tensor([9.0, 0.0, 1.0]), torch.tensor([0.0, 2.0, 1.0])]
+    assert agreed_error(errors).tolist() == [0, 2, 2]
+    assert agreed_error(errors[:1]).tolist() == [0, 3, 1]
+
+
+def test_splats_are_split_where_views_agree_that_the_image_is_wrong(seen: list[TrainingView]) -> None:
+    means = ball(torch.zeros(3)).means
+    wrong = means[:, 0] > 0.2
+    before = wrong_where(wrong)
+    optimizer = optimizer_of(before)
+    control(seen).densify(optimizer, generator(), 20, remove_huge=False)
     after = optimizer.gaussians.detach()
-    # 0 and its clone, 2 and 3 as they were, two halves of 1
-    places = after.means[:, 0]
-    assert (places == 0).sum() == 2
-    assert (places == 1).sum() == 0
-    assert (places == 2).sum() == (places == 3).sum() == 1
-    near = (after.means - torch.tensor([1.0, 0, 0])).norm(dim=1) < 4 * math.sqrt(3) * large
-    assert near.sum() == 2
-    torch.testing.assert_close(after.scales[near], torch.full((2, 3), large / 1.6))
-    assert not torch.equal(after.means[near][0], after.means[near][1])
-    assert len(after) == 6
+    assert len(after) == 320
+    new = after.means[280:]
+    assert (new[:, 0] > 0.1).all()
+    assert len({tuple(place) for place in new.tolist()}) == 40
+    torch.testing.assert_close(after.scales[280:], torch.full((40, 3), 0.035 / 1.6))
+    gone = ~torch.isin(means[:, 1], after.means[:280, 1])
+    assert gone.sum() == 20
+    assert wrong[gone].all()
+    middles = (new[:20] + new[20:]) / 2  # the children are in the order of their parents
+    assert (middles - means[gone]).norm(dim=1).max() < 4 * 0.035
 
 
-def test_the_budget_goes_to_the_largest_mean_gradients() -> None:
-    optimizer = scene([0.001] * 5)
-    control = DensityControl(5, EXTENT, settings(densify_max_splats=7), torch.device("cpu"))
-    # splat 4 was drawn once of three times: its mean is 0.9, though its sum is the smallest but one
-    observed(control, [0.3, 0.5, 0.4, 0.05, 0.9], [1, 1, 1, 1, 1])
-    observed(control, [0.3, 0.5, 0.4, 0.05, 9.0], [1, 1, 1, 1, 0])
-    observed(control, [0.3, 0.5, 0.4, 0.05, 9.0], [1, 1, 1, 1, 0])
-    control.densify(optimizer, generator(), remove_huge=False)
-    copies = torch.bincount(optimizer.gaussians.detach().means[:, 0].round().long(), minlength=5)
-    assert copies.tolist() == [1, 2, 1, 1, 2]
+def test_splats_of_a_detail_are_split_at_smaller_errors(seen: list[TrainingView]) -> None:
+    before = wrong_where(torch.ones(300, dtype=torch.bool))
+    detail = Detail((0.5, 0.0, 0.0), 0.3, 9.0)
+    inside = []
+    for details in ((), (detail,)):
+        optimizer = optimizer_of(before)
+        marked = [view.with_details(details) for view in seen]
+        control(marked).densify(optimizer, generator(), 20, remove_huge=False)
+        near = (optimizer.gaussians.means[280:] - torch.tensor(detail.center)).norm(dim=1) < 0.4
+        inside.append(int(near.sum()))
+    assert inside[1] > inside[0] + 10
 
 
-def test_of_equal_gradients_the_first_splats_are_chosen() -> None:
-    """On every processor and for any number of splats: results must be the same bytes."""
-    count, budget = 4096, 1000
-    optimizer = scene([0.001] * count)
-    control = DensityControl(count, EXTENT, settings(densify_max_splats=count + budget), torch.device("cpu"))
-    observed(control, [0.5] * count)
-    control.densify(optimizer, generator(), remove_huge=False)
-    clones = optimizer.gaussians.detach().means[count:, 0]
-    assert clones.tolist() == list(range(budget))
+def test_nothing_is_split_where_no_view_looks(seen: list[TrainingView]) -> None:
+    away = replace(ball(torch.zeros(3)), means=ball(torch.zeros(3)).means + 50)
+    optimizer = optimizer_of(away)
+    control(seen).densify(optimizer, generator(), 20, remove_huge=False)
+    assert len(optimizer) == 300
 
 
-def test_a_crop_counts_by_its_area() -> None:
-    """The mean loss over a quarter of the picture has four times the gradients."""
-    control = DensityControl(1, EXTENT, settings(), torch.device("cpu"))
-    gradient = torch.tensor([[0.01, 0.0]])
-    control.observe(gradient, torch.tensor([2]), (PICTURE[0] // 2, PICTURE[1] // 2), PICTURE)
-    assert control.state()["gradients"].item() == pytest.approx(0.01 * PICTURE[0] / 2 / 4)
-    assert control.state()["seen"].item() == 1
-
-
-def test_faint_and_huge_splats_are_removed() -> None:
-    optimizer = scene([0.001, 0.19 * EXTENT, 0.001])
+def test_faint_and_huge_splats_are_removed(seen: list[TrainingView]) -> None:
+    optimizer = optimizer_of(ball(torch.zeros(3)))
     with torch.no_grad():
         optimizer.gaussians.logit_opacities[2] = math.log(0.004 / 0.996)
-    control = DensityControl(3, EXTENT, settings(), torch.device("cpu"))
-    control.densify(optimizer, generator(), remove_huge=False)
-    assert optimizer.gaussians.detach().means[:, 0].tolist() == [0, 1]
-    control.densify(optimizer, generator(), remove_huge=True)
-    assert optimizer.gaussians.detach().means[:, 0].tolist() == [0]
-    assert len(control.state()["seen"]) == 1
+        optimizer.gaussians.log_scales[1] = math.log(0.11 * EXTENT)
+    control(seen).densify(optimizer, generator(), 0, remove_huge=False)
+    assert len(optimizer) == 299
+    control(seen).densify(optimizer, generator(), 0, remove_huge=True)
+    assert len(optimizer) == 298
 
 
-def test_when_it_densifies_and_resets(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_when_it_densifies_and_resets(seen: list[TrainingView], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("studio.training.densify.RESET_EVERY", 15)
-    chosen = settings(densify_from=10, densify_until=41, densify_every=10)
-    optimizer = scene([0.001])
-    control = DensityControl(1, EXTENT, chosen, torch.device("cpu"))
-    grown, reset = [], []
+    tested = control(seen, densify_from=10, densify_until=41, densify_every=10, densify_max_splats=330)
+    optimizer = optimizer_of(wrong_where(torch.ones(300, dtype=torch.bool)))
+    grown, reset = {}, []
     for iteration in range(1, 60):
         before = len(optimizer)
-        observed(control, [1.0] * before)
         with torch.no_grad():
             optimizer.gaussians.logit_opacities.fill_(0.0)
-        control.after_step(iteration, optimizer, generator())
+        tested.after_step(iteration, optimizer, generator())
         if len(optimizer) > before:
-            grown.append(iteration)
+            grown[iteration] = len(optimizer)
         if optimizer.gaussians.opacities.max() < 0.4:
             reset.append(iteration)
             assert optimizer.gaussians.opacities.max().item() == pytest.approx(0.01)
-    assert grown == [20, 30, 40]
+    assert grown == {20: 310, 30: 320, 40: 330}
     assert reset == [15, 30]  # none in the last quarter of densification
-    assert len(optimizer) == 8

@@ -32,8 +32,7 @@ def error(drawn: Gaussians, move: torch.Tensor) -> float:
 
     wanted = views(move)
     return sum(
-        float((rasterize(drawn, view.camera).image - view.composited(torch.zeros(3))).square().mean())
-        for view in wanted
+        float((rasterize(drawn, view.camera).image - view.over(torch.zeros(3))[0]).square().mean()) for view in wanted
     ) / len(wanted)
 
 

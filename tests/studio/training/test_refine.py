@@ -46,7 +46,7 @@ def box(x: int, y: int, width: int, height: int) -> torch.Tensor:
 
 def view_with(mask: torch.Tensor) -> TrainingView:
     K = np.array([[60.0, 0, 25], [0, 60.0, 20], [0, 0, 1]])
-    return TrainingView(Camera("a", 50, 40, K, np.eye(4)), torch.zeros(40, 50, 3), mask, (50, 40))
+    return TrainingView(Camera("a", 50, 40, K, np.eye(4)), torch.zeros(40, 50, 3), mask)
 
 
 def test_sharpened_has_twice_the_slope_around_one_half() -> None:
@@ -97,7 +97,7 @@ def shadowed(plates: bool) -> tuple[list[TrainingView], list[torch.Tensor]]:
         wrong = (wrong + 0.6 * (wrong > 0.02) * torch.rand(mask.shape, generator=random)).clamp(0, 1)  # and ragged
         left = 28 if index % 2 else 22
         wrong[36 : 38 + index % 3, left : left + 12] = 1  # a shadow below it
-        views.append(TrainingView(camera, image, wrong, (WIDTH, HEIGHT), plate if plates else None))
+        views.append(TrainingView(camera, image, wrong, plate if plates else None))
     return views, exact
 
 
@@ -177,7 +177,7 @@ def test_a_new_mask_changes_the_target_only_without_a_plate() -> None:
         view = shadowed(plates)[0][0]
         other = view.with_mask(view.mask.roll(3, 1))
         assert torch.equal(other.mask, view.mask.roll(3, 1))
-        assert torch.equal(other.composited(color), view.composited(color)) == plates
+        assert torch.equal(other.over(color)[0], view.over(color)[0]) == plates
 
 
 def test_an_interrupted_keyframe_continues_to_the_same_bits() -> None:
@@ -203,8 +203,7 @@ def test_siting_is_found_from_the_footage(siting: str, expected: float, trained:
     sampling = ChromaSampling((2, 2), (0.0, 0.5), "left")
     filmed: Callable[[TrainingView], torch.Tensor] = lambda view: resampled(view.image, sampling, 0.5)  # noqa: E731
     views = [
-        TrainingView(view.camera, filmed(view), view.mask, view.full_size, view.plate, sampling)
-        for view in shadowed(plates=True)[0]
+        TrainingView(view.camera, filmed(view), view.mask, view.plate, sampling) for view in shadowed(plates=True)[0]
     ]
     assert chroma_shift(trained, views, siting) == expected
 
@@ -226,8 +225,7 @@ def test_a_group_does_what_its_keyframe_showed(keyframe_off: float | None, refin
     """None: the keyframe itself, whose masks are ragged."""
     sampling = ChromaSampling((2, 2), (0.0, 0.5), "left")
     views = [
-        TrainingView(view.camera, view.image, view.mask, view.full_size, view.plate, sampling)
-        for view in shadowed(plates=True)[0]
+        TrainingView(view.camera, view.image, view.mask, view.plate, sampling) for view in shadowed(plates=True)[0]
     ]
     stepper = Stepper(views, SETTINGS, torch.Generator())
     Refinement(stepper, SETTINGS, keyframe_off).begin(trained)

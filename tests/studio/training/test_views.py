@@ -54,8 +54,8 @@ def test_composite_without_plate_is_the_mask_over_the_color() -> None:
     view = TrainingView.from_view(captured(False))
     color = torch.tensor([1.0, 0.0, 0.5])
     expected = view.image * view.mask[..., None] + color * (1 - view.mask[..., None])
-    assert torch.allclose(view.composited(color), expected, atol=1e-6)
-    assert view.backdrop(color) is None
+    assert torch.allclose(view.over(color)[0], expected, atol=1e-6)
+    assert view.over(color)[1] is color
 
 
 @pytest.mark.usefixtures("instruction_set")
@@ -80,12 +80,11 @@ def test_truth_drawn_over_the_plate_equals_the_target_even_where_the_mask_is_wro
     wrong[40:80, 50:52] = 0  # and two too few
     view = TrainingView.from_view(FootageView(source.camera, source.image, wrong, 0, source.plate))
     color = torch.tensor([0.2, 0.9, 0.4])
-    backdrop = view.backdrop(color)
-    assert backdrop is not None
+    backdrop = view.over(color)[1]
     drawn = 60 / 255 * truth + (1 - truth) * backdrop
-    assert torch.allclose(drawn, view.composited(color), atol=0.5 / 255 + 1e-6)
+    assert torch.allclose(drawn, view.over(color)[0], atol=0.5 / 255 + 1e-6)
     plain = TrainingView.from_view(FootageView(source.camera, source.image, wrong))
-    assert (60 / 255 * truth + (1 - truth) * color - plain.composited(color)).abs().max() > 0.2
+    assert (60 / 255 * truth + (1 - truth) * color - plain.over(color)[0]).abs().max() > 0.2
 
 
 def test_an_estimated_plate_is_used_where_it_is_reliable_at_the_outline() -> None:
@@ -98,8 +97,7 @@ def test_an_estimated_plate_is_used_where_it_is_reliable_at_the_outline() -> Non
     estimated = np.dstack([source.plate, reliable])
     view = TrainingView.from_view(FootageView(source.camera, source.image, mask, 0, estimated))
     color = torch.tensor([0.2, 0.9, 0.4])
-    backdrop, target = view.backdrop(color), view.composited(color)
-    assert backdrop is not None
+    target, backdrop = view.over(color)
     plate = torch.from_numpy(source.plate) / 255
     for row, column, over_plate, cut in (
         (75, 38, 1, 0),
@@ -113,8 +111,8 @@ def test_an_estimated_plate_is_used_where_it_is_reliable_at_the_outline() -> Non
         seen = view.image[row, column] if over_plate or cut else color
         assert torch.allclose(target[row, column], seen, atol=1e-6)
     nothing = view.with_mask(torch.zeros_like(view.mask))
-    assert torch.allclose(nothing.composited(color)[75, 60], color), "another mask cuts out less"
-    assert torch.equal(nothing.composited(color)[75, 38], target[75, 38])
+    assert torch.allclose(nothing.over(color)[0][75, 60], color), "another mask cuts out less"
+    assert torch.equal(nothing.over(color)[0][75, 38], target[75, 38])
 
 
 def test_surroundings_are_a_square_about_each_pixel() -> None:
@@ -149,15 +147,15 @@ def test_dropped_splats_are_not_drawn() -> None:
         torch.full((n,), -4.0),
         torch.ones(n, 1, 3),
     )
-    offsets = torch.zeros(n, 2, requires_grad=True)
+    many.means.requires_grad_()
     stepper = Stepper([view], TrainSettings(background="black", dropout=0.5), torch.Generator().manual_seed(0))
-    step = stepper(many, offsets, dropout=True)
+    step = stepper(many, dropout=True)
     step.loss.backward()
-    assert offsets.grad is not None
+    assert many.means.grad is not None
     drawn = step.render.radii > 0
     assert 5 < int(drawn.sum()) < n - 5
-    assert torch.equal(offsets.grad.norm(dim=-1) > 0, drawn)
-    assert bool((stepper(many, None, dropout=False).render.radii > 0).all())
+    assert torch.equal(many.means.grad.norm(dim=-1) > 0, drawn)
+    assert bool((stepper(many, dropout=False).render.radii > 0).all())
 
 
 def test_the_interior_begins_two_pixels_from_the_outline() -> None:
