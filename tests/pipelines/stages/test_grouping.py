@@ -28,6 +28,7 @@ def test_cutting_keeps_every_frame_once() -> None:
         assert sum((group.frames for group in groups), ()) == frames
         assert [group.first for group in groups] == [frames.index(group.keyframe) for group in groups]
     assert [len(group.frames) for group in cut_at(frames, [0, 4, 5])] == [4, 1, 5]
+    assert [len(group.frames) for group in cut_into_groups(frames, 4)] == [4, 4, 2]
 
 
 def test_a_performer_who_stands_still_has_the_longest_groups() -> None:

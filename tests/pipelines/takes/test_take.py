@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from pipelines.takes.groups import cut_into_groups
 from pipelines.takes.take import TAKE_FORMAT, Take
 from tests.support.errors import refuses
 
@@ -85,13 +84,6 @@ def test_locking_sweeps_what_a_killed_run_left(tmp_path):
     left.write_bytes(b"half")
     with take.locked("v3studio run"):
         assert not left.exists()
-
-
-def test_groups_cover_all_frames_once_and_the_tail_stays():
-    groups = cut_into_groups([10, 12, 14, 16, 18], 2)
-    assert [group.frames for group in groups] == [(10, 12), (14, 16), (18,)]
-    assert [list(group.indices) for group in groups] == [[0, 1], [2, 3], [4]]
-    assert [group.keyframe for group in groups] == [10, 14, 18]
 
 
 def test_a_take_that_lost_its_take_json_is_taken_up_again(tmp_path: Path) -> None:

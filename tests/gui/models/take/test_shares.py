@@ -13,41 +13,15 @@ from pathlib import Path
 import pytest
 
 from gui.models.preferences import SHARES, Preferences
-from gui.models.take.exports import Exports
 from gui.models.take.serving import Serving
 from gui.models.take.shares import ShareRequest, stale_words
 from gui.models.take.workspace import Workspace
-from pipelines.reports.summary_words import size_words
 from pipelines.runs.staleness import StageStatus
 from pipelines.takes.edits import change_edits
 from pipelines.takes.take import Take
 from studio.edits import EditList, Trim
-from tests.support.errors import refuses
 from tests.support.looping import wait_in_loop
 from tests.support.waiting import wait_until
-
-
-def finish(exports: Exports) -> None:
-    wait_in_loop("ended", lambda: not exports.running, 180.0)
-
-
-def test_a_folder_is_written_and_its_size_told(stream_folder: Path, tmp_path: Path) -> None:
-    exports = Exports()
-    request = ShareRequest("folder", str(stream_folder), "walk", tmp_path, title="-One", credits=" ", license="CC BY")
-    exports.share(request)
-    with refuses("export.running"):
-        exports.share(request)
-    finish(exports)
-    assert not exports.failed, exports.result
-    assert exports.request is request
-    assert request.stays
-    assert exports.result.startswith("Shared: ")
-    files = [path for path in (tmp_path / "walk-share").rglob("*") if path.is_file()]
-    assert f"{size_words(sum(path.stat().st_size for path in files))} in {len(files)} files" in exports.result
-    page = (tmp_path / "walk-share" / "index.html").read_text()
-    assert "<title>-One</title>" in page
-    assert 'data-license="CC BY"' in page
-    assert "data-credits" not in page
 
 
 def test_a_request_becomes_the_command_line(tmp_path: Path) -> None:
