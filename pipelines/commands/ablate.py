@@ -7,10 +7,9 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.common.arguments import add_overwrite, invalid_option
+from pipelines.commands.common.arguments import add_command, add_overwrite, invalid_option
 from pipelines.outputs import replacing
 
-_HELP = "train variants without parts of the method and compare quality and size"
 _NOTE = """The first variant is the full method with the settings in CONFIG; each other variant leaves out one part.
 Every variant is trained (sharing cameras, initial points and keyframes where possible), baked at several QPs, decoded
 and measured on held-out cameras. Writes ablation.json, ablation.png, ablation.html and one take per variant to DIR.
@@ -25,10 +24,11 @@ def register(commands: Any) -> None:
 
     names = ", ".join(variant.name for variant in VARIANTS)
     more = ", ".join(variant.name for variant in OPTIONS)
-    parser = commands.add_parser(
+    parser = add_command(
+        commands,
         "ablate",
-        help=_HELP,
-        description=_HELP[0].upper() + _HELP[1:] + ".",
+        "train variants without parts of the method and compare quality and size",
+        _ablate,
         epilog=_NOTE,
     )
     parser.add_argument("config", type=Path, metavar="CONFIG", help="YAML file of settings of the full method")
@@ -44,7 +44,6 @@ def register(commands: Any) -> None:
         "--qps", default=",".join(map(str, QPS)), metavar="N,N", help="QPs to bake at (default: %(default)s)"
     )
     parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
-    parser.set_defaults(command=_ablate)
 
 
 def _ablate(arguments: argparse.Namespace) -> int:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import add_json
+from pipelines.commands.common.arguments import add_command, add_json
 
 if TYPE_CHECKING:
     from pipelines.takes.kept_bakes import KeptBake
@@ -23,7 +23,7 @@ def register(commands: Any) -> None:
         "keep",
         "keep the take's stream under a name",
         _keep,
-        " It becomes the folder TAKE/bakes/NAME, which can be played, exported, shared, and compared like a take.",
+        "It becomes the folder TAKE/bakes/NAME, which can be played, exported, shared, and compared like a take.",
     )
     keep.add_argument("name", metavar="NAME", help="name of the bake, such as qp26")
     choose = _command(
@@ -37,10 +37,8 @@ def register(commands: Any) -> None:
 def _command(
     commands: Any, name: str, text: str, command: Callable[[argparse.Namespace], int], more: str = ""
 ) -> argparse.ArgumentParser:
-    description = f"{text[0].upper()}{text[1:]}.{more}"
-    parser: argparse.ArgumentParser = commands.add_parser(f"bake {name}", help=text, description=description)
+    parser = add_command(commands, f"bake {name}", text, command, more)
     parser.add_argument("take", type=Path, metavar="TAKE", help="folder of the take")
-    parser.set_defaults(command=command)
     return parser
 
 

@@ -7,19 +7,17 @@ import time
 from pathlib import Path
 from typing import Any
 
+from pipelines.commands.common.arguments import add_command
+
 _STOP_SECONDS = 60.0
 """How long a run may take to stop. A network file system may show a request seconds late."""
 
 
 def register(commands: Any) -> None:
     """Add the command to the command line."""
-    parser = commands.add_parser(
-        "cancel",
-        help="stop the run in progress on a take, on any machine",
-        description="Stop the run in progress on a take, on any machine. Finished work is kept.",
-    )
+    text = "stop the run in progress on a take, on any machine"
+    parser = add_command(commands, "cancel", text, _cancel, "Finished work is kept.")
     parser.add_argument("take", type=Path, metavar="TAKE", help="folder of the take")
-    parser.set_defaults(command=_cancel)
 
 
 def _cancel(arguments: argparse.Namespace) -> int:

@@ -6,13 +6,12 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import add_frames, add_json, invalid_option
+from pipelines.commands.common.arguments import add_command, add_frames, add_json, invalid_option
 from studio.comparison.protocols import PROTOCOLS
 
 if TYPE_CHECKING:
     from pipelines.comparison.results import Comparison
 
-_HELP = "measure takes by one protocol and show them side by side"
 _NOTE = """protocols:
 {protocols}
 
@@ -26,10 +25,11 @@ DIR/.comparing until then.
 
 def register(commands: Any) -> None:
     """Add the command to the parser."""
-    parser = commands.add_parser(
+    parser = add_command(
+        commands,
         "compare",
-        help=_HELP,
-        description=_HELP[0].upper() + _HELP[1:] + ".",
+        "measure takes by one protocol and show them side by side",
+        _compare,
         epilog=_NOTE.format(protocols="\n".join(f"  {one.name:<8}{one.title}" for one in PROTOCOLS.values())),
     )
     parser.add_argument("takes", type=Path, nargs="+", metavar="TAKE", help="folders of takes with a stream")
@@ -53,7 +53,6 @@ def register(commands: Any) -> None:
     parser.add_argument("--images", type=int, default=2, metavar="N", help="frames to show (default: %(default)s)")
     parser.add_argument("--device", default="auto", help="torch device, as the setting run.device")
     add_json(parser)
-    parser.set_defaults(command=_compare)
 
 
 def _compare(arguments: argparse.Namespace) -> int:

@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import add_json, frame_range, invalid_option
+from pipelines.commands.common.arguments import add_command, add_json, frame_range, invalid_option
 from studio.counts import counted
 from studio.errors import StudioError
 
@@ -114,11 +114,8 @@ def register(commands: Any) -> None:
 
 
 def _kind(kinds: Any, name: str, text: str, command: Any) -> argparse.ArgumentParser:
-    parser: argparse.ArgumentParser = kinds.add_parser(
-        name, help=text, description=f"{text[0].upper()}{text[1:]}.", allow_abbrev=False
-    )
+    parser = add_command(kinds, name, text, command)
     parser.add_argument("take", type=Path, metavar="TAKE", help="folder of the take")
-    parser.set_defaults(command=command)
     return parser
 
 

@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
-from pipelines.commands.common.arguments import add_json
+from pipelines.commands.common.arguments import add_command, add_json
 from pipelines.commands.common.source import add_source, is_take, read_settings
 from pipelines.commands.common.working import json_output, working
 from studio.counts import counted
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from pipelines.estimate import Estimate
     from pipelines.stages.inputs import Inputs
 
-_HELP = "estimate minutes, memory and disk space of a run on this machine"
 _NOTE = """Reads some images of the footage and rehearses some steps of training, about 20 seconds on an idle machine.
 Nothing is written. The cameras must be known, by a file or by a take whose stage calibrate is finished; the time of
 the calibration itself is not estimated. Times hold for the load that the machine has now.
@@ -29,10 +28,11 @@ the calibration itself is not estimated. Times hold for the load that the machin
 
 def register(commands: Any) -> None:
     """Add the command to the parser."""
-    parser = commands.add_parser(
+    parser = add_command(
+        commands,
         "estimate",
-        help=_HELP,
-        description=_HELP[0].upper() + _HELP[1:] + ".",
+        "estimate minutes, memory and disk space of a run on this machine",
+        _estimate,
         epilog=_NOTE,
     )
     add_source(parser)
@@ -40,7 +40,6 @@ def register(commands: Any) -> None:
     parser.add_argument(
         "--presets", action="store_true", help="estimate the presets preview, standard and final too; about a minute"
     )
-    parser.set_defaults(command=_estimate)
 
 
 def _estimate(arguments: argparse.Namespace) -> int:

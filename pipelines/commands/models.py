@@ -6,15 +6,12 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.common.arguments import add_json
+from pipelines.commands.common.arguments import add_command, add_json
 
 
 def register(pairs: Any) -> None:
     """Add the commands to the pairs of words."""
-    text = "list the matting models that can be downloaded"
-    listing = pairs.add_parser("models list", help=text, description=f"{text[0].upper()}{text[1:]}.")
-    add_json(listing)
-    listing.set_defaults(command=_list)
+    add_json(add_command(pairs, "models list", "list the matting models that can be downloaded", _list))
     get = pairs.add_parser(
         "models get",
         help="download a matting model for masks",

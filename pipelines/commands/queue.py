@@ -7,7 +7,7 @@ import signal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import add_json
+from pipelines.commands.common.arguments import add_command, add_json
 from pipelines.commands.common.source import add_source, is_take, read_settings
 
 if TYPE_CHECKING:
@@ -26,39 +26,30 @@ def register(commands: Any) -> None:
     )
     kinds = command.add_subparsers(title="commands", required=True, metavar="COMMAND")
 
-    add = _kind(kinds, "add", "add a take at the end")
+    add = _kind(kinds, "add", "add a take at the end", _add)
     add_source(add)
     add.add_argument("--take", type=Path, metavar="TAKE", help="folder of the take; created when it is run")
-    add.set_defaults(command=_add)
 
-    listing = _kind(kinds, "list", "show the takes and their states")
+    listing = _kind(kinds, "list", "show the takes and their states", _list)
     add_json(listing)
-    listing.set_defaults(command=_list)
 
-    run = _kind(kinds, "run", "run all waiting takes, including those added meanwhile")
-    run.set_defaults(command=_run)
+    _kind(kinds, "run", "run all waiting takes, including those added meanwhile", _run)
 
-    stop = _kind(kinds, "stop", "stop the program that runs the queue; its take resumes when it runs again")
-    stop.set_defaults(command=_stop)
+    _kind(kinds, "stop", "stop the program that runs the queue; its take resumes when it runs again", _stop)
 
-    move = _kind(kinds, "move", "move a waiting take")
+    move = _kind(kinds, "move", "move a waiting take", _move)
     move.add_argument("number", type=int, metavar="NUMBER", help="number of the take, from `v3studio queue list`")
     move.add_argument("place", type=int, metavar="PLACE", help="new place in the queue; 1 is next")
-    move.set_defaults(command=_move)
 
-    remove = _kind(kinds, "remove", "remove takes from the queue; their folders are not touched")
+    remove = _kind(kinds, "remove", "remove takes from the queue; their folders are not touched", _remove)
     remove.add_argument("number", type=int, nargs="+", metavar="NUMBER", help="number of the take")
-    remove.set_defaults(command=_remove)
 
-    retry = _kind(kinds, "retry", "queue a finished or failed take again")
+    retry = _kind(kinds, "retry", "queue a finished or failed take again", _retry)
     retry.add_argument("number", type=int, metavar="NUMBER", help="number of the take")
-    retry.set_defaults(command=_retry)
 
 
-def _kind(kinds: Any, name: str, text: str) -> argparse.ArgumentParser:
-    parser: argparse.ArgumentParser = kinds.add_parser(
-        name, help=text, description=f"{text[0].upper()}{text[1:]}.", allow_abbrev=False
-    )
+def _kind(kinds: Any, name: str, text: str, command: Any) -> argparse.ArgumentParser:
+    parser = add_command(kinds, name, text, command)
     parser.add_argument("--queue", type=Path, metavar="FILE", help="file of the queue (default: the user's queue)")
     return parser
 

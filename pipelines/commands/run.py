@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import add_json, invalid_option
+from pipelines.commands.common.arguments import add_command, add_json, invalid_option
 from pipelines.commands.common.source import add_preset, add_source, is_footage, is_take, read_settings
 from pipelines.stages import STAGE_NAMES, STAGES
 from studio.errors import StudioError
@@ -33,7 +33,7 @@ def register(commands: Any) -> None:
     )
     _add_live(run)
     _add_detach(run)
-    run.set_defaults(command=_run, stage=None)
+    run.set_defaults(stage=None)
     for each in STAGES:
         name, stage = each.name, _stage_parser(commands, each.name, each.help)
         stage.add_argument("--force", action="store_true", help="run from scratch even if it is up to date")
@@ -43,7 +43,7 @@ def register(commands: Any) -> None:
         if name == "train":
             _add_live(stage)
         _add_detach(stage)
-        stage.set_defaults(command=_run, stage=name, until=None)
+        stage.set_defaults(stage=name, until=None)
 
 
 class _Ladder(argparse.Action):
@@ -99,7 +99,7 @@ def _add_detach(stage: argparse.ArgumentParser) -> None:
 
 
 def _stage_parser(commands: Any, name: str, text: str) -> argparse.ArgumentParser:
-    parser: argparse.ArgumentParser = commands.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
+    parser = add_command(commands, name, text, _run)
     add_source(parser, nargs="?", note=" (default: the settings in the take)")
     parser.add_argument("--take", type=Path, metavar="TAKE", help="folder of the take; created if needed")
     add_preset(parser)

@@ -6,7 +6,7 @@ import argparse
 import difflib
 import math
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NoReturn
 
 from studio.capture.frame_range import parse_frame_range
@@ -97,6 +97,24 @@ class WordPairs:
         self.summaries[words] = help
         parser = self.parsers[words] = CommandParser(prog=f"v3studio {words}", **options)
         return parser
+
+
+def add_command(
+    commands: Any, name: str, text: str, command: Callable[[argparse.Namespace], int], more: str = "", **options: Any
+) -> CommandParser:
+    """Add a command, whose own help begins with its line in the list of commands, as a sentence.
+
+    Args:
+        commands: argparse's subparsers, or `WordPairs`.
+        text: the line, without a period.
+        command: what it does; returns the exit code.
+        more: sentences that follow.
+        options: of argparse's `add_parser`.
+    """
+    description = f"{text[0].upper()}{text[1:]}.{f' {more}' if more else ''}"
+    parser: CommandParser = commands.add_parser(name, help=text, description=description, **options)
+    parser.set_defaults(command=command)
+    return parser
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
