@@ -260,8 +260,9 @@ def test_plates_along_a_path(here, take, tmp_path):
 
 def test_mistakes_are_one_sentence(here, take, tmp_path):
     out = tmp_path / "out"
+    (tmp_path / "notes.txt").write_text("not an export", encoding="utf-8")
     cases = [
-        ([take, "--format", "ply", "--out", tmp_path], "already exists"),
+        ([take, "--format", "ply", "--out", tmp_path], "is not an earlier output of this command"),
         ([take, "--format", "ply", "--out", out, "--frames", "0:9"], "Choose a range within 0:5"),
         ([take, "--format", "ply", "--out", tmp_path / "a.ply"], "5 frames cannot be written to one file"),
         ([take / "stream", "--of", "trained", "--format", "ply", "--out", out], "--of trained needs a take"),
@@ -289,7 +290,7 @@ def test_mistakes_are_one_sentence(here, take, tmp_path):
         assert message in done.stderr
         assert done.stderr.startswith("error: ")
         assert done.stderr.count("\n") == 1
-    assert list(tmp_path.iterdir()) == []
+    assert [one.name for one in tmp_path.iterdir()] == ["notes.txt"]
     assert here("export", take, "--format", "obj", "--out", out).returncode == 2
     every = here("export", take, "--format", "ply", "--out", out, "--frames", "all")
     assert (every.returncode, "'all' is not of the form A:B" in every.stderr) == (2, True)
