@@ -34,6 +34,7 @@ COLOR_SPACES = {
 
 MAX_SIDE = 16384
 MAX_SAMPLES = 256
+MAX_PERFORMERS = 16
 _FILM_WIDTH = 36.0  # mm, by which focal lengths are given
 _LAYERS = (
     ("R", "half"), ("G", "half"), ("B", "half"), ("A", "half"),
@@ -67,6 +68,7 @@ def export_exr(
     color_space: str = "acescg",
     overscan: int = 0,
     shutter: Shutter | None = None,
+    performers: int = 0,
     progress: ProgressFn = no_progress,
 ) -> int:
     """Write `folder/plate.0000.exr`, ..., numbered as in the video.
@@ -79,6 +81,7 @@ def export_exr(
         color_space: one of `COLOR_SPACES`.
         overscan: pixels rendered beyond each side of the image; the file's display window stays the image.
         shutter: of the colors; None: an instant.
+        performers: number of those who get mattes, see `Plates`.
         progress: called with written and total frames.
 
     Returns:
@@ -86,7 +89,7 @@ def export_exr(
 
     Raises:
         StudioError: OpenImageIO is missing, a number is out of range (export.invalid_setting), a frame cannot be read,
-            or the folder exists or cannot be written.
+            performers touch (exr.performers), or the folder exists or cannot be written.
     """
     oiio = openimageio()
     shutter = shutter or Shutter()
@@ -95,6 +98,7 @@ def export_exr(
         ("overscan", overscan, overscan >= 0, "at least 0"),
         ("shutter", shutter.angle, 0 <= shutter.angle <= 360, "0 to 360 degrees"),
         ("samples", shutter.samples, 1 <= shutter.samples <= MAX_SAMPLES, f"1 to {MAX_SAMPLES}"),
+        ("mattes", performers, 0 <= performers <= MAX_PERFORMERS, f"0 to {MAX_PERFORMERS}"),
         ("size with overscan", size, size <= MAX_SIDE, f"at most {MAX_SIDE} pixels"),
     ):
         if not valid:
@@ -105,7 +109,7 @@ def export_exr(
         found = camera(index)
         return found.cropped(-overscan, -overscan, found.width + 2 * overscan, found.height + 2 * overscan)
 
-    plates = Plates(video, wide, world, lambda rgba: _converted(oiio, rgba, color_space), shutter)
+    plates = Plates(video, wide, world, lambda rgba: _converted(oiio, rgba, color_space), shutter, performers)
     digits = max(4, len(str(video.number(video.frame_count - 1))))
     size = 0
     with new_folder(folder) as temporary:
@@ -177,16 +181,18 @@ def _attributes(
 
 def _write(oiio: Any, path: Path, plate: Plate, attributes: dict[str, tuple[str, object]], overscan: int) -> None:
     height, width = plate.depth.shape
-    spec = oiio.ImageSpec(width, height, len(_LAYERS), "float")
-    spec.channelnames = tuple(name for name, _ in _LAYERS)
-    spec.channelformats = tuple(oiio.TypeDesc(kind) for _, kind in _LAYERS)
+    layers = (*_LAYERS, *((f"matte.{one}", "half") for one in range(plate.mattes.shape[-1])))
+    spec = oiio.ImageSpec(width, height, len(layers), "float")
+    spec.channelnames = tuple(name for name, _ in layers)
+    spec.channelformats = tuple(oiio.TypeDesc(kind) for _, kind in layers)
     spec.alpha_channel, spec.z_channel = 3, 4
     spec.x = spec.y = -overscan
     spec.full_x = spec.full_y = 0
     spec.full_width, spec.full_height = width - 2 * overscan, height - 2 * overscan
     for name, (kind, value) in attributes.items():
         spec.attribute(name, kind, value)
-    pixels = np.concatenate([plate.rgba, plate.depth[..., None], plate.position, plate.normal, plate.forward], axis=-1)
+    parts = [plate.rgba, plate.depth[..., None], plate.position, plate.normal, plate.forward, plate.mattes]
+    pixels = np.concatenate(parts, axis=-1)
     out = oiio.ImageOutput.create(str(path))
     written = out.open(str(path), spec) and out.write_image(pixels) and out.close()
     if not written:

@@ -13,6 +13,7 @@ import numpy as np
 import torch
 
 from studio.cameras import Camera
+from studio.formats.performers import Performers
 from studio.gaussians import Gaussians
 from studio.rasterizer import preferred_device, rasterize
 from studio.rasterizer.features import mean_features
@@ -35,6 +36,7 @@ class Plate:
         position: (H, W, 3) place in the world at that depth; 0 where nothing is drawn.
         normal: (H, W, 3) unit vector in the world, toward the camera; 0 where nothing is drawn.
         forward: (H, W, 2) pixels to the right and up from this frame to the next; 0 where nothing is drawn.
+        mattes: (H, W, performers) their shares of alpha.
     """
 
     rgba: np.ndarray
@@ -42,6 +44,7 @@ class Plate:
     position: np.ndarray
     normal: np.ndarray
     forward: np.ndarray
+    mattes: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -72,6 +75,8 @@ class Plates:
         world: from the world of the splats to that of the plates.
         linear: from (H, W, 4) premultiplied sRGB to the color space of the plates.
         shutter: of the colors; the other layers show the frame itself.
+        performers: number of the performers who get mattes, from left to right in the first frame; they must not touch
+            in the first frame of a group. 0: no mattes.
     """
 
     def __init__(
@@ -81,16 +86,19 @@ class Plates:
         world: Similarity,
         linear: Callable[[np.ndarray], np.ndarray],
         shutter: Shutter,
+        performers: int = 0,
     ) -> None:
         self._video, self._camera, self._world = video, camera, world
         self._linear, self._shutter = linear, shutter
         self._device = preferred_device()
         self._read: dict[int, Gaussians] = {}
         self._groups = {index: group for group in video.groups for index in group}
+        self._performers = Performers(performers)
 
     @torch.no_grad()
     def render(self, index: int) -> Plate:
-        """The plate of a frame. Raises StudioError if it cannot be read."""
+        """The plate of a frame; mattes need the frames in order. Raises StudioError if it cannot be read, or performers
+        touch (`exr.performers`)."""
         camera = self._camera(index)
         splats = self._frame(index)
         rendered = rasterize(splats, camera)
@@ -112,11 +120,24 @@ class Plates:
             position=np.where(drawn[..., None], self._world.points(places), 0),
             normal=self._world.directions(facing / np.maximum(length, 1e-12)),
             forward=moving,
+            mattes=self._mattes(index, splats, camera) * rendered.alpha[..., None].cpu().numpy(),
         )
         return Plate(**{one.name: getattr(plate, one.name).astype(np.float32) for one in fields(plate)})
 
     def _colors(self, rendered: Render) -> np.ndarray:
         return self._linear(torch.cat([rendered.image, rendered.alpha[..., None]], -1).cpu().numpy())
+
+    def _mattes(self, index: int, splats: Gaussians, camera: Camera) -> np.ndarray:
+        """(H, W, performers) shares of what is drawn."""
+        performers = self._performers
+        if performers.count and index == self._groups[index].start:
+            before = self._frame(index - 1) if index > 0 else None
+            performers.enter(splats, before, self._video.number(index), camera.rotation[0])
+        found = np.zeros((camera.height, camera.width, performers.count), np.float32)
+        for one in range(performers.count):
+            marks = torch.as_tensor(performers.labels == one).to(splats.means)
+            found[..., one] = mean_features(splats, camera, marks[:, None].expand(-1, 3))[..., 0].cpu().numpy()
+        return found
 
     def _frame(self, index: int) -> Gaussians:
         if index not in self._read:

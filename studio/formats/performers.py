@@ -1,0 +1,94 @@
+"""Which splats belong to which performer, where performers stand apart from each other: for mattes.
+
+At the first frame of each group, splats are connected over gaps that no body has; the parts are the performers. Within
+a group, splats correspond. From group to group, a performer is who stands where one stood a frame before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from studio.errors import StudioError
+from studio.gaussians import Gaussians
+
+_GAPS = (0.1, 0.07, 0.05, 0.035)
+"""Tried gaps between performers, relative to the size of all together, large ones first. Smaller ones
+would break bodies of few splats."""
+
+_LEAST = 0.3
+"""Splats of a performer, relative to equal shares; smaller parts are floaters, and belong to the nearest performer."""
+
+_CELLS = 2.0  # cells of the grid by which splats are connected, in a gap
+_VISIBLE = 0.1  # least opacity of a splat that connects others
+
+
+def separated(splats: Gaussians, count: int) -> np.ndarray | None:
+    """(N,) int: the performer of each splat, 0 to `count` - 1; None if there are not `count` that stand apart."""
+    means = np.nan_to_num(splats.means.detach().cpu().double().numpy(), posinf=0, neginf=0)
+    solid = means[(splats.opacities > _VISIBLE).cpu().numpy()]
+    if count == 1 or len(solid) == 0:
+        return np.zeros(len(means), int) if count == 1 else None
+    low, high = np.quantile(solid, (0.02, 0.98), axis=0)
+    for gap in _GAPS:
+        size = max(gap * float(np.linalg.norm(high - low)) / _CELLS, 1e-12)
+        cells, numbers = np.unique(np.floor(solid / size), axis=0, return_counts=True)
+        pairs = cKDTree(cells).query_pairs(_CELLS, output_type="ndarray")
+        links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(cells), len(cells)))
+        parts = connected_components(links, directed=False)[1]
+        large = np.flatnonzero(np.bincount(parts, numbers) >= _LEAST / count * len(solid))
+        if len(large) == count:
+            kept = np.isin(parts, large)
+            nearest = cKDTree(cells[kept] + 0.5).query(means / size)[1]
+            return np.searchsorted(large, parts[kept][nearest])
+    return None
+
+
+class Performers:
+    """Labels the splats of one group after the other.
+
+    Args:
+        count: of the performers, at least 1.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+        self.labels = np.zeros(0, int)
+        """(N,) the performer of each splat of the group."""
+
+    def enter(self, splats: Gaussians, before: Gaussians | None, number: int, order: Sequence[float]) -> None:
+        """Go on to a group.
+
+        Args:
+            splats: its first frame.
+            before: the frame before, of the group that was labeled last; None: there is none.
+            number: of the first frame, for messages.
+            order: (3,) a direction along which the performers are numbered, if there is no frame before.
+
+        Raises:
+            StudioError: there are not so many performers apart from each other (`exr.performers`).
+        """
+        found = separated(splats, self.count)
+        if found is None:
+            raise StudioError(
+                "exr.performers",
+                f"frame {number} does not have {self.count} performers apart from each other",
+                value=self.count,
+                fix="Choose frames in which they do not touch with --frames, or another number with --mattes.",
+            )
+        centers = self._centers(splats, found)
+        if before is None:
+            names = np.argsort(np.argsort(centers @ np.asarray(order)))
+        else:
+            earlier = self._centers(before, self.labels)
+            names = linear_sum_assignment(np.linalg.norm(centers[:, None] - earlier[None], axis=-1))[1]
+        self.labels = names[found]
+
+    def _centers(self, splats: Gaussians, labels: np.ndarray) -> np.ndarray:
+        means = np.nan_to_num(splats.means.detach().cpu().double().numpy(), posinf=0, neginf=0)
+        return np.stack([np.median(means[labels == one], axis=0) for one in range(self.count)])

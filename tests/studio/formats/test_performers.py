@@ -1,0 +1,87 @@
+"""Performers are told apart by the space between them, and followed from group to group."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import torch
+
+from studio.cameras import Camera
+from studio.formats.exr import export_exr
+from studio.formats.performers import separated
+from studio.gaussians import Gaussians
+from studio.similarity import Similarity
+from studio.splat_video import SplatVideo
+from tests.support.errors import refuses
+
+OpenEXR = pytest.importorskip("OpenEXR")
+
+CAMERA = Camera.look_at((0, 0, 6), (0, 0, 0), width=120, height=80, field_of_view=40)  # x is to the right
+
+
+def bodies(*places: float, seed: int = 0, splats: int = 1500) -> Gaussians:
+    """Upright ellipsoids at these x, 0.4 wide and 1.6 high, with a floater between each two; in a shuffled order."""
+    random = np.random.default_rng(seed)
+    means = [random.normal(size=(splats, 3)) for _ in places]
+    means = [0.95 * one / np.linalg.norm(one, axis=1, keepdims=True) * (0.2, 0.8, 0.2) for one in means]
+    shifted = [one + np.array([x, 0, 0]) for one, x in zip(means, places, strict=True)]
+    floaters = [[(a + b) / 2, 0, 0] for a, b in pairwise(places)]
+    points = random.permutation(np.concatenate([*shifted, np.reshape(floaters, (-1, 3))]))
+    return Gaussians.from_activated(
+        torch.from_numpy(points).float(),
+        torch.tensor([[1.0, 0, 0, 0]]).repeat(len(points), 1),
+        torch.full((len(points), 3), 0.05),
+        torch.full((len(points),), 0.9),
+        torch.zeros(len(points), 1, 3),
+    )
+
+
+@pytest.mark.parametrize("places", [(0.0,), (-0.5, 0.5), (-1.4, 0.0, 0.9)])
+def test_splats_belong_to_the_body_that_they_are_in(places):
+    splats = bodies(*places)
+    found = separated(splats, len(places))
+    assert found is not None
+    x = splats.means[:, 0].numpy()
+    for place in places:
+        own = found[np.abs(x - place) < 0.21]
+        assert len(own) == 1500
+        assert len(set(own)) == 1
+    assert len(set(found)) == len(places)
+
+
+def test_bodies_that_touch_are_one():
+    assert separated(bodies(-0.1, 0.1), 2) is None
+    assert separated(bodies(-0.5, 0.5), 3) is None
+
+
+def mattes(folder, video: SplatVideo, count: int):  # type: ignore[no-untyped-def]
+    """Alpha and the mattes of each frame, (H, W) and (H, W, count)."""
+    export_exr(video, folder, lambda index: CAMERA, Similarity(), performers=count)
+    found = []
+    for path in sorted(folder.iterdir()):
+        channels = OpenEXR.File(str(path)).channels()
+        layers = [channels[f"matte.{one}"].pixels.astype(np.float32) for one in range(count)]
+        found.append((channels["RGBA"].pixels[..., 3].astype(np.float32), np.stack(layers, -1)))
+    return found
+
+
+def test_mattes_add_up_to_alpha_and_follow_the_performers(tmp_path):
+    """Two cross, meeting in the middle of the first group; each group has its own splats."""
+    lefts = [-0.8, 0.0, 0.6, 0.9, 1.0]
+    groups = (0, 0, 0, 1, 1)
+    frames = [bodies(x, -x, seed=group) for x, group in zip(lefts, groups, strict=True)]
+    # within a group, splats correspond: those of the first body are those that began on the left
+    video = SplatVideo("test", 25.0, 5, (0, 3), frames.__getitem__)
+    columns = np.arange(CAMERA.width) + 0.5
+    for x, (alpha, parts) in zip(lefts, mattes(tmp_path / "out", video, 2), strict=True):
+        np.testing.assert_allclose(parts.sum(-1), alpha, atol=2e-3)
+        middles = (parts.sum(0) * columns[:, None]).sum(0) / parts.sum((0, 1))
+        wanted = 60 + np.array([x, -x]) * CAMERA.fx / 6
+        np.testing.assert_allclose(middles, wanted, atol=2)
+
+
+def test_performers_that_touch_are_refused(tmp_path):
+    video = SplatVideo("test", 25.0, 1, (0,), lambda index: bodies(-0.1, 0.1))
+    with refuses("exr.performers", value=2):
+        mattes(tmp_path / "out", video, 2)
+    assert list(tmp_path.iterdir()) == []
