@@ -74,6 +74,24 @@ def test_two_bakes_are_kept_and_compared(finished: Path, take: Take, here: Calla
     assert "coarse" in here("bake", "list", take.root).stdout
 
 
+def test_kb_per_frame_is_all_that_playing_takes_divided_by_frames_everywhere(
+    take: Take, here: Callable, tmp_path: Path
+) -> None:
+    with StreamReader.open(take.stream) as reader:
+        per_frame = sum(map(len, contents(take.stream).values())) / reader.frame_count
+        assert reader.bytes_per_frame == per_frame
+    assert here("bake", "keep", take.root, "kept").returncode == 0
+    (listed,) = result_of(here("bake", "list", take.root, "--json").stdout)["bakes"]
+    stages = result_of(here("run", take.root, "--json").stdout)["stages"]
+    found = [listed, stages["bake"], stages["evaluate"], json.loads(take.evaluation.read_text())["summary"]]
+    assert [one["bytes_per_frame"] for one in found] == [pytest.approx(per_frame, abs=0.5)] * len(found)
+    out = tmp_path / "compared"
+    compared = here("compare", take.root, "--frames", "::5", "--images", 0, "--out", out, "--json")
+    (measured,) = result_of(compared.stdout)["takes"]
+    assert measured["total_bytes"] / measured["stream_frames"] == per_frame
+    assert f"{per_frame / 1000:.1f} KB" in (take.root / "report.html").read_text()
+
+
 @pytest.mark.parametrize(
     "name", ["", "..", "a/b", ".hidden", "a\\b", "end.", "x" * 61, "new\nline", "CON", "a.partial"]
 )
