@@ -53,7 +53,7 @@ class TrainSummary(Result):
     """Gaussians of each group."""
 
     outlines_off: tuple[float | None, ...]
-    """Of each group, see `TrainedGroup`."""
+    """Of each group, see `TrainedGroup`; rounded."""
 
 
 class BakeSummary(Result):

@@ -114,7 +114,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> T
         groups=len(groups),
         frames=len(footage.frames),
         splats=tuple(one.splats for one in trained),
-        outlines_off=tuple(one.outlines_off for one in trained),
+        outlines_off=tuple(one.outlines_off and round(one.outlines_off, 1) for one in trained),
     )
 
 

@@ -115,6 +115,13 @@ def test_evaluation_says_what_was_measured_and_how(project):
     assert summary["psnr_trained"] == pytest.approx(mean, abs=1e-3)
 
 
+def test_the_report_has_what_the_keyframes_showed_about_the_masks(project):
+    files = [project.take.train_group(index) / "group.json" for index in range(2)]
+    off = [json.loads(path.read_text())["outlines_off"] for path in files]
+    assert all(0 <= one <= 100 for one in off)
+    assert f"{round(min(off), 1):g} to {round(max(off), 1):g}%" in (project.take.root / "report.html").read_text()
+
+
 def test_psnr_is_that_of_the_cropped_held_out_image(project):
     """Compared with NumPy, from the files: decoded frame 3 rendered here, the held-out PNG over black, cropped here."""
     import torch
