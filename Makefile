@@ -40,9 +40,10 @@ demo: setup ## run the whole pipeline on the sample capture (DEMO_TAKE=DIR: take
 	@.venv/bin/v3studio run sample_configs/demo.yaml --take "$(DEMO_TAKE)"
 	@echo "Report: $(DEMO_TAKE)/report.html    Window: .venv/bin/v3studio-gui $(DEMO_TAKE)"
 
-cluster-demo: demo ## the same on a Ray cluster of two nodes, one of which is killed, and compare the bytes
+cluster-demo: setup ## two groups on a Ray cluster of two nodes, one of which is killed; compare with a local run
 	@bash scripts/setup.sh dev
-	@$(PY) scripts/cluster_demo.py "$(DEMO_TAKE)-cluster" --compare "$(DEMO_TAKE)"
+	@.venv/bin/v3studio run sample_configs/demo.yaml --take "$(DEMO_TAKE)-groups" --train.group_size 15
+	@$(PY) scripts/cluster_demo.py "$(DEMO_TAKE)-cluster" --compare "$(DEMO_TAKE)-groups" --train.group_size 15
 
 examples: setup ## run the scripts of examples/
 	@for script in examples/[0-9]*.py; do echo "== $$script"; $(PY) "$$script"; done

@@ -3,8 +3,9 @@ and compares the result with that of a local run.
 
     python scripts/cluster_demo.py TAKE --compare DEMO_TAKE [settings]
 
-TAKE is the take to make. DEMO_TAKE is one that `make demo` made with the same settings. The exit code is 1 if a trained
-frame, a file of the stream or evaluation.json differs.
+TAKE is the take to make. DEMO_TAKE is one that was made from sample_configs/demo.yaml with the same settings: groups of
+at most 15 frames, so that both nodes have one. The exit code is 1 if a trained frame, a file of the stream or
+evaluation.json differs.
 """
 
 from __future__ import annotations

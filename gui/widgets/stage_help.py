@@ -70,7 +70,7 @@ HELP: Mapping[str, StageHelp] = {
     "train": StageHelp(
         (
             "The held-out camera beside its footage: edges, face and hands are as sharp as in the footage.",
-            "The loss of each group falls and flattens. A group that ends far above the others has a bad first frame.",
+            "The loss of each group falls and flattens. A group that ends far above the others has a bad keyframe.",
             "PSNR is of the training cameras, and higher than that of held-out ones.",
         ),
         "A held-out camera after the whole schedule.",

@@ -115,7 +115,7 @@ def share(source: Take, target: Take) -> None:
         frames = sorted(folder.glob("frame_*.safetensors"))
         if frames and (folder / "group.json").is_file():
             (target.root / "train" / folder.name).mkdir(parents=True)
-            for path in (folder / "group.json", frames[0]):
+            for path in (folder / "group.json", frames[len(frames) // 2]):
                 shutil.copy2(path, target.root / "train" / folder.name / path.name)
 
 

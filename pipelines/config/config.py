@@ -23,11 +23,12 @@ class GroupSettings(Settings):
     """Where groups begin."""
 
     group_size: Annotated[int, Heading("Groups"), Affects("grouping")] = Field(default=GROUP_SIZE, ge=1, le=1000)
-    """Maximum number of frames per group; the first is the keyframe. The paper uses 20."""
+    """Maximum number of frames per group. The one in the middle is trained first, as a keyframe, and the frames after
+    and before it follow. The paper uses 20, and begins with the keyframe."""
 
     grouping: Annotated[Literal["fixed", "motion"], Affects("grouping")] = "fixed"
     """Where groups begin. fixed: every group_size frames. motion: earlier where the performer's appearance has
-    changed too much since the keyframe, but after at least 4 frames."""
+    changed too much since the group's first frame, but after at least 4 frames."""
 
 
 # Fields of the last base come first.

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 
 from pipelines.estimate.rehearsal import Measured
 from pipelines.estimate.work import Work
+from pipelines.takes.groups import Group
 from studio.json_types import JsonObject
 from studio.training import joint_steps
 
@@ -146,7 +147,8 @@ def _group(work: Work, measured: Measured, frames: int) -> float:
     train, before = work.train, work.splats_before_pruning
     after = work.pruning_rounds * train.prune_finetune_iterations
     seconds = measured.keyframe_step * (before * train.keyframe_iterations + (before + work.splats) / 2 * after)
-    for position in range(1, frames):
-        seconds += measured.frame + measured.motion_step * train.motion_steps(position == 1)
-        seconds += measured.finetune_step * train.finetune_iterations
+    for side in Group(index=0, first=0, frames=tuple(range(frames))).sides:
+        for number in range(len(side)):
+            seconds += measured.frame + measured.motion_step * train.motion_steps(number == 0)
+            seconds += measured.finetune_step * train.finetune_iterations
     return seconds + measured.finetune_step * joint_steps(train, frames)

@@ -1,5 +1,5 @@
-"""Trains groups in parallel: they are independent, and one thread per group uses a CPU better than all threads for
-one group."""
+"""Trains groups in parallel, and within a group the two sides of its keyframe: they are independent, and one thread for
+each uses a CPU better than all threads for one."""
 
 from __future__ import annotations
 
@@ -38,6 +38,13 @@ def groups_at_once(inputs: Inputs) -> int:
         return 1
     memory = memory_limit() // 2
     return max(1, min(groups, inputs.threads, _MOST, memory // memory_of_group(inputs)))
+
+
+def sides_at_once(inputs: Inputs, threads: int) -> int:
+    """Number of sides of a keyframe that a group with this many CPU threads trains in parallel, 1 or 2."""
+    if threads == 1 or inputs.device != "cpu":
+        return 1
+    return 2 if 2 * groups_at_once(inputs) * memory_of_group(inputs) <= memory_limit() else 1
 
 
 def refuse_too_little_memory(inputs: Inputs) -> None:

@@ -1,4 +1,4 @@
-"""Where groups begin: at fixed intervals, or earlier where the performer has changed too much since the keyframe.
+"""Where groups begin: at fixed intervals, or earlier where the performer has changed too much since the group began.
 
 The latter (train.grouping = motion) compares small versions of all frames from a few cameras. The stage `initialize`
 does that once and stores the result in the take; until then groups have a fixed length.
@@ -40,7 +40,7 @@ def is_known(footage: TakeFootage) -> bool:
 
 
 def _found(footage: TakeFootage) -> tuple[int, ...] | None:
-    """Indices of keyframes by motion; None if they were not found with these settings yet."""
+    """Indices of the groups' first frames by motion; None if they were not found with these settings yet."""
     path = footage.take.grouping
     if not path.is_file():
         return None
@@ -89,10 +89,10 @@ def starts_of(looks: Sequence[Sequence[np.ndarray | None]], longest: int, most: 
     Args:
         looks: per frame and camera, what `studio.capture.change.look` returns.
         longest: maximum number of frames in a group.
-        most: change since the keyframe above which the next group begins.
+        most: change since a group's first frame above which the next group begins.
 
     Returns:
-        indices of keyframes; per frame its change since its keyframe, mean over cameras.
+        indices of the groups' first frames; per frame its change since that of its group, mean over cameras.
     """
     from studio.capture.change import change
 

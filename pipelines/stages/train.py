@@ -1,9 +1,10 @@
-"""The stage `train`: groups in parallel, in each the keyframe and then frame after frame.
+"""The stage `train`: groups in parallel, in each the keyframe and then frame after frame, to the end and to the start.
 
 The file of each frame holds a key, a digest of everything it was made from. That of a keyframe covers settings of
-keyframe training, seed, footage, cameras and initial points; that of a later frame covers the key of the previous
-frame, its frame number, and settings of motion and fine-tuning. So when a take gets longer, its frames stay valid;
-when fine-tuning changes, keyframes stay valid; and a resumed group continues exactly where it stopped.
+keyframe training, seed, footage, cameras and initial points; that of another frame covers the key of the frame that
+it starts from, its frame number, and settings of motion and fine-tuning. So when a take gets longer, the frames of
+complete groups stay valid; when fine-tuning changes, keyframes stay valid; and a resumed group continues exactly where
+it stopped.
 
 Where the group is then trained jointly, each frame is replaced, with one key for the group that covers the keys of its
 frames. What was there before is kept beside it, so that another joint training, or a longer take, starts from it.
@@ -11,10 +12,10 @@ frames. What was there before is kept beside it, so that another joint training,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from contextlib import AbstractContextManager, nullcontext
 from functools import partial
-from itertools import takewhile
+from itertools import chain
 from pathlib import Path
 
 from pipelines.events.cancellation import Cancellation
@@ -70,7 +71,7 @@ def results(inputs: Inputs) -> list[Path]:
 def units(inputs: Inputs) -> tuple[int, int, str] | None:
     """Frames trained with current settings and inputs."""
     groups, recipe = inputs.groups, _keyframe_recipe(inputs)
-    done = sum(_finished(inputs, group, recipe) for group in groups)
+    done = sum(len(_finished(inputs, group, recipe)) for group in groups)
     return done, sum(len(group.frames) for group in groups), "frames"
 
 
@@ -93,7 +94,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> T
     if executor is None or not todo:  # else those that train the groups need it, and have the devices
         _prepare(inputs, reporter, Cancellation())
     reporter.start_clock()
-    ready = {number: frames if done[number] or not joins(inputs) else 0 for number, frames in finished.items()}
+    ready = {group.index: len(group.frames) if done[group.index] else 0 for group in groups}
     with LiveBake(inputs, reporter, ready) if inputs.config.run.live else nullcontext() as live:
         written = (lambda group, frames: None) if live is None else live.written
         if executor is None:
@@ -122,7 +123,7 @@ def _train_here(
     inputs: Inputs,
     reporter: StageReporter,
     todo: Sequence[Group],
-    finished: Mapping[int, int],
+    finished: Mapping[int, Set[int]],
     written: Callable[[int, int], None],
 ) -> None:
     """Train groups that are not done, several at once."""
@@ -143,8 +144,9 @@ def _train(inputs: Inputs, work: GroupWork, group: Group) -> None:
 
 
 def group_key(inputs: Inputs, group: Group) -> str:
-    """See `GroupStageCode`: the key of the last frame covers those before it."""
-    return _final_keys(inputs, frame_keys(inputs, group))[-1]
+    """See `GroupStageCode`: the keys of the outermost frames cover those between them."""
+    keys = _final_keys(inputs, frame_keys(inputs, group))
+    return key_of(STAGE.name, STAGE.version, keys[0], keys[-1])
 
 
 def group_done(inputs: Inputs, group: Group) -> bool:
@@ -165,16 +167,22 @@ def run_group(inputs: Inputs, group: Group, reporter: StageReporter) -> None:
         run_groups({group.index: job}, 1, threads_of_groups(inputs), work.stop)
 
 
-def _announce(group: Group, finished: int, reporter: StageReporter) -> None:
+def _announce(group: Group, finished: Set[int], reporter: StageReporter) -> None:
     if finished:
-        reporter.log(f"group {group.index}: {finished} of {counted(len(group.frames), 'frame')} are already trained")
+        frames = counted(len(group.frames), "frame")
+        reporter.log(f"group {group.index}: {len(finished)} of {frames} are already trained")
 
 
 def _checked(
-    inputs: Inputs, groups: Sequence[Group], finished: Mapping[int, int], work: GroupWork
+    inputs: Inputs, groups: Sequence[Group], finished: Mapping[int, Set[int]], work: GroupWork
 ) -> AbstractContextManager[None]:
     """Checks the frames that are not trained yet while the block trains them."""
-    frames = tuple(frame for group in groups for frame in group.frames[finished[group.index] :])
+    frames = tuple(
+        frame
+        for group in groups
+        for position, frame in enumerate(group.frames)
+        if position not in finished[group.index]
+    )
     if not inputs.config.run.check_footage or not frames:
         return nullcontext()
     return footage_check(inputs.footage.trained, frames, work.stop, work.reporter)
@@ -225,12 +233,12 @@ def frame_keys(inputs: Inputs, group: Group, recipe: Params | None = None) -> li
         *_cameras_keys(inputs, recipe),
         *details_at(inputs.edits, group.keyframe),
     )
-    keys = [key_of(STAGE.name, STAGE.version, start, group.keyframe)]
-    edits = inputs.edits
-    for frame in group.frames[1:]:
-        details = details_at(edits, frame)
-        keys.append(key_of(STAGE.name, STAGE.version, keys[-1], later, frame, *details))
-    return keys
+    keys = {group.middle: key_of(STAGE.name, STAGE.version, start, group.keyframe)}
+    for position in chain(*group.sides):
+        frame, before = group.frames[position], group.trained_before(position)[-1]
+        details = details_at(inputs.edits, frame)
+        keys[position] = key_of(STAGE.name, STAGE.version, keys[before], later, frame, *details)
+    return [keys[position] for position in range(len(group.frames))]
 
 
 def joins(inputs: Inputs) -> bool:
@@ -242,7 +250,7 @@ def _final_keys(inputs: Inputs, keys: list[str]) -> list[str]:
     """The keys of a group's frames when it is done; `keys`: those of its frames before joint training."""
     if not joins(inputs) or len(keys) == 1:
         return keys
-    joint = key_of(STAGE.name, STAGE.version, settings_affecting(inputs.config, "joint_frames"), keys[-1])
+    joint = key_of(STAGE.name, STAGE.version, settings_affecting(inputs.config, "joint_frames"), keys[0], keys[-1])
     return [joint] * len(keys)
 
 
@@ -271,13 +279,18 @@ def _is_final(inputs: Inputs, group: Group, keys: list[str]) -> bool:
     return all(has_key(inputs.take.trained_frame(group.index, index), key) for index, key in pairs)
 
 
-def _finished(inputs: Inputs, group: Group, recipe: Params | None = None) -> int:
-    """Number of valid trained frames of the group, from the first without gaps; joint training may be missing."""
+def _finished(inputs: Inputs, group: Group, recipe: Params | None = None) -> Set[int]:
+    """Positions of the valid trained frames of the group that no missing one is needed for; joint training may be
+    missing."""
     keys = frame_keys(inputs, group, recipe)
     if _is_final(inputs, group, keys):
-        return len(keys)
-    pairs = zip(group.indices, keys, strict=True)
-    return sum(1 for _ in takewhile(lambda pair: before_joint(inputs.take, group, *pair) is not None, pairs))
+        return set(range(len(keys)))
+    found: set[int] = set()
+    for position in chain([group.middle], *group.sides):
+        valid = before_joint(inputs.take, group, group.first + position, keys[position]) is not None
+        if valid and found.issuperset(group.trained_before(position)):
+            found.add(position)
+    return found
 
 
 def _drop_leftovers(inputs: Inputs, group: Group) -> None:

@@ -1,18 +1,22 @@
-"""Trains one group: the keyframe, then frame after frame, each written as soon as it is finished; then all jointly."""
+"""Trains one group: the keyframe, then frame after frame on both sides of it, each written as soon as it is finished;
+then all jointly."""
 
 from __future__ import annotations
 
 import math
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Mapping, Sequence, Set
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from itertools import zip_longest
 from pathlib import Path
 from statistics import fmean
 from typing import TYPE_CHECKING, Literal
 
 from pipelines.events.cancellation import Cancellation
 from pipelines.reports.images import render, write_image
+from pipelines.stages.group_scheduler import run_groups, sides_at_once
 from pipelines.stages.inputs import Inputs
 from pipelines.stages.params import derived_seed
 from pipelines.stages.reporter import StageReporter
@@ -48,6 +52,9 @@ fine-tuning; the network takes a quarter of a motion step, docs/measurements/tra
 Kind = Literal["keyframe", "later", "joint"]
 """A keyframe, another frame, or the joint training of a group."""
 
+Place = tuple[int, int]
+"""A group and a position in it; -1 is the group as a whole."""
+
 
 class TrainClock:
     """Elapsed fraction of the training time.
@@ -57,16 +64,17 @@ class TrainClock:
 
     Args:
         groups: those that are trained.
-        finished: number of frames trained before this run, by group index.
+        finished: positions of the frames trained before this run, by group index.
         settings: training settings.
     """
 
-    def __init__(self, groups: Sequence[Group], finished: Mapping[int, int], settings: TrainSettings) -> None:
-        todo = [position for group in groups for position in range(finished[group.index], len(group.frames))]
+    def __init__(self, groups: Sequence[Group], finished: Mapping[int, Set[int]], settings: TrainSettings) -> None:
+        frames = sum(len(group.frames) - len(finished[group.index]) for group in groups)
+        keyframes = sum(group.middle not in finished[group.index] for group in groups)
         joint = sum(len(group.frames) for group in groups if len(group.frames) > 1)
         self._left: dict[Kind, int] = {
-            "keyframe": todo.count(0),
-            "later": len(todo) - todo.count(0),
+            "keyframe": keyframes,
+            "later": frames - keyframes,
             "joint": joint if settings.joint_iterations else 0,
         }
         # of a motion step, in steps of keyframes or fine-tuning
@@ -77,17 +85,17 @@ class TrainClock:
             "joint": settings.joint_iterations,
         }
         self._seconds: dict[Kind, list[float]] = {kind: [] for kind in self._left}
-        self._current: dict[int, tuple[Kind, float]] = {}
+        self._current: dict[Place, tuple[Kind, float]] = {}
 
-    def reached(self, group: Group, kind: Kind, frames: float) -> None:
-        """Of what the group does now, this many frames are trained (0 to 1, of joint training to all of the group)."""
-        self._current[group.index] = (kind, frames)
+    def reached(self, place: Place, kind: Kind, frames: float) -> None:
+        """Of what is done there, this many frames are trained (0 to 1, of joint training to all of the group)."""
+        self._current[place] = (kind, frames)
 
-    def finished(self, group: Group, kind: Kind, seconds: float, frames: int = 1) -> None:
-        """Frames of the group are trained and took `seconds` together."""
+    def finished(self, place: Place, kind: Kind, seconds: float, frames: int = 1) -> None:
+        """Frames are trained and took `seconds` together."""
         self._seconds[kind] += [seconds / frames] * frames
         self._left[kind] -= frames
-        self._current.pop(group.index, None)
+        self._current.pop(place, None)
 
     @property
     def fraction(self) -> float:
@@ -110,7 +118,7 @@ class TrainClock:
 
 
 def before_joint(take: Take, group: Group, index: int, key: str) -> Path | None:
-    """The file of a frame as it was trained after the one before it, not jointly; None if there is none with `key`.
+    """The file of a frame as it was trained alone, not jointly; None if there is none with `key`.
 
     Args:
         group: the frame's group.
@@ -119,6 +127,10 @@ def before_joint(take: Take, group: Group, index: int, key: str) -> Path | None:
     """
     paths = take.trained_frame(group.index, index), take.separate_frame(group.index, index)
     return next((path for path in paths if has_key(path, key)), None)
+
+
+def _kind(group: Group, position: int) -> Kind:
+    return "keyframe" if position == group.middle else "later"
 
 
 class GroupWork:
@@ -146,7 +158,7 @@ class GroupWork:
         self.settings: TrainSettings = inputs.config.train
         self.stop = Cancellation()
         self._lock = threading.Lock()  # guards the clock, the labels and the time of the last preview
-        self._labels: dict[int, str] = {}
+        self._labels: dict[Place, str] = {}
         self._outlines_off: dict[int, float | None] = {}  # of each group's keyframe, once it is trained
         self._last_preview = time.monotonic()
         self._advised = False
@@ -156,11 +168,13 @@ class GroupWork:
         self.stop.check()
         self.reporter.check()
 
-    def train(self, group: Group, finished: int, keys: list[str], final_keys: list[str]) -> None:
+    def train(self, group: Group, finished: Set[int], keys: list[str], final_keys: list[str]) -> None:
         """Train the frames of a group and write each as soon as it is finished; then train them jointly.
 
+        The two sides of the keyframe are trained in parallel if there are threads for both.
+
         Args:
-            finished: number of frames that are trained already, not counting joint training.
+            finished: positions of the frames that are trained already, not counting joint training.
             keys: key of each frame before joint training, see `pipelines.stages.train`.
             final_keys: the same after it; equal to `keys` if there is none.
 
@@ -168,37 +182,67 @@ class GroupWork:
             StudioError: unusable footage, or training diverged.
             Cancelled: the run was cancelled.
         """
+        import torch
+
         timings = self._timings(group, finished)
         joint = keys != final_keys
-        seen: dict[int, list[TrainingView]] = {}
-        last = [self._trained(group, position, keys) for position in range(max(0, finished - 3), finished)]
+        seen: dict[int, list[TrainingView]] | None = {} if joint else None
+        if group.middle not in finished:
+            self._train_frames(group, [group.middle], keys, timings, seen)
+        sides = [[position for position in side if position not in finished] for side in group.sides]
+        threads = torch.get_num_threads()
+        at_once = sides_at_once(self.inputs, threads)
+        jobs = {
+            number: partial(self._train_frames, group, side, keys, timings, seen)
+            for number, side in enumerate(sides)
+            if side
+        }
+        run_groups(jobs, at_once, [threads // at_once] * 2, self.stop)
+        if seen is not None:
+            self._train_jointly(group, seen, keys, final_keys[0], timings)
+        else:
+            self._undo_joint(group, keys)
+            self._written(group.index, len(group.frames))
+
+    def _train_frames(
+        self,
+        group: Group,
+        positions: Sequence[int],
+        keys: list[str],
+        timings: list[float],
+        seen: dict[int, list[TrainingView]] | None,
+    ) -> None:
+        """Train the keyframe, or frames on one side of it, in this order.
+
+        Args:
+            positions: of the frames.
+            keys: of all frames of the group.
+            timings: of all frames; those of these are entered.
+            seen: gets the views that joint training needs, by position; None: there is none.
+        """
+        last = [self._trained(group, position, keys) for position in group.trained_before(positions[0])]
         # decode the images of the next frame while this one trains
         with ThreadPoolExecutor(1, thread_name_prefix="footage") as ahead:
-            views: Future[list[TrainingView]] | None = None
-            for position in range(finished, len(group.frames)):
-                views = views or ahead.submit(self._views, group.frames[position], tell=True)
+            views = ahead.submit(self._views, group.frames[positions[0]], tell=True)
+            for position, following in zip_longest(positions, positions[1:]):
                 current = views.result()
                 self._advise(current)
-                if joint:
+                if seen is not None:
                     seen[position] = self._kept_views(group, position, current)
-                if position + 1 < len(group.frames):
-                    views = ahead.submit(self._views, group.frames[position + 1])
+                if following is not None:
+                    views = ahead.submit(self._views, group.frames[following])
                 started = self.reporter.clock()
                 gaussians = self._frame(group, position, last, current, keys)
                 seconds = self.reporter.clock() - started
                 with self._lock:
-                    self.clock.finished(group, "later" if position else "keyframe", seconds)
-                    self._labels.pop(group.index, None)
-                timings.append(round(seconds, 3))
-                self._write(group, position, gaussians, keys[position], timings)
-                if not joint:
-                    self._written(group.index, position + 1)
+                    self.clock.finished((group.index, position), _kind(group, position), seconds)
+                    self._labels.pop((group.index, position), None)
+                    timings[position] = round(seconds, 3)
+                    # before the frame, so that it exists whenever a frame does
+                    self._write_group(group, gaussians, timings)
+                self._write(group, position, gaussians, keys[position])
                 self._tell(group, position, gaussians, seconds)
                 last = [*last[-2:], gaussians]
-        if joint:
-            self._train_jointly(group, seen, keys, final_keys[0], timings)
-        else:
-            self._undo_joint(group, keys)
 
     def _trained(self, group: Group, position: int, keys: list[str]) -> Gaussians:
         """A finished frame, before joint training."""
@@ -252,8 +296,8 @@ class GroupWork:
         )
         seconds = self.reporter.clock() - started
         with self._lock:
-            self.clock.finished(group, "joint", seconds, len(frames))
-            self._labels.pop(group.index, None)
+            self.clock.finished((group.index, -1), "joint", seconds, len(frames))
+            self._labels.pop((group.index, -1), None)
         # first all of these, since a run that is killed among the others needs them
         for index, before, own in zip(group.indices, frames, keys, strict=True):
             if not has_key(take.separate_frame(group.index, index), own):
@@ -281,7 +325,7 @@ class GroupWork:
         views: list[TrainingView],
         keys: list[str],
     ) -> Gaussians:
-        """Train a frame; `last`: up to three frames before it, in order."""
+        """Train a frame; `last`: up to three frames that were trained before it, the latest last."""
         from studio.training import train_interframe
 
         device = self.inputs.device
@@ -291,7 +335,7 @@ class GroupWork:
             self._preview(group, position, gaussians, iteration)
 
         if not last:
-            return self._keyframe(group, views, keys[0], seed, snapshot)
+            return self._keyframe(group, views, keys[position], seed, snapshot)
         previous, *earlier = [frame.to(device) for frame in reversed(last)]
         found = train_interframe(
             previous,
@@ -331,7 +375,7 @@ class GroupWork:
             torch.from_numpy(colors).to(device),
             self.settings,
             seed=seed,
-            progress=self._progress(group, 0),
+            progress=self._progress(group, group.middle),
             snapshot=snapshot,
             checkpoint=keep,
             resume=resume,
@@ -352,15 +396,15 @@ class GroupWork:
 
     def _progress(self, group: Group, position: int) -> ProgressFn:
         """Progress callback for a frame."""
-        kind: Kind = "later" if position else "keyframe"
         where: dict[str, JsonData] = {"frame": group.frames[position], "index": group.first + position}
-        return self._reporting(group, kind, f"group {group.index}, frame {group.frames[position]}", 1, where)
+        place, words = (group.index, position), f"group {group.index}, frame {group.frames[position]}"
+        return self._reporting(place, _kind(group, position), words, 1, where)
 
     def _joint_progress(self, group: Group) -> ProgressFn:
         """Progress callback for joint training."""
-        return self._reporting(group, "joint", f"group {group.index}", len(group.frames), {})
+        return self._reporting((group.index, -1), "joint", f"group {group.index}", len(group.frames), {})
 
-    def _reporting(self, group: Group, kind: Kind, where: str, frames: int, place: dict[str, JsonData]) -> ProgressFn:
+    def _reporting(self, place: Place, kind: Kind, words: str, frames: int, where: dict[str, JsonData]) -> ProgressFn:
         kept: dict[str, JsonData] = {}  # loss and psnr come every few steps; repeat them for the steps in between
 
         def tell(done: int, total: int, **figures: JsonData) -> None:
@@ -368,8 +412,8 @@ class GroupWork:
             phase = figures.pop("phase", "keyframe")
             kept.update(figures)
             with self._lock:
-                self.clock.reached(group, kind, frames * done / total if total else 0.0)
-                self._labels[group.index] = f"{where}: {phase}"
+                self.clock.reached(place, kind, frames * done / total if total else 0.0)
+                self._labels[place] = f"{words}: {phase}"
                 fraction, label = self.clock.fraction, "; ".join(self._labels[key] for key in sorted(self._labels))
             self.reporter.progress(
                 fraction,
@@ -377,8 +421,8 @@ class GroupWork:
                 iteration=done,
                 iterations=total,
                 phase=phase,
-                group=group.index,
-                **place,
+                group=place[0],
+                **where,
                 **kept,
             )
 
@@ -415,18 +459,17 @@ class GroupWork:
                 )
             )
 
-    def _timings(self, group: Group, finished: int) -> list[float]:
-        """Training time of the finished frames; 0 where unknown. Also what the keyframe showed, if it is finished."""
+    def _timings(self, group: Group, finished: Set[int]) -> list[float]:
+        """Training time of each frame; 0 where unknown, or not finished. Also what the keyframe showed, if finished."""
         path = self.inputs.take.train_group(group.index) / "group.json"
         before = read_model(path, TrainedGroup) if path.is_file() else None
-        known = () if before is None else before.seconds
+        known = () if before is None else before.seconds[: len(group.frames)]
         self._outlines_off[group.index] = before.outlines_off if before is not None and finished else None
-        return [*known[:finished], *[0.0] * (finished - len(known))]
+        pairs = zip_longest(group.frames, known, fillvalue=0.0)
+        return [seconds if position in finished else 0.0 for position, (_, seconds) in enumerate(pairs)]
 
-    def _write(self, group: Group, position: int, gaussians: Gaussians, key: str, timings: list[float]) -> None:
+    def _write(self, group: Group, position: int, gaussians: Gaussians, key: str) -> None:
         take, index = self.inputs.take, group.first + position
-        # group.json first, so that it exists whenever the frame does; it may be one frame ahead
-        self._write_group(group, gaussians, timings)
         write_frame(take.trained_frame(group.index, index), gaussians, self._about(group, index, key))
         remove(take.keyframe_checkpoint(group.index))
 

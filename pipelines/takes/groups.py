@@ -1,4 +1,8 @@
-"""Groups of frames (section 4.1 of the paper): each begins with its own keyframe."""
+"""Groups of frames (section 4.1 of the paper): each has a keyframe in its middle.
+
+Frames are trained outward from it, toward the end and toward the beginning: errors of motion add up over half as many
+frames as from the first one, and the two sides do not need each other.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +16,8 @@ class Group:
 
     Attributes:
         index: number of the group, counted from 0.
-        first: index of its keyframe, counted from 0 in the take.
-        frames: frame numbers in the footage; the first is the keyframe.
+        first: index of its first frame, counted from 0 in the take.
+        frames: frame numbers in the footage.
     """
 
     index: int
@@ -26,9 +30,25 @@ class Group:
         return range(self.first, self.first + len(self.frames))
 
     @property
+    def middle(self) -> int:
+        """Position of the keyframe in the group, counted from 0."""
+        return len(self.frames) // 2
+
+    @property
     def keyframe(self) -> int:
         """Frame number of the keyframe in the footage."""
-        return self.frames[0]
+        return self.frames[self.middle]
+
+    @property
+    def sides(self) -> tuple[range, range]:
+        """Positions of the other frames in the order of training: those after the keyframe, and those before it."""
+        return range(self.middle + 1, len(self.frames)), range(self.middle - 1, -1, -1)
+
+    def trained_before(self, position: int) -> list[int]:
+        """Up to three positions that are trained just before this one, on its side, the latest last."""
+        step = 1 if position > self.middle else -1
+        steps = min(3, abs(position - self.middle))
+        return [position - step * number for number in range(steps, 0, -1)]
 
 
 def cut_into_groups(frames: Sequence[int], size: int) -> tuple[Group, ...]:

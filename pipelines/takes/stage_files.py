@@ -39,7 +39,7 @@ class TrainedGroup(Result):
     group: int
 
     first: int
-    """Index in the take of the keyframe, counted from 0."""
+    """Index in the take of the first frame, counted from 0."""
 
     frames: tuple[int, ...]
     """Frame numbers in the footage."""
@@ -51,7 +51,7 @@ class TrainedGroup(Result):
     """Percent of the masks' outlines that the keyframe's splats disagree with; None: not measured."""
 
     seconds: tuple[float, ...] = ()
-    """Training time of each finished frame; 0 where unknown."""
+    """Training time of each frame; 0 where unknown."""
 
     joint_seconds: float = 0.0
     """Time of joint training, which all frames share."""

@@ -1,8 +1,9 @@
 """Training of a group as a whole, after its frames were trained one after the other.
 
 Frame after frame, every attribute of every splat changes a little, and most of these changes are noise that costs bits
-and shows in new views. So all frames share scales, opacities and colors here, and random frames and views decide on
-them together. Positions and rotations stay those of each frame; what they cost is the acceleration of positions.
+and shows in new views. So a few frames in a row share scales, opacities and colors here, and random frames and views
+decide on them together. Positions and rotations stay those of each frame; what they cost is the acceleration of
+positions.
 """
 
 from __future__ import annotations
@@ -24,6 +25,9 @@ from studio.training.views import TrainingView
 
 _SMOOTHNESS = 0.1
 """Weight of the mean acceleration of positions (L1), relative to the performer's size."""
+
+_SHARED = 8
+"""Frames in a row that share scales, opacities and colors, about."""
 
 _BYTES, _BYTES_A_PIXEL = 2_000_000_000, 11
 """Most memory for the views of a group, and what a pixel of a view takes."""
@@ -52,6 +56,12 @@ def views_of_frame(views: Sequence[TrainingView], pixels: int, frames: int, posi
     return [view.uncached() for view in views[position % every :: every]]
 
 
+def parts_of(frames: int) -> list[int]:
+    """For each frame of a group with this many frames, the number of the part that it shares attributes with."""
+    parts = max(1, round(frames / _SHARED))
+    return [frame * parts // frames for frame in range(frames)]
+
+
 def train_jointly(
     frames: Sequence[Gaussians],
     views: Sequence[Sequence[TrainingView]],
@@ -75,7 +85,8 @@ def train_jointly(
         progress, checkpoint, checkpoint_every, resume: see `GroupRun.train`.
 
     Returns:
-        Detached splats of each frame. They have the same scales, opacities and colors.
+        Detached splats of each frame. Those of a part of the group (`parts_of`) have the same scales, opacities and
+        colors.
 
     Raises:
         StudioError: `training.diverged` or `training.no_views`.
@@ -87,7 +98,7 @@ def train_jointly(
 
 
 class _Run(GroupRun):
-    """Leaves: what all frames share by its name; means and quats of a frame as "means.3"."""
+    """Leaves: what the frames of a part share as "sh_dc.1"; means and quats of a frame as "means.3"."""
 
     def __init__(
         self,
@@ -100,18 +111,19 @@ class _Run(GroupRun):
         self._dilation = frames[0].dilation
         self._extent = scene_extent(torch.stack(performer_box(frames[0].means)))
         rates = settings.rates
-        sh = _mean(frames, "sh")
-        shared = {
-            "log_scales": (_mean(frames, "log_scales"), rates.scale),
-            "logit_opacities": (_mean(frames, "logit_opacities"), rates.opacity),
-            "sh_dc": (sh[:, :1], rates.sh_dc),
-            "sh_rest": (sh[:, 1:], rates.sh_rest),
-        }
-        own = {}
+        self._parts = parts_of(len(frames))
+        found = {}
+        for part in sorted(set(self._parts)):
+            same = [frame for frame, own in zip(frames, self._parts, strict=True) if own == part]
+            sh = _mean(same, "sh")
+            found[f"log_scales.{part}"] = (_mean(same, "log_scales"), rates.scale)
+            found[f"logit_opacities.{part}"] = (_mean(same, "logit_opacities"), rates.opacity)
+            found[f"sh_dc.{part}"] = (sh[:, :1], rates.sh_dc)
+            found[f"sh_rest.{part}"] = (sh[:, 1:], rates.sh_rest)
         for number, frame in enumerate(frames):
-            own[f"means.{number}"] = (frame.means, MEANS_FINETUNE_RATE * self._extent)
-            own[f"quats.{number}"] = (frame.unit_quats, rates.rotation)
-        trained = {name: one for name, one in {**shared, **own}.items() if one[0].shape[1:].numel()}
+            found[f"means.{number}"] = (frame.means, MEANS_FINETUNE_RATE * self._extent)
+            found[f"quats.{number}"] = (frame.unit_quats, rates.rotation)
+        trained = {name: one for name, one in found.items() if one[0].shape[1:].numel()}
         super().__init__(
             views,
             settings,
@@ -125,12 +137,12 @@ class _Run(GroupRun):
 
     def gaussians(self, frame: int) -> Gaussians:
         """See `GroupRun`."""
-        leaves = self.leaves
-        sh = leaves["sh_dc"]
-        if "sh_rest" in leaves:
-            sh = torch.cat([sh, leaves["sh_rest"]], dim=1)
+        leaves, part = self.leaves, self._parts[frame]
+        sh = leaves[f"sh_dc.{part}"]
+        if f"sh_rest.{part}" in leaves:
+            sh = torch.cat([sh, leaves[f"sh_rest.{part}"]], dim=1)
         own = leaves[f"means.{frame}"], leaves[f"quats.{frame}"]
-        return Gaussians(*own, leaves["log_scales"], leaves["logit_opacities"], sh, self._dilation)
+        return Gaussians(*own, leaves[f"log_scales.{part}"], leaves[f"logit_opacities.{part}"], sh, self._dilation)
 
     def loss(self, photometric: Tensor, gaussians: Gaussians, frame: int) -> Tensor:
         """See `GroupRun`."""

@@ -63,8 +63,8 @@ def test_groups_wait_for_a_free_worker() -> None:
 
 
 def test_each_kind_of_step_is_paid_for() -> None:
-    # the busiest worker has the groups of 5 and 3 frames: two frames after a keyframe, and four others
-    assert train_seconds(WORK, Measured(motion_step=1.0)) == 2 * 80 + 4 * 50
+    # the busiest worker has the groups of 5 and 3 frames: four frames beside a keyframe, and two others
+    assert train_seconds(WORK, Measured(motion_step=1.0)) == 4 * 80 + 2 * 50
     assert train_seconds(WORK, Measured(finetune_step=1.0)) == 6 * 200
     assert train_seconds(WORK, Measured(frame=1.0)) == 6
     joint = replace(WORK, train=SETTINGS.replace(joint_iterations=30))

@@ -13,6 +13,7 @@ import pytest
 import torch
 
 from pipelines.config import load_config, parse_override
+from pipelines.events import Event, Metrics
 from pipelines.events.cancellation import Cancellation
 from pipelines.runs.runner import run
 from pipelines.runs.work import work
@@ -22,6 +23,7 @@ from pipelines.stages.group_scheduler import (
     memory_of_group,
     refuse_too_little_memory,
     run_groups,
+    sides_at_once,
     threads_by_group,
 )
 from pipelines.takes.take import Take
@@ -64,6 +66,38 @@ def test_less_memory_means_fewer_groups_at_once(monkeypatch: pytest.MonkeyPatch)
         monkeypatch.setattr(group_scheduler, "memory_limit", lambda times=times: int(times * one))
         assert groups_at_once(planned()) == expected
         refuse_too_little_memory(planned())
+
+
+def test_both_sides_of_a_keyframe_need_threads_and_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    one = memory_of_group(planned())
+    found = []
+    for groups, times in ((1, 1.9), (1, 2.1), (2, 3.9), (2, 4.1)):
+        monkeypatch.setattr(group_scheduler, "memory_limit", lambda times=times: int(times * one))
+        found.append([sides_at_once(planned(asked=groups), threads) for threads in (1, 2, 4)])
+    assert found == [[1, 1, 1], [1, 2, 2], [1, 1, 1], [1, 2, 2]]
+
+
+def test_both_sides_of_a_keyframe_at_once_give_the_same_frames_again(project: Path) -> None:
+    settings = ("run.threads=2", "train.group_size=5", "train.keyframe_iterations=10")
+    config = load_config(project / "ball.yaml", [parse_override(one) for one in settings])
+    take = Take.create(project / "sides")
+    metrics: list[Any] = []
+
+    def listen(event: Event) -> None:
+        if isinstance(event, Metrics) and event.stage == "train":
+            metrics.append(event.values["index"])
+
+    def trained() -> list[bytes]:
+        run(take, config, listen, stages=("calibrate", "initialize", "train"))
+        return [take.trained_frame(0, index).read_bytes() for index in range(5)]
+
+    frames = trained()
+    assert metrics[0] == 2
+    take.trained_frame(0, 1).unlink()
+    take.trained_frame(0, 4).unlink()
+    metrics.clear()
+    assert trained() == frames
+    assert sorted(metrics) == [0, 1, 4]
 
 
 def test_joint_training_takes_the_views_of_all_frames() -> None:

@@ -26,7 +26,7 @@ def test_cutting_keeps_every_frame_once() -> None:
     frames = tuple(range(10, 40, 3))
     for groups in (cut_at(frames, [0, 4, 5]), cut_into_groups(frames, 4)):
         assert sum((group.frames for group in groups), ()) == frames
-        assert [group.first for group in groups] == [frames.index(group.keyframe) for group in groups]
+        assert [group.first for group in groups] == [frames.index(group.frames[0]) for group in groups]
     assert [len(group.frames) for group in cut_at(frames, [0, 4, 5])] == [4, 1, 5]
     assert [len(group.frames) for group in cut_into_groups(frames, 4)] == [4, 4, 2]
 

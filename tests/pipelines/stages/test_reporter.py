@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from itertools import chain
 
 import pytest
 
@@ -23,23 +24,24 @@ def simulated(seed: int) -> list[tuple[float, float, float]]:
     now = [0.0]
     events = []
     reporter = StageReporter("train", events.append, clock=lambda: now[0], own=85, later=8)
-    clock = TrainClock(groups, {0: 0, 1: 0}, config.train)
+    clock = TrainClock(groups, {0: set(), 1: set()}, config.train)
     times, plain = [], []
     for group in groups:
-        for position in range(15):
+        for position in (group.middle, *chain(*group.sides)):
             # 12,000 + 2,000 steps, and 500 of motion + 2,000, on a machine where motion is slower than expected
-            seconds = (350.0 if position == 0 else 140.0) * chance.lognormvariate(0, 0.3)
+            seconds = (350.0 if position == group.middle else 140.0) * chance.lognormvariate(0, 0.3)
             if (group.index, position) == (0, 9):
                 seconds = 600.0  # the machine is busy
-            kind: Kind = "later" if position else "keyframe"
+            kind: Kind = "keyframe" if position == group.middle else "later"
+            place = (group.index, position)
             parts = max(1, round(seconds / 5))
             for part in range(1, parts + 1):
                 now[0] += seconds / parts
-                clock.reached(group, kind, part / parts)
+                clock.reached(place, kind, part / parts)
                 reporter.progress(clock.fraction)
                 times.append(now[0])
                 plain.append(now[0] * (1 - clock.fraction) / clock.fraction)
-            clock.finished(group, kind, seconds)
+            clock.finished(place, kind, seconds)
     assert len(events) == len(times)
     return [
         (now[0] - time, event.seconds_left, before)

@@ -16,8 +16,8 @@ def time_of_frame(**values: Any) -> float:
     steps = {"keyframe_iterations": 2400, "prune_finetune_iterations": 800, "motion_iterations": 170}
     settings = TrainSettings().replace(**{**steps, "finetune_iterations": 250, "motion_views": 2, **values})
     group = Group(index=0, first=0, frames=(0, 1))
-    clock = TrainClock([group], {0: 0}, settings)
-    clock.reached(group, "keyframe", 1.0)
+    clock = TrainClock([group], {0: set()}, settings)
+    clock.reached((0, 1), "keyframe", 1.0)
     return 1 / clock.fraction - 1
 
 
@@ -37,11 +37,11 @@ def test_joint_training_is_the_rest_of_the_group() -> None:
     settings = TrainSettings(keyframe_iterations=100, prune_finetune_iterations=0, motion_iterations=0,
                              finetune_iterations=50, joint_iterations=25)  # fmt: skip
     group = Group(index=0, first=0, frames=(0, 1))
-    clock = TrainClock([group], {0: 0}, settings)
-    clock.finished(group, "keyframe", 10.0)
-    clock.finished(group, "later", 5.0)
+    clock = TrainClock([group], {0: set()}, settings)
+    clock.finished((0, 1), "keyframe", 10.0)
+    clock.finished((0, 0), "later", 5.0)
     assert clock.fraction == pytest.approx(15 / 20)
-    clock.reached(group, "joint", 1.0)
+    clock.reached((0, -1), "joint", 1.0)
     assert clock.fraction == pytest.approx(17.5 / 20)
-    clock.finished(group, "joint", 7.0, 2)
+    clock.finished((0, -1), "joint", 7.0, 2)
     assert clock.fraction == 1
