@@ -120,7 +120,7 @@ def plots_of(series: Series, whose: str = "mean", other: Series | None = None, s
         quality("trained", SECOND, trained),
         quality("decoded", ACCENT, decoded),
         Plot("KB per frame, group mean", kilobytes, SECOND, "KB", bars=True, other=others),
-        Plot(FLICKER.title, flicker[0], ACCENT, "/255", bars=True, other=flicker[1]),
+        Plot(FLICKER.title.capitalize(), flicker[0], ACCENT, "/255", bars=True, other=flicker[1]),
     )
     return tuple(plot for plot in plots if plot.range is not None)
 

@@ -51,7 +51,7 @@ EMPTY: Mapping[str, str] = {
     "calibrate.board_images": "none",
     "calibrate.board_origin": "automatic",
     "calibrate.frame": "automatic",
-    "calibrate.frame_count": "as many as needed",
+    "calibrate.frame_count": "as needed",
     "calibrate.intrinsics_groups": "none",
     "calibrate.intrinsics_images": "none",
     "calibrate.known_cameras": "none",

@@ -111,9 +111,10 @@ class Workspace:
 
     @property
     def without_settings(self) -> str:
-        """Why there are no settings: nothing is open yet, a bare stream is, or they cannot be read."""
+        """Why there are no settings: nothing is open yet, or a bare stream is; "" if they cannot be read, as `problem`
+        says over every view."""
         if self.take is not None:
-            return f"The settings of this take cannot be read, so no footage can be shown.\n{self._unread}"
+            return ""
         if self.opening:
             return f"Opening {self.opening} ..."
         return "No take is open. A stream has no footage."

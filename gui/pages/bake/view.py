@@ -190,7 +190,7 @@ class BakeView(StageView):
 
     @property
     def status(self) -> str:
-        return "Ctrl+C copies the table" if self.table_text else ""
+        return "Ctrl+C copies the table." if self.table_text else ""
 
     def close(self) -> bool:
         self.trial.stop()

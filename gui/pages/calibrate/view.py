@@ -350,7 +350,7 @@ class CalibrateView(OrbitView):
 
     @property
     def status(self) -> str:
-        return "click a title to sort; Ctrl+C copies the table" if self.mode == "report" and self._text else ""
+        return "Click a title to sort. Ctrl+C copies the table." if self.mode == "report" and self._text else ""
 
     def _columns(self) -> tuple[dict[str, list[str]], list[str]]:
         """The columns of the report by title, without those in which nothing stands or which have the same in every

@@ -14,8 +14,8 @@ from gui.widgets.dialogs.base import Answer, Dialogs, broken
 from gui.widgets.dialogs.folder import ask_path
 from gui.widgets.picture import color, lowered
 
-FIELD = 16
-"""Least width of a field in em: three numbers with signs fit."""
+FIELD, PATH = 16, 28
+"""Least width of a field in em: three numbers with signs fit; of those of a form with a path."""
 
 
 def refusal(dialogs: Dialogs, error: str) -> gui.Label:
@@ -26,7 +26,7 @@ def refusal(dialogs: Dialogs, error: str) -> gui.Label:
 
 
 class Form:
-    """Labeled fields, each bound to an attribute of an object; a field is at least `FIELD` wide.
+    """Labeled fields, each bound to an attribute of an object.
 
     Args:
         gap: between two fields, em.
@@ -36,7 +36,7 @@ class Form:
         self._dialogs, self._target = dialogs, target
         self.grid = gui.VGrid(2, round(gap * dialogs.em))
         self.widgets: dict[str, gui.Widget] = {}
-        self._labels = 0
+        self._labels, self._field = 0, FIELD
 
     def add(self, key: str, label: str, widget: gui.Widget) -> None:
         """A widget with its label; `key` names it among the dialog's widgets."""
@@ -48,7 +48,7 @@ class Form:
         self.widgets[key] = widget
         # a grid gives fields what its labels leave, and a dialog is as wide as its title alone
         self._labels = max(self._labels, wide)
-        self.grid.preferred_width = round(self._labels + (FIELD + 2) * em)
+        self.grid.preferred_width = round(self._labels + (self._field + 2) * em)
 
     def choice(
         self, attribute: str, label: str, names: Sequence[str], after: Callable[[], None] = lambda: None
@@ -81,6 +81,7 @@ class Form:
         def browse() -> None:
             ask_path(self._dialogs, "Output folder", Path(request.target).parent, "folder", done, again)
 
+        self._field = PATH
         self.browsed("line", "Output", field, "target", browse)
         return field
 
