@@ -49,7 +49,7 @@ def test_wrong_usage_is_2_and_a_failure_1(here, tmp_path):
     assert not (tmp_path / "take").exists()
     refused = here("config", "--train.max-splts", "3")
     assert refused.returncode == 2
-    assert refused.stderr == ("error: command line: unknown setting train.max_splts. Did you mean train.max_splats?\n")
+    assert "train.max_splats?" in refused.stderr
     assert here("config", "--train.max-splts", "3", "--train.dropout", "9").returncode == 2
     nowhere = here("bake")
     assert nowhere.returncode == 2

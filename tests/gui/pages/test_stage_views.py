@@ -556,7 +556,7 @@ def test_a_change_of_settings_is_named_when_it_is_undone(workspace: Workspace, t
     assert workspace.context is not None
     before = workspace.context.config.bake.quality
     assert workspace.change_settings({"bake.quality": before + 6}) is None
-    assert workspace.history.undo() == f"Undone: the change of bake.quality from {before} to {before + 6}."
+    assert f"bake.quality from {before} to {before + 6}" in workspace.history.undo()
     assert workspace.context.config.bake.quality == before
     assert workspace.change_settings({"bake.quality": before + 8}, "QP from the curve") is None
-    assert workspace.history.undo() == "Undone: QP from the curve."
+    assert "QP from the curve" in workspace.history.undo()

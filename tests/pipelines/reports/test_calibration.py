@@ -61,7 +61,6 @@ class Page(HTMLParser):
 
 def test_warnings():
     last = calibration_warnings(report_with(0.3))[-1]
-    assert str(last) == "camera 'lost' was not registered: only 3 features were found."
     assert (last.code, last.fields["camera"]) == ("calibration.unregistered", "lost")
     high = calibration_warnings(report_with(1.5))[0]
     assert high.code == "calibration.reprojection_error"

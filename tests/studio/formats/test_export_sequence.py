@@ -103,9 +103,8 @@ def test_whole_or_not_at_all(tmp_path, make_video):
         export_sequence(make_video(), tmp_path / "out", ".ply", progress=stop)
     assert list(tmp_path.iterdir()) == []
     (tmp_path / "one.ply").touch()
-    with refuses("export.already_exists", file=tmp_path / "one.ply") as caught:
+    with refuses("export.already_exists", file=tmp_path / "one.ply"):
         export_frame(make_video(), tmp_path / "one.ply")
-    assert str(caught.value) == f"{tmp_path / 'one.ply'}: the file already exists. Delete it, or choose another name."
 
 
 def test_parts_of_a_video(make_video):

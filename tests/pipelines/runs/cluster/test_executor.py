@@ -240,7 +240,7 @@ def test_groups_that_wait_for_what_others_hold_are_reported(monkeypatch):
     run.go()
     told = [event for event in run.events if isinstance(event, Warned)]
     assert {event.code for event in told} == {"cluster.busy"}
-    assert told[0].message.startswith("group 0 has been waiting for 1 CPU and 1.1 GB of memory for 0 s: node1 has 0 of")
+    assert "node1 has 0 of 1 CPU free, held by the actor Busy" in told[0].message
     run = Run(run.ray.behave)
     run.go()
     assert len(told) == 3
@@ -253,10 +253,7 @@ def test_groups_that_fit_no_node_are_told_once(monkeypatch):
     run.go()
     told = [event for event in run.events if isinstance(event, Warned)]
     assert [event.code for event in told] == ["cluster.no_node"]
-    assert (
-        "group 0 is waiting for a node with 1 CPU, 2 GPUs and 1.1 GB of memory; the cluster has nodes with 1 CPU and "
-        "8.6 GB of memory" in told[0].message
-    )
+    assert "1 CPU, 2 GPUs and 1.1 GB" in told[0].message
     monkeypatch.setattr(module, "NO_NODE_SECONDS", 30.0)
     run = Run(run.ray.behave, gpus_per_group=2)
     run.go()
