@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def publish(
-    source: Path | str,
+    source: str | os.PathLike[str],
     target: Path | str,
     text: PageText | None = None,
     *,
@@ -43,7 +44,7 @@ def publish(
     from studio.stream.manifest import MANIFEST_NAME
     from studio.stream.publish import publish as copy
 
-    with stream_to_share(str(source)) as stream:
+    with stream_to_share(os.fspath(source)) as stream:
         beside: dict[str, bytes] = {}
         if page:
             beside = stream.page_files(stream.text(text or PageText()), read_player(), MANIFEST_NAME)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import secrets
 import socket
 import threading
@@ -174,7 +175,7 @@ def prepare(
 
 
 def serve(
-    folder: Path | str,
+    folder: str | os.PathLike[str],
     host: str = "127.0.0.1",
     port: int = 0,
     *,
@@ -211,7 +212,7 @@ def serve(
     from pipelines.share.player_files import read_player
 
     return prepare(
-        str(folder),
+        os.fspath(folder),
         host,
         port,
         read_player(),

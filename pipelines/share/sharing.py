@@ -5,6 +5,7 @@ Nothing is loaded from elsewhere.
 
 from __future__ import annotations
 
+import os
 import re
 from base64 import b64encode
 from collections.abc import Iterator
@@ -101,7 +102,7 @@ def share_size(source: str) -> ShareSize:
 
 
 def share(
-    source: Path | str,
+    source: str | os.PathLike[str],
     out: Path | str,
     text: PageText | None = None,
     *,
@@ -126,19 +127,20 @@ def share(
         StudioError: `output.exists`, `output.not_ours`, `share.too_large`, `share.no_player`, no stream in `source`,
             a damaged stream, or a disk that is full or not writable.
     """
+    source = os.fspath(source)
     out = Path(out).expanduser().absolute()
     single_file = out.suffix.lower() in (".html", ".htm")
     check_output(out, overwrite, _is_shared_file if single_file else is_shared_folder)
-    if is_cast(str(source)):
+    if is_cast(source):
         return _share_cast(Path(source).expanduser(), out, text or PageText(), single_file, progress)
     player = read_player()
-    with stream_to_share(str(source)) as stream, disk_errors(out):
+    with stream_to_share(source) as stream, disk_errors(out):
         if single_file and stream.total_bytes > MAX_SINGLE_FILE_BYTES:
             raise StudioError(
                 "share.too_large",
                 f"the stream has {stream.total_bytes / 1e6:.1f} MB; a single file holds at most "
                 f"{MAX_SINGLE_FILE_BYTES / 1e6:.0f} MB",
-                file=str(source),
+                file=source,
                 value=stream.total_bytes,
                 fix="Share it as a folder, or bake fewer frames or a higher QP.",
                 expected=MAX_SINGLE_FILE_BYTES,

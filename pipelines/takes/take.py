@@ -102,6 +102,10 @@ class Take:
     log = _At(".v3studio/events.jsonl")
     """Events of the last run, one JSON object per line."""
 
+    def __fspath__(self) -> str:
+        """So that a take can be passed wherever its folder's path can."""
+        return str(self.root)
+
     @classmethod
     def open(cls, root: Path | str) -> Take:
         """Open an existing take.

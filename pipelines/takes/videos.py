@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from bisect import bisect_right
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -27,7 +28,7 @@ def is_take(text: str) -> bool:
     return "://" not in text and (Path(text).expanduser() / "take.json").is_file()
 
 
-def trained_video(root: Path | str) -> SplatVideo:
+def trained_video(root: str | os.PathLike[str]) -> SplatVideo:
     """Trained frames of a take, up to the first missing one, with the take's edits.
 
     Raises:

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from pipelines.takes.take import TAKE_FORMAT, Take
+from pipelines.takes.videos import trained_video
 from tests.support.errors import refuses
 
 
@@ -129,3 +130,10 @@ def test_what_a_power_cut_left_empty_is_made_again(tmp_path: Path) -> None:
             "any.lock",
             "marks.json",
         ]
+
+
+def test_a_take_is_the_path_of_its_folder(tmp_path):
+    take = Take.create(tmp_path / "take")
+    assert Path(take) == take.root
+    with refuses("take.not_trained"):
+        trained_video(take)
