@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _NOTE = """Reads some images of the footage and rehearses some steps of training, about 20 seconds on an idle machine.
 Nothing is written. The cameras must be known, by a file or by a take whose stage calibrate is finished; the time of
-the calibration itself is not estimated. Times hold for the load that the machine has now.
+the calibration itself is not estimated. Times assume the current load of the machine.
 """
 
 

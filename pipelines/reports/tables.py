@@ -39,15 +39,13 @@ def print_evaluation(take: Take) -> None:
         numbers = f"{row.frame}{mark}", str(row.group), str(row.splats)
         table.add_row(*numbers, *metric_texts(row, evaluation.metrics), f"{row.bytes / 1000:.1f}")
     table.add_section()
-    mean = sum(row.bytes for row in evaluation.frames) / max(1, len(evaluation.frames))
-    table.add_row("mean", "", "", *metric_texts(summary, evaluation.metrics), f"{mean / 1000:.1f}")
+    table.add_row("mean", "", "", *metric_texts(summary, evaluation.metrics), f"{summary.bytes_per_frame / 1000:.1f}")
     screen.print(table)
     which = "held-out cameras" if protocol.held_out else "TRAINING cameras (none held out):"
     screen.print(
         f"{left_out}{which} {', '.join(protocol.cameras)};  {protocol.crop}; background "
-        f"{protocol.background}. * keyframe. KB: the group's files, divided by its frames.\n"
-        f"To play it all: {protocol.total_bytes:,} bytes with manifest and sound, "
-        f"{summary.bytes_per_frame / 1000:.1f} KB per frame."
+        f"{protocol.background}. * keyframe.\nKB of a frame: its group's files, divided by the group's frames. "
+        f"KB of the mean: all {protocol.total_bytes:,} bytes, with manifest and sound, divided by all frames."
         + (f"\nLPIPS: {protocol.lpips}" if protocol.lpips else ""),
         style="dim",
         markup=False,

@@ -154,7 +154,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> E
         **({} if lpips is None else {"lpips": lpips.protocol}),
         total_bytes=played_bytes,
         total_bytes_are="all files that playing the best rendition takes, and the manifest",
-        bytes_of_a_frame="videos of its group, divided by the frames in the group",
+        bytes_of_a_frame="files of its group, divided by the frames in the group",
     )
     evaluation = Evaluation(
         summary=summary,

@@ -90,6 +90,8 @@ def test_kb_per_frame_is_all_that_playing_takes_divided_by_frames_everywhere(
     (measured,) = result_of(compared.stdout)["takes"]
     assert measured["total_bytes"] / measured["stream_frames"] == per_frame
     assert f"{per_frame / 1000:.1f} KB" in (take.root / "report.html").read_text()
+    (mean,) = (line for line in here("evaluate", take.root).stdout.splitlines() if line.strip().startswith("mean"))
+    assert mean.split()[-1] == f"{per_frame / 1000:.1f}"
 
 
 @pytest.mark.parametrize(
