@@ -271,7 +271,7 @@ class Workspace:
             return StageRow(key, "failed", "failed", self.run.failed[name], self.run.failed_setting.get(name, ""))
         status = self.assessment.stages.get(name)
         if status is None:
-            return StageRow(key, "missing", "" if self.assessed else "checking")
+            return StageRow(key, "missing", "" if self.assessed or self.context is None else "checking")
         words = "not run" if status.state == "missing" else status.state
         if status.state == "partial":
             words = f"{status.units_done} of {status.units} {status.unit}"
