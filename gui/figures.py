@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from gui.models.evaluation import Evaluation
 from gui.models.playback.timeline_plots import PLOTTED, Waveform, plots_of
+from gui.models.take.workspace import modified
 from gui.shell import Shell
 from pipelines.takes.evaluation import measured_earlier_bake
 
@@ -27,8 +28,7 @@ class QualityFigures:
         take, frames = window.workspace.take, window.player.transport.frame_count
         stamp: object = None
         if take is not None:
-            files = (take.evaluation, take.record("bake"))
-            stamp = (take.root, *(path.stat().st_mtime_ns if path.is_file() else 0 for path in files))
+            stamp = (take.root, modified(take.evaluation), modified(take.record("bake")))
         seen = (stamp, frames, self.camera, window.player.other)
         if self._seen != seen:
             self._seen = seen

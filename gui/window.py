@@ -359,7 +359,10 @@ class MainWindow(Shell):
         notice = self.notices.line
         words = [notice or status, self.exports.words, self.serving.words]
         self.status.text_color = color(TEXT if notice else DIM)
-        return changed | self._set_text(self.status, "   ".join(filter(None, words)))
+        if put(self.status, text="   ".join(filter(None, words))):
+            self.window.set_needs_layout()  # otherwise a label keeps the width of its first text
+            changed = True
+        return changed
 
     def _remember_folder(self, folder: str) -> None:
         self.preferences.folder = folder
@@ -371,9 +374,3 @@ class MainWindow(Shell):
         if ended:
             self.preferences.panel_width = round(self.layout.left, 2)
             self.preferences.save()
-
-    def _set_text(self, label: gui.Label, text: str) -> bool:
-        changed = put(label, text=text)
-        if changed:
-            self.window.set_needs_layout()  # otherwise a label keeps the width of its first text
-        return changed

@@ -29,15 +29,11 @@ class CameraActions:
         self.thumbnails.changed.connect(self._worst.update)
         self.thumbnails.changed.connect(window.changed)
         views, garbage, notices = window.views, window.views.capture.garbage, window.notices
-        views.clicked.connect(self._close_menu)
+        views.clicked.connect(lambda: window.camera_menu.close())
         views.camera_clicked.connect(self._clicked)
         views.camera_menu.connect(later(self._open_menu))
         garbage.refused.connect(partial(notices.show, bad=True, topic="garbage"))
         garbage.written.connect(partial(notices.clear, "garbage"))
-
-    def _close_menu(self) -> None:
-        if self._window.camera_menu.camera:
-            self._window.camera_menu.close()
 
     def _clicked(self, camera: str) -> None:
         if self._window.views.stage == "capture":

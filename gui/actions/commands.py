@@ -44,7 +44,6 @@ SWITCHES = frozenset(getattr(gui.KeyName, name) for name in ("O", "S", "W", "D",
 """Keys that act once while they are held; otherwise they would switch back and forth. None that opens a text field: the
 field would keep the release of the key, and its next press would be taken for a repeat."""
 
-
 KEYS_OF = {"?": ("QUESTION_MARK", "SLASH"), "<": ("COMMA", "LESS_THAN"), ">": ("PERIOD", "GREATER_THAN")}
 """Keys of the toolkit by shortcut, where they have other names: with and without Shift."""
 

@@ -25,7 +25,6 @@ LABEL_SIZE = 14
 LEAST_SIZE = 9
 """Of texts of images that are enlarged to the window: smaller ones cannot be read."""
 
-
 GAP = 4
 """Pixels between images."""
 

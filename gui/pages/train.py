@@ -30,7 +30,6 @@ CURVES = (
     ("splats", "Splats", "{:,.0f}"),
 )
 
-
 COLORS = "camera colors"
 """The mode in which the cameras' colors are compared."""
 

@@ -187,10 +187,6 @@ class TimelinePlots:
         """The frame under a column of the image."""
         return self.timeline.frame_at(x - self.left)
 
-    def picture(self, frame: int | None, plots: Sequence[Plot], marks: Iterable[int] = ()) -> np.ndarray:
-        """(height, width, 3) uint8: plots, and the track with playhead and marks."""
-        return self.with_head(self.base(plots, marks), frame, plots)
-
     def base(
         self,
         plots: Sequence[Plot],
@@ -299,7 +295,8 @@ class TimelinePlots:
         first, last = self.timeline.span(frame)
         column = self.left + (first + last - 1) // 2
         canvas.rect(column, GAP, 1, self.height - GAP, TEXT)
-        rows = [(self._words(plot, frame), y + height / 2) for plot, (y, height) in self._placed(plots)]
+        places = self._rows(len(plots))
+        rows = [(self._words(plot, frame), y + high / 2) for plot, (y, high) in zip(plots, places, strict=True)]
         rows.append((f"frame {self.numbers.number(frame)}", self._track + self.track_height / 2))
         size, end = self._size(99), self.left + self.timeline.width  # right of it are the ends of the axes
         widest = max(text_width(words, size) for words, _ in rows) + 10
@@ -310,9 +307,6 @@ class TimelinePlots:
             left = column + 6 if column + 6 + widest <= end else max(column - 6 - width, self.left)
             canvas.rect(left, middle - 0.7 * size, width, 1.4 * size, GROUND)
             canvas.text(left + 5, middle - 0.62 * size, words, size, TEXT)
-
-    def _placed(self, plots: Sequence[Plot]) -> list[tuple[Plot, tuple[int, int]]]:
-        return list(zip(plots, self._rows(len(plots)), strict=True))
 
     @staticmethod
     def _words(plot: Plot, frame: int) -> str:

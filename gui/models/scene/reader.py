@@ -39,7 +39,7 @@ class SceneReader:
     """
 
     def __init__(self, read_mesh: Callable[[Path], Surface]) -> None:
-        self._read_mesh = read_mesh
+        self._read_mesh: Callable[[Path], Surface | None] = read_mesh
         self._files: dict[Path, tuple[Hashable, object]] = {}
         self._undistorted: tuple[Rig | None, list[Camera]] = (None, [])
         self._images: dict[tuple[str, int], np.ndarray | None] = {}
@@ -65,7 +65,7 @@ class SceneReader:
                 sparse = self._file(wanted.take.calibration_points, partial(read_sparse_points, rig=rig), points)
                 words.append(counted(len(sparse[0]), "initial point" if sparse is points else "sparse point"))
             if "mesh" in wanted.parts:
-                mesh = self._file(folder / "mesh.ply", self._maybe_mesh, None)
+                mesh = self._file(folder / "mesh.ply", self._read_mesh, None)
         body = points[0] if len(points[0]) else wanted.points
         lines: list[Lines] = []
         if len(body):
@@ -98,7 +98,7 @@ class SceneReader:
         length = 1.0
         if wanted.rig is not None and "cameras" in wanted.parts:
             cameras, length = self._cameras(wanted, frame), scene.frustum_length(wanted.rig, middle)
-        models = [(self._file(path, self._maybe_mesh, None), place) for path, place in wanted.models]
+        models = [(self._file(path, self._read_mesh, None), place) for path, place in wanted.models]
         found = SceneContents(
             cameras=cameras,
             length=length,
@@ -122,9 +122,6 @@ class SceneReader:
                 self._files.pop(next(iter(self._files)))
             self._files[path] = (stamp, read(path))
         return cast(Content, self._files[path][1])
-
-    def _maybe_mesh(self, path: Path) -> Surface | None:
-        return self._read_mesh(path)
 
     def _cameras(self, wanted: SceneWanted, frame: int) -> tuple[SceneCamera, ...]:
         assert wanted.rig is not None

@@ -34,7 +34,6 @@ PHONES_SERVE = (
 )
 """The same, where this machine serves."""
 
-
 _TEXTS = ("title", "credits", "license", "address")
 
 

@@ -239,7 +239,7 @@ class Workspace:
         assert self.take is not None
         take = self.take
         paths = [take.config, take.rig, take.edits, take.private / "stages", take.stream, take.evaluation]
-        return (*(_changed(path) for path in paths), self.run.outcome, len(self.run.finished))
+        return (*(modified(path) for path in paths), self.run.outcome, len(self.run.finished))
 
     # The list of stages
 
@@ -446,7 +446,8 @@ def setting_value(config: Config, name: str) -> JsonValue:
     return cast(JsonValue, value)
 
 
-def _changed(path: Path) -> int:
+def modified(path: Path) -> int:
+    """When a file or folder was changed, nanoseconds since 1970; 0 if it does not exist."""
     try:
         return path.stat().st_mtime_ns
     except OSError:

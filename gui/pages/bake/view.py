@@ -10,7 +10,7 @@ import numpy as np
 
 from gui.drawing.canvas import Canvas, line_height
 from gui.drawing.palette import ACCENT, DIM, GROUND, PANEL, TEXT
-from gui.models.take.workspace import Workspace
+from gui.models.take.workspace import Workspace, modified
 from gui.pages.bake.qp_chart import QpChart
 from gui.pages.bake.qp_trial import QpTrial
 from gui.pages.report_table import cells_text
@@ -98,8 +98,7 @@ class BakeView(StageView):
     def state(self) -> Hashable:
         """The stream on disk, the results of the QP trial and the chosen QP."""
         take = self.workspace.take
-        path = take.stream / "manifest.json" if take is not None else None
-        stamp = path.stat().st_mtime_ns if path is not None and path.is_file() else 0
+        stamp = modified(take.stream / "manifest.json") if take is not None else 0
         config = self.workspace.config
         qp = config.bake.qp if config is not None else 0
         return (take, stamp, self.mode, self.trial.changes, qp, self._done, self.numbers, self.em)

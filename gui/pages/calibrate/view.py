@@ -16,7 +16,7 @@ from gui.models.held_out import held_out_cameras, held_out_first
 from gui.models.scene.orbit import OrbitCamera
 from gui.models.scene.reader import MOST_THUMBNAILS, small_image
 from gui.models.take.inspector import Block
-from gui.models.take.workspace import Workspace
+from gui.models.take.workspace import Workspace, modified
 from gui.pages.calibrate.rig_coverage import RigCoverage
 from gui.pages.report_table import CAMERA, Sorting, table_text
 from gui.pages.stage_view import OrbitView, Size, rectangle, shown_at
@@ -124,7 +124,7 @@ class CalibrateView(OrbitView):
         take, config = self.workspace.take, self.workspace.config
         if take is None or config is None:
             return None
-        return (config.capture, config.run.paths, _time(_surface(take)), self._initialized)
+        return (config.capture, config.run.paths, modified(_surface(take)), self._initialized)
 
     @property
     def _initialized(self) -> bool:
@@ -411,14 +411,9 @@ def _overview(rig: Rig) -> OrbitCamera:
 
 def _stamp(take: Take) -> Hashable:
     checks = (take.rig_verdict, take.camera_refinement)
-    return (take.root, *map(_time, (take.rig, take.calibration_report, take.calibration_points, *checks)))
+    return (take.root, *map(modified, (take.rig, take.calibration_report, take.calibration_points, *checks)))
 
 
 def _surface(take: Take) -> Path:
     """Points on the performer in the first frame."""
     return take.initialize_group(0) / "points.ply"
-
-
-def _time(path: Path) -> float:
-    """When it was changed, seconds since 1970; 0 if it does not exist."""
-    return path.stat().st_mtime if path.is_file() else 0.0

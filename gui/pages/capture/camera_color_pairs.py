@@ -11,7 +11,7 @@ import numpy as np
 from gui.drawing.canvas import Canvas, wrapped
 from gui.drawing.palette import BAD, DIM, GROUND, RAISED, TEXT
 from gui.models.stages import Inputs
-from gui.models.take.workspace import Workspace
+from gui.models.take.workspace import Workspace, modified
 from gui.pages.capture.view import grid
 from gui.pages.stage_view import Size, rectangle, sentence
 from pipelines.takes.atomic_files import read_model
@@ -68,8 +68,7 @@ class CameraColorPairs:
 
     def _of(self, context: Inputs) -> tuple[Hashable, ...]:
         path = context.take.camera_colors
-        modified = path.stat().st_mtime_ns if path.is_file() else 0
-        return (path, modified, context.config.train.camera_colors, context.config.capture)
+        return (path, modified(path), context.config.train.camera_colors, context.config.capture)
 
     def draw(self, size: Size, em: float) -> np.ndarray:
         """(height, width, 3) uint8.

@@ -64,7 +64,6 @@ HINTS = {
     "detail": "Click a face or a hand, which training should give more splats. Drag a dot to change the size.",
 }
 
-
 _CUT = {"crop": "outside of the box", "ground": "below the plane"}
 """What the splats are that these tools would remove: nobody has selected them."""
 
