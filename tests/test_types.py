@@ -16,6 +16,7 @@ READERS_AND_WRITERS = {
     "pipelines/config/loading.py",  # a user's YAML
     "pipelines/estimate/estimate.py",  # v3studio estimate --json
     "pipelines/events/__init__.py",  # a line of JSON
+    "pipelines/reports/calibration.py",  # figures of an event
     "pipelines/runs/status.py",  # v3studio status --json
     "pipelines/share/sharing.py",  # v3studio share --json
     "pipelines/takes/atomic_files.py",
@@ -37,6 +38,7 @@ READERS_AND_WRITERS = {
     "studio/formats/camera_path.py",
     "studio/formats/videogs.py",
     "studio/playback/statistics.py",  # v3studio play --json
+    "studio/settings.py",  # mistakes as pydantic lists them
     "studio/similarity.py",
     "studio/formats/glb.py",
     "studio/formats/sog.py",  # meta.json

@@ -88,7 +88,7 @@ def test_they_are_kept_in_the_take_and_come_back_bit_for_bit(uneven: Path) -> No
 
 def test_a_camera_that_is_not_corrected_is_named(finished: Path, tmp_path: Path) -> None:
     shutil.copytree(finished, tmp_path / "project")
-    path = tmp_path / "project" / "capture" / "images" / "cam1" / "000.png"
+    path = tmp_path / "project" / "capture" / "images" / "cam1" / "001.png"  # of the keyframe, the middle of its group
     image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     image[..., 3] = 0
     cv2.imwrite(str(path), image)

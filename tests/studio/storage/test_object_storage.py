@@ -171,7 +171,7 @@ def test_each_bad_case_is_one_sentence_without_credentials(
         named = refused(hidden)
         assert named.code == "storage.credentials_in_address"
         assert "hidden" not in str(named.message.to_dict())
-        with pytest.raises(ValueError, match="contains credentials") as caught_setting:
+        with pytest.raises(StudioError, match="contains credentials") as caught_setting:
             CaptureSettings(root=hidden)
         assert "hidden" not in str(caught_setting.value)
     object_store.faults = Faults(failing=1.0)

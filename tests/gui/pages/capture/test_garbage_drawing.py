@@ -143,7 +143,7 @@ def test_corners_are_taken_back_and_escape_forgets_them(views: StageViews, take_
     assert views.capture.camera == ""
     picture(views)
     chosen = heard(views.camera_clicked)
-    views.click(*views.capture.places[1][1].mean(axis=0))
+    views.click(*dict(views.capture.places)["cam1"].mean(axis=0))
     assert chosen == [("cam1",)], "with all cameras shown, a click chooses one"
 
 
