@@ -64,9 +64,9 @@ def _quality_plot(axes: Any, rows: Sequence[FrameQuality]) -> bool:
     axes.plot(frames, [row.psnr_trained for row in rows], "o-", markersize=3, label="trained")
     axes.plot(frames, [row.psnr_decoded for row in rows], "s--", markersize=3, label="decoded")
     for row in rows:
-        if row.keyframe:
+        if row.starts_group:
             axes.axvline(row.frame, color="gray", alpha=0.4, linewidth=0.8)
-    axes.set(xlabel="frame (gray: keyframes; red ticks: marks)", ylabel="PSNR (dB)")
+    axes.set(xlabel="frame (gray: group borders; red ticks: marks)", ylabel="PSNR (dB)")
     axes.legend(frameon=False, loc="best" if len(rows) <= 1000 else "upper right")  # the best place takes long to find
     return True
 
@@ -77,7 +77,7 @@ def _flicker_plot(axes: Any, rows: Sequence[FrameQuality]) -> bool:
         return False
     axes.plot([frame for frame, _ in known], [value for _, value in known], "o-", markersize=3)
     for row in rows:
-        if row.keyframe:
+        if row.starts_group:
             axes.axvline(row.frame, color="gray", alpha=0.4, linewidth=0.8)
     axes.set(xlabel="frame (gray: group borders)", ylabel=f"{FLICKER.title} ({FLICKER.unit})", ylim=(0, None))
     return True

@@ -35,7 +35,7 @@ def print_evaluation(take: Take) -> None:
         rows = tuple(sorted(lowest, key=lambda row: row.index))
         left_out = f"The {len(rows)} frames with the lowest PSNR, decoded, of {len(evaluation.frames):,}. "
     for row in rows:
-        mark = "*" if row.keyframe else ""
+        mark = "*" if row.starts_group else ""
         numbers = f"{row.frame}{mark}", str(row.group), str(row.splats)
         table.add_row(*numbers, *metric_texts(row, evaluation.metrics), f"{row.bytes / 1000:.1f}")
     table.add_section()
@@ -44,7 +44,8 @@ def print_evaluation(take: Take) -> None:
     which = "held-out cameras" if protocol.held_out else "TRAINING cameras (none held out):"
     screen.print(
         f"{left_out}{which} {', '.join(protocol.cameras)};  {protocol.crop}; background "
-        f"{protocol.background}. * keyframe.\nKB of a frame: its group's files, divided by the group's frames. "
+        f"{protocol.background}. * first frame of a group.\n"
+        "KB of a frame: its group's files, divided by the group's frames. "
         f"KB of the mean: all {protocol.total_bytes:,} bytes, with manifest and sound, divided by all frames."
         + (f"\nLPIPS: {protocol.lpips}" if protocol.lpips else ""),
         style="dim",

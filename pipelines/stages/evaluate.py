@@ -137,7 +137,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> E
         psnr_trained_lowest_frame=min(row.psnr_trained for row in measured.frames),
         psnr_decoded_lowest_frame=min(row.psnr_decoded for row in measured.frames),
         **_mean_flicker("flicker", measured.frames),
-        **_mean_flicker("flicker_at_group_borders", [row for row in measured.frames if row.keyframe]),
+        **_mean_flicker("flicker_at_group_borders", [row for row in measured.frames if row.starts_group]),
     )
     protocol = Protocol(
         cameras=tuple(cameras),
@@ -307,7 +307,7 @@ def _row(
         index=index,
         frame=int(frame),
         group=group.index,
-        keyframe=index == group.first,
+        starts_group=index == group.first,
         splats=len(trained),
         bytes=round(size, 1),
         **_means(cameras.values()),

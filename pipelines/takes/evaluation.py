@@ -48,7 +48,7 @@ class FrameQuality(Quality):
     """Frame number in the footage."""
 
     group: int
-    keyframe: bool
+    starts_group: bool
     splats: int
 
     bytes: float

@@ -41,8 +41,8 @@ def quality(value: float) -> dict[str, float]:
 def evaluation() -> dict[str, Any]:
     """As the stage writes it; frame 3 was not measured."""
     rows = [
-        {**quality(30 + n), "index": n, "frame": n, "group": 0, "keyframe": n == 0, "splats": 40, "bytes": 900.0 + n,
-         "cameras": {"cam4": quality(30 + n)}}
+        {**quality(30 + n), "index": n, "frame": n, "group": 0, "starts_group": n == 0, "splats": 40,
+         "bytes": 900.0 + n, "cameras": {"cam4": quality(30 + n)}}
         for n in (0, 1, 2, 4)
     ]  # fmt: skip
     protocol = {
