@@ -144,8 +144,8 @@ def test_inertia_unless_motion_is_reduced(page):
     assert page.state["view"]["azimuth"] == still
     page.handle.emulate_media(reduced_motion="no-preference")
     start = page.evaluate(throw)
-    page.handle.emulate_media(reduced_motion="reduce")
     page.wait("player.state.view.azimuth > argument + 2", start)
+    page.handle.emulate_media(reduced_motion="reduce")
 
 
 def test_a_first_visit_with_reduced_motion(stream, open_page):

@@ -91,8 +91,8 @@ def test_damaged_groups_are_left_out(site, baked, open_page):
     assert {entry["frame"] for entry in page.seen("time")} <= set(range(24)) - left_out
     notices = page.seen("notice")
     assert len(notices) == 3
-    for notice, file, group in zip(notices, files, (1, 3, 5), strict=True):
-        assert f"files/{file.name}" in notice
+    for file, group in zip(files, (1, 3, 5), strict=True):  # fetched in parallel, so in any order
+        (notice,) = [one for one in notices if f"files/{file.name}" in one]
         assert f"Frames {3 * group} to {3 * group + 2} are skipped." in notice
     # Seeking into one continues with what follows.
     page.call("pause")
