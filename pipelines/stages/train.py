@@ -87,20 +87,19 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> T
             setting="capture.held_out",
         )
     finished = {group.index: _finished(inputs, group) for group in groups}
-    done = {group.index: group_done(inputs, group) for group in groups}
-    todo = [group for group in groups if not done[group.index]]
+    done = {group.index for group in groups if group_done(inputs, group)}
+    todo = [group for group in groups if group.index not in done]
     if executor is None and todo:
         refuse_too_little_memory(inputs)
     if executor is None or not todo:  # else those that train the groups need it, and have the devices
         _prepare(inputs, reporter, Cancellation())
     reporter.start_clock()
-    ready = {group.index: len(group.frames) if done[group.index] else 0 for group in groups}
-    with LiveBake(inputs, reporter, ready) if inputs.config.run.live else nullcontext() as live:
-        written = (lambda group, frames: None) if live is None else live.written
+    with LiveBake(inputs, reporter, done) if inputs.config.run.live else nullcontext() as live:
+        written = (lambda group: None) if live is None else live.written
         if executor is None:
             _train_here(inputs, reporter, todo, finished, written)
         elif todo:
-            executor.run(STAGE, inputs, todo, reporter, lambda group: written(group.index, len(group.frames)))
+            executor.run(STAGE, inputs, todo, reporter, lambda group: written(group.index))
     trained = []
     for group in groups:
         _drop_leftovers(inputs, group)
@@ -124,7 +123,7 @@ def _train_here(
     reporter: StageReporter,
     todo: Sequence[Group],
     finished: Mapping[int, Set[int]],
-    written: Callable[[int, int], None],
+    written: Callable[[int], None],
 ) -> None:
     """Train groups that are not done, several at once."""
     at_once = groups_at_once(inputs)

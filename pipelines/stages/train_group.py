@@ -139,7 +139,7 @@ class GroupWork:
     Args:
         clock: progress of all groups together.
         readers: threads that read the images of a frame, per group.
-        written: called with the index of a group and the number of its finished frames, after each frame.
+        written: called with the index of a group when all of its frames are written.
 
     Attributes:
         stop: set it to cancel all groups; they raise Cancelled.
@@ -151,7 +151,7 @@ class GroupWork:
         reporter: StageReporter,
         clock: TrainClock,
         readers: int = 1,
-        written: Callable[[int, int], None] = lambda group, frames: None,
+        written: Callable[[int], None] = lambda group: None,
     ) -> None:
         self.inputs, self.reporter, self.clock, self._written = inputs, reporter, clock, written
         self._readers = readers
@@ -202,7 +202,7 @@ class GroupWork:
             self._train_jointly(group, seen, keys, final_keys[0], timings)
         else:
             self._undo_joint(group, keys)
-            self._written(group.index, len(group.frames))
+            self._written(group.index)
 
     def _train_frames(
         self,
@@ -307,7 +307,7 @@ class GroupWork:
             write_frame(take.trained_frame(group.index, index), gaussians.to("cpu"), self._about(group, index, key))
         remove(path)
         self.reporter.log(f"group {group.index}: {len(frames)} frames trained jointly in {seconds:.1f} s")
-        self._written(group.index, len(frames))
+        self._written(group.index)
 
     def _undo_joint(self, group: Group, keys: list[str]) -> None:
         """Bring back frames that were trained jointly before."""

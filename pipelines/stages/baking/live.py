@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Set
 from types import TracebackType
 from typing import TYPE_CHECKING
 
@@ -35,20 +35,20 @@ class LiveBake:
 
     Args:
         reporter: of the stage `train`.
-        finished: number of trained frames by group.
+        finished: the groups that are trained already.
     """
 
-    def __init__(self, inputs: Inputs, reporter: StageReporter, finished: Mapping[int, int]) -> None:
+    def __init__(self, inputs: Inputs, reporter: StageReporter, finished: Set[int]) -> None:
         self._inputs, self._reporter = inputs, reporter
-        self._finished = dict(finished)
+        self._finished = set(finished)
         self._stop = Cancellation()
         self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._work, name="live-bake", daemon=True)
 
-    def written(self, group: int, frames: int) -> None:
-        """The first `frames` frames of a group are trained and written."""
+    def written(self, group: int) -> None:
+        """All frames of a group are trained and written."""
         with self._changed:
-            self._finished[group] = frames
+            self._finished.add(group)
             self._changed.notify_all()
 
     def __enter__(self) -> LiveBake:
@@ -100,7 +100,7 @@ class LiveBake:
         background = _BackgroundReporter(self._reporter, self._stop)
         notes: list[BakedGroupNote] = []
         for part in plan.parts:
-            self._wait_for(part.trained.index, plan.frames_needed(part))
+            self._wait_for(part.trained.index)
             notes.append(encode_once(plan, part, background, 0.0, 1.0))
             live = len(notes) < len(plan.parts)
             baked = [GroupEntry.from_dict(note.entry) for note in notes]
@@ -110,9 +110,9 @@ class LiveBake:
             publish(plan, notes, live, self._reporter)
             self._reporter.log(f"group {part.index} of the stream is published")
 
-    def _wait_for(self, group: int, frames: int) -> None:
+    def _wait_for(self, group: int) -> None:
         with self._changed:
-            while self._finished[group] < frames:
+            while group not in self._finished:
                 self._stop.check()
                 self._changed.wait()
         self._stop.check()

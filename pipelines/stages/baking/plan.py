@@ -170,13 +170,6 @@ class BakePlan:
         more = [one for one in (finetuned, compared_footage(inputs), edited) if one]
         return key_of(STAGE.name, STAGE.version, settings, part.index, part.first, content, *more)
 
-    def frames_needed(self, part: Part) -> int:
-        """Number of trained frames of its group without which a part cannot be baked. All, where splats are removed,
-        since all frames decide which, and where splats are fine-tuned, on frames of the whole group."""
-        removes = edits_of_group(self.inputs.edits, part.trained).removes
-        whole = removes or finetuned_rungs(self.inputs.config)
-        return len(part.trained.indices) if whole else part.indices[-1] + 1 - part.trained.first
-
     def leftover_notes(self) -> Iterator[Path]:
         """Notes on parts that the stream no longer has."""
         wanted = {self.note_path(part) for part in self.parts}

@@ -9,7 +9,6 @@ from pipelines.config import load_config
 from pipelines.events import Warned
 from pipelines.stages.baking import live as live_bake
 from pipelines.stages.baking.live import LiveBake
-from pipelines.stages.baking.plan import BakePlan
 from pipelines.stages.inputs import Inputs
 from pipelines.stages.reporter import StageReporter
 from pipelines.takes.take import Take
@@ -67,12 +66,11 @@ def interrupted(baking, when):
 
 
 def test_groups_are_published_as_they_are_finished(take, published):
-    with live(take, {0: 1, 1: 2}, first_group_size=1) as baking:
-        wait_until("published", lambda: groups_of(take) == ([1], True))
+    with live(take, {0}, first_group_size=1) as baking:
+        wait_until("published", lambda: groups_of(take) == ([1, 2], True))
         with StreamReader.open(take.stream) as reader:
             first = reader.gaussians(0).means
-            baking.written(0, 2)  # not all of the next group
-            baking.written(0, 3)
+            baking.written(1)
             wait_until("published", lambda: groups_of(take) == ([1, 2, 2], False))
             assert reader.refresh() >= 1
             assert (reader.gaussians(0).means == first).all()
@@ -83,22 +81,22 @@ def test_groups_are_published_as_they_are_finished(take, published):
 
 
 def test_after_an_interruption_it_does_not_shrink(take, published):
-    interrupted(live(take, {0: 3, 1: 0}), lambda: groups_of(take) == ([3], True))
+    interrupted(live(take, {0}), lambda: groups_of(take) == ([3], True))
     work = take.work("bake")
     (work / "group_000.json").unlink()  # as if killed: it is baked again
-    interrupted(live(take, {0: 3, 1: 0}), (work / "group_000.json").is_file)
+    interrupted(live(take, {0}), (work / "group_000.json").is_file)
     assert published == [([3], True)]
-    with live(take, {0: 3, 1: 2}):
+    with live(take, {0, 1}):
         pass
-    with live(take, {0: 3, 1: 2}):  # nothing is new
+    with live(take, {0, 1}):  # nothing is new
         assert groups_of(take) == ([3, 2], False)
     assert published == [([3], True), ([3, 2], False), ([3, 2], False)]
 
 
 def test_other_settings_start_a_new_stream(take, published):
-    with live(take, {0: 3, 1: 2}):
+    with live(take, {0, 1}):
         pass
-    interrupted(live(take, {0: 3, 1: 0}, quality=34), lambda: groups_of(take) == ([3], True))
+    interrupted(live(take, {0}, quality=34), lambda: groups_of(take) == ([3], True))
     with StreamReader.open(take.stream) as reader:
         reader.verify()
         assert reader.renditions[0].qp == 34
@@ -110,7 +108,7 @@ def test_training_outlives_a_failure(take, published, monkeypatch):
 
     monkeypatch.setattr(live_bake, "publish", fails)
     events = []
-    with live(take, {0: 3, 1: 2}, events):
+    with live(take, {0, 1}, events):
         pass
     assert [event.code for event in events if isinstance(event, Warned)] == ["bake.live_failed"]
 
@@ -124,12 +122,3 @@ def test_training_with_live_gives_the_stream_of_a_bake(here, take, published, jo
     before = contents(take.stream)
     assert here("bake", take.root, "--run.live", "false").returncode == 0
     assert contents(take.stream) == before
-
-
-def test_what_is_trained_on_frames_of_the_whole_group_waits_for_all_of_them(take):
-    settings = [*FAST, ("bake.first_group_size", 1)]
-    needed = []
-    for ladder in ([], [{"qp": 24}, {"qp": 30, "splats": 0.5, "finetune_iterations": 10}]):
-        plan = BakePlan(Inputs(take, load_config(take.config, [*settings, ("bake.ladder", ladder)])))
-        needed.append([plan.frames_needed(part) for part in plan.parts])
-    assert needed == [[1, 3, 2], [3, 3, 2]]
