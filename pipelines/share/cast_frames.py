@@ -18,7 +18,7 @@ from studio.edits.moving import moved
 from studio.errors import StudioError
 from studio.formats import read_splats
 from studio.gaussians import Gaussians
-from studio.similarity import Similarity
+from studio.similarity import Similarity, rotation_between
 
 if TYPE_CHECKING:
     from studio.stream import StreamReader
@@ -107,15 +107,7 @@ def standing(reader: StreamReader) -> Similarity:
     from studio.stream import StreamMetadata
 
     up = StreamMetadata.from_json(reader.manifest.metadata).up
-    turn = np.eye(3) if up is None else _turn_to_y(np.array(up, np.float64))
+    turn = np.eye(3) if up is None else rotation_between(np.array(up), _UP)  # as three.js's setFromUnitVectors
     box = reader.manifest.bounding_box
-    corners = np.stack(np.meshgrid(*zip(box.min, box.max, strict=True)), -1).reshape(-1, 3)
-    return Similarity(1.0, turn, -(corners @ turn.T)[:, 1].min() * _UP)
-
-
-def _turn_to_y(up: np.ndarray) -> np.ndarray:
-    """The smallest rotation, and half a turn about z of what is upside down: that of the page, which is three.js's
-    `setFromUnitVectors`."""
-    x, y, z = up / np.linalg.norm(up)
-    quat = [-z, 0, x, 1 + y] if y > -1 + 1e-9 else [0, 0, 1, 0]
-    return Rotation.from_quat(quat).as_matrix()
+    lowest = np.minimum(turn[1] * box.min, turn[1] * box.max).sum()
+    return Similarity(1.0, turn, -lowest * _UP)
