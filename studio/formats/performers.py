@@ -30,10 +30,12 @@ _VISIBLE = 0.1  # least opacity of a splat that connects others
 
 def separated(splats: Gaussians, count: int) -> np.ndarray | None:
     """(N,) int: the performer of each splat, 0 to `count` - 1; None if there are not `count` that stand apart."""
-    means = np.nan_to_num(splats.means.detach().cpu().double().numpy(), posinf=0, neginf=0)
+    if count == 1:
+        return np.zeros(len(splats), int)
+    means = _finite_means(splats)
     solid = means[(splats.opacities > _VISIBLE).cpu().numpy()]
-    if count == 1 or len(solid) == 0:
-        return np.zeros(len(means), int) if count == 1 else None
+    if len(solid) == 0:
+        return None
     low, high = np.quantile(solid, (0.02, 0.98), axis=0)
     for gap in _GAPS:
         size = max(gap * float(np.linalg.norm(high - low)) / _CELLS, 1e-12)
@@ -90,5 +92,10 @@ class Performers:
         self.labels = names[found]
 
     def _centers(self, splats: Gaussians, labels: np.ndarray) -> np.ndarray:
-        means = np.nan_to_num(splats.means.detach().cpu().double().numpy(), posinf=0, neginf=0)
+        means = _finite_means(splats)
         return np.stack([np.median(means[labels == one], axis=0) for one in range(self.count)])
+
+
+def _finite_means(splats: Gaussians) -> np.ndarray:
+    """(N, 3) float64."""
+    return np.nan_to_num(splats.means.detach().cpu().double().numpy(), posinf=0, neginf=0)

@@ -133,11 +133,12 @@ class Plates:
         if performers.count and index == self._groups[index].start:
             before = self._frame(index - 1) if index > 0 else None
             performers.enter(splats, before, self._video.number(index), camera.rotation[0])
-        found = np.zeros((camera.height, camera.width, performers.count), np.float32)
-        for one in range(performers.count):
-            marks = torch.as_tensor(performers.labels == one).to(splats.means)
-            found[..., one] = mean_features(splats, camera, marks[:, None].expand(-1, 3))[..., 0].cpu().numpy()
-        return found
+        if not performers.count:
+            return np.zeros((camera.height, camera.width, 0), np.float32)
+        marks = torch.nn.functional.one_hot(torch.as_tensor(performers.labels), performers.count)
+        marks = torch.nn.functional.pad(marks, (0, -performers.count % 3)).to(splats.means)
+        shares = [mean_features(splats, camera, three) for three in marks.split(3, dim=1)]
+        return torch.cat(shares, -1)[..., : performers.count].cpu().numpy()
 
     def _frame(self, index: int) -> Gaussians:
         if index not in self._read:
