@@ -16,6 +16,7 @@ from pipelines.runs.runner import run
 from pipelines.takes.atomic_files import digest_of, read_model, write_model
 from pipelines.takes.drawn_masks import for_another_take
 from pipelines.takes.evaluation import read_evaluation
+from pipelines.takes.frame_numbers import trained_groups
 from pipelines.takes.take import Take
 
 _KEPT = ("psnr_decoded", "psnr_trained", "ssim_decoded", "lpips_decoded")
@@ -111,12 +112,11 @@ def share(source: Take, target: Take) -> None:
                 shutil.copy2(record, target.record(name))
     if (target.root / "train").exists():
         return
-    for folder in sorted((source.root / "train").glob("group_*")):
-        frames = sorted(folder.glob("frame_*.safetensors"))
-        if frames and (folder / "group.json").is_file():
-            (target.root / "train" / folder.name).mkdir(parents=True)
-            for path in (folder / "group.json", frames[len(frames) // 2]):
-                shutil.copy2(path, target.root / "train" / folder.name / path.name)
+    for group in trained_groups(source):
+        target.train_group(group.index).mkdir(parents=True)
+        keyframe = source.trained_frame(group.index, group.first + group.middle)
+        for path in (source.train_group(group.index) / "group.json", keyframe):
+            shutil.copy2(path, target.train_group(group.index) / path.name)
 
 
 def compare(variants: Sequence[VariantResult]) -> tuple[VariantResult, ...]:
