@@ -38,8 +38,7 @@ def image_coverage(pixels: np.ndarray, size: tuple[int, int]) -> float:
     """Fraction of a 4x4 grid over an image of (width, height) with at least one of the pixels (N, 2)."""
     if len(pixels) == 0:
         return 0.0
-    column, row = (np.clip(pixels[:, axis] / size[axis] * 4, 0, 3).astype(int) for axis in (0, 1))
-    return len(np.unique(column * 4 + row)) / 16
+    return np.count_nonzero(_counts(pixels, size, 4)) / 16
 
 
 def error_statistics(errors: np.ndarray) -> ErrorStatistics:
@@ -80,7 +79,7 @@ def reprojection_report(rig: Rig, points: np.ndarray, observations: dict[str, np
             **error_statistics(errors).model_dump(),
             observations=len(errors),
             coverage=round(image_coverage(seen[:, 1:], size), 3),
-            coverage_map=_coverage_map(seen[:, 1:], size),
+            coverage_map=_counts(seen[:, 1:], size, 8).tolist(),
             focal=round(camera.fx, 2),
             distortion=[round(float(value), 6) for value in camera.distortion],
         )
@@ -143,9 +142,7 @@ class _WidestAngles:
         return round(float(np.degrees(np.arccos(np.clip(np.median(self.cosine), -1, 1)))), 2)
 
 
-def _coverage_map(pixels: np.ndarray, size: tuple[int, int]) -> list[list[int]]:
-    """Number of pixels in each cell of a grid over the image."""
-    rows, columns = (np.clip(pixels[:, axis] / size[axis] * 8, 0, 7).astype(int) for axis in (1, 0))
-    counts = np.bincount(rows * 8 + columns, minlength=64)
-    grid: list[list[int]] = counts.reshape(8, 8).tolist()
-    return grid
+def _counts(pixels: np.ndarray, size: tuple[int, int], cells: int) -> np.ndarray:
+    """(cells, cells) int: number of pixels in each cell of a grid over the image."""
+    rows, columns = (np.clip(pixels[:, axis] / size[axis] * cells, 0, cells - 1).astype(int) for axis in (1, 0))
+    return np.bincount(rows * cells + columns, minlength=cells**2).reshape(cells, cells)
