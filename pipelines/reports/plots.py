@@ -63,9 +63,7 @@ def _quality_plot(axes: Any, rows: Sequence[FrameQuality]) -> bool:
     frames = [row.frame for row in rows]
     axes.plot(frames, [row.psnr_trained for row in rows], "o-", markersize=3, label="trained")
     axes.plot(frames, [row.psnr_decoded for row in rows], "s--", markersize=3, label="decoded")
-    for row in rows:
-        if row.starts_group:
-            axes.axvline(row.frame, color="gray", alpha=0.4, linewidth=0.8)
+    _plot_borders(axes, rows)
     axes.set(xlabel="frame (gray: group borders; red ticks: marks)", ylabel="PSNR (dB)")
     axes.legend(frameon=False, loc="best" if len(rows) <= 1000 else "upper right")  # the best place takes long to find
     return True
@@ -76,11 +74,15 @@ def _flicker_plot(axes: Any, rows: Sequence[FrameQuality]) -> bool:
     if not known:
         return False
     axes.plot([frame for frame, _ in known], [value for _, value in known], "o-", markersize=3)
+    _plot_borders(axes, rows)
+    axes.set(xlabel="frame (gray: group borders)", ylabel=f"{FLICKER.title} ({FLICKER.unit})", ylim=(0, None))
+    return True
+
+
+def _plot_borders(axes: Any, rows: Sequence[FrameQuality]) -> None:
     for row in rows:
         if row.starts_group:
             axes.axvline(row.frame, color="gray", alpha=0.4, linewidth=0.8)
-    axes.set(xlabel="frame (gray: group borders)", ylabel=f"{FLICKER.title} ({FLICKER.unit})", ylim=(0, None))
-    return True
 
 
 def _size_plot(axes: Any, rows: Sequence[FrameQuality]) -> bool:
