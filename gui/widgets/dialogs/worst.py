@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from open3d.visualization import gui
@@ -48,7 +49,7 @@ class WorstSheet:
     evaluation: Evaluation
     number: Callable[[int], int]
 
-    @property
+    @cached_property
     def frames(self) -> Sequence[tuple[WorstFrame, Box]]:
         """The frames, the worst first, and where each is."""
         found = self.evaluation.worst(MOST)
