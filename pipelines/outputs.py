@@ -39,18 +39,22 @@ def check_output(out: Path, overwrite: bool, ours: Callable[[Path], bool]) -> No
 
 @contextmanager
 def replacing(out: Path, overwrite: bool, ours: Callable[[Path], bool]) -> Iterator[None]:
-    """The block writes `out`, which does not exist then. What was there is restored if it fails.
+    """The block writes `out`, which does not exist then. What was there is restored if it fails, and, if the process is
+    killed, by the next call.
 
     Args and raises: as for `check_output`.
     """
+    from pipelines.takes.atomic_files import disk_errors
+    from studio.atomic_files import remove, restore_old, temporary_path
+
     out = out.absolute()
+    with disk_errors(out.parent):
+        restore_old(out)
     check_output(out, overwrite, ours)
     if not os.path.lexists(out):
         yield
         return
-    from pipelines.takes.atomic_files import disk_errors, remove
-
-    old = out.with_name(f".{out.name}.{os.getpid()}.old")
+    old = temporary_path(out, ".old")
     with disk_errors(out.parent):
         os.rename(out, old)
     try:

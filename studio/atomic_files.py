@@ -154,6 +154,19 @@ def remove_leftovers(folder: Path, of: Path | None = None) -> None:
             remove(path)
 
 
+def restore_old(path: Path) -> None:
+    """Put back what a killed process set aside as `temporary_path(path, ".old")`, or delete it if `path` exists.
+
+    Raises:
+        OSError: it cannot be renamed.
+    """
+    for old in leftovers(path.parent, path, ".old"):
+        if os.path.lexists(path):
+            remove(old)
+        else:
+            os.rename(old, path)
+
+
 def _running(pid: int) -> bool:
     try:
         os.kill(pid, 0)

@@ -166,7 +166,8 @@ def first_files(manifest: bytes) -> list[str]:
 
 
 def read_intro(path: Path, source: str) -> str:
-    """The text that a page holds of a camera path: times, sizes and poses, without names, frames and distortion.
+    """The text that a page holds of a camera path: times, easings, sizes and poses, without names, frames and
+    distortion.
 
     Args:
         path: a file that `path_keys` reads.
@@ -205,6 +206,7 @@ def read_intro(path: Path, source: str) -> str:
         entries.append(
             {
                 "time": round(key.time - keys[0].time, 4),
+                "easing": key.easing,
                 "camera": {
                     "width": camera.width,
                     "height": camera.height,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from pipelines.outputs import check_output
 from pipelines.takes.atomic_files import remove
 from pipelines.version import program_version
-from studio.atomic_files import leftovers, remove_leftovers, temporary_path
+from studio.atomic_files import remove_leftovers, restore_old, temporary_path
 from studio.bounded_files import parse_json
 from studio.errors import StudioError
 from studio.stream.manifest import MANIFEST_NAME
@@ -115,11 +115,7 @@ def _recorded(path: Path) -> set[str] | None:
 def _replaced(out: Path) -> Iterator[Path]:
     """A temporary folder beside `out` that takes its place when the block succeeds, and is deleted otherwise."""
     new, old = temporary_path(out), temporary_path(out, ".old")
-    for path in leftovers(out.parent, out, ".old"):
-        if os.path.lexists(out):
-            remove(path)
-        else:  # killed between the renames: it is the earlier share
-            os.rename(path, out)
+    restore_old(out)
     remove_leftovers(out.parent, out)
     remove(new)
     new.mkdir(parents=True)

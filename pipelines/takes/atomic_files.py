@@ -125,7 +125,8 @@ def _leftovers(folder: Path) -> list[Path]:
     for root, folders, names in os.walk(folder):
         for name in [name for name in (*folders, *names) if PARTIAL in name]:
             path = Path(root, name)
-            if name.startswith(".") and not is_being_written(path):
+            set_aside = f".old{PARTIAL}" in name  # `restore_old` puts it back
+            if name.startswith(".") and not set_aside and not is_being_written(path):
                 found.append(path)
         folders[:] = [name for name in folders if PARTIAL not in name]
         for name in names:

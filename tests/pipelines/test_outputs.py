@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from pipelines.outputs import replacing
+from pipelines.takes.atomic_files import sweep_partial
 from studio.errors import Cancelled
 from studio.formats.placing import new_file
 from tests.support.errors import refuses
@@ -47,6 +51,29 @@ def test_a_failure_restores_what_was_there(tmp_path: Path) -> None:
         half_written(out)
     assert (out / "file").read_text() == "old"
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+@pytest.mark.parametrize("written", [False, True])
+def test_what_a_killed_process_set_aside_is_kept_until_there_is_a_new_one(tmp_path: Path, written: bool) -> None:
+    out = tmp_path / "out.txt"
+    out.write_text("old")
+    program = """
+import os, signal, sys
+from pathlib import Path
+from pipelines.outputs import replacing
+out = Path(sys.argv[1])
+with replacing(out, True, Path.is_file):
+    if sys.argv[2] == "True":
+        out.write_text("new")
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+    killed = subprocess.run([sys.executable, "-c", program, str(out), str(written)], check=False)
+    assert killed.returncode == -signal.SIGKILL
+    assert len(list(tmp_path.iterdir())) == 1 + written
+    sweep_partial(tmp_path)
+    with refuses("output.exists", file=out), replacing(out, False, Path.is_file):
+        pass
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("out.txt", "new" if written else "old")]
 
 
 def test_what_another_program_wrote_meanwhile_stays(tmp_path: Path) -> None:

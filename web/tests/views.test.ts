@@ -120,8 +120,37 @@ void test("an intro shows what its cameras see", () => {
   }
   const halfway = path.at(1);
   assert.ok(Math.abs(Math.abs(halfway.azimuth) - 45) < 1);
-  for (const wrong of ["", "[]", "{}", text.replace("1400", "-1").replace("1400", "-1"), text.replace('"time":7', '"time":5'), text.replace('"keys":[', '"keys":[null,')])
+  for (const wrong of ["", "[]", "{}", text.replace("1400", "-1").replace("1400", "-1"), text.replace('"time":7', '"time":5'), text.replace('"keys":[', '"keys":[null,'), text.replace('"time"', '"easing":"bounce","time"')])
     assert.throws(() => readPath(wrong, { camera } as unknown as Player), /camera path/, wrong.slice(0, 60));
+});
+
+void test("an intro moves from key to key as its easings say", () => {
+  const camera = opened();
+  const turned = (degrees: number): number[][] => {
+    const [s, c] = [Math.sin((degrees * Math.PI) / 180), Math.cos((degrees * Math.PI) / 180)];
+    return FRONT.worldToCamera.map(([x, y, ...rest]) => [c * x - s * y, s * x + c * y, ...rest]);
+  };
+  const at = (easing: string, seconds: number): number => {
+    const keys = [0, 30, 90].map((degrees, i) => ({
+      time: i,
+      easing: i === 0 ? easing : undefined,
+      camera: { ...FRONT, world_to_camera: turned(degrees) },
+    }));
+    const text = JSON.stringify({ format: "v3studio-camera-path", version: 1, keys });
+    const path = readPath(text, { camera } as unknown as Player);
+    return Math.abs(path.at(seconds).azimuth - path.at(0).azimuth);
+  };
+  const near = (value: number, wanted: number): void => { assert.ok(Math.abs(value - wanted) < 1e-3, `${value}, not ${wanted}`); };
+  // The spline's slope at the first key is 22.5° per second: it is natural, and passes 0°, 30° and 90°.
+  const smooth = (share: number): number => 22.5 * share + 7.5 * share ** 3;
+  near(at("smooth", 0.25), smooth(0.25));
+  near(at("ease", 0.25), smooth(0.25 ** 2 * 2.5));
+  near(at("linear", 0.25), 7.5);
+  near(at("hold", 0.99), 0);
+  for (const easing of ["smooth", "ease", "linear", "hold"]) {
+    near(at(easing, 1), 30);
+    near(at(easing, 1.5), at("smooth", 1.5));
+  }
 });
 
 void test("the picture fades where no camera filmed from nearby", () => {

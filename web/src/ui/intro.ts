@@ -8,9 +8,12 @@ import type { Vector } from "../stream/metadata.ts";
 const FORMAT = "v3studio-camera-path";
 /** Keys that a path may have at most. */
 const MAX_KEYS = 1000;
+/** How the camera moves from a key to the next one. */
+const EASINGS = ["smooth", "ease", "linear", "hold"];
 
 interface Key {
   readonly time: number;
+  readonly easing?: string;
   readonly camera: { readonly width: number; readonly height: number; readonly K: number[][]; readonly world_to_camera: number[][] };
 }
 
@@ -40,6 +43,27 @@ export function spline(times: readonly number[], values: readonly number[]): (ti
   };
 }
 
+/** The same, where each point says how to get to the next one: an easing of the camera path's format. */
+function eased(times: readonly number[], values: readonly number[], easings: readonly string[]): (time: number) => number {
+  const smooth = spline(times, values);
+  return (time) => {
+    const i = times.findLastIndex((one) => one <= time);
+    if (i < 0 || i >= times.length - 1) return smooth(time);
+    const step = times[i + 1] - times[i];
+    const share = (time - times[i]) / step;
+    switch (easings[i]) {
+      case "ease":
+        return smooth(times[i] + share * share * (3 - 2 * share) * step);
+      case "linear":
+        return (1 - share) * values[i] + share * values[i + 1];
+      case "hold":
+        return values[i];
+      default:
+        return smooth(time);
+    }
+  };
+}
+
 const numbers = (value: unknown, count: number): value is number[] =>
   Array.isArray(value) && value.length === count && value.every((one) => typeof one === "number" && Number.isFinite(one));
 
@@ -61,7 +85,7 @@ function parseKeys(text: string): Key[] {
   const found = keys as (Partial<Key> | null)[];
   found.forEach((key, i) => {
     const { width, height, K, world_to_camera: pose } = key?.camera ?? {};
-    const fine = numbers([key?.time, width, height], 3) && matrix(K, 3) && matrix(pose, 4) && K[1][1] > 0;
+    const fine = numbers([key?.time, width, height], 3) && matrix(K, 3) && matrix(pose, 4) && K[1][1] > 0 && EASINGS.includes(key?.easing ?? "smooth");
     if (!fine || (i > 0 && !(key!.time! > found[i - 1]!.time!))) throw wrong(`has an invalid key ${i}`);
   });
   return found as Key[];
@@ -84,10 +108,12 @@ export function readPath(text: string, player: Player): IntroPath {
   const azimuths = views.map(({ azimuth }) => azimuth);
   for (let i = 1; i < azimuths.length; i++)
     azimuths[i] -= 360 * Math.round((azimuths[i] - azimuths[i - 1]) / 360);
-  const azimuth = spline(times, azimuths);
-  const elevation = spline(times, views.map((view) => view.elevation));
-  const distance = spline(times, views.map((view) => Math.log(view.distance)));
-  const target = [0, 1, 2].map((k) => spline(times, views.map((view) => view.target[k])));
+  const easings = keys.map((key) => key.easing ?? "smooth");
+  const curve = (values: readonly number[]): ((seconds: number) => number) => eased(times, values, easings);
+  const azimuth = curve(azimuths);
+  const elevation = curve(views.map((view) => view.elevation));
+  const distance = curve(views.map((view) => Math.log(view.distance)));
+  const target = [0, 1, 2].map((k) => curve(views.map((view) => view.target[k])));
   return {
     seconds: times[times.length - 1],
     at: (seconds) => ({
