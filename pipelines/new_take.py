@@ -183,11 +183,7 @@ class NewTake:
         return ""
 
     def create(self) -> Path:
-        """Create the take's folder and its settings; return the folder.
-
-        Raises:
-            StudioError: `take.exists`, `take.no_folder`, or footage or settings that cannot be read.
-        """
+        """Create the take's folder and its settings; return the folder."""
         from studio.capture import open_footage
 
         config = self.config()
@@ -256,11 +252,7 @@ def sample_take() -> Path:
 
 
 def make_sample_take() -> tuple[Path, bool]:
-    """Create the take, unless it is there. Returns its folder, and whether it is new.
-
-    Raises:
-        StudioError: `take.no_sample`, or the folder cannot be written.
-    """
+    """Create the take, unless it is there. Returns its folder, and whether it is new."""
     take = sample_take()
     if (take / "take.json").is_file():
         return take, False

@@ -17,10 +17,6 @@ def check_output(out: Path, overwrite: bool, ours: Callable[[Path], bool]) -> No
         out: file or folder.
         overwrite: whether it may exist.
         ours: whether an existing output is of the kind that would be written; may raise a StudioError that says more.
-
-    Raises:
-        StudioError: `out` is something else (`output.not_ours`), or it exists and `overwrite` is false
-            (`output.exists`).
     """
     if not os.path.lexists(out) or _is_empty(out):
         return

@@ -46,9 +46,6 @@ def require_memory() -> None:
 
     OpenBLAS, of which NumPy, SciPy and OpenCV have one each, tries again forever if it cannot have its buffers, and
     signals are not handled meanwhile. It takes them when it is loaded, so that later nothing can take their place.
-
-    Raises:
-        StudioError: `memory.limit_too_low`.
     """
     for kind, option, mapped in ((resource.RLIMIT_DATA, "-d", 0), (resource.RLIMIT_AS, "-v", _LIBRARIES)):
         limit = resource.getrlimit(kind)[0]

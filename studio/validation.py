@@ -38,11 +38,7 @@ def number(values: Mapping[str, Any], key: str, camera: str, default: float | No
 
 
 def whole(values: Mapping[str, Any], key: str, camera: str) -> int:
-    """An integer from a mapping; 640.0 is accepted.
-
-    Raises:
-        StudioError: as `number`, or the value has a fraction (camera.not_an_integer).
-    """
+    """An integer from a mapping; 640.0 is accepted."""
     result = number(values, key, camera)
     if result != round(result):
         raise StudioError(

@@ -58,11 +58,7 @@ OPTIONS = (
 
 
 def chosen(names: Sequence[str]) -> tuple[Variant, ...]:
-    """Variants by name, the full method first; all of `VARIANTS` if no name is given.
-
-    Raises:
-        StudioError: an unknown name (`ablation.unknown_variant`).
-    """
+    """Variants by name, the full method first; all of `VARIANTS` if no name is given."""
     known = {variant.name: variant for variant in (*VARIANTS, *OPTIONS)}
     for name in names:
         if name not in known:

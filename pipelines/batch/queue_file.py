@@ -124,11 +124,7 @@ class QueueFile:
         return changed
 
     def add(self, take: Path, config: Path | None, overrides: tuple[str, ...]) -> QueuedTake:
-        """Add a take at the end; paths may be relative.
-
-        Raises:
-            StudioError: it waits or runs already (`queue.duplicate`).
-        """
+        """Add a take at the end; paths may be relative."""
 
         def added(queue: Queue) -> Queue:
             for other in queue.takes:
@@ -258,11 +254,6 @@ class QueueFile:
 
         Returns:
             the process ID of the program, which ends within seconds.
-
-        Raises:
-            StudioError: no program does it (`queue.not_run`), it is not known which (`queue.unknown_runner`), or it
-                cannot be stopped from here, because it runs on another machine or belongs to another user
-                (`queue.cannot_stop`).
         """
         if not self.is_run():
             raise StudioError(
@@ -296,11 +287,7 @@ class QueueFile:
 
     @contextlib.contextmanager
     def running(self) -> Iterator[None]:
-        """For the program that works through the queue. Takes that another one left running wait again.
-
-        Raises:
-            StudioError: another program does it (`queue.already_run`), or the folder cannot be written.
-        """
+        """For the program that works through the queue. Takes that another one left running wait again."""
         with disk_errors(self.path.parent):
             self.path.parent.mkdir(parents=True, exist_ok=True)
             file = self._lock("run").open("a")

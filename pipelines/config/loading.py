@@ -24,9 +24,6 @@ def parse_override(text: str) -> tuple[str, Any]:
 
     The value of a setting that is text needs no quotes: `capture.images={camera}/video.avi`. Nor do the items of a list
     of text: `capture.held_out=01,02` names the cameras 01 and 02.
-
-    Raises:
-        StudioError: no '=', no section, or the value is not YAML (`settings.override_syntax`).
     """
     name, equals, value = text.partition("=")
     name = name.strip().replace("-", "_")
@@ -106,12 +103,7 @@ def load_config(path: Path | str | None, overrides: Iterable[tuple[str, Any]] = 
 
 
 def read_yaml(path: Path) -> JsonObject:
-    """The sections in a YAML file; an empty file has none.
-
-    Raises:
-        StudioError: `settings.file_not_found`, `settings.unreadable`, or not YAML or not sections
-            (`settings.not_yaml`).
-    """
+    """The sections in a YAML file; an empty file has none."""
     fix = "Specify a YAML file of settings."
     try:
         text = read_bounded_text(path)

@@ -109,7 +109,6 @@ def rehearse(inputs: Inputs, work: Work, progress: ProgressFn = no_progress) -> 
 
     Raises:
         StudioError: the footage cannot be read, or the masks do not fit together.
-        Cancelled: raised by `progress`.
     """
     found, parts = Measured(), 4 + work.at_once
     progress(0, parts)

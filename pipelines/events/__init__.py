@@ -306,9 +306,6 @@ def parse_event(line: str) -> Event:
     """Parse one line of `--json` output or of a take's events.jsonl.
 
     Unknown fields are ignored, so that an old window can follow a newer run.
-
-    Raises:
-        StudioError: not an event (`event.invalid`).
     """
     try:
         return _event_of(parse_json(line))

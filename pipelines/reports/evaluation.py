@@ -93,9 +93,6 @@ def update_marks(take: Take, groups: Sequence[Group]) -> bool:
 
     Returns:
         whether the report changed.
-
-    Raises:
-        StudioError: there is no report (`take.no_report`), or it has no place for marks (`take.damaged`).
     """
     if not (take.report.is_file() and take.evaluation.is_file()):
         raise StudioError(

@@ -56,9 +56,6 @@ def encode(image: np.ndarray, ending: str = ".png", quality: int = 92) -> bytes:
     Args:
         ending: ".png" or ".jpg".
         quality: of JPEG, 0 to 100.
-
-    Raises:
-        StudioError: the image is too large for the format (`image.encode`).
     """
     import cv2
 

@@ -86,10 +86,6 @@ class TakeReview:
         Args:
             camera: of `ReviewData.cameras`.
             frame: counted from 0 in the stream.
-
-        Raises:
-            StudioError: no such camera (`review.no_camera`) or frame (`review.no_frame`), or the footage cannot be
-                read.
         """
         import cv2
 
@@ -112,11 +108,7 @@ class TakeReview:
         return self._in_stream(read_marks(self.take.marks))
 
     def change(self, change: MarkChange) -> tuple[Mark, ...]:
-        """Add, change or remove a mark; returns all marks as `marks` does.
-
-        Raises:
-            StudioError: no such frame (`review.no_frame`), or as `change_mark`.
-        """
+        """Add, change or remove a mark; returns all marks as `marks` does."""
         if change.frame >= self.frame_count:
             raise StudioError("review.no_frame", "the take has no such frame", value=change.frame)
         frame = trained_numbers(self.take).number(self.place.first_frame + change.frame)

@@ -23,9 +23,6 @@ def start_background(take: Take, config: Config, arguments: Sequence[str]) -> La
 
     Returns:
         the run, which has begun, or found everything up to date and ended.
-
-    Raises:
-        StudioError: another run is in progress (`take.locked`), it ended at once, or the cluster cannot be reached.
     """
     holder = take.running()
     if holder is not None:

@@ -11,11 +11,7 @@ from studio.memory import gpu_out_of_memory, is_out_of_memory, memory_limit
 
 @contextmanager
 def memory_errors(stage: str) -> Iterator[None]:
-    """Turn an allocation that fails inside the block into a StudioError.
-
-    Raises:
-        StudioError: `run.out_of_memory`, or `run.out_of_gpu_memory`.
-    """
+    """Turn an allocation that fails inside the block into a StudioError."""
     try:
         yield
     except Exception as error:

@@ -62,11 +62,7 @@ def printed_commands(
 
 
 def _double_quoted(command: str) -> str:
-    """The same command for Deadline, which starts it without a shell and knows double quotes only.
-
-    Raises:
-        StudioError: a word cannot be written so (`work.cannot_quote`).
-    """
+    """The same command for Deadline, which starts it without a shell and knows double quotes only."""
     words = shlex.split(command)
     for word in words:
         if set(word) & set('"\\$`\n'):

@@ -104,11 +104,7 @@ def group_of(inputs: Inputs, index: int) -> Group:
 
 
 def known_groups(inputs: Inputs) -> tuple[Group, ...]:
-    """The take's groups.
-
-    Raises:
-        StudioError: where groups begin is not known yet (`work.groups_unknown`).
-    """
+    """The take's groups."""
     if not grouping.is_known(inputs.footage):
         raise StudioError(
             "work.groups_unknown",

@@ -113,11 +113,7 @@ def is_cast(source: str) -> bool:
 
 
 def read_cast(path: Path) -> Cast:
-    """Read the document.
-
-    Raises:
-        StudioError: `share.bad_cast`.
-    """
+    """Read the document."""
     fix = 'docs/guides/web.md, "A cast", describes the document.'
     try:
         return Cast.model_validate(parse_json(path.read_bytes(), unique=True))

@@ -41,9 +41,6 @@ class CastFrames:
     Attributes:
         camera: the first view.
         models: GLB files, and where they are.
-
-    Raises:
-        StudioError: `share.bad_cast`, or a stream or a file cannot be read, or none has splats (`share.no_splats`).
     """
 
     name = "decoded"

@@ -36,9 +36,6 @@ def load_certificate(certificate: Path, key: Path | None) -> Certificate:
     Args:
         certificate: the server's certificate, then those that lead to its authority.
         key: its private key without a password; None if it is in `certificate`.
-
-    Raises:
-        StudioError: `serve.bad_certificate`.
     """
     context = _context()
     try:

@@ -88,9 +88,6 @@ def player_page(
         head: further elements of the page's head, HTML.
         link: address relative to the page that links to it begin with; None for its own.
         first: files of the stream with which playback begins (`first_files`).
-
-    Raises:
-        StudioError: `share.unknown_player`, the page is from another version of the player.
     """
     if any(built.count(part) != 1 for part in (_SCRIPT, _TITLE, _HEAD)) or len(_PLAYER.findall(built)) != 1:
         raise StudioError(
@@ -172,10 +169,6 @@ def read_intro(path: Path, source: str) -> str:
     Args:
         path: a file that `path_keys` reads.
         source: the stream, see `open_reader`.
-
-    Raises:
-        StudioError: the stream cannot be opened, the file is missing or no camera path (`camera_path.*`), or has more
-            than `MAX_INTRO_KEYS` keys (`camera_path.too_many_keys`) or several cameras (`camera_path.which_camera`).
     """
     from pipelines.takes.camera_paths import path_keys
     from pipelines.takes.videos import decoded_video, open_reader, stream_numbers
@@ -219,11 +212,7 @@ def read_intro(path: Path, source: str) -> str:
 
 
 def read_view(text: str) -> str:
-    """A view as in links to the player, checked: azimuth, elevation; or with the distance; or with the target too.
-
-    Raises:
-        StudioError: it is none (`share.view`).
-    """
+    """A view as in links to the player, checked: azimuth, elevation; or with the distance; or with the target too."""
     try:
         values = [float(part) for part in text.split(",")]
     except ValueError:

@@ -51,11 +51,7 @@ def player_folder() -> Path:
 
 
 def read_player() -> PlayerFiles:
-    """The player that is part of this installation.
-
-    Raises:
-        StudioError: `share.no_player`, a source checkout in which it was not built.
-    """
+    """The player that is part of this installation."""
     try:
         folder = player_folder()
         return PlayerFiles(

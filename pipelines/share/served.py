@@ -19,9 +19,6 @@ _LOOK_SECONDS = 1.0  # between two looks for a stream that is yet to be publishe
 def find_streams(folder: str) -> dict[str, Path]:
     """Folders of streams by their path on the server: "/" for a single one, else "/<name>" per subfolder. Subfolders
     that are links out of the folder are left out, with a warning.
-
-    Raises:
-        StudioError: no stream in the folder (`serve.no_stream`), or a URL (`serve.not_a_folder`).
     """
     from pipelines.takes.videos import stream_place
 
@@ -73,11 +70,7 @@ def _is_unicode(name: str) -> bool:
 
 
 def find_reviews(streams: dict[str, Path]) -> dict[str, TakeReview]:
-    """What can be reviewed of what `find_streams` found, by the same paths: streams in takes.
-
-    Raises:
-        StudioError: none of them is in a take (`serve.nothing_to_review`), or a take or a stream is damaged.
-    """
+    """What can be reviewed of what `find_streams` found, by the same paths: streams in takes."""
     from pipelines.review import TakeReview
     from pipelines.takes.take import Take
 

@@ -145,12 +145,7 @@ class _TimedHttp(H11Protocol):
 
 
 def listen(host: str, port: int) -> socket.socket:
-    """Open a listening socket.
-
-    Raises:
-        StudioError: an invalid port (`command.invalid_option`), a port in use (`serve.port_in_use`), an unknown host
-            (`serve.unknown_host`), or an address that cannot be bound (`serve.cannot_bind`).
-    """
+    """Open a listening socket."""
     if not 0 <= port <= 65535:
         raise StudioError(
             "command.invalid_option",

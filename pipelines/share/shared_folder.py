@@ -79,11 +79,7 @@ def shared_folder(out: Path, title: str | None) -> Iterator[SharedFolder]:
 
 
 def is_shared_folder(out: Path) -> bool:
-    """Whether a folder is an earlier share.
-
-    Raises:
-        StudioError: it holds other files as well (`output.not_ours`).
-    """
+    """Whether a folder is an earlier share."""
     listed = _recorded(out / RECORD_NAME)
     if listed is None:
         return False

@@ -336,11 +336,7 @@ def has_camera_file(inputs: Inputs) -> bool:
 
 
 def _given(inputs: Inputs) -> Path | None:
-    """The calibration file to use; one found by capture.rig = auto is ignored if another source is set.
-
-    Raises:
-        StudioError: several sources are set (`settings.conflict`).
-    """
+    """The calibration file to use; one found by capture.rig = auto is ignored if another source is set."""
     section, rig = inputs.config.calibrate, inputs.config.capture.rig
     ways = [name for name in ("board_images", "tie_points") if getattr(section, name)]
     if rig not in (None, "auto"):

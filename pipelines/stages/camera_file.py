@@ -33,10 +33,6 @@ def camera_file(settings: FileSettings) -> Path | None:
     Returns:
         file, folder or, for one file per camera, a pattern with `{camera}`; None if the cameras must be calibrated from
         footage.
-
-    Raises:
-        StudioError: the file in `capture.rig` does not exist (`settings.file_not_found`), or there are several under
-            usual names (`camera_file.several`).
     """
     if settings.rig is None:
         return None

@@ -51,9 +51,6 @@ def refuse_too_little_memory(inputs: Inputs) -> None:
     """Refuse to train on a CPU what cannot fit; otherwise the kernel kills the run, silently.
 
     A user who sets `run.groups_at_once` has the last word.
-
-    Raises:
-        StudioError: not even one group fits into this process's memory (`train.too_little_memory`).
     """
     if inputs.config.run.groups_at_once is not None or inputs.device != "cpu":
         return

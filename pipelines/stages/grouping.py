@@ -60,7 +60,6 @@ def find_groups(footage: TakeFootage, progress: ProgressFn) -> None:
 
     Raises:
         StudioError: an image or a mask cannot be read.
-        Cancelled: from `progress`.
     """
     if is_known(footage):
         return

@@ -75,9 +75,6 @@ def choose_device(name: str) -> str:
 
     Returns:
         "cpu", "cuda" or "cuda:N".
-
-    Raises:
-        StudioError: a GPU that torch does not see (`run.no_gpu`).
     """
     import torch
 

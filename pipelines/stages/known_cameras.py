@@ -21,9 +21,6 @@ def named_file(section: CalibrateSettings, setting: Literal["known_cameras", "ti
 
     Args:
         root: folder of the footage.
-
-    Raises:
-        StudioError: `settings.file_not_found`.
     """
     name = getattr(section, setting)
     path: Path = whole_file(root / name)
@@ -40,12 +37,7 @@ def named_file(section: CalibrateSettings, setting: Literal["known_cameras", "ti
 
 
 def known_cameras(section: CalibrateSettings, footage: Footage) -> Rig | None:
-    """The cameras of calibrate.known_cameras with the footage's image size and camera names; None if it is empty.
-
-    Raises:
-        StudioError: the file cannot be read or lacks a camera, or known asks for poses without a file
-            (`settings.missing`).
-    """
+    """The cameras of calibrate.known_cameras with the footage's image size and camera names; None if it is empty."""
     from studio.camera_files import read_rig
     from studio.cameras import Rig
     from studio.capture import match_rig
@@ -105,9 +97,6 @@ def known_distance(section: CalibrateSettings, names: Sequence[str]) -> tuple[st
 
     Args:
         names: cameras of the footage.
-
-    Raises:
-        StudioError: a camera is not in the footage (`settings.unknown_camera`).
     """
     if section.known_distance is None:
         return None

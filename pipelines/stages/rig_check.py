@@ -75,9 +75,6 @@ def check_rig(inputs: Inputs, key: str, frame: int, reporter: StageReporter) -> 
     Args:
         key: digest of cameras, images and masks: a stored verdict with it is used again.
         frame: frame number in the footage.
-
-    Raises:
-        StudioError: the rig is wrong (rig.wrong) or the masks are (masks.contradiction), unless run.check_rig is off.
     """
     key = key_of("verdict", _VERSION, key)
     verdict = _stored(inputs.take.rig_verdict, key)

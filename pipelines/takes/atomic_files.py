@@ -58,11 +58,7 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 def read_json(path: Path) -> Any:
-    """Parse a JSON file.
-
-    Raises:
-        StudioError: `take.file_not_found` or `take.damaged`.
-    """
+    """Parse a JSON file."""
     try:
         return parse_json(read_bounded(path))
     except FileNotFoundError:
@@ -81,11 +77,7 @@ def read_model(path: Path, model: type[Model]) -> Model:
 
 
 def validated(path: Path, values: Any, model: type[Model]) -> Model:
-    """The model of what was read from a JSON file.
-
-    Raises:
-        StudioError: not this model (`take.damaged`).
-    """
+    """The model of what was read from a JSON file."""
     try:
         return model.model_validate(values)
     except ValidationError as error:
@@ -179,11 +171,7 @@ _DISK_GONE = (errno.ENODEV, errno.ENXIO, errno.ETIMEDOUT, errno.EHOSTDOWN)
 
 @contextmanager
 def disk_errors(folder: Path) -> Iterator[None]:
-    """Turn what a disk does to any program inside the block into a StudioError: it is full, fails, or refuses.
-
-    Raises:
-        StudioError: `take.disk_full`, `take.file_too_large`, `take.disk_failed` or `take.not_writable`.
-    """
+    """Turn what a disk does to any program inside the block into a StudioError: it is full, fails, or refuses."""
     try:
         yield
     except OSError as error:
@@ -230,9 +218,6 @@ def disk_errors(folder: Path) -> Iterator[None]:
 def changing(path: Path) -> Iterator[None]:
     """Changes of a file in a take by all processes, one after the other. The kernel releases the lock of a killed
     process.
-
-    Raises:
-        StudioError: the take's folder is gone (`take.not_found`), or as `disk_errors`.
     """
     if not path.parent.is_dir():  # a take that was removed stays so
         raise StudioError("take.not_found", "no such folder", file=path.parent, fix="Was the take moved or deleted?")

@@ -50,9 +50,6 @@ def path_keys(
         seconds: over which the cameras of a rig are spread; None: the video's duration.
         numbers: of the video's frames in the film tool; none: `SplatVideo.number`.
         upright: as for `film_world`.
-
-    Raises:
-        StudioError: the file cannot be read, or `camera` names none of its cameras (camera_path.which_camera).
     """
     if path.suffix.lower() in FILM_FORMATS:
         known = numbers or [video.number(index) for index in range(video.frame_count)]

@@ -23,9 +23,6 @@ def request_cancel(take: Take) -> None:
     """Ask the run in progress to stop; it does within seconds, and keeps finished work.
 
     Nothing happens if no run is in progress.
-
-    Raises:
-        StudioError: the request cannot be written (`take.not_writable`).
     """
     holder = take.running()
     for _ in range(20):

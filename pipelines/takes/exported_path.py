@@ -26,10 +26,6 @@ def in_export(keys: Sequence[Key], source: str, of: str, numbers: FrameNumbers) 
         source: folder of the take; or of a stream, or its URL.
         of: "decoded" or "trained"; "" for a stream, in whose own frames and world the keys are.
         numbers: of the take's frames.
-
-    Raises:
-        StudioError: keys show other frames, such as those that are trimmed off (`export.frames_left_out`), or what is
-            exported cannot be read.
     """
     place, count = _place_of(source, of)
     first, last = place.first_frame, place.first_frame + count - 1

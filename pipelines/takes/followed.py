@@ -26,10 +26,6 @@ def followed(take: Take, frame: int | None, center: np.ndarray, radius: float, w
         center: (3,) its middle, world of the capture.
         radius: above 0, same units.
         weight: see `DetailMark`.
-
-    Raises:
-        StudioError: no frame is trained (`take.not_trained`), nothing is there (`edits.nothing_there`), or a frame is
-            damaged.
     """
     from pydantic import ValidationError
 

@@ -58,11 +58,7 @@ def write_tensors(path: Path, tensors: dict[str, Tensor], about: FrameMetadata) 
 
 
 def read_frame(path: Path) -> Gaussians:
-    """Read the Gaussians of a frame, on the CPU.
-
-    Raises:
-        StudioError: no such file (`take.not_trained`), or `take.damaged`.
-    """
+    """Read the Gaussians of a frame, on the CPU."""
     from safetensors import SafetensorError
 
     from studio.gaussians import Gaussians

@@ -92,11 +92,7 @@ def check_take(take: Take, stages: Iterable[str], progress: ProgressFn = no_prog
 
 
 def refuse_damage(take: Take, stage: str, fix: str = "") -> None:
-    """Check the results of a finished stage before they are used.
-
-    Raises:
-        StudioError: a file is not as it was recorded (`take.damaged`).
-    """
+    """Check the results of a finished stage before they are used."""
     record = read_record(take, stage)
     for found in filter(None, changed_files(take, record) if record else ()):
         raise StudioError(

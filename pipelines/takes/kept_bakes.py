@@ -135,10 +135,6 @@ def free_name(take: Take, name: str) -> str:
 
     Returns:
         the name of its folder: accented letters in composed form (NFC).
-
-    Raises:
-        StudioError: it cannot be the name of a folder on every system, or is one of temporary files
-            (`bakes.invalid_name`), or another bake has it (`bakes.name_taken`).
     """
     name = unicodedata.normalize("NFC", name)
     fits = _NAME.fullmatch(name) and name[-1] not in " ." and len(name.encode()) <= 120
@@ -207,11 +203,7 @@ def _evaluation_of(take: Take, bake: StageRecord) -> list[StageRecord]:
 
 
 def kept_bake(take: Take, name: str) -> KeptBake:
-    """The kept bake of that name.
-
-    Raises:
-        StudioError: there is none (`bakes.not_found`).
-    """
+    """The kept bake of that name."""
     found = {kept.name: kept for kept in kept_bakes(take)}
     name = unicodedata.normalize("NFC", name)
     if name not in found:

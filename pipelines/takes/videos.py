@@ -170,11 +170,7 @@ def stream_numbers(text: str, reader: StreamReader) -> FrameNumbers:
 
 
 def stream_place(text: str) -> Path | str:
-    """The folder, one-file stream or URL of a stream; for a take, the folder of its stream.
-
-    Raises:
-        StudioError: no such folder (`stream.not_found`), or the take has no stream yet (`take.no_stream`).
-    """
+    """The folder, one-file stream or URL of a stream; for a take, the folder of its stream."""
     if "://" in text:
         return text
     folder = Path(text).expanduser()

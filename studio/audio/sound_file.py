@@ -25,9 +25,6 @@ class SoundFile:
         channels: of what `blocks` returns: 1 for mono, otherwise 2.
         duration: seconds from time 0 to the end of the sound; None if the file does not say.
         description: rate, channels and duration in words.
-
-    Raises:
-        StudioError: `audio.unreadable`: not a file that FFmpeg reads; `audio.no_sound`: it has no sound.
     """
 
     def __init__(self, path: Path) -> None:

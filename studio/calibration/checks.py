@@ -7,11 +7,7 @@ from studio.errors import StudioError
 
 
 def check_intrinsics_size(camera: Camera, size: tuple[int, int]) -> None:
-    """Check that a camera's known intrinsics are for images of the given size (width, height).
-
-    Raises:
-        StudioError: the size differs (calibration.intrinsics_size).
-    """
+    """Check that a camera's known intrinsics are for images of the given size (width, height)."""
     if (camera.width, camera.height) != size:
         raise StudioError(
             "calibration.intrinsics_size",

@@ -50,11 +50,7 @@ def _camera(row: dict[str, str]) -> Camera:
 
 
 def write_actorshq(rig: Rig, path: Path) -> None:
-    """Write a calibration.csv.
-
-    Raises:
-        StudioError: a camera has distortion or skew, or a comma in its name (camera_file.not_expressible).
-    """
+    """Write a calibration.csv."""
     import cv2
 
     lines = [",".join(COLUMNS)]

@@ -77,11 +77,7 @@ def _unsupported_model(model: str, file: Path | None = None) -> StudioError:
 
 
 def camera_model(camera: Camera) -> tuple[str, list[float]]:
-    """COLMAP model name and parameters of a camera.
-
-    Raises:
-        StudioError: the camera has skew or thin-prism distortion (camera_file.not_expressible).
-    """
+    """COLMAP model name and parameters of a camera."""
     if abs(camera.K[0, 1]) > 1e-9:
         raise StudioError(
             "camera_file.not_expressible",
@@ -132,10 +128,6 @@ def read_colmap(folder: Path) -> Rig:
 
     Returns:
         one camera per registered image, sorted by name and named after the image.
-
-    Raises:
-        StudioError: there is no model (camera_file.no_model), a file is truncated or unreadable (camera_file.*), or a
-            camera is invalid (camera.*).
     """
     for candidates in ([folder], numbered_models(folder), [folder / "sparse"], numbered_models(folder / "sparse")):
         models = [(part, rig) for part, rig in ((part, _read_one(part)) for part in candidates) if rig is not None]

@@ -69,11 +69,7 @@ def no_cameras(problem: str, file: Path | None = None) -> StudioError:
 
 
 def read_json_value(path: Path) -> Any:
-    """A JSON value of any kind.
-
-    Raises:
-        StudioError: the file is not valid JSON (camera_file.syntax, with line and column).
-    """
+    """A JSON value of any kind."""
     try:
         return parse_json(read_text(path), unique=True)
     except TextError as error:
@@ -89,11 +85,7 @@ def read_json_value(path: Path) -> Any:
 
 
 def read_json(path: Path) -> JsonObject:
-    """A JSON object.
-
-    Raises:
-        StudioError: as `read_json_value`, or not an object (camera_file.not_an_object).
-    """
+    """A JSON object."""
     value = read_json_value(path)
     if not isinstance(value, dict):
         raise StudioError(
@@ -211,11 +203,7 @@ def matrix(value: Any, rows: tuple[int, ...], columns: int, key: str, camera: st
 
 
 def check_pose(pose: np.ndarray, key: str, camera: str) -> None:
-    """Check the last row of a pose (3, 4) or (4, 4), which is not that of a transposed matrix.
-
-    Raises:
-        StudioError: camera.not_rigid.
-    """
+    """Check the last row of a pose (3, 4) or (4, 4), which is not that of a transposed matrix."""
     if len(pose) == 4 and np.abs(pose[3] - [0, 0, 0, 1]).max() > 1e-6:
         raise StudioError(
             "camera.not_rigid",

@@ -121,9 +121,6 @@ class Found:
             camera: name of the camera.
             values: key to value, of keys that the reader does not know.
             missing: what the camera has under no known key; "" if nothing is missing.
-
-        Raises:
-            StudioError: camera.unknown_key.
         """
         for key, value in values.items():
             spelling = normal_key(key)
@@ -156,9 +153,6 @@ def ignored_in_file(values: Mapping[str, Any], known: Collection[str]) -> tuple[
     Args:
         values: key to value.
         known: those that the reader uses.
-
-    Raises:
-        StudioError: camera.unknown_key: one may change all cameras, as other axes than OpenCV's do.
     """
     harmless = HARMLESS | {"unit", "units", "up"}  # the world is in the unit of the poses
     unknown = [
@@ -302,9 +296,6 @@ def agreeing(name: str, parsed: Sequence[tuple[str, np.ndarray]]) -> np.ndarray:
     Args:
         name: of the camera.
         parsed: key and value of each; at least one. Shorter values count as continued with zeros.
-
-    Raises:
-        StudioError: camera.conflict.
     """
     first_key, first = parsed[0]
     for key, value in parsed[1:]:

@@ -23,9 +23,6 @@ def fit_rational(radial: Callable[[np.ndarray], np.ndarray], reach: float, focal
 
     Returns:
         (8,): k1 k2 p1 p2 k3 k4 k5 k6 with p1 = p2 = 0.
-
-    Raises:
-        StudioError: the best fit differs by more than 0.25 pixels (camera.lens_model).
     """
     from scipy.optimize import least_squares
 

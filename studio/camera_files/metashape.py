@@ -34,12 +34,7 @@ _TERMS = frozenset({
 
 
 def rig_from_metashape(path: Path, root: Element) -> Rig:
-    """A rig from the root element <document> or <chunk>.
-
-    Raises:
-        StudioError: there are no aligned cameras (camera_file.no_cameras), or a camera is invalid or not a frame camera
-            (camera.*).
-    """
+    """A rig from the root element <document> or <chunk>."""
     with naming(path):
         chunk = root if root.tag == "chunk" else root.find("chunk")
         if chunk is None:

@@ -12,11 +12,7 @@ _LEAST_FOCAL = 0.1  # of the longer side of the image: a field of view of 157 de
 
 
 def checked(rig: Rig) -> Rig:
-    """The rig, with notes on what is unlikely.
-
-    Raises:
-        StudioError: a focal length is so short that it must be in another unit than pixels (camera.focal_length_unit).
-    """
+    """The rig, with notes on what is unlikely."""
     for camera in rig:
         focal, longer = min(camera.fx, camera.fy), max(camera.width, camera.height)
         if focal < _LEAST_FOCAL * longer:

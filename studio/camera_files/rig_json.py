@@ -20,11 +20,7 @@ VERSION = 1
 
 
 def check_format(path: Path, values: JsonObject) -> None:
-    """Check the format and version of a JSON object, if it has them.
-
-    Raises:
-        StudioError: camera_file.wrong_format, camera_file.wrong_version.
-    """
+    """Check the format and version of a JSON object, if it has them."""
     if values.get("format", FORMAT) != FORMAT:
         raise StudioError(
             "camera_file.wrong_format",

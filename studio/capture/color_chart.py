@@ -161,10 +161,6 @@ def fit_chart_colors(
         frame: frame number in the footage; it need not be one of `footage.frames`.
         cameras: names; the mean is taken over those that see the chart.
         progress: called for each camera; may raise `Cancelled`.
-
-    Raises:
-        StudioError: `color_chart.no_frame`; `color_chart.too_few`: fewer than two cameras see the chart;
-            `color_chart.clipped`: not enough patches can be compared; or an image cannot be read.
     """
     if not any(frame in footage.frames_of(name) for name in cameras):
         first, last = (end(pick(footage.frames_of(name)) for name in cameras) for end, pick in ((min, min), (max, max)))

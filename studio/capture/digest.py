@@ -27,9 +27,6 @@ def digest_files(root: Path, paths: Iterable[Path], names: Mapping[Path, str] | 
 
     Returns:
         64 hexadecimal digits.
-
-    Raises:
-        StudioError: `footage.file_unreadable`.
     """
     digest = hashlib.sha256()
     other_names = names or {}

@@ -83,11 +83,7 @@ class ImageSource:
         self.note = "EXIF turns the images for display, but they are used as stored" if is_turned(first) else ""
 
     def read(self, frame: int) -> np.ndarray:
-        """See `FrameSource`. All images must have the size of the camera's first image, and its alpha channel if any.
-
-        Raises:
-            StudioError: `footage.no_such_frame`, `footage.size_changed`, `footage.alpha_missing`, or as `read_image`.
-        """
+        """See `FrameSource`. All images must have the size of the camera's first image, and its alpha channel if any."""
         path = self._paths.get(frame)
         if path is None:
             raise StudioError(
@@ -231,9 +227,6 @@ class ChapteredSource:
 
     Args:
         parts: the videos in order; not empty.
-
-    Raises:
-        StudioError: `footage.chapters_differ`: they differ in size, rate or alpha.
     """
 
     def __init__(self, parts: Sequence[VideoSource]) -> None:
@@ -304,10 +297,6 @@ def make_sources(
 
     Returns:
         camera name to source, in the order of `matches`.
-
-    Raises:
-        StudioError: a file cannot be opened; `footage.video_as_frame`: a pattern with `{frame}` matches videos;
-            `footage.mixed_media`: images and videos are mixed.
     """
     groups: dict[str, list[Match]] = {}
     for match in matches:

@@ -94,11 +94,7 @@ def match_rig(rig: Rig, names: Sequence[str]) -> dict[str, Camera]:
 
 
 def refuse_missing(rig: Rig, names: Sequence[str]) -> None:
-    """Check that the footage has all cameras of a take's rig.
-
-    Raises:
-        StudioError: `footage.camera_missing`.
-    """
+    """Check that the footage has all cameras of a take's rig."""
     missing = [name for name in rig.names if name not in names]
     if missing:
         raise StudioError(

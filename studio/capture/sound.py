@@ -62,10 +62,6 @@ def find_sound(spec: CaptureSettings, sources: Mapping[str, FrameSource], fps: f
     Args:
         sources: the cameras.
         fps: frames per second of the footage.
-
-    Raises:
-        StudioError: `audio.not_found`: neither a file nor a camera; `audio.camera_of_images`;
-            `audio.several_files`; or as `SoundFile`.
     """
     if spec.audio is None:
         return None

@@ -282,9 +282,6 @@ def sound_signal(file: Path) -> np.ndarray | None:
 
     Returns:
         (N,) float32, `SOUND_RATE` values per second, starting at the first video frame; None without sound.
-
-    Raises:
-        StudioError: `footage.video_unreadable`.
     """
     import av
 

@@ -143,10 +143,6 @@ def timecode_offsets(timecodes: Mapping[str, Timecode]) -> dict[str, int]:
 
     Args:
         timecodes: camera to the start of its video; at least one.
-
-    Raises:
-        StudioError: `sync.rates_differ`: the videos have different rates, or `sync.timecode_mixed`: only some timecodes
-            are drop-frame. The frames that such labels count do not correspond.
     """
     names = sorted(timecodes, key=lambda name: timecodes[name].rate)
     slowest, fastest = timecodes[names[0]], timecodes[names[-1]]

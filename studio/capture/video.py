@@ -44,11 +44,6 @@ class VideoReader:
         fps: frame rate in frames per second, or None.
         note: a clause on what is unusual about the file and how it is read; otherwise "".
         has_alpha: whether frames have an alpha channel.
-
-    Raises:
-        StudioError: `footage.video_missing`, `footage.video_unreadable` (truncated or not a video),
-            `footage.no_video_stream`, `footage.video_empty`, `footage.variable_rate`, or the first frame cannot be
-            decoded (see `read`).
     """
 
     def __init__(self, path: Path, color_matrix: str = "auto", transfer: TransferFunction = "auto") -> None:

@@ -54,9 +54,6 @@ def fit_size(camera: Camera, width: int, height: int, rule: str, image: np.ndarr
         width, height: size of the footage in pixels.
         rule: see `CaptureSettings.size_rule`.
         image: (H, W, 3) uint8 frame of the footage in which "auto" detects black bars; may be None.
-
-    Raises:
-        StudioError: `footage.aspect_ratio`: the aspect ratios differ and `rule` does not apply.
     """
     across, down = width / camera.width, height / camera.height
     if abs(across * camera.height - height) <= 1.0 or abs(down * camera.width - width) <= 1.0 or rule == "stretch":

@@ -38,9 +38,6 @@ def follow(
 
     Returns:
         Its path has the frame, the first and last frame of each group, and every `EVERY`th frame between.
-
-    Raises:
-        StudioError: `edits.nothing_there`: no splats are in the ball, or there is no such frame.
     """
     number = next((at for at, one in enumerate(groups) if frame in one), None)
     if number is None or not len(inside := _inside(means_at(frame), center, radius)):

@@ -35,11 +35,7 @@ class _Frames(Sequence[Gaussians]):
 
 
 def cut(video: SplatVideo, group_size: int) -> list[range]:
-    """The groups of the video, split into groups of at most `group_size` frames.
-
-    Raises:
-        StudioError: `group_size` is below 1 (import.invalid_group_size).
-    """
+    """The groups of the video, split into groups of at most `group_size` frames."""
     if group_size < 1:
         raise StudioError(
             "import.invalid_group_size", f"group size is {group_size}; it must be at least 1", value=group_size

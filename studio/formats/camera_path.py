@@ -159,11 +159,7 @@ class CameraPath:
         return float(self._frame(np.clip(self._times[0] + seconds, self._times[0], self._times[-1])))
 
     def seconds_of(self, frame: float) -> float:
-        """When the path shows a frame: seconds after the first key, at the first or the last key for frames outside.
-
-        Raises:
-            StudioError: frames stand still or run backward (camera_path.frames_not_ascending).
-        """
+        """When the path shows a frame: seconds after the first key, at the first or the last key for frames outside."""
         if (np.diff(self._frames) <= 0).any():
             raise StudioError(
                 "camera_path.frames_not_ascending",
@@ -181,11 +177,7 @@ class CameraPath:
 
 
 def check_easing(easing: str) -> None:
-    """Check that an easing is one of `EASINGS`.
-
-    Raises:
-        StudioError: it is not (camera_path.easing).
-    """
+    """Check that an easing is one of `EASINGS`."""
     if easing not in EASINGS:
         raise StudioError(
             "camera_path.easing",
@@ -249,10 +241,6 @@ def read_film_keys(
         size: of the image, for formats that do not have it.
         numbers: frame numbers of the video, ascending.
         fps: of the video.
-
-    Raises:
-        StudioError: the file cannot be read, has no such camera (camera_path.which_camera), or its frames and those of
-            the video do not overlap (camera_path.other_frames).
     """
     module = importlib.import_module(f"studio.formats.{FILM_FORMATS[path.suffix.lower()]}")
     found: dict[str, dict[int, Camera]] = module.read_cameras(path, *size)
@@ -382,9 +370,6 @@ def turntable(
 
     Returns:
         a function from a fraction of the path (0 to 1) to the camera.
-
-    Raises:
-        StudioError: an angle is out of range (export.invalid_elevation, export.invalid_field_of_view).
     """
     if not -89 <= elevation <= 89:
         raise StudioError(

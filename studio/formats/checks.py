@@ -32,11 +32,7 @@ _MOST_BYTES = 256 * MAX_SPLATS  # 62 floats and some more for each splat
 
 
 def read_bytes(path: Path) -> bytes:
-    """The whole file.
-
-    Raises:
-        StudioError: there is no such file (splat_file.not_found), or it cannot be read (splat_file.unreadable).
-    """
+    """The whole file."""
     try:
         return read_bounded(path, _MOST_BYTES)
     except FileNotFoundError:
@@ -79,9 +75,6 @@ def check_expansion(path: Path, size: int, stored: int) -> None:
         path: for the message.
         size: bytes after decompression.
         stored: bytes in the file.
-
-    Raises:
-        StudioError: more than 64 MiB and more than a hundred times the file (splat_file.expansion).
     """
     if size > max(_FREE_SIZE, _EXPANSION * stored):
         raise StudioError(

@@ -46,11 +46,7 @@ _LAYERS = (
 
 
 def openimageio() -> Any:
-    """The package `OpenImageIO`; untyped.
-
-    Raises:
-        StudioError: `exr.missing`: it is not installed.
-    """
+    """The package `OpenImageIO`; untyped."""
     try:
         import OpenImageIO
     except ImportError as error:

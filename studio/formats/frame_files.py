@@ -73,9 +73,6 @@ def check_one_format(folder: Path, formats: dict[str, list[Path]]) -> None:
     Args:
         folder: for the message.
         formats: as `formats_in` returns.
-
-    Raises:
-        StudioError: files of more than one format (import.mixed_formats).
     """
     if len(formats) > 1:
         examples = [str(paths[0].relative_to(folder)) for paths in formats.values()]
@@ -94,10 +91,6 @@ def find_frames(place: Path) -> list[tuple[int, Path]]:
 
     A SOG data set that is not bundled is one frame, and so are the checkpoints of one model; both are named by their
     folder. The order is that of the number in the names; see `frame_numbers`.
-
-    Raises:
-        StudioError: no files were found, more than one format, two files with the same number, numbers that do not say
-            the order, or a stream (import.is_a_stream).
     """
     if place.is_file():
         if place.suffix.lower() == ".v3s":
@@ -152,10 +145,6 @@ def frame_numbers(folder: Path, names: list[str]) -> list[int]:
     Args:
         folder: for the message.
         names: of files or folders.
-
-    Raises:
-        StudioError: only the iterations differ (import.iterations), or the numbers say different orders
-            (import.ambiguous_order).
     """
     found = [re.findall(r"([a-z]*)[^a-z\d]*(\d+)", _stem(name).lower()) for name in names]
     if len({tuple(word for word, _ in numbers) for numbers in found}) > 1:  # named differently: their last numbers

@@ -71,9 +71,6 @@ class Performers:
             before: the frame before, of the group that was labeled last; None: there is none.
             number: of the first frame, for messages.
             order: (3,) a direction along which the performers are numbered, if there is no frame before.
-
-        Raises:
-            StudioError: there are not so many performers apart from each other (`exr.performers`).
         """
         found = separated(splats, self.count)
         if found is None:

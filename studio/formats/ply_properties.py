@@ -46,9 +46,6 @@ def check_properties(path: Path, names: Iterable[str], note: Note) -> None:
         path: for the message.
         names: of all properties of the splats.
         note: takes the ignored ones.
-
-    Raises:
-        StudioError: splat_file.other_splats: they are not plain Gaussians.
     """
     unknown = [
         name

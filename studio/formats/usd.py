@@ -46,11 +46,7 @@ _SAMPLES = 48_000  # of sound written at once
 
 
 def usd() -> Any:
-    """The package `pxr`; untyped.
-
-    Raises:
-        StudioError: `usd.missing`: it is not installed; `usd.too_old`: its release does not know the schema.
-    """
+    """The package `pxr`; untyped."""
     try:
         import pxr
         from pxr import Gf, Kind, Sdf, Tf, Usd, UsdGeom, UsdMedia, UsdUtils, UsdVol, Vt  # noqa: F401  # loads them

@@ -277,9 +277,6 @@ def _file_mask_source(
 ) -> FileMaskSource:
     """Masks of the cameras `names`, which must have one for each of `frames`; if `lenient`, half of the cameras may
     have none at all.
-
-    Raises:
-        StudioError: `mask.missing`.
     """
     mask_source = FileMaskSource(make_sources(matches, pool, offsets=spec.offsets, transfer="srgb"), labels)
     without = [name for name in names if name not in mask_source.cameras] if frames else []

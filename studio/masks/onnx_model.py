@@ -62,9 +62,6 @@ class OnnxModel:
         kind: how the model was trained.
         device: "cpu", "cuda", "cuda:1", or "auto": CUDA if onnxruntime supports it.
         threads: CPU threads; 0: all cores.
-
-    Raises:
-        StudioError: `mask.model_missing`, or `mask.runtime_missing`: onnxruntime is not installed.
     """
 
     def __init__(self, path: Path, kind: ModelKind = "u2net", *, device: str = "auto", threads: int = 0) -> None:
@@ -225,9 +222,6 @@ def providers(device: str, available: Sequence[str]) -> list[Any]:
     Args:
         device: see `OnnxModel`.
         available: those of the installed onnxruntime.
-
-    Raises:
-        StudioError: `mask.no_cuda`: CUDA is requested but not available.
     """
     cuda = "CUDAExecutionProvider"
     if device == "cpu" or (device == "auto" and cuda not in available):

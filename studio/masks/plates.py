@@ -132,11 +132,7 @@ def plates_from_files(
 
 
 def open_clean_plate(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | None:
-    """Masks from clean plates: see `studio.masks.sources`.
-
-    Raises:
-        StudioError: `mask.plates_not_found`, or `mask.plate_missing`: a camera has none.
-    """
+    """Masks from clean plates: see `studio.masks.sources`."""
     spec = inputs.spec
     found = find_files_of(
         inputs, "clean_plates", PLATE_FOLDERS, required,

@@ -17,10 +17,6 @@ def raise_disagreement(shapes: Silhouettes, points: torch.Tensor, slack: float, 
         points: (N, 3) float32 world points that cover the expected hull.
         slack: distance in world units by which an accepted point may be outside a silhouette cone.
         min_views: number of cameras that must see a point of the hull.
-
-    Raises:
-        StudioError: always. `hull.no_overlap`: no point is seen by enough cameras; `hull.masks_disagree`: the field
-            `cameras` contains the cameras to check.
     """
     rejections, visible = [], []
     for index in range(len(shapes)):

@@ -125,9 +125,6 @@ class Lpips:
 
         Args:
             image, target: (H, W, 3) in 0 to 1, at least `SMALLEST` pixels wide and high.
-
-        Raises:
-            StudioError: `metrics.image_shape`: not (H, W, 3), different sizes, or too small.
         """
         if image.shape != target.shape or image.ndim != 3 or image.shape[-1] != 3 or min(image.shape[:2]) < SMALLEST:
             shapes = (tuple(image.shape), tuple(target.shape))

@@ -22,12 +22,7 @@ KERNEL_INTERFACE = 4
 
 
 def load_kernels() -> Any:
-    """The compiled module `studio.rasterizer._kernels`.
-
-    Raises:
-        StudioError: `rasterizer.kernels_missing`: it was not built, or was built for another Python version or from
-            older sources.
-    """
+    """The compiled module `studio.rasterizer._kernels`."""
     try:
         kernels = importlib.import_module("studio.rasterizer._kernels")
         if getattr(kernels, "interface", 1) != KERNEL_INTERFACE:
@@ -161,11 +156,7 @@ def rasterize_cpu(
     near: float,
     alpha_max: float,
 ) -> Render:
-    """Render with the C++ kernels. Arguments as in `studio.rasterizer.rasterize`, already validated.
-
-    Raises:
-        StudioError: `rasterizer.image_too_large`: the image is wider or higher than 32000 pixels.
-    """
+    """Render with the C++ kernels. Arguments as in `studio.rasterizer.rasterize`, already validated."""
     if max(pinhole.width, pinhole.height) > 32000:
         raise StudioError(
             "rasterizer.image_too_large",

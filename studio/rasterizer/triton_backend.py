@@ -34,11 +34,7 @@ _VIEWS_AT_ONCE = 32
 
 
 def load_triton_kernels() -> tuple[Any, Any]:
-    """The modules `triton_kernels` and `triton_project_kernels` of `studio.rasterizer`.
-
-    Raises:
-        StudioError: `rasterizer.triton_missing`: Triton is not installed or fails to import.
-    """
+    """The modules `triton_kernels` and `triton_project_kernels` of `studio.rasterizer`."""
     try:
         names = ("triton_kernels", "triton_project_kernels")
         tiles, splats = (importlib.import_module(f"studio.rasterizer.{name}") for name in names)

@@ -81,11 +81,7 @@ class Pinhole:
 
     @classmethod
     def of(cls, camera: Camera) -> Pinhole:
-        """Convert a Camera.
-
-        Raises:
-            StudioError: `camera.distortion` or `camera.skew`: splats cannot be rendered with either.
-        """
+        """Convert a Camera."""
         if not camera.is_pinhole:
             raise StudioError(
                 "camera.distortion",

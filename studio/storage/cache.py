@@ -35,11 +35,7 @@ def cache_folder() -> Path:
 
 
 def cache_gigabytes() -> float:
-    """V3STUDIO_CACHE_GIGABYTES, or `DEFAULT_GIGABYTES`.
-
-    Raises:
-        StudioError: `storage.cache_size`: it is not a number above 0.
-    """
+    """V3STUDIO_CACHE_GIGABYTES, or `DEFAULT_GIGABYTES`."""
     named = os.environ.get("V3STUDIO_CACHE_GIGABYTES")
     if not named:
         return DEFAULT_GIGABYTES

@@ -50,9 +50,6 @@ class Store:
 
     Args:
         address: s3://bucket/folder, gs://... or az://...; credentials come from the environment.
-
-    Raises:
-        StudioError: not such an address, or the package for this kind is missing (`storage.missing_package`).
     """
 
     def __init__(self, address: str | os.PathLike[str]) -> None:

@@ -83,7 +83,6 @@ class GroupRun(ABC):
 
         Raises:
             StudioError: `training.diverged`.
-            Cancelled: raised by `progress`.
         """
         every = constants.CHECKPOINT_EVERY if checkpoint_every is None else checkpoint_every
         if resume is not None:

@@ -34,10 +34,6 @@ def initial_gaussians(points: Tensor, colors: Tensor, sh_degree: int, dilation: 
         colors: (N, 3) RGB in 0 to 1.
         sh_degree: 0 to 3; coefficients above degree 0 start at zero.
         dilation: that they are rendered with, square pixels.
-
-    Raises:
-        StudioError: `training.too_few_points`: fewer than four points; `training.points_not_finite`: a coordinate is
-            NaN or infinite.
     """
     from scipy.spatial import cKDTree
 

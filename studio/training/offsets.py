@@ -62,11 +62,7 @@ class SplatOffsets:
         return int(self.sh.shape[1] ** 0.5) - 1
 
     def selected(self, frame: Gaussians) -> Gaussians:
-        """The kept splats of a frame of the full set, without offsets.
-
-        Raises:
-            StudioError: `training.offsets_mismatch`: the frame has too few splats or a lower SH degree.
-        """
+        """The kept splats of a frame of the full set, without offsets."""
         if (len(self.kept) and int(self.kept[-1]) >= len(frame)) or self.sh_degree > frame.sh_degree:
             raise StudioError(
                 "training.offsets_mismatch",
@@ -128,7 +124,6 @@ def train_offsets(
 
     Raises:
         StudioError: `training.diverged`, `training.no_views`, `training.offsets_mismatch`.
-        Cancelled: raised by `progress`.
     """
     run = _Run(frames, views, SplatOffsets.zeros(kept, sh_degree), settings, iterations, seed)
     run.train(progress, checkpoint, checkpoint_every, resume)

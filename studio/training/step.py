@@ -62,9 +62,6 @@ class Step:
 
         Returns:
             `loss`, `psnr` (dB, of the crop of this step, over the training background) and `splats`.
-
-        Raises:
-            StudioError: `training.diverged`: the loss is NaN or infinite.
         """
         if number % FIGURES_EVERY:
             return {}

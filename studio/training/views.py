@@ -302,9 +302,6 @@ def mask_box(mask: np.ndarray, margin: float, name: str) -> tuple[int, int, int,
         mask: (H, W) uint8; pixels above one half are the performer.
         margin: padding as a fraction of the size of the box; 16 pixels are added to it.
         name: name of the camera, for the error.
-
-    Raises:
-        StudioError: `mask.empty`: no pixel of the mask is above one half.
     """
     rows = np.flatnonzero((mask > 127).any(1))
     columns = np.flatnonzero((mask > 127).any(0))
@@ -331,9 +328,6 @@ class Shuffled:
 
     Attributes:
         views: the views; may be replaced by as many others.
-
-    Raises:
-        StudioError: `training.no_views`: `views` is empty.
     """
 
     def __init__(self, views: Sequence[TrainingView], generator: torch.Generator) -> None:

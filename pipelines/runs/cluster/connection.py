@@ -27,9 +27,6 @@ def load_ray(address: str = "local") -> Any:
     """The package, with token authentication on and usage statistics off unless the environment says otherwise.
 
     Without a network address, it uses the loopback interface only.
-
-    Raises:
-        StudioError: it is not installed (`cluster.no_ray`).
     """
     os.environ.setdefault("RAY_AUTH_MODE", "token")  # read when the package is imported
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")

@@ -122,11 +122,7 @@ class _Run:
         self._waiting: dict[str, float] = {}
 
     def go(self, groups: Sequence[Group]) -> None:
-        """Run the groups; see `RayExecutor.run`.
-
-        Raises:
-            StudioError: also if the connection to the cluster is lost (`cluster.lost`).
-        """
+        """Run the groups; see `RayExecutor.run`."""
         from ray.exceptions import RayError
 
         try:

@@ -36,11 +36,7 @@ class Trial:
 
 
 def longest_part(context: Inputs) -> Part:
-    """The longest trained group of a take. A few frames alone would give too much weight to the keyframe.
-
-    Raises:
-        StudioError: `take.not_trained`.
-    """
+    """The longest trained group of a take. A few frames alone would give too much weight to the keyframe."""
     files, _ = context.take.trained_files()
     trained = [part for part in planned_parts(context) if part.indices[-1] < len(files)]
     if not trained:

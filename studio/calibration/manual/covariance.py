@@ -28,12 +28,7 @@ def spread_of_positions(points3d: np.ndarray) -> int:
 
 
 def check_plausible(rig: TieRig, observations: Observations) -> None:
-    """Check that the result of the bundle adjustment is not degenerate.
-
-    Raises:
-        StudioError: the measured positions contradict the marks (tie_points.contradiction), or points are behind the
-            cameras (tie_points.behind).
-    """
+    """Check that the result of the bundle adjustment is not degenerate."""
     errors = np.concatenate(list(rig.errors(observations).values()))
     behind = float(np.isinf(errors[~np.isnan(errors)]).mean()) > 0.3
     which = observations.measured & rig.triangulated
@@ -53,11 +48,7 @@ def check_plausible(rig: TieRig, observations: Observations) -> None:
 
 
 def check_handedness(rig: TieRig, observations: Observations, accuracy: Accuracy) -> None:
-    """Check that the measured positions are not a mirror image of what the marks say.
-
-    Raises:
-        StudioError: they fit four times better after a reflection (tie_points.contradiction).
-    """
+    """Check that the measured positions are not a mirror image of what the marks say."""
     which = observations.measured & rig.triangulated
     if which.sum() < 4:
         return

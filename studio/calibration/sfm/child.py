@@ -43,10 +43,6 @@ def run_reporting(
         on_progress: called with each line, and with None every 0.2 s without one. If it raises (for example
             `Cancelled`), the child is killed before the exception passes on.
         what: name of the work, for messages.
-
-    Raises:
-        StudioError: the child reported an error (calibration.worker_failed), or ended without a result
-            (calibration.worker_died, with exit_code and the end of its standard error as `stderr`).
     """
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     child = subprocess.Popen(

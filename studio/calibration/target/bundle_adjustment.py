@@ -58,9 +58,6 @@ def refine(
         state: initial values; every camera and target pose needs an observation.
         model: COLMAP camera model.
         principal_point: estimate the principal points.
-
-    Raises:
-        StudioError: the adjustment failed (target.bundle_adjustment).
     """
     import pycolmap
 

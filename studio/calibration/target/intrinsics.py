@@ -33,10 +33,6 @@ def intrinsics_from_views(
         views: observations at several positions and tilts.
         model: COLMAP camera model, as in `CalibrateSettings.camera_model`.
         principal_point: estimate it; otherwise it is the image center.
-
-    Raises:
-        StudioError: there are fewer than 3 observations (target.too_few_views), or they do not determine the focal
-            length (target.focal_length).
     """
     import cv2
 

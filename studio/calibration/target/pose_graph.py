@@ -29,9 +29,6 @@ def chain_poses(
 
     Returns:
         cameras in the coordinates of the first one, and target poses of all sync frames with a usable observation.
-
-    Raises:
-        StudioError: a camera is not connected to the others (target.not_connected, with `cameras`).
     """
     poses: dict[tuple[int, str], np.ndarray] = {}
     for key, view in views.items():

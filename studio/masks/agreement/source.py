@@ -208,11 +208,7 @@ def _reduced_background(behind: Background) -> Background:
 
 
 def open_agreed(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | None:
-    """Masks on which all cameras agree: see `studio.masks.sources`.
-
-    Raises:
-        StudioError: `mask.too_few_cameras`, or as `open_median_background` and `open_model`.
-    """
+    """Masks on which all cameras agree: see `studio.masks.sources`."""
     voters = len(inputs.names) - len(inputs.held_out)
     if not required and voters < FEWEST_CAMERAS:
         return None

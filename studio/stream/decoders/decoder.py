@@ -65,9 +65,6 @@ def check_luma(video: VideoEntry | PlaneEntry, index: int, luma: np.ndarray, nam
         index: 0-based.
         luma: (height, width) uint8, contiguous.
         name: the stream, for messages.
-
-    Raises:
-        StudioError: `stream.wrong_luma`.
     """
     for check in video.checks:
         if check.picture == index and (found := zlib.crc32(luma.data)) != check.crc32:
