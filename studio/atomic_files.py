@@ -178,21 +178,13 @@ def _running(pid: int) -> bool:
 
 
 def write_bytes(path: Path, data: bytes, durable: bool = False) -> None:
-    """Write a file atomically; `durable` as for `atomic_path`.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
+    """Write a file atomically; `durable` as for `atomic_path`. Raises OSError: the file cannot be written."""
     with atomic_path(path, durable) as temporary:
         temporary.write_bytes(data)
 
 
 def write_text(path: Path, text: str, durable: bool = False) -> None:
-    """Write UTF-8 text atomically; `durable` as for `atomic_path`.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
+    """Write UTF-8 text atomically; `durable` as for `atomic_path`. Raises OSError: the file cannot be written."""
     with atomic_path(path, durable) as temporary:
         temporary.write_text(text, encoding="utf-8")
 

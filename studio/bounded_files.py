@@ -97,11 +97,7 @@ def _unique_keys(pairs: list[tuple[str, Any]]) -> JsonObject:
 
 
 def parse_toml(text: str, bounds: Bounds = BOUNDS) -> JsonObject:
-    """The values of a TOML text (TOML 1.0).
-
-    Raises:
-        TextError: not TOML, or out of bounds.
-    """
+    """The values of a TOML text (TOML 1.0). Raises TextError: not TOML, or out of bounds."""
     check_text(text, bounds)
     try:
         values = tomllib.loads(text)
@@ -114,11 +110,7 @@ def parse_toml(text: str, bounds: Bounds = BOUNDS) -> JsonObject:
 
 
 def check_text(text: str | bytes, bounds: Bounds = BOUNDS) -> None:
-    """Refuse a text that would take too much time or memory to parse.
-
-    Raises:
-        TextError: out of bounds.
-    """
+    """Refuse a text that would take too much time or memory to parse. Raises TextError: out of bounds."""
     data = text.encode("utf-8", "surrogatepass") if isinstance(text, str) else text
     if len(data) > bounds.size:
         raise TextError(f"it has {len(data):,} bytes; at most {bounds.size:,} are read")

@@ -134,11 +134,7 @@ class Settings(BaseModel):
     """Results affected by fields without their own `Affects`. None: those of the field that contains the model."""
 
     def replace(self, **changes: Any) -> Self:
-        """A validated copy with some values replaced.
-
-        Raises:
-            StudioError: as on construction.
-        """
+        """A validated copy with some values replaced. Raises StudioError: as on construction."""
         return type(self)(**{name: getattr(self, name) for name in type(self).model_fields} | changes)
 
 

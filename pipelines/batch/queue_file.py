@@ -97,11 +97,7 @@ class QueueFile:
         self.path = path
 
     def read(self) -> Queue:
-        """The queue; empty if there is no file.
-
-        Raises:
-            StudioError: not a queue (`take.damaged`).
-        """
+        """The queue; empty if there is no file. Raises StudioError: not a queue (`take.damaged`)."""
         try:
             return read_model(self.path, Queue)
         except StudioError as error:

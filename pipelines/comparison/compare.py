@@ -61,7 +61,6 @@ def compare(
             before (None: all), and a step. Flicker needs a step of 1.
         images: frames to show, spread over the measured ones.
         lpips: the metric; None: not measured.
-        device: torch device to render on.
         progress: called with finished and all views.
 
     Raises:

@@ -23,10 +23,8 @@ class FrameMeasurer:
     """Measures frames in order; each one's flicker is against the one before.
 
     Args:
-        cameras: names.
         protocol: which pixels.
         lpips: the metric; None: not measured.
-        device: torch device to render on.
         flicker: measure it; then the residuals of one frame are kept.
     """
 
@@ -54,7 +52,6 @@ class FrameMeasurer:
         """Measure one frame.
 
         Args:
-            frame: number in the footage.
             before: the frame that flicker is measured against, None for the first one. It is rendered again if it is
                 not the one that was measured last.
             keep: return the views.

@@ -25,7 +25,6 @@ def render(
         gaussians: on any device.
         camera: to render from, without distortion.
         background: RGB, 0 to 1.
-        device: torch device to render on.
         width: largest width in pixels; None: that of the camera.
 
     Returns:

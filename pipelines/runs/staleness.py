@@ -70,11 +70,7 @@ class StageStatus:
 
 
 def current_params(stage: Stage, inputs: Inputs) -> Params:
-    """Settings and inputs that the stage would use now.
-
-    Raises:
-        StudioError: the footage cannot be read.
-    """
+    """Settings and inputs that the stage would use now. Raises StudioError: the footage cannot be read."""
     found: Params = {"version of the stage": stage.version, **stage.code.params(inputs)}
     for dependency in stage.dependencies:
         found[f"result of {dependency}"] = result_of(inputs.take, dependency)

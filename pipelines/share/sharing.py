@@ -83,11 +83,7 @@ class Shared:
 
 
 def share_size(source: str) -> ShareSize:
-    """Sizes of a take's or a stream's share.
-
-    Raises:
-        StudioError: no stream there, or the player is not built.
-    """
+    """Sizes of a take's or a stream's share. Raises StudioError: no stream there, or the player is not built."""
     player = read_player().size
     with stream_to_share(source) as stream:
         total = stream.total_bytes

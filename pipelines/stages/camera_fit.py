@@ -25,7 +25,6 @@ def fit_key(inputs: Inputs, what: str, version: int, recipe: Params, *more: Any)
 
     Args:
         what: is fitted.
-        version: of the algorithm.
         recipe: settings and inputs of keyframes.
         more: what else it is made from.
     """
@@ -64,9 +63,7 @@ def ensure_fitted(
     """Fit unless the result is there. Any worker may do it: the same inputs give the same bytes.
 
     Args:
-        stop: of the run.
         file: of the result, in the take.
-        kind: of the result.
         key: its `fit_key`.
         fit: makes the result and writes it to the file.
 

@@ -125,11 +125,7 @@ class TakeFootage:
         }
 
     def opened(self, rig: Rig | None) -> Footage:
-        """The footage with other cameras; None: without cameras.
-
-        Raises:
-            StudioError: it cannot be opened.
-        """
+        """The footage with other cameras; None: without cameras. Raises StudioError: it cannot be opened."""
         from studio.capture import open_footage
 
         run = self.config.run
@@ -144,8 +140,6 @@ def performer_over(footage: Footage, camera: str, frame: int, background: Sequen
 
     Args:
         footage: with cameras.
-        camera: its name.
-        frame: number in the footage.
         background: RGB, 0 to 1.
 
     Returns:

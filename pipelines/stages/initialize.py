@@ -41,7 +41,6 @@ class TrainingViews(Sequence["FootageView"]):
 
     Args:
         footage: with cameras.
-        frame: frame number in the footage.
         box: the crop box, if it limits training.
     """
 

@@ -93,11 +93,7 @@ def check_sizes(rig: Rig, footage: Footage, path: Path) -> None:
 
 
 def known_distance(section: CalibrateSettings, names: Sequence[str]) -> tuple[str, str, float] | None:
-    """calibrate.known_distance: two cameras and their distance in meters; None if not set.
-
-    Args:
-        names: cameras of the footage.
-    """
+    """calibrate.known_distance: two cameras and their distance in meters; None if not set."""
     if section.known_distance is None:
         return None
     for name in section.known_distance[:2]:

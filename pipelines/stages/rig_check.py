@@ -74,7 +74,6 @@ def check_rig(inputs: Inputs, key: str, frame: int, reporter: StageReporter) -> 
 
     Args:
         key: digest of cameras, images and masks: a stored verdict with it is used again.
-        frame: frame number in the footage.
     """
     key = key_of("verdict", _VERSION, key)
     verdict = _stored(inputs.take.rig_verdict, key)

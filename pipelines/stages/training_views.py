@@ -40,7 +40,6 @@ def training_views(
 
     Args:
         reporter: gets a warning for each camera that does not see the performer.
-        frame: frame number in the footage.
         reading: called with images read and images before each image, by any thread; may raise Cancelled.
         readers: cameras that are read in parallel.
         footage: where images and cameras are from; None: `TakeFootage.trained`.

@@ -25,11 +25,7 @@ class CameraUses:
 
     @classmethod
     def of(cls, spec: CaptureSettings) -> Self:
-        """As the settings say.
-
-        Raises:
-            StudioError: there is no footage, or the settings name unknown cameras.
-        """
+        """As the settings say. Raises StudioError: there is no footage, or the settings name unknown cameras."""
         names = find_cameras(spec)
         used = tuple(name for name in names if not spec.cameras or name in spec.cameras)
         held_out = held_out_cameras(spec, used)
@@ -38,11 +34,7 @@ class CameraUses:
         )
 
     def with_use(self, camera: str, use: str) -> Self:
-        """A copy with another use of one camera.
-
-        Raises:
-            ValueError: `use` is not one of `USES`.
-        """
+        """A copy with another use of one camera. Raises ValueError: `use` is not one of `USES`."""
         if use not in USES:
             raise ValueError(f"use must be one of {', '.join(USES)}, got {use!r}")
         return replace(self, uses={**self.uses, camera: use})

@@ -63,7 +63,6 @@ class EditedGroup:
 
     Args:
         group: the group, with all its frames.
-        edits: of the take.
     """
 
     def __init__(self, take: Take, group: Group, edits: EditList) -> None:
@@ -72,11 +71,7 @@ class EditedGroup:
         self._kept: torch.Tensor | None = None
 
     def selection(self) -> Selection:
-        """What the edits remove. Reads all frames of the group.
-
-        Raises:
-            StudioError: a frame is missing or damaged.
-        """
+        """What the edits remove. Reads all frames of the group. Raises StudioError: a frame is missing or damaged."""
         from studio.edits import select
 
         return select(self._edits, read_paths(self._take, self._group))

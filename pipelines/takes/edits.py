@@ -187,7 +187,6 @@ def edit_params(edits: EditList, *names: str) -> dict[str, JsonData]:
     they are.
 
     Args:
-        edits: of the take.
         names: of the edits; none: all but the marked details, which only training uses.
     """
     values = edits.model_dump(mode="json")
@@ -213,7 +212,6 @@ def placed_world(edits: EditList, frame: Similarity) -> Similarity:
     """From the take's own frame to the world that the edits place, else to that of its cameras.
 
     Args:
-        edits: of the take.
         frame: from `frame_of`.
     """
     from studio.own_frame import undone

@@ -125,11 +125,7 @@ class Evaluation(Result):
 
 
 def read_evaluation(path: Path) -> Evaluation:
-    """Read evaluation.json.
-
-    Raises:
-        StudioError: `take.file_not_found` or `take.damaged`.
-    """
+    """Read evaluation.json. Raises StudioError: `take.file_not_found` or `take.damaged`."""
     return read_model(path, Evaluation)
 
 

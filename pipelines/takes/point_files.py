@@ -82,11 +82,7 @@ def read_sparse_points(path: Path, rig: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def read_surface(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Read what `write_points` wrote: positions and normals, (N, 3) float32.
-
-    Raises:
-        StudioError: `take.damaged`.
-    """
+    """Read what `write_points` wrote: positions and normals, (N, 3) float32. Raises StudioError: `take.damaged`."""
     rows = _rows(path)
     return _columns(rows, "x", "y", "z"), _columns(rows, "nx", "ny", "nz")
 

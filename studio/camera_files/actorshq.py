@@ -21,11 +21,7 @@ COLUMNS = ("name", "w", "h", "rx", "ry", "rz", "tx", "ty", "tz", "fx", "fy", "px
 
 
 def read_actorshq(path: Path) -> Rig:
-    """Read a calibration.csv.
-
-    Raises:
-        StudioError: the file is unreadable or lacks these columns (camera_file.*), or a value is invalid (camera.*).
-    """
+    """Read a calibration.csv."""
     rows = read_csv(path, COLUMNS)
     with naming(path):
         return Rig(tuple(_camera(row) for row in rows), (NO_DISTORTION,))

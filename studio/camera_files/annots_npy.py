@@ -39,12 +39,7 @@ class _OnlyArrays(pickle.Unpickler):
 
 
 def read_annots(path: Path) -> Rig:
-    """Read the cameras, in meters; image sizes come from the images next to the file.
-
-    Raises:
-        StudioError: the file is not such a dictionary (camera_file.*), or a value is invalid or there are no images
-            (camera.*).
-    """
+    """Read the cameras, in meters; image sizes come from the images next to the file."""
     values = _load(path)
     with naming(path):
         cams, frames = values.get("cams"), values.get("ims")

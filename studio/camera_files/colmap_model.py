@@ -40,12 +40,7 @@ OTHER_MODELS = {
 
 
 def intrinsics(model: str, parameters: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
-    """K (3, 3) and OpenCV distortion of a COLMAP camera.
-
-    Raises:
-        StudioError: the model is not supported (camera_file.lens_model), or the number of parameters is wrong
-            (camera_file.model_parameters).
-    """
+    """K (3, 3) and OpenCV distortion of a COLMAP camera."""
     if model not in MODELS:
         raise _unsupported_model(model)
     if len(parameters) != MODELS[model][1]:
@@ -366,12 +361,7 @@ def _poses_binary(path: Path) -> list[_Pose]:
 
 
 def write_colmap(rig: Rig, folder: Path, *, image_pattern: str = "{camera}.png") -> None:
-    """Write a text model without points: cameras.txt, images.txt, points3D.txt.
-
-    Raises:
-        StudioError: COLMAP has no model for a camera (camera_file.not_expressible), or the folder cannot be written
-            (camera_file.unwritable).
-    """
+    """Write a text model without points: cameras.txt, images.txt, points3D.txt."""
     cameras = ["# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]"]
     images = ["# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME", "# POINTS2D[] as (X, Y, POINT3D_ID)"]
     for key, camera in enumerate(rig, 1):

@@ -32,12 +32,7 @@ def is_meta(values: JsonObject) -> bool:
 
 
 def read_meta(path: Path) -> Rig:
-    """Read the cameras of both files in the folder, in the order of the training file, then the test file.
-
-    Raises:
-        StudioError: a list is missing or of another length (camera_file.*), a camera moves (camera.moves), or a value
-            is invalid (camera.*).
-    """
+    """Read the cameras of both files in the folder, in the order of the training file, then the test file."""
     names = [name for name in (TRAIN, TEST) if (path.parent / name).is_file()]
     files = [path.parent / name for name in names] if path.name in (TRAIN, TEST) else [path]
     rigs = [_cameras(file) for file in files]

@@ -26,12 +26,7 @@ _LOWER_CASE = {"t": "time", "v": "view", "n": "near", "f": "far", "bounds": "bou
 
 
 def read_easymocap(folder: Path) -> Rig:
-    """Read both files of a folder.
-
-    Raises:
-        StudioError: a file is missing or unreadable (camera_file.*), or a camera is invalid or its image size is
-            unknown (camera.*).
-    """
+    """Read both files of a folder."""
     for name in (INTRINSICS, EXTRINSICS):
         if not (folder / name).is_file():
             raise StudioError(
@@ -59,11 +54,7 @@ def _spelling(key: str, camera: str) -> str:
 
 
 def write_easymocap(rig: Rig, folder: Path) -> None:
-    """Write intri.yml and extri.yml.
-
-    Raises:
-        StudioError: the folder cannot be written (camera_file.unwritable).
-    """
+    """Write intri.yml and extri.yml."""
     import cv2
 
     intrinsics = _Text([camera.name for camera in rig])

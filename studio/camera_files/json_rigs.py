@@ -31,11 +31,7 @@ _CORNER = "Principal points are taken relative to the image corner."
 
 
 def rig_from_json(path: Path, values: Any) -> Rig | None:
-    """A rig from the JSON value in the file; None if it is in none of these forms.
-
-    Raises:
-        StudioError: there are no cameras (camera_file.no_cameras), or one is invalid (camera.*).
-    """
+    """A rig from the JSON value in the file; None if it is in none of these forms."""
     if isinstance(values, list):
         return (
             _of_3dgs(path, values) if values and all("img_name" in _object(path, entry) for entry in values) else None

@@ -118,7 +118,6 @@ class Found:
         """Reject keys that may belong to the lens or stand for a missing value, and record others.
 
         Args:
-            camera: name of the camera.
             values: key to value, of keys that the reader does not know.
             missing: what the camera has under no known key; "" if nothing is missing.
         """
@@ -189,10 +188,6 @@ def keyed_rig(path: Path, entries: Sequence[tuple[str, Mapping[str, Any]]], form
         path: the file, for errors and for footage next to it.
         entries: name and values of each camera.
         form: conventions of the program.
-
-    Raises:
-        StudioError: no camera has a pose (camera_file.no_cameras); a key is unknown (camera.unknown_key) or missing
-            (camera.missing_key), two keys contradict each other (camera.conflict), or a value is invalid (camera.*).
     """
     with naming(path):
         found = Found()
@@ -294,7 +289,6 @@ def agreeing(name: str, parsed: Sequence[tuple[str, np.ndarray]]) -> np.ndarray:
     """The first of several values, which must be equal up to the digits of the file.
 
     Args:
-        name: of the camera.
         parsed: key and value of each; at least one. Shorter values count as continued with zeros.
     """
     first_key, first = parsed[0]

@@ -19,7 +19,6 @@ def fit_rational(radial: Callable[[np.ndarray], np.ndarray], reach: float, focal
         radial: maps undistorted radii r (N,) in normalized coordinates to the factors that multiply them.
         reach: largest r in the image.
         focal: focal length in pixels, for the tolerance.
-        camera: name of the camera, for the error.
 
     Returns:
         (8,): k1 k2 p1 p2 k3 k4 k5 k6 with p1 = p2 = 0.

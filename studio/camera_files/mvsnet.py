@@ -20,12 +20,7 @@ SUFFIX = "_cam.txt"
 
 
 def read_mvsnet(folder: Path) -> Rig:
-    """Read all files of a folder; image sizes come from the footage around it.
-
-    Raises:
-        StudioError: there is no file, one is truncated (camera_file.*), or a value is invalid or there is no footage
-            (camera.*).
-    """
+    """Read all files of a folder; image sizes come from the footage around it."""
     files = sorted(folder.glob(f"*{SUFFIX}"))
     if not files:
         raise no_cameras(f"no file *{SUFFIX} in the folder", folder)

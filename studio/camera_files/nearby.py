@@ -20,10 +20,6 @@ def size_nearby(folder: Path, name: str, camera: str) -> tuple[int, int]:
         folder: the folder of the camera file.
         name: name of an image, a video (extension optional) or a folder of images, in the folder itself or in
             images/, videos/ and similar subfolders.
-        camera: name of the camera, for the error.
-
-    Raises:
-        StudioError: there is no such footage (camera.size_unknown), or it cannot be read (camera.footage_unreadable).
     """
     for part in _FOLDERS:
         base = folder / part / name
@@ -48,10 +44,6 @@ def size_within(folder: Path, camera: str) -> tuple[int, int] | None:
 
     Args:
         folder: the folder, whose videos and images are all from that camera; a file named "video" is preferred.
-        camera: name of the camera, for the error.
-
-    Raises:
-        StudioError: the footage cannot be read (camera.footage_unreadable).
     """
     files = [file for file in folder.iterdir() if file.suffix.lower() in _IMAGES + _VIDEOS]
     best = min(files, key=lambda file: (file.stem != "video", file.stem != camera, file.name), default=None)

@@ -27,11 +27,7 @@ EXTENSIONS = frozenset({".xml", ".yml", ".yaml"})
 
 
 def read_storage(path: Path) -> JsonObject:
-    """The values of a file: objects, lists, numbers and text; matrices are nested lists.
-
-    Raises:
-        StudioError: it cannot be read or parsed (camera_file.*), or a matrix is incomplete (camera.not_a_matrix).
-    """
+    """The values of a file: objects, lists, numbers and text; matrices are nested lists."""
     import cv2
 
     text = read_text(path)
@@ -86,12 +82,7 @@ def read_opencv_cameras(root: Path, pattern: str) -> Rig:
     """A rig from one file per camera.
 
     Args:
-        root: folder of the capture.
         pattern: path of the files below it, with `{camera}`.
-
-    Raises:
-        StudioError: no file matches or none has a pose (camera_file.no_cameras), a file cannot be read
-            (camera_file.*), or a camera lacks a value or its size is unknown (camera.*).
     """
     matches = find_files(root, pattern, EXTENSIONS)
     if not matches:
@@ -105,9 +96,6 @@ def rig_from_mc_calib(path: Path, values: JsonObject) -> Rig:
     """A rig from MC-Calib's calibrated_cameras_data.yml: `camera_<number>` with `camera_pose_matrix`, camera to world.
 
     Cameras of different groups have no common world, so the largest group is used.
-
-    Raises:
-        StudioError: there is no camera (camera_file.no_cameras), or one is invalid (camera.*).
     """
     groups: dict[Any, list[tuple[str, JsonObject]]] = defaultdict(list)
     for key, entry in values.items():

@@ -23,12 +23,7 @@ _FOLDERS = ("", "videos", "images", "frames")
 
 
 def read_poses_bounds(path: Path) -> Rig:
-    """Read the cameras; their names are those of the videos, images or folders next to the file.
-
-    Raises:
-        StudioError: the file is not such an array (camera_file.*), there are not as many videos or images as rows
-            (camera_file.camera_count), or a value is invalid (camera.*).
-    """
+    """Read the cameras; their names are those of the videos, images or folders next to the file."""
     try:
         rows = np.load(path, allow_pickle=False)
     except (OSError, ValueError, EOFError) as error:

@@ -37,11 +37,7 @@ _INTRINSICS = {
 
 
 def rig_from_qualisys(path: Path, root: ElementTree.Element) -> Rig:
-    """A rig in meters from the root element <calibration>.
-
-    Raises:
-        StudioError: there are no active cameras (camera_file.no_cameras), or a camera is invalid (camera.*).
-    """
+    """A rig in meters from the root element <calibration>."""
     with naming(path):
         entries = [entry for entry in root.findall("cameras/camera") if entry.get("active", "1") != "0"]
         video = [entry for entry in entries if _records_video(entry)]

@@ -27,12 +27,7 @@ _LENS = ("px", "py", "k1", "k2", "k3", "k4", "t1", "t2")
 
 
 def read_realityscan(path: Path) -> Rig:
-    """Read the CSV; image sizes come from the images next to it.
-
-    Raises:
-        StudioError: the file is unreadable or lacks these columns (camera_file.*), or a value is invalid or an image is
-            missing (camera.*).
-    """
+    """Read the CSV; image sizes come from the images next to it."""
     rows = read_csv(path, COLUMNS, _LENS)
     with naming(path):
         cameras, missing = [], []

@@ -24,12 +24,7 @@ POSES, INTRINSICS = "CamPose.inf", "Intrinsic.inf"
 
 
 def read_rerf(folder: Path) -> Rig:
-    """Read both files of a folder; image sizes come from the footage in image/.
-
-    Raises:
-        StudioError: a file is missing or truncated (camera_file.*), or a value is invalid or there is no footage
-            (camera.*).
-    """
+    """Read both files of a folder; image sizes come from the footage in image/."""
     for name in (POSES, INTRINSICS):
         if not (folder / name).is_file():
             raise StudioError(

@@ -25,12 +25,7 @@ _FORM = KeyedForm(harmless=("verified_resolutions",))
 
 
 def read_toml(path: Path) -> Rig:
-    """Read either format.
-
-    Raises:
-        StudioError: the file is not valid TOML or has no cameras (camera_file.*), or a camera is invalid or has a
-            fisheye lens (camera.*).
-    """
+    """Read either format."""
     try:
         values = parse_toml(read_text(path))
     except TextError as error:
@@ -58,11 +53,7 @@ def _name(key: str, table: JsonObject, nested: bool) -> str:
 
 
 def write_toml(rig: Rig, path: Path) -> None:
-    """Write the format of Pose2Sim, or of Caliscope if the file is named camera_array*.toml.
-
-    Raises:
-        StudioError: the file cannot be written (camera_file.unwritable).
-    """
+    """Write the format of Pose2Sim, or of Caliscope if the file is named camera_array*.toml."""
     import json
 
     import cv2

@@ -170,12 +170,7 @@ def _distortion(values: JsonObject, camera: str, found: Found) -> np.ndarray:
 
 
 def rig_from_transforms(path: Path, values: JsonObject) -> Rig:
-    """A rig from the JSON object in the file, and in the other parts of a split into training and test views.
-
-    Raises:
-        StudioError: there are no frames (camera_file.no_cameras), a camera is invalid (camera.*), or the entries of a
-            camera have nothing in common in their paths (camera_file.no_common_name).
-    """
+    """A rig from the JSON object in the file, and in the other parts of a split into training and test views."""
     files = {path: values}
     if _SPLIT.fullmatch(path.name):
         others = (path.parent / f"transforms_{part}.json" for part in ("train", "val", "test"))
@@ -293,10 +288,6 @@ def write_transforms(rig: Rig, path: Path, *, image_pattern: str = "images/{came
     Args:
         rig: cameras with at most the distortion terms k1 k2 p1 p2 k3.
         image_pattern: pattern of `file_path`, relative to the file.
-
-    Raises:
-        StudioError: a camera has skew or more distortion terms (camera_file.not_expressible), or the file cannot be
-            written (camera_file.unwritable).
     """
     frames = []
     for camera in rig:

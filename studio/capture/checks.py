@@ -39,8 +39,6 @@ class ColorDrift:
         """Measure a frame.
 
         Args:
-            camera: its name.
-            frame: number in the footage.
             image: (H, W, 3) uint8 RGB.
             mask: (H, W) uint8, 255 is the performer.
         """

@@ -160,7 +160,6 @@ def fit_chart_colors(
         footage: the capture; images are read as filmed, in the sRGB values that training compares.
         frame: frame number in the footage; it need not be one of `footage.frames`.
         cameras: names; the mean is taken over those that see the chart.
-        progress: called for each camera; may raise `Cancelled`.
     """
     if not any(frame in footage.frames_of(name) for name in cameras):
         first, last = (end(pick(footage.frames_of(name)) for name in cameras) for end, pick in ((min, min), (max, max)))

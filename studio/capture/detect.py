@@ -396,7 +396,6 @@ def all_beside(root: Path, folders: re.Pattern[str], cameras: Sequence[str]) -> 
     """Find masks or clean plates of the cameras.
 
     Args:
-        root: the capture's folder.
         folders: `MASK_FOLDERS` or `PLATE_FOLDERS`: names of folders to look for, below `root`, the folders of the
             frames or those of the cameras. Masks may also be beside the images.
         cameras: names of the footage's cameras.

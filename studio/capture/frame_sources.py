@@ -63,7 +63,6 @@ class ImageSource:
     """A `FrameSource` with one image file per frame.
 
     Args:
-        camera: the camera's name.
         paths: frame number to image file; not empty.
         transfer: what the values in the files are, see `read_image`.
 
@@ -83,7 +82,7 @@ class ImageSource:
         self.note = "EXIF turns the images for display, but they are used as stored" if is_turned(first) else ""
 
     def read(self, frame: int) -> np.ndarray:
-        """See `FrameSource`. All images must have the size of the camera's first image, and its alpha channel if any."""
+        """See `FrameSource`. All images must have the size of the camera's first image, and its alpha channel."""
         path = self._paths.get(frame)
         if path is None:
             raise StudioError(

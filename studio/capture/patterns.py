@@ -102,7 +102,6 @@ def find_files(
     """All files below `root` that match `pattern`, sorted by camera and frame.
 
     Args:
-        root: the capture's folder.
         pattern: see `CaptureSettings`; must contain `{camera}`.
         extensions: of the files to find, in lower case; by default images and videos.
         listing: returns the paths below `root`, at least as deep as the pattern, when several patterns are tried on

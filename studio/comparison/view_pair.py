@@ -73,7 +73,6 @@ class ViewPair:
             mask: (H, W) uint8, 255 is the performer.
             background: RGB, 0 to 1.
             box: rows and columns to cut to; None: the full frame.
-            device: torch device to render on.
             fit: also fit the colors of the splats to those of the footage.
         """
         import torch

@@ -82,7 +82,6 @@ def select(edits: EditList, paths: Paths) -> Selection:
     """The splats of a group that the edits remove.
 
     Args:
-        edits: of the take.
         paths: of the whole group.
     """
     nothing = np.zeros(paths.means.shape[1], bool)

@@ -72,7 +72,6 @@ def check_expansion(path: Path, size: int, stored: int) -> None:
     64 MiB or less are not limited.
 
     Args:
-        path: for the message.
         size: bytes after decompression.
         stored: bytes in the file.
     """

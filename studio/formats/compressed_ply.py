@@ -69,7 +69,6 @@ def read_compressed(path: Path, ply: PlyData) -> Gaussians:
     """The splats of a compressed PLY.
 
     Args:
-        path: for messages.
         ply: the file as parsed; see `is_compressed`.
 
     Raises:

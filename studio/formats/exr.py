@@ -78,7 +78,6 @@ def export_exr(
         overscan: pixels rendered beyond each side of the image; the file's display window stays the image.
         shutter: of the colors; None: an instant.
         performers: number of those who get mattes, see `Plates`.
-        progress: called with written and total frames.
 
     Returns:
         the bytes written.

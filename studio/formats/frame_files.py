@@ -71,7 +71,6 @@ def check_one_format(folder: Path, formats: dict[str, list[Path]]) -> None:
     """Refuse a folder that mixes formats, rather than read a part of it.
 
     Args:
-        folder: for the message.
         formats: as `formats_in` returns.
     """
     if len(formats) > 1:
@@ -143,7 +142,6 @@ def frame_numbers(folder: Path, names: list[str]) -> list[int]:
     others say the same order.
 
     Args:
-        folder: for the message.
         names: of files or folders.
     """
     found = [re.findall(r"([a-z]*)[^a-z\d]*(\d+)", _stem(name).lower()) for name in names]

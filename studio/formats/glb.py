@@ -27,12 +27,7 @@ def write(path: Path, gaussians: Gaussians, offset: np.ndarray | None = None) ->
     """Write a GLB file with one node, mesh and primitive.
 
     Args:
-        path: file to write.
-        gaussians: one frame.
         offset: (3,) float64, translation of the node; None: none.
-
-    Raises:
-        StudioError: there are no splats, a value is not finite, or the file would have 4 GiB or more.
     """
     arrays = to_arrays(path, gaussians)
     opacities = 1 / (1 + np.exp(-arrays["logit_opacities"].astype(np.float64)))

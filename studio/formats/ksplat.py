@@ -87,11 +87,7 @@ def size(path: Path) -> tuple[int, int]:
 
 
 def read(path: Path, note: Note) -> Gaussians:
-    """Read a .ksplat file.
-
-    Raises:
-        StudioError: missing, damaged or unsupported file.
-    """
+    """Read a .ksplat file."""
     data = read_bytes(path)
     head = _head(path, data)
     sections = list(_sections(path, data, head))

@@ -46,7 +46,6 @@ def render_movie(
         frame: returns the frame of the video at a time in seconds; rounded down, modulo the number of frames.
         seconds, fps: duration in seconds, above 0 and at most 86,400, and frame rate, above 0 and at most 240.
         crf: constant rate factor of x264, 0 (best) to 51.
-        progress: called with rendered and total images.
 
     Returns:
         the number of images.

@@ -32,13 +32,8 @@ def write(path: Path, gaussians: Gaussians, offset: np.ndarray | None = None) ->
     """Write a 3DGS PLY file.
 
     Args:
-        path: file to write.
-        gaussians: one frame.
         offset: (3,) float64, added to the positions, which are then written as doubles: far from zero, float32 has not
             enough digits. None: float32, as in all other files.
-
-    Raises:
-        StudioError: there are no splats, or a value is not finite.
     """
     from plyfile import PlyData, PlyElement
 
@@ -85,10 +80,6 @@ def read(path: Path, note: Note) -> Gaussians:
 
     Args:
         note: takes other elements and properties, which are ignored.
-
-    Raises:
-        StudioError: the file is missing, damaged, not a PLY, a point cloud or mesh without splats, or has splats of
-            another kind.
     """
     ply = _opened(path)
     others = [element.name for element in ply.elements if element.name not in ("vertex", "chunk", "sh")]

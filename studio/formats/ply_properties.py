@@ -43,7 +43,6 @@ def check_properties(path: Path, names: Iterable[str], note: Note) -> None:
     """Refuse properties that change what the others mean, and note those that are ignored.
 
     Args:
-        path: for the message.
         names: of all properties of the splats.
         note: takes the ignored ones.
     """

@@ -23,7 +23,6 @@ def turned(gaussians: Gaussians, rotation: np.ndarray) -> Gaussians:
     A camera that is rotated with them sees the same image.
 
     Args:
-        gaussians: N splats.
         rotation: (3, 3), orthonormal, determinant 1 or -1: new = rotation @ old.
 
     Returns:

@@ -48,7 +48,6 @@ def open_sequence(place: Path, fps: float = DEFAULT_FPS, progress: ProgressFn = 
     Args:
         place: folder or file; see `find_frames`.
         fps: frame rate of playback.
-        progress: called with scanned and total files.
 
     Returns:
         the video; its notes say what was ignored, dropped or moved. Splats that cannot be rendered in a frame are
@@ -177,7 +176,6 @@ def find_groups(counts: list[int], means: Iterable[np.ndarray], progress: Progre
     Args:
         counts: number of splats per frame.
         means: (N, 3) positions of each frame; those that are not finite are not compared.
-        progress: called with scanned and total frames.
     """
     starts: list[int] = []
     before = np.zeros((0, 3))
@@ -253,11 +251,9 @@ def export_sequence(
     With a rotation, only its units count: viewers compute in float32.
 
     Args:
-        video: the frames.
         folder: must not exist; appears only when it is complete.
         suffix: of a format in `FRAME_FILES` that is written.
         rotation: (3, 3) rotation from `axes_of`; None: no rotation.
-        progress: called with written and total frames.
         options: of the format; see `write_splats`.
 
     Raises:

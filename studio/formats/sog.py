@@ -71,9 +71,6 @@ def read(path: Path, note: Note) -> Gaussians:
 
     Args:
         path: a .sog file, or a meta.json with its images beside it.
-
-    Raises:
-        StudioError: a part is missing, damaged or disagrees with the others, or another version than 2.
     """
     parts = _parts(path)
     meta = _Meta(parts)
@@ -307,7 +304,6 @@ def read_pixels(parts: Parts, name: str, least: int) -> np.ndarray:
 
     Args:
         parts: the data set.
-        name: of the file.
         least: pixels that are needed.
 
     Raises:

@@ -28,11 +28,7 @@ def size(path: Path) -> tuple[int, int]:
 
 
 def read(path: Path, note: Note) -> Gaussians:
-    """Read a .splat file.
-
-    Raises:
-        StudioError: missing file, or a size that is not a multiple of 32 bytes.
-    """
+    """Read a .splat file."""
     data = read_bytes(path)
     _count(path, len(data))
     splats = np.frombuffer(data, _SPLAT)

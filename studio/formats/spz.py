@@ -73,14 +73,8 @@ def write(path: Path, gaussians: Gaussians, version: int = DEFAULT_VERSION, offs
     Positions have at least 12 fractional bits and at least 16 bits over the extent of the splats, if that fits.
 
     Args:
-        path: file to write.
-        gaussians: one frame.
         version: 4 (Zstandard), or 3 (gzip) for older viewers; both have the same splats.
         offset: (3,) float64, added to the positions; None: none.
-
-    Raises:
-        StudioError: the version is another one, there are no splats, a value is not finite, or a position is too far
-            from the origin for 24 bits, or so far that they leave less than 1/1000 of the extent.
     """
     if version not in WRITTEN_VERSIONS:
         raise StudioError(
@@ -184,10 +178,6 @@ def read(path: Path, note: Note) -> Gaussians:
 
     Args:
         note: takes other extensions, which are skipped, and other axes.
-
-    Raises:
-        StudioError: the file is missing, damaged, not an SPZ file, of an unsupported version, or has extensions that
-            change the meaning of the values.
     """
     head, attributes, records = read_container(path)
     axes = _AXES[_axes(path, records, note)]
@@ -287,7 +277,6 @@ def write_container(path: Path, head: Head, attributes: list[bytes]) -> None:
     """Write a file of version 3 or 4. The same attributes give the same bytes.
 
     Args:
-        path: file to write.
         head: what the header says.
         attributes: in the order and of the sizes of `Head.sizes`.
     """

@@ -114,7 +114,6 @@ def export_usd(
         path: a new file that ends with .usdc (binary), .usdz (a package) or .usda (text).
         rotation: (3, 3) to y up, see `studio.formats.sequence.axes_of`; None: the axes and the place of the capture.
         cameras: of the footage, in the world of the splats.
-        progress: called with written and total frames.
 
     Raises:
         StudioError: usd-core cannot be used (see `usd`), the extension is another one, a frame cannot be read or

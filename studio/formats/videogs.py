@@ -77,12 +77,10 @@ def export_videogs(
     Opacities are quantized by the step of the QP and then lossless.
 
     Args:
-        video: the frames and groups.
         folder: must not exist; appears only when it is complete.
         qp: quantization parameter, 0 (lossless) to 51.
         preset: preset of x264.
         threads: number of channels encoded in parallel; 0: one per core.
-        progress: called with written and total frames.
 
     Raises:
         StudioError: a frame cannot be read or baked, the QP is out of range, or the folder exists or cannot be written.

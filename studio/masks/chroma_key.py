@@ -74,7 +74,6 @@ def key_evidence(image: np.ndarray, screen: Screen, settings: DifferenceSettings
     Args:
         image: (H, W, 3) float32 RGB in 0..255.
         screen: from `find_screen`.
-        settings: see `chroma_mask`.
 
     Returns:
         (H, W) float32, between -4 (screen) and 6 (certainly foreground).
@@ -178,7 +177,6 @@ class ChromaMaskSource:
         read: returns the raw (H, W, 3) uint8 RGB image of a camera and frame.
         frames: returns a camera's frame numbers; the screen color is estimated from `SAMPLES` of them.
         key_color: approximate RGB in 0..1; None detects it per camera.
-        settings: see `chroma_mask`.
         garbage: where the performer may be; None: everywhere.
 
     Attributes:

@@ -121,11 +121,7 @@ class FileMaskSource:
         return source
 
     def mask(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
-        """See `MaskSource`.
-
-        Raises:
-            StudioError: `mask.missing`, `mask.aspect_ratio`, or the file cannot be read.
-        """
+        """See `MaskSource`. Raises StudioError: `mask.missing`, `mask.aspect_ratio`, or the file cannot be read."""
         import cv2
 
         source = self._source(camera, frame)
@@ -316,7 +312,6 @@ def exact_masks(
     Args:
         spec: the capture's settings.
         pattern: of their files, relative to the capture; None: there are none.
-        names: cameras of the footage.
         frames: frame numbers that must have a mask.
 
     Returns:

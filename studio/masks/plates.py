@@ -32,7 +32,6 @@ class PlateMaskSource:
     Args:
         background: loads or estimates the background of a camera; called once per camera.
         files: files that the backgrounds depend on.
-        settings: see `difference_mask`.
         garbage: where the performer may be; None: everywhere.
     """
 

@@ -83,7 +83,6 @@ def frame_that_fits(shapes: Silhouettes, name: str, masks: Mapping[int, np.ndarr
 
     Args:
         shapes, min_views: as in `mask_agreement`.
-        name: of the camera.
         masks: (H, W) uint8 of other frames, of full or reduced size.
 
     Returns:

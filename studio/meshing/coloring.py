@@ -49,7 +49,6 @@ def color_points(
         rays: ray caster of the mesh.
         best: number of views over which the median is computed.
         max_pixels: maximum number of pixels of a depth map.
-        progress: called per view; may raise `Cancelled`.
 
     Returns:
         colors (N, 3) float32 in 0..1, and the number of views that see each point, (N,) int32. Points that are not

@@ -24,7 +24,6 @@ def project(gaussians: Gaussians, pinhole: Pinhole) -> tuple[Tensor, Tensor, Ten
     """EWA projection of splats in front of the camera (Zwicker et al. 2001; 3DGS, equation 5).
 
     Args:
-        gaussians: N splats.
         pinhole: the camera.
 
     Returns:

@@ -87,11 +87,7 @@ class CachedObject:
         self._touched = 0.0
 
     def read_at(self, start: int, count: int) -> bytes:
-        """Up to `count` bytes from `start`; fewer at the end.
-
-        Raises:
-            StudioError: `storage.*`.
-        """
+        """Up to `count` bytes from `start`; fewer at the end. Raises StudioError: `storage.*`."""
         count = max(0, min(count, self.size - start))
         if not count:
             return b""
@@ -212,11 +208,7 @@ def read_pointer(path: Path) -> Pointer | None:
 
 
 def cached_object(path: Path) -> CachedObject | None:
-    """The object that a file stands for; None if it is an ordinary file.
-
-    Raises:
-        StudioError: `storage.*`.
-    """
+    """The object that a file stands for; None if it is an ordinary file. Raises StudioError: `storage.*`."""
     pointer = read_pointer(path)
     return None if pointer is None else CachedObject(pointer)
 

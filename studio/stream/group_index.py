@@ -21,7 +21,6 @@ class GroupIndex:
     """All groups of a stream. Thread safe.
 
     Args:
-        manifest: the stream's.
         source: has the pages.
         manifest_bytes: size of the manifest's file.
 

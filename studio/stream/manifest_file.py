@@ -34,7 +34,6 @@ def parse_manifest(data: bytes, name: str) -> Manifest:
 
     Args:
         data: content of the file.
-        name: path or URL for messages.
 
     Raises:
         StudioError: not JSON, another format or version, a value out of bounds, or a checksum mismatch.
@@ -100,9 +99,7 @@ def parse_page(
     Args:
         data: content of its file.
         page: its entry in the manifest.
-        manifest: the stream's.
         first_group, first_frame: of the page, by the manifest.
-        name: path or URL for messages.
 
     Raises:
         StudioError: another checksum, not JSON, a value out of bounds, or other groups than the manifest promises.
@@ -134,10 +131,8 @@ def check_total(manifest: Manifest, group_bytes: int, manifest_bytes: int, name:
     """Raises StudioError unless `total_bytes` is right.
 
     Args:
-        manifest: the stream's.
         group_bytes: size of all files of all groups, each once.
         manifest_bytes: size of the manifest's file.
-        name: path or URL for messages.
     """
     expected = group_bytes + sum(file.bytes for file in manifest.fixed_files) + manifest_bytes
     if manifest.total_bytes != expected:

@@ -84,11 +84,7 @@ class Side:
 
     @classmethod
     def parse(cls, data: bytes, group: MotionRendition) -> Side:
-        """Inverse of `to_parts` and `deflate`.
-
-        Raises:
-            ValueError: the bytes do not match the manifest.
-        """
+        """Inverse of `to_parts` and `deflate`. Raises ValueError: the bytes do not match the manifest."""
         cursor = Cursor(inflate(data, group.side.raw_bytes))
         splats, blocks, moved = group.splats, group.blocks.count, group.frame_count - 1
         codes = decode_octree(cursor, group.positions.bits, splats)

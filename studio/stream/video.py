@@ -169,7 +169,6 @@ class PlaneDecoder:
 
     Args:
         data: the whole file.
-        name: path or URL for messages.
         size: width and height, from the manifest.
         pictures: that the file may have at most, from the manifest.
         codec: h264, hevc or av1, from the manifest.

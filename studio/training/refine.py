@@ -84,7 +84,6 @@ class Refinement:
 
     Args:
         stepper: its views are replaced.
-        settings: see `TrainSettings`.
         keyframe_off: `off` of the keyframe, for a later frame; None for the keyframe. If the splats of a later frame
             are much farther from the masks, it is they that are wrong.
 

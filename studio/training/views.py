@@ -301,7 +301,6 @@ def mask_box(mask: np.ndarray, margin: float, name: str) -> tuple[int, int, int,
     Args:
         mask: (H, W) uint8; pixels above one half are the performer.
         margin: padding as a fraction of the size of the box; 16 pixels are added to it.
-        name: name of the camera, for the error.
     """
     rows = np.flatnonzero((mask > 127).any(1))
     columns = np.flatnonzero((mask > 127).any(0))

@@ -33,7 +33,6 @@ class RenderedError:
         frames: the trained frames of the group, with the take's edits.
         cameras: the training cameras, in the world of the frames.
         background: RGB, 0 to 1.
-        device: torch device to render on.
     """
 
     def __init__(
@@ -133,7 +132,6 @@ def rendered_contribution(
     Args:
         frames: of the group, read on access.
         cameras: the training cameras, in the world of the frames.
-        device: torch device to render on.
         check: raises Cancelled if the run was cancelled.
 
     Returns:

@@ -17,7 +17,6 @@ def adjust(
     """Bundle adjustment in place.
 
     Args:
-        model: pycolmap.Reconstruction.
         job: specifies which intrinsics and poses are fixed.
         last: True: squared loss, then filter points with errors over 4 pixels; False: Cauchy loss, 12 pixels.
         width: width of a Cauchy loss in pixels, with up to 100 iterations; None: as determined by `last`.

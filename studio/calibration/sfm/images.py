@@ -36,8 +36,6 @@ def write_pictures(
     """Write PNG files to images/ and masks/; returns (width, height) per camera and the number of sync frames.
 
     Args:
-        folder: the work folder.
-        names: the cameras, in order.
         images, masks: see `calibrate_from_images`.
         progress: called with 0 to 5 of 100 steps.
 

@@ -137,7 +137,6 @@ def sfm_job(
     """The job for `sfm.worker`.
 
     Args:
-        names: the cameras.
         sizes: (width, height) of each camera's images.
         sync_frames: images per camera.
         masks: whether there are masks.

@@ -39,7 +39,6 @@ class Mapper:
     """Solves one database.
 
     Args:
-        folder: the work folder.
         database: image n + 1 belongs to camera n.
     """
 

@@ -19,7 +19,6 @@ def match_inlier_ratio(model: Any, database: Path) -> float:
     matches with other cameras.
 
     Args:
-        model: pycolmap.Reconstruction.
         database: the database of the model.
 
     Returns:

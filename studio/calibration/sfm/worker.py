@@ -26,11 +26,7 @@ from studio.process import claim_stdout
 
 
 class Worker:
-    """One job.
-
-    Args:
-        folder: the work folder.
-    """
+    """One job."""
 
     def __init__(self, folder: Path, job: SfmJob) -> None:
         self.folder = folder

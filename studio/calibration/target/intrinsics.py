@@ -28,7 +28,6 @@ def intrinsics_from_views(
     """Initial intrinsics of a camera by Zhang's method (OpenCV), as a camera at the identity pose.
 
     Args:
-        name: name of the camera.
         size: (width, height) of its images.
         views: observations at several positions and tilts.
         model: COLMAP camera model, as in `CalibrateSettings.camera_model`.

@@ -41,7 +41,6 @@ def evidence_of(
         image: (H, W, 3) uint8 RGB.
         neighbors: the same of frames shortly before and after; may be empty.
         behind: the set behind the performer, of the same size.
-        settings: see `difference_evidence`.
 
     Returns:
         (H, W) float32, between -`LIMIT` and `LIMIT`.

@@ -64,7 +64,6 @@ def check_luma(video: VideoEntry | PlaneEntry, index: int, luma: np.ndarray, nam
         video: its entry in the manifest.
         index: 0-based.
         luma: (height, width) uint8, contiguous.
-        name: the stream, for messages.
     """
     for check in video.checks:
         if check.picture == index and (found := zlib.crc32(luma.data)) != check.crc32:

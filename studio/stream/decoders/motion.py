@@ -133,8 +133,6 @@ class MotionDecoder(GroupDecoder):
     Args:
         group: its entry in the manifest.
         files: content by path.
-        name: the stream, for messages.
-        codec: as in the manifest.
         threads: of the video decoder.
 
     Raises:

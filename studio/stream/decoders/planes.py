@@ -51,7 +51,6 @@ class PlanesDecoder(GroupDecoder):
         group: its entry in the manifest.
         files: content by path, from `fetch_group`.
         pool: threads to decode on.
-        name: the stream, for messages.
     """
 
     def __init__(self, group: PlanesRendition, files: Mapping[str, bytes], pool: ThreadPoolExecutor, name: str) -> None:

@@ -22,7 +22,6 @@ def beyond_hardware(group: GroupEntry, fps: float, codec: str) -> list[Message]:
     Args:
         group: as baked.
         fps: frames per second that it plays at.
-        codec: as in the manifest.
     """
     found = []
     for one in group.renditions:
