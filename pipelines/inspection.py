@@ -15,6 +15,7 @@ from studio.capture.detect import MASK_FOLDERS, PLATE_FOLDERS, all_beside
 from studio.capture.patterns import walk
 from studio.errors import Message, StudioError
 from studio.masks.mask_files import FileMaskSource
+from studio.masks.mask_source import masked_cameras
 from studio.progress import ProgressFn, no_progress
 from studio.storage import is_address
 
@@ -96,9 +97,8 @@ def _found(capture: CaptureSettings, footage: Footage, progress: ProgressFn | No
         camera_file(footage.spec)
     except StudioError as error:
         rigs = error.message.fields.get("found", ())
-    masks = footage.mask_source
-    masked = masks.cameras if isinstance(masks, FileMaskSource) else footage.camera_names
     cameras = find_cameras(capture)
+    masked = masked_cameras(footage.mask_source, cameras)
     shown = progress is not None and not is_address(capture.root)
     thumbnails, strip = _images(footage, progress or no_progress) if shown else ({}, {})
     return Inspection(

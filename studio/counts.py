@@ -1,8 +1,12 @@
-"""Counts as text."""
+"""Counts and lists in sentences, and results that print as counts instead of values."""
 
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import fields
+from typing import Any
+
+_MAX_ITEMS, _MAX_TEXT = 4, 80  # of a field in `short_repr`
 
 
 def counted(count: float, noun: str) -> str:
@@ -26,3 +30,18 @@ def cameras_listed(names: Collection[str], noun: str = "camera") -> str:
     """Cameras in a sentence: "camera 'a'", "cameras 'a' and 'b'"."""
     quoted = [f"'{name}'" for name in names]
     return f"{plural(noun, len(names))} {listed(quoted)}"
+
+
+def short_repr(value: Any) -> str:
+    """One line for a dataclass; assign it to `__repr__` in the class."""
+    shown = ", ".join(f"{field.name}={_short(getattr(value, field.name))}" for field in fields(value))
+    return f"{type(value).__name__}({shown})"
+
+
+def _short(value: Any) -> str:
+    if hasattr(value, "shape"):
+        return f"{value.dtype}{list(value.shape)}".removeprefix("torch.")
+    if isinstance(value, tuple | list | dict) and len(value) > _MAX_ITEMS:
+        return f"<{len(value)} items>"
+    text = repr(value).partition("\n")[0]
+    return text if len(text) <= _MAX_TEXT else f"{text[: _MAX_TEXT - 3]}..."

@@ -16,6 +16,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from studio.counts import short_repr
 from studio.dilation import DILATION, MAX_DILATION, MIN_DILATION
 from studio.errors import StudioError
 
@@ -49,6 +50,8 @@ class Gaussians:
     logit_opacities: Tensor
     sh: Tensor
     dilation: float = DILATION
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         if not MIN_DILATION <= self.dilation <= MAX_DILATION:

@@ -99,7 +99,8 @@ class Settings(BaseModel):
 
     Raises:
         StudioError: on construction: an unknown name (`settings.unknown`), a value outside its bounds, or values that
-            contradict each other (`settings.invalid`). Its fields `setting` and `settings` name them.
+            contradict each other (`settings.invalid`). Its fields `setting` and `settings` name them. On assignment to
+            a field (`settings.immutable`).
     """
 
     model_config = ConfigDict(
@@ -129,6 +130,14 @@ class Settings(BaseModel):
 
         # nested models are validated with the outer one, whose error names the whole path
         __init__.__pydantic_base_init__ = True
+
+        def __setattr__(self, name: str, value: Any) -> None:
+            raise StudioError(
+                "settings.immutable",
+                f"{type(self).__name__}.{name} cannot be assigned, because settings are immutable",
+                fix=f"Use .replace({name}=...), which returns a copy.",
+                setting=name,
+            )
 
     affects: ClassVar[Affects | None] = None
     """Results affected by fields without their own `Affects`. None: those of the field that contains the model."""

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from studio.cameras import Camera, Rig
+from studio.counts import short_repr
 from studio.json_types import JsonObject
 from studio.rotations import matrices_to_quats, quats_to_matrices
 
@@ -25,6 +26,8 @@ class Similarity:
     scale: float = 1.0
     rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
     translation: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+    __repr__ = short_repr
 
     @property
     def is_identity(self) -> bool:

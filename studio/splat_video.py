@@ -9,6 +9,7 @@ import numpy as np
 
 from studio.audio.pcm import Pcm, part_of
 from studio.cameras import Camera
+from studio.counts import short_repr
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.similarity import Similarity
@@ -50,6 +51,8 @@ class SplatVideo:
     sound: Pcm | None = None
     original: Similarity = field(default_factory=Similarity)
     notes: tuple[str, ...] = ()
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         if self.frame_count < 1 or not self.group_starts or self.group_starts[0] != 0:

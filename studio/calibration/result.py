@@ -15,6 +15,7 @@ from studio.calibration.report import (
     RigGeometry,
 )
 from studio.cameras import Rig
+from studio.counts import short_repr
 
 
 @dataclass
@@ -32,6 +33,8 @@ class CalibrationResult:
     points: np.ndarray
     colors: np.ndarray
     report: CalibrationReport
+
+    __repr__ = short_repr
 
 
 def image_coverage(pixels: np.ndarray, size: tuple[int, int]) -> float:

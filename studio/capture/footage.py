@@ -15,9 +15,10 @@ from studio.capture.settings import CaptureSettings
 from studio.capture.sound import CaptureSound
 from studio.capture.warp import Warp
 from studio.chroma import ChromaSampling
+from studio.counts import short_repr
 from studio.errors import Message, StudioError
 from studio.masks.mask_files import FileMaskSource
-from studio.masks.mask_source import GarbageMasks, MaskSource, Recolors, ShowsSet
+from studio.masks.mask_source import GarbageMasks, MaskSource, Recolors, ShowsSet, masked_cameras
 from studio.memory_cache import ImageCache, image_cache
 
 
@@ -38,6 +39,8 @@ class FootageView:
     mask: np.ndarray
     frame: int = 0
     plate: np.ndarray | None = None
+
+    __repr__ = short_repr
 
 
 class Footage:
@@ -129,10 +132,9 @@ class Footage:
 
     @property
     def unmasked_cameras(self) -> tuple[str, ...]:
-        """Held-out cameras that have no mask files although others have."""
-        if not isinstance(self._mask_source, FileMaskSource):
-            return ()
-        return tuple(name for name in self.held_out_cameras if name not in self._mask_source.cameras)
+        """Held-out cameras without masks."""
+        masked = masked_cameras(self._mask_source, self.held_out_cameras)
+        return tuple(name for name in self.held_out_cameras if name not in masked)
 
     @property
     def measured_cameras(self) -> tuple[str, ...]:

@@ -19,8 +19,8 @@ from studio.capture.warp import Warp, fit_size
 from studio.counts import cameras_listed, counted, listed, plural
 from studio.errors import Message, StudioError, shown
 from studio.masks.garbage_masks import garbage_masks
-from studio.masks.mask_files import FileMaskSource, exact_masks
-from studio.masks.mask_source import MaskInputs
+from studio.masks.mask_files import exact_masks
+from studio.masks.mask_source import MaskInputs, masked_cameras
 from studio.masks.sources import open_mask_source
 from studio.memory import memory_limit
 from studio.memory_cache import image_cache
@@ -116,9 +116,9 @@ def open_footage(
     inputs = MaskInputs(spec, sources, masked, held_out, pool, cache_folder, device, threads, garbage, cameras)
     mask_source, mask_note = open_mask_source(inputs)
     notes.append(mask_note)
-    if isinstance(mask_source, FileMaskSource):
-        unmasked = [name for name in sources if name not in mask_source.cameras]
-        sources = _with_masks(spec, sources, unmasked, held_out, notes)
+    masked_names = masked_cameras(mask_source, tuple(sources))
+    unmasked = [name for name in sources if name not in masked_names]
+    sources = _with_masks(spec, sources, unmasked, held_out, notes)
     warps = _warps(spec, rig, sources, frames, notes) if rig is not None else None
     exact, exact_note = exact_masks(spec, evaluation_masks, held_out or tuple(sources), masked)
     notes.append(exact_note)
@@ -155,10 +155,19 @@ def _with_masks(
     held_out: Sequence[str],
     notes: list[str],
 ) -> dict[str, FrameSource]:
-    """Without the cameras that need mask files but have none, which `auto` leaves out if others have."""
+    """Without the cameras that need masks but have none: those that a source of one's own leaves out, and `auto` if
+    others have mask files."""
     left_out = [name for name in unmasked if name not in held_out]
-    if spec.masks != "auto" or 2 * len(left_out) > len(sources):
+    if ":" not in spec.masks and (spec.masks != "auto" or 2 * len(left_out) > len(sources)):
         left_out = []
+    if left_out and len(left_out) + len(held_out) == len(sources):
+        raise StudioError(
+            "mask.no_camera",
+            f"{spec.masks} has no masks of the training cameras",
+            value=spec.masks,
+            fix=f"Name some of them in the source's attribute `cameras`: {', '.join(left_out)}.",
+            setting="capture.masks",
+        )
     if left_out:
         notes.append(
             f"Without masks, so not used: {cameras_listed(left_out)}. To use them, add masks, or list them in "

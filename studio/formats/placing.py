@@ -12,10 +12,6 @@ from studio.errors import StudioError
 
 
 def _check_target(path: Path, what: str) -> None:
-    if not path.parent.is_dir():
-        raise StudioError(
-            "export.no_parent_folder", f"the folder {path.parent} does not exist", file=path, fix="Create it first."
-        )
     if os.path.lexists(path):
         raise StudioError(
             "export.already_exists", f"the {what} already exists", file=path, fix="Delete it, or choose another name."
@@ -24,11 +20,11 @@ def _check_target(path: Path, what: str) -> None:
 
 @contextmanager
 def new_folder(path: Path) -> Iterator[Path]:
-    """A temporary folder that becomes `path` when the block succeeds, and is deleted otherwise.
+    """A temporary folder that becomes `path` when the block succeeds, and is deleted otherwise. The folders above it
+    are created.
 
     Raises:
-        StudioError: `path` exists (export.already_exists), its parent folder does not (export.no_parent_folder), or
-            writing fails (export.write_failed).
+        StudioError: `path` exists (export.already_exists), or writing fails (export.write_failed).
     """
     with _new(path, "folder") as temporary:
         remove(temporary)  # of a killed process with the same number

@@ -7,7 +7,7 @@ can choose are listed in `studio.masks.sources`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, runtime_checkable
@@ -62,6 +62,22 @@ class ShowsSet(Protocol):
         """(H, W, 3) uint8 raw image of the empty set; (H, W, 4) if parts of it are not reliable, where the fourth
         channel is 0 instead of 255."""
         ...
+
+
+@runtime_checkable
+class OfSomeCameras(Protocol):
+    """A `MaskSource` that may lack masks of some cameras. Those are not used, or if held out, not measured."""
+
+    @property
+    def cameras(self) -> Collection[str] | None:
+        """Names of the cameras with masks, which may include unused ones; None: all."""
+        ...
+
+
+def masked_cameras(source: MaskSource, names: Sequence[str]) -> tuple[str, ...]:
+    """Those of the cameras that a source has masks of."""
+    masked = source.cameras if isinstance(source, OfSomeCameras) else None
+    return tuple(name for name in names if masked is None or name in masked)
 
 
 class GarbageMasks(Protocol):

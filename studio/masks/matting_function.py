@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Protocol
 
@@ -45,6 +45,11 @@ class FunctionMaskSource:
         cache: disk cache of the masks; None: no cache.
         components: maximum number of connected components, largest first; None: no limit.
         garbage: where the performer may be; None: everywhere.
+        cameras: see the attribute.
+
+    Attributes:
+        cameras: names of the cameras that the function has masks of; None: all. Others are not used, or if held out,
+            not measured.
     """
 
     def __init__(
@@ -56,7 +61,9 @@ class FunctionMaskSource:
         cache: MaskCache | None = None,
         components: int | None = None,
         garbage: GarbageMasks | None = None,
+        cameras: Collection[str] | None = None,
     ) -> None:
+        self.cameras = cameras
         self._function = function
         self._name = getattr(function, "__name__", "mask function") if name is None else name
         self._files = _source_files(function) if files is None else [Path(file) for file in files]

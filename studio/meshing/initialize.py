@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from studio.cameras import ViewLike
+from studio.counts import short_repr
 from studio.errors import Message
 from studio.meshing.coloring import color_points
 from studio.meshing.settings import InitializeSettings
@@ -46,6 +47,8 @@ class InitResult:
     disagreement: dict[str, float]
     views_per_point: np.ndarray
     warnings: list[Message]
+
+    __repr__ = short_repr
 
 
 def initialize_points(

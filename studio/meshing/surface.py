@@ -12,6 +12,7 @@ import torch
 
 from studio.atomic_files import atomic_path
 from studio.cameras import Camera
+from studio.counts import short_repr
 from studio.errors import StudioError
 from studio.meshing.hull import Hull
 
@@ -36,6 +37,8 @@ class Mesh:
 
     vertices: np.ndarray
     faces: np.ndarray
+
+    __repr__ = short_repr
 
     def to_open3d(self) -> Any:
         """Convert to an `open3d.geometry.TriangleMesh`."""

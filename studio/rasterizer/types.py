@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from studio.cameras import Camera
+from studio.counts import short_repr
 from studio.errors import StudioError
 
 ALPHA_MIN = 1.0 / 255.0
@@ -53,6 +54,8 @@ class Render:
     alpha: Tensor
     depth: Tensor
     radii: Tensor
+
+    __repr__ = short_repr
 
 
 @dataclass(frozen=True)

@@ -43,6 +43,12 @@ def test_an_empty_folder_is_no_obstacle(tmp_path: Path) -> None:
     assert out.read_text() == "new"
 
 
+def test_folders_above_it_are_made(tmp_path: Path) -> None:
+    with replacing(tmp_path / "a" / "b", False, Path.is_file), new_file(tmp_path / "a" / "b") as temporary:
+        temporary.write_text("new")
+    assert (tmp_path / "a" / "b").read_text() == "new"
+
+
 def test_a_failure_restores_what_was_there(tmp_path: Path) -> None:
     out = tmp_path / "out"
     out.mkdir()

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from studio.capture import CaptureSettings, open_footage
+from studio.capture.checks import check_footage
 from studio.masks import FunctionMaskSource
 from studio.masks.mask_cache import MaskCache
 from studio.masks.onnx_model import KINDS, Kind, OnnxModel, first_mask, input_size, preprocess, providers
@@ -285,6 +286,18 @@ def bright(image, camera, frame):
 
 def plain(image, camera, frame):
     return np.zeros(image.shape[:2])
+
+@v3.FunctionMaskSource
+def of_some(image, camera, frame):
+    return image.mean(axis=2) / 255 if camera != "cam2" else None
+
+of_some.cameras = ["cam1", "cam10", "another"]
+
+@v3.FunctionMaskSource
+def of_none(image, camera, frame):
+    return None
+
+of_none.cameras = ["another"]
 """
 
 
@@ -303,6 +316,15 @@ def test_a_source_by_import_path(three_videos: Path, tmp_path: Path, monkeypatch
     for name in ("plain", "nothing", "np"):
         with refuses("mask.not_a_source"):
             open_footage(settings.replace(masks=f"own_masks_of_a_test:{name}"))
+    some = settings.replace(masks="own_masks_of_a_test:of_some")
+    assert open_footage(some).camera_names == ("cam1", "cam10")
+    assert "'cam2'" in open_footage(some).description
+    held_out = open_footage(some.replace(held_out=("cam2", "cam10")))
+    assert (held_out.camera_names, held_out.measured_cameras) == (("cam1", "cam2", "cam10"), ("cam10",))
+    asked = {problem.fields["camera"] for problem in check_footage(held_out)}
+    assert asked == {"cam1", "cam10"}, "the mask of frame 0 is empty; cam2 has none"
+    with refuses("mask.no_camera", value="own_masks_of_a_test:of_none"):
+        open_footage(settings.replace(masks="own_masks_of_a_test:of_none"))
     source = importlib.import_module(module.stem).bright
     assert CaptureSettings(masks=source).masks == settings.masks, "the object stands for its path"
     with refuses("mask.cannot_import"):
