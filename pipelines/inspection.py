@@ -38,7 +38,6 @@ class Inspection:
 
     Attributes:
         lines: what was found, one sentence each.
-        problems: what is wrong with it.
         rigs: calibration files to choose from with `capture.rig`; empty if there is one, or none.
         masks, plates, sounds: what there is to choose from for `capture.mask_files`, `capture.clean_plates` and
             `capture.audio`.

@@ -14,7 +14,6 @@ def check_output(out: Path, overwrite: bool, ours: Callable[[Path], bool]) -> No
     """Check that `out` may be written. An empty folder always may.
 
     Args:
-        out: file or folder.
         overwrite: whether it may exist.
         ours: whether an existing output is of the kind that would be written; may raise a StudioError that says more.
     """

@@ -31,7 +31,6 @@ class Bounds:
         size: bytes.
         depth: lists and objects inside of each other.
         values: values of any kind, those of a YAML alias counted each time that it stands for them.
-        digits: of an integer.
     """
 
     size: int = 64 << 20

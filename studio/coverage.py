@@ -129,7 +129,6 @@ def coverage(cameras: Sequence[Camera], points: np.ndarray, normals: np.ndarray,
     """Measure a rig.
 
     Args:
-        cameras: training cameras.
         points, normals: (N, 3) samples of the surface, N >= 1, world units; normals of any length point outwards.
         up: (3,) direction that points up.
 

@@ -276,7 +276,6 @@ def refused(
 
     Args:
         error: raised by a settings model.
-        model: that model.
         where: file that the settings come from, or a description of another source.
         given: dotted names of settings from the command line.
 

@@ -15,7 +15,6 @@ def number(values: Mapping[str, Any], key: str, camera: str, default: float | No
 
     Args:
         values: keys and values of one camera.
-        key: the key to read.
         camera: name of the camera, for the message.
         default: value of a missing key; None makes the key required.
 

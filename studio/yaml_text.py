@@ -38,7 +38,6 @@ class DuplicateKey(YamlError):
     """A mapping has a key twice.
 
     Attributes:
-        key: the key.
         mapping_line: line that the mapping begins in.
     """
 
@@ -70,7 +69,6 @@ def parse_yaml(text: str, *, plain: bool = False) -> Any:
     """The value of a YAML document; None if it is empty.
 
     Args:
-        text: the document.
         plain: leave every value as the text that it is, so that 01 does not become 1.
 
     Raises:
@@ -93,7 +91,6 @@ def dump_yaml(value: Any, *, flow: bool | None = False, width: int = 120) -> str
     Args:
         value: JSON-ready.
         flow: whether lists and mappings are in brackets; None: those that hold no other ones.
-        width: where lines are broken.
     """
     writer = YAML(typ="safe", pure=True)
     writer.Representer = _Representer

@@ -38,8 +38,6 @@ def ablate(
     copied, and measured points are reused.
 
     Args:
-        config_path: settings of the full method.
-        out: folder for takes and results.
         overrides: settings for all variants, on top of the file.
         variants: the others are compared with the first.
         qps: in any order; BD-rate needs at least four.

@@ -39,7 +39,6 @@ def run_queue(
     not even a crash stops the queue. An interrupted take waits again and resumes where it stopped.
 
     Args:
-        starts: called before each take.
         emit: called with the events of its run.
         ended: called after each take, with its new state.
         command: the program that runs a take; it prints events as JSON lines.

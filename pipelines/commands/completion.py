@@ -19,7 +19,6 @@ def register(commands: Any, parser: Callable[[], tuple[CommandParser, dict[str, 
     """Add the command to the command line.
 
     Args:
-        commands: the subparsers.
         parser: makes the parser of the command line, and those of its commands.
     """
     command = commands.add_parser(

@@ -52,7 +52,6 @@ def compare(
     a comparison that was interrupted is resumed if it is the same one (takes, footage and choices).
 
     Args:
-        folders: of the takes.
         out: folder of the results; created. Images of an earlier comparison in it are replaced, other files stay.
         protocol: which cameras, pixels and size.
         cameras: names instead of the protocol's.

@@ -54,7 +54,6 @@ class FrameMeasurer:
         Args:
             before: the frame that flicker is measured against, None for the first one. It is rendered again if it is
                 not the one that was measured last.
-            keep: return the views.
             tick: called before each view is rendered; True if it is a view of `frame`.
 
         Returns:

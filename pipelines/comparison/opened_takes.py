@@ -27,8 +27,6 @@ class OpenedTake:
 
     Attributes:
         name: unique in the comparison.
-        take: the take.
-        reader: its stream.
         place: where the stream lies in the take.
         footage: of the comparison, seen through this take's cameras.
         frames: footage frame to index in the stream.
@@ -59,10 +57,8 @@ def open_takes(
     rendered with its own calibration.
 
     Args:
-        folders: of the takes.
         protocol: says which cameras and which size.
         cameras: names instead of those of the protocol; empty: the protocol's.
-        closing: closes the streams.
         footage: folder of the take whose footage settings are used; None: the first.
 
     Returns:

@@ -119,7 +119,6 @@ class FinishedFrames:
     """The finished frames of a comparison, on the disk. The folder is created with the first frame.
 
     Args:
-        out: folder of the results.
         key: digest of what the comparison is made from; frames of other comparisons are deleted.
 
     Attributes:

@@ -60,7 +60,6 @@ class Measured:
         motion_step, finetune_step: one step of a later frame, with its final number of splats.
         frame: a later frame, apart from its steps.
         evaluated_view: rendering and comparing one view of the evaluation.
-        baked_frame: encoding and decoding one frame.
         memory: bytes of the process after the rehearsal.
         processor: share of the processor that the rehearsal got, 0 to 1; the rest went to other programs or was idle.
     """

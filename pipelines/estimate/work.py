@@ -17,15 +17,11 @@ class Work:
     """The work of a run.
 
     Attributes:
-        train_cameras, held_out_cameras: numbers of cameras.
         pixels: of all training images of one frame, uncropped.
         groups: number of frames in each group.
         at_once: groups that are trained in parallel.
-        threads: CPU threads of the run.
-        points: initial splats of a keyframe.
         resolution: voxels along the longest side of the hull.
         memory_of_group: bytes that training one group takes.
-        train: settings of training.
         refines: whether cameras are refined before the groups are trained.
     """
 

@@ -51,7 +51,6 @@ def stop_on_signals(cancellation: Cancellation, last_words: Callable[[], None]) 
     """Within the block, SIGINT and SIGTERM set `cancellation`; the process ends at most `GRACE` seconds later.
 
     Args:
-        cancellation: the flag to set.
         last_words: called by the watchdog before it ends the process.
     """
     if threading.current_thread() is not threading.main_thread():

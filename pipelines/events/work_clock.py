@@ -26,11 +26,7 @@ runs backwards. Python calls signal handlers only when the main thread is free."
 
 
 class WorkClock:
-    """A monotonic clock in seconds that excludes pauses. Thread-safe.
-
-    Args:
-        now: the underlying clock.
-    """
+    """A monotonic clock in seconds that excludes pauses. Thread-safe."""
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         self._now = now

@@ -216,9 +216,7 @@ def render_calibration(report: CalibrationReport, names: Sequence[str], checked:
     """Render the HTML page.
 
     Args:
-        report: the calibration's report.
         names: cameras in the order to show.
-        checked: how they were checked.
     """
     most = max((max(map(max, figures.coverage_map)) for figures in report.cameras.values()), default=1)
     return rendered(

@@ -32,12 +32,7 @@ _QUALITY = 90  # of JPEG
 class TakeReview:
     """Thread safe. The footage is opened when it is first needed.
 
-    Args:
-        take: with a stream.
-
     Attributes:
-        take: the take.
-        frame_count: frames of its stream.
         place: where the stream lies in the take. Browsers see frames and positions of the stream.
 
     Raises:

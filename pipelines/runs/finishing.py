@@ -25,7 +25,6 @@ def finishing(
 
     Args:
         emit: returns the receiver of the event.
-        cancellation: is set by the signals.
         again: how to resume, as a sentence.
         result: returns the event's `result`.
 

@@ -25,7 +25,6 @@ class Launched:
     """A run that was started and has begun, or ended at once.
 
     Attributes:
-        pid: of its process.
         host: name of the machine.
         code: exit code; None if it continues.
         error: if the exit code is not 0, why.
@@ -42,7 +41,6 @@ def launch(words: Sequence[str], errors: Path, variables: Mapping[str, str] | No
 
     Args:
         words: arguments of `v3studio`.
-        errors: the file.
         variables: further variables of the environment.
     """
     path = os.pathsep.join(filter(None, [str(_ROOT), os.environ.get("PYTHONPATH")]))
@@ -62,7 +60,6 @@ def until_begun(process: subprocess.Popen[bytes], log: Path, errors: Path) -> La
 
     Args:
         process: of the run, from `launch`.
-        log: the take's log.
         errors: the file with its standard error.
     """
     host = socket.gethostname()

@@ -148,11 +148,7 @@ class _Run:
     """A run of a locked take.
 
     Attributes:
-        inputs: what the stages read.
-        emit: receives the events.
-        cancellation: flag that cancels the run.
         clock: work time in seconds.
-        force: run stages from scratch.
     """
 
     inputs: Inputs

@@ -78,12 +78,7 @@ def current_params(stage: Stage, inputs: Inputs) -> Params:
 
 
 def write_record(stage: Stage, inputs: Inputs, seconds: float, summary: Result) -> None:
-    """Record that the stage finished.
-
-    Args:
-        seconds: how long it took.
-        summary: its main figures.
-    """
+    """Record that the stage finished."""
     files = stage.code.results(inputs)
     root = inputs.take.root
     digests = digests_of_files(root, files)

@@ -22,7 +22,6 @@ class Running:
     """A run in progress.
 
     Attributes:
-        pid: of its process.
         command: as recorded in the lock, for example "v3studio run".
         host: name of its machine; None for this one.
         stage: the stage that is running; None before the first, and for commands without stages.

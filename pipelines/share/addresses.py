@@ -82,7 +82,6 @@ def qr_pixels(address: str, size: int) -> np.ndarray:
     """The code as an image.
 
     Args:
-        address: what it says.
         size: largest width and height in pixels; modules have whole pixels, at least one.
 
     Returns:

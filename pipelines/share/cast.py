@@ -132,8 +132,6 @@ def write_cast(source: Path, out: Path, text: PageText, progress: ProgressFn) ->
     """Write the page of a cast into a folder.
 
     Args:
-        source: the document.
-        out: the folder.
         text: title, credits and license; by default the document's title, and what the streams say.
         progress: called with (items done, items).
 

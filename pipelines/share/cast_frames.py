@@ -35,11 +35,7 @@ class CastFrames:
     have ended before start over, as on the page. All splats are rendered with the dilation of the first stream, as
     there.
 
-    Args:
-        source: the document.
-
     Attributes:
-        camera: the first view.
         models: GLB files, and where they are.
     """
 

@@ -40,12 +40,7 @@ def is_allowed(host: str, names: Iterable[str]) -> bool:
 
 
 class HostCheck:
-    """ASGI middleware: 421 for other hosts.
-
-    Args:
-        app: answers the others.
-        names: besides addresses and localhost.
-    """
+    """ASGI middleware: 421 for other hosts."""
 
     def __init__(self, app: ASGIApp, names: Iterable[str] = ()) -> None:
         self._app, self._names = app, tuple(names)

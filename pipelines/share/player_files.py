@@ -18,7 +18,6 @@ class PlayerFiles:
 
     Attributes:
         page: index.html as the build wrote it.
-        script: the player, a JavaScript module.
         review: what `v3studio serve --review` adds to the page, a JavaScript module; no other page needs it.
     """
 

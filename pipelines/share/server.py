@@ -188,7 +188,6 @@ def server_config(app: ASGIApp, certificate: Certificate | None, **options: Any)
     """What uvicorn is to do for a `BoundedServer`.
 
     Args:
-        app: the web application.
         certificate: None for http.
         options: further ones of `uvicorn.Config`.
     """

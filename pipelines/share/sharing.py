@@ -41,10 +41,8 @@ class ShareSize:
 
     Attributes:
         stream_bytes: of all files of the stream.
-        player_bytes: of the player's files.
         single_file_bytes: of the single HTML file: base64 makes everything a third larger.
         single_file_possible: whether the stream is small enough for one.
-        frames, seconds: of the stream.
     """
 
     stream_bytes: int

@@ -114,7 +114,6 @@ class _Site:
     Attributes:
         streams, player, text: as for `build_app`.
         reviews: by the path of their stream.
-        shared: the Cross-Origin-Resource-Policy.
         watching: where the same is served without reviews, relative to "/", which pages copy as a link. None: links
             are to the pages themselves.
     """

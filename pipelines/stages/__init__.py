@@ -29,10 +29,8 @@ class Stage:
     Attributes:
         name: as in the take, on the command line, and of its module.
         title: in the window, where `evaluate` is a part of Review.
-        help: one line about it.
         version: raised whenever the format or meaning of its results changes; older results are then stale.
         weight: rough share of a run's time.
-        dependencies: stages whose results it reads.
         by_group: each group can run in another process or on another machine; the module has `GroupStageCode`.
         needs_all_groups: a group needs the results of all groups of its dependencies.
         renders: it uses the device `run.device`.

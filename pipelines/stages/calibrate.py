@@ -377,7 +377,6 @@ class _KnownIntrinsics:
 
     Attributes:
         cameras: those with known intrinsics, at the footage's size.
-        before: the cameras of calibrate.known_cameras.
         reports: on the intrinsics from images of the target.
     """
 

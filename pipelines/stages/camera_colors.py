@@ -29,11 +29,7 @@ _LARGE = 13.0
 
 
 def camera_colors_key(inputs: Inputs, recipe: Params) -> str:
-    """Digest of what the matrices are made from.
-
-    Args:
-        recipe: settings and inputs of keyframes.
-    """
+    """Digest of what the matrices are made from."""
     return fit_key(inputs, "camera colors", VERSION, recipe)
 
 

@@ -24,8 +24,6 @@ def fit_key(inputs: Inputs, what: str, version: int, recipe: Params, *more: Any)
     """Digest of what is fitted to the cameras.
 
     Args:
-        what: is fitted.
-        recipe: settings and inputs of keyframes.
         more: what else it is made from.
     """
     first = inputs.groups[0]

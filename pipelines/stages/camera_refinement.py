@@ -39,7 +39,6 @@ def refinement_key(inputs: Inputs, recipe: Params, *more: Any) -> str:
     """Digest of what the cameras are refined from.
 
     Args:
-        recipe: settings and inputs of keyframes.
         more: what else they are refined from.
     """
     return fit_key(inputs, "camera refinement", VERSION, recipe, *more)

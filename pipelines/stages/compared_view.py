@@ -21,12 +21,10 @@ class ComparedView:
     """A view of the footage.
 
     Attributes:
-        camera: from which splats are rendered.
         image: (H, W, 3) uint8 RGB.
         mask: (H, W) uint8, 255 is the performer.
         box: rows and columns that are measured.
         background: RGB, 0 to 1.
-        device: torch device to render on.
     """
 
     camera: Camera

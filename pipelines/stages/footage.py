@@ -27,8 +27,6 @@ class TakeFootage:
     """The footage of a take, opened on first access.
 
     Attributes:
-        take: the take.
-        config: its settings.
         most_cached: see `open_footage`; of the footage without cameras, and again of that with them.
     """
 
@@ -139,7 +137,6 @@ def performer_over(footage: Footage, camera: str, frame: int, background: Sequen
     """The performer as filmed, over a background, as in the evaluation.
 
     Args:
-        footage: with cameras.
         background: RGB, 0 to 1.
 
     Returns:

@@ -22,7 +22,6 @@ def footage_check(
     """Check frames in a thread while the block trains; the block's end waits for the check.
 
     Args:
-        frames: frame numbers to check.
         stop: ends the training in the block; set when the check finds problems.
         reporter: gets a warning for each camera whose exposure or white balance changes.
 

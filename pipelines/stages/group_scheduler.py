@@ -86,8 +86,6 @@ def threads_by_group(groups: int, at_once: int, threads: int) -> list[int]:
 
     Args:
         groups: number of groups in the take.
-        at_once: groups in parallel.
-        threads: CPU threads of the run.
     """
     full = groups - groups % at_once
     last = max(1, threads // (groups % at_once)) if groups % at_once else 0
@@ -106,8 +104,6 @@ def run_groups(
 
     Args:
         jobs: by group index, in the order in which they start.
-        at_once: jobs in parallel.
-        threads: CPU threads by group index.
         stop: set when a job fails, to end the others soon.
 
     Raises:

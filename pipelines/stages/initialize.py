@@ -40,7 +40,6 @@ class TrainingViews(Sequence["FootageView"]):
     """The training views of one frame, read on access: those of a large rig do not fit into memory together.
 
     Args:
-        footage: with cameras.
         box: the crop box, if it limits training.
     """
 

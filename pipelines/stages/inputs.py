@@ -22,8 +22,6 @@ class Inputs:
     """A take with its settings; what is read from it is opened on first access.
 
     Attributes:
-        take: the take.
-        config: all settings.
         most_cached: see `TakeFootage`.
     """
 

@@ -17,11 +17,7 @@ if TYPE_CHECKING:
 
 
 def named_file(section: CalibrateSettings, setting: Literal["known_cameras", "tie_points"], root: Path) -> Path:
-    """The file that one of these settings names.
-
-    Args:
-        root: folder of the footage.
-    """
+    """The file that one of these settings names."""
     name = getattr(section, setting)
     path: Path = whole_file(root / name)
     if not path.exists():

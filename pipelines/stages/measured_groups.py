@@ -28,7 +28,6 @@ class Measured:
 
     Attributes:
         frames: quality per measured frame.
-        samples: images for the report.
         unseen: (index, camera) pairs where the camera does not see the performer.
     """
 

@@ -80,8 +80,6 @@ class StageReporter:
 
     Attributes:
         stage: name of the stage.
-        emit: receives the events.
-        cancellation: flag that cancels the run.
         clock: work time in seconds; does not advance while the run is paused.
         own, later: expected weight of this stage and of all later ones in the run.
         before: seconds that the run took before this stage.
@@ -118,8 +116,6 @@ class StageReporter:
 
         Args:
             fraction: 0 to 1.
-            label: the step in progress.
-            figures: loss, psnr, splats, ...
 
         Raises:
             Cancelled: the run was cancelled.

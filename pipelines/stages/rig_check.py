@@ -129,7 +129,6 @@ def judge_views(
 
     Args:
         cameras: by name.
-        pairs: matches of their images.
         views: of the cameras whose masks are compared; not compared if there are too few.
         near: masks of a camera in other frames, by frame; asked if one of a few cameras contradicts the others.
     """

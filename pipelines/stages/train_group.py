@@ -63,9 +63,7 @@ class TrainClock:
     measured seconds per kind of frame. Joint training counts once for each frame of the group.
 
     Args:
-        groups: those that are trained.
         finished: positions of the frames trained before this run, by group index.
-        settings: training settings.
     """
 
     def __init__(self, groups: Sequence[Group], finished: Mapping[int, Set[int]], settings: TrainSettings) -> None:
@@ -121,7 +119,6 @@ def before_joint(take: Take, group: Group, index: int, key: str) -> Path | None:
     """The file of a frame as it was trained alone, not jointly; None if there is none with `key`.
 
     Args:
-        group: the frame's group.
         index: of the frame in the take.
         key: of the frame, see `pipelines.stages.train`.
     """
@@ -137,7 +134,6 @@ class GroupWork:
     """Trains groups; several threads may train one group each.
 
     Args:
-        clock: progress of all groups together.
         readers: threads that read the images of a frame, per group.
         written: called with the index of a group when all of its frames are written.
 
@@ -215,7 +211,6 @@ class GroupWork:
         """Train the keyframe, or frames on one side of it, in this order.
 
         Args:
-            positions: of the frames.
             keys: of all frames of the group.
             timings: of all frames; those of these are entered.
             seen: gets the views that joint training needs, by position; None: there is none.
@@ -265,8 +260,6 @@ class GroupWork:
         Args:
             seen: views of frames that this run has read already, by position.
             keys: of the frames before joint training.
-            key: of all frames after it.
-            timings: of the frames.
         """
         from studio.training import train_jointly
 

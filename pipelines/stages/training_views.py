@@ -45,7 +45,6 @@ def training_views(
         footage: where images and cameras are from; None: `TakeFootage.trained`.
         cameras: names; None: the training cameras.
         colored: with the cameras' colors, with `train.camera_colors`.
-        detailed: with the take's details.
 
     Raises:
         StudioError: an image cannot be read, no camera sees the performer, or the cameras' colors are not there.

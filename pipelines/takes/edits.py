@@ -223,7 +223,6 @@ def describe(edits: EditList, frame: Similarity | None = None) -> dict[str, str]
     """What is edited, by name; a region counts as `regions 1`, `regions 2`, ..., a detail as `details 1`.
 
     Args:
-        edits: of a take.
         frame: from `frame_of`: positions and sizes are in the world that the edits place, else in that of the cameras,
             as `v3studio edit` takes them. None: they are in the take's own frame.
     """

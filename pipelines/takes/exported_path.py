@@ -22,10 +22,8 @@ def in_export(keys: Sequence[Key], source: str, of: str, numbers: FrameNumbers) 
     """The keys, which count frames and lie as in the take, as `v3studio export` takes them.
 
     Args:
-        keys: with frames.
         source: folder of the take; or of a stream, or its URL.
         of: "decoded" or "trained"; "" for a stream, in whose own frames and world the keys are.
-        numbers: of the take's frames.
     """
     place, count = _place_of(source, of)
     first, last = place.first_frame, place.first_frame + count - 1

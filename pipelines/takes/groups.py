@@ -17,7 +17,6 @@ class Group:
     Attributes:
         index: number of the group, counted from 0.
         first: index of its first frame, counted from 0 in the take.
-        frames: frame numbers in the footage.
     """
 
     index: int

@@ -36,10 +36,7 @@ class KeptBake:
     """A kept bake.
 
     Attributes:
-        name: as the user named it.
-        take: the folder, as a take.
         record: of the stage `bake`.
-        bytes: size of the stream.
         is_stream: whether it is the take's stream now.
         current: whether it was baked from the take's present training.
         same_edits: whether it was baked with the take's present edits; False also if those cannot be read.

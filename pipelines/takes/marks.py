@@ -99,7 +99,6 @@ def change_mark(path: Path, frame: int, mark: Mark | None, replaces: Mark | None
 
     Args:
         path: marks.json, which may not exist yet.
-        frame: its number.
         mark: the new mark; None removes it. Note and author are made plain (`plain_text`).
         replaces: the frame's mark as it was when the change was begun; None for none.
 

@@ -68,7 +68,6 @@ def read_sparse_points(path: Path, rig: Path) -> tuple[np.ndarray, np.ndarray]:
     """As `read_points`, for those of a calibration: float32, in the take's own frame.
 
     Args:
-        path: calibrate/points.ply.
         rig: calibrate/rig.json.
 
     Raises:

@@ -16,9 +16,7 @@ class Cut:
     """A part of a sound file, of exactly `samples` samples at `SAMPLE_RATE`; silence where the file has none.
 
     Attributes:
-        file: the sound.
         first: number of the first sample, counted from the file's time 0; may be negative.
-        samples: number of samples.
         missing_before, missing_after: seconds without sound at the beginning and at the end; known after `blocks` has
             been read to its end.
     """

@@ -21,7 +21,6 @@ class SoundFile:
     """A file with sound. Time 0 is its first video frame, or, without video, its beginning.
 
     Attributes:
-        path: the file.
         channels: of what `blocks` returns: 1 for mono, otherwise 2.
         duration: seconds from time 0 to the end of the sound; None if the file does not say.
         description: rate, channels and duration in words.

@@ -37,7 +37,6 @@ class PairMatches:
     """Verified matches of two images.
 
     Attributes:
-        first, second: the cameras.
         first_pixels, second_pixels: (M, 2) float64 in full-size images.
     """
 

@@ -118,7 +118,6 @@ def read_csv(path: Path, columns: Sequence[str], optional: Collection[str] = ())
 
     Args:
         columns: required columns; the first one names the row.
-        optional: other known columns.
 
     Raises:
         StudioError: a column is missing (camera_file.missing_column) or unknown and not 0 (camera_file.unknown_column),

@@ -147,12 +147,7 @@ class Found:
 
 
 def ignored_in_file(values: Mapping[str, Any], known: Collection[str]) -> tuple[str, ...]:
-    """Notes on the keys beside the cameras of a file.
-
-    Args:
-        values: key to value.
-        known: those that the reader uses.
-    """
+    """Notes on the keys beside the cameras of a file."""
     harmless = HARMLESS | {"unit", "units", "up"}  # the world is in the unit of the poses
     unknown = [
         key
@@ -187,7 +182,6 @@ def keyed_rig(path: Path, entries: Sequence[tuple[str, Mapping[str, Any]]], form
     Args:
         path: the file, for errors and for footage next to it.
         entries: name and values of each camera.
-        form: conventions of the program.
     """
     with naming(path):
         found = Found()

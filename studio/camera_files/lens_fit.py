@@ -17,7 +17,6 @@ def fit_rational(radial: Callable[[np.ndarray], np.ndarray], reach: float, focal
 
     Args:
         radial: maps undistorted radii r (N,) in normalized coordinates to the factors that multiply them.
-        reach: largest r in the image.
         focal: focal length in pixels, for the tolerance.
 
     Returns:

@@ -56,7 +56,6 @@ class ChartFit:
     """Color matrices of cameras that see a chart.
 
     Attributes:
-        frame: frame number in the footage.
         matrices: camera to its (3, 4) float64 matrix, from the colors of the mean camera (RGB 0 to 1, and 1) to its
             own. Their mean changes nothing.
         before, after: camera to the root mean square difference of its patches from those of the mean camera, in

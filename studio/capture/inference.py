@@ -33,7 +33,6 @@ class Layout:
     Attributes:
         pattern: as in `CaptureSettings`.
         cameras: their names.
-        frames: number of frames.
         score: how likely it is, among candidates for the same files.
     """
 

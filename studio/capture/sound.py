@@ -19,7 +19,6 @@ class CaptureSound:
     """The sound of a capture's footage.
 
     Attributes:
-        file: the sound.
         start: seconds from the footage's first frame to the file's time 0.
         first: number of the footage's first frame.
         fps: frames per second of the footage.
@@ -60,7 +59,6 @@ def find_sound(spec: CaptureSettings, sources: Mapping[str, FrameSource], fps: f
     """Find and open the sound that `spec.audio` names; None if it names none.
 
     Args:
-        sources: the cameras.
         fps: frames per second of the footage.
     """
     if spec.audio is None:

@@ -30,8 +30,6 @@ class Timecode:
     Attributes:
         text: the label, such as 01:00:00:00; a semicolon before the frames says that labels are dropped.
         rate: frames per second.
-        frames: frames since midnight.
-        day: frames from midnight to midnight.
     """
 
     text: str
@@ -53,7 +51,6 @@ def parse_timecode(text: str, rate: Fraction, file: Path | None = None) -> Timec
     Args:
         text: `HH:MM:SS:FF`, or `HH:MM:SS;FF` for drop-frame.
         rate: frames per second of the video.
-        file: named in errors.
 
     Raises:
         StudioError: `sync.timecode_invalid`: there is no such label at this rate.

@@ -37,7 +37,6 @@ class VideoReader:
         transfer: what the values are, see `CaptureSettings.transfer`.
 
     Attributes:
-        path: the file.
         width, height: in square pixels, after the file's display rotation (multiples of 90 degrees).
         frame_count: number of frames at a constant rate. A frame that the file skips or repeats without data is the one
             before it.

@@ -50,7 +50,6 @@ def fit_size(camera: Camera, width: int, height: int, rule: str, image: np.ndarr
     If the aspect ratios are equal (within one pixel of rounding), the rule is not used.
 
     Args:
-        camera: the calibrated camera.
         width, height: size of the footage in pixels.
         rule: see `CaptureSettings.size_rule`.
         image: (H, W, 3) uint8 frame of the footage in which "auto" detects black bars; may be None.

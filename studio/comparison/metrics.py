@@ -33,10 +33,7 @@ class Metric:
     """A figure of image quality.
 
     Attributes:
-        name: in results.
-        title: in tables, reports and plots.
         unit: behind its values; may be empty.
-        digits: decimals that are shown.
         higher_is_better: False: lower values are better.
         measure: its value for a pair of images; None if it is not measured. None for flicker, which compares frames.
         evaluated: the evaluation of a take measures it, of trained and of decoded frames; False: only `compare` does.

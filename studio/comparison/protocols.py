@@ -12,8 +12,6 @@ class EvaluationProtocol:
     """How images are compared.
 
     Attributes:
-        name: as on the command line.
-        title: one sentence.
         cameras: names of the cameras; empty: those that are held out.
         padding: pixels around the bounding box of the performer's mask; None: the full frame.
         background: RGB, 0 to 1, behind performer and splats. Footage without masks covers it.

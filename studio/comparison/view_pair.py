@@ -67,7 +67,6 @@ class ViewPair:
         """Render a view and composite the footage.
 
         Args:
-            gaussians: on any device.
             camera: pinhole camera of `image`.
             image: (H, W, 3) uint8 RGB.
             mask: (H, W) uint8, 255 is the performer.
@@ -131,9 +130,6 @@ def flicker(before: np.ndarray, now: np.ndarray) -> float:
 
 def flicker_of(before: Mapping[str, Residual], now: Mapping[str, Residual]) -> float | None:
     """Flicker between two consecutive frames where the boxes overlap, mean over cameras, in levels of 0 to 255.
-
-    Args:
-        before, now: by camera.
 
     Returns:
         None if no camera has the performer in both frames.

@@ -34,7 +34,6 @@ def follow(
         frame: in which the ball was marked.
         center: (3,) its middle in that frame, world units.
         radius: above 0, world units.
-        weight: of the detail.
 
     Returns:
         Its path has the frame, the first and last frame of each group, and every `EVERY`th frame between.

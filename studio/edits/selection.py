@@ -29,7 +29,6 @@ class Paths:
     """Where the splats of a group are, and how opaque.
 
     Attributes:
-        frames: their numbers in the footage.
         means: (F, N, 3) world units.
         opacities: (F, N), 0 to 1.
     """
@@ -53,10 +52,6 @@ class Selection:
     """(N,) bool for each kind of edit: the splats that it removes.
 
     Attributes:
-        crop: outside of the crop box.
-        ground: below the ground.
-        regions: in a region.
-        faint: too transparent in all frames.
         loose: in a small cluster, of those that nothing else removes.
     """
 
@@ -79,11 +74,7 @@ class Selection:
 
 
 def select(edits: EditList, paths: Paths) -> Selection:
-    """The splats of a group that the edits remove.
-
-    Args:
-        paths: of the whole group.
-    """
+    """The splats of a group that the edits remove."""
     nothing = np.zeros(paths.means.shape[1], bool)
     crop = nothing if edits.crop is None else _mostly(~edits.crop.holds(paths.means))
     ground = nothing if edits.ground is None else _mostly(~edits.ground.holds(paths.means))

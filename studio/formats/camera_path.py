@@ -55,7 +55,6 @@ class Key:
 
     Attributes:
         time: time in seconds.
-        camera: the camera.
         frame: frame of the splat video; None: the video plays at its own rate.
         easing: how the camera moves to the next key, one of `EASINGS`.
     """
@@ -240,7 +239,6 @@ def read_film_keys(
         name: of the camera; None: there is only one.
         size: of the image, for formats that do not have it.
         numbers: frame numbers of the video, ascending.
-        fps: of the video.
     """
     module = importlib.import_module(f"studio.formats.{FILM_FORMATS[path.suffix.lower()]}")
     found: dict[str, dict[int, Camera]] = module.read_cameras(path, *size)

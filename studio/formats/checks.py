@@ -134,7 +134,6 @@ def from_arrays(arrays: Mapping[str, np.ndarray], dtype: type[np.floating[Any]] 
     All rows are kept, so that splats correspond from frame to frame; `usable` says which of them can be rendered.
 
     Args:
-        arrays: the attributes.
         dtype: float64 if the file has positions of that many digits.
     """
     with np.errstate(invalid="ignore", over="ignore"):  # what does not fit is not usable

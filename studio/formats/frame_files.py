@@ -140,9 +140,6 @@ def frame_numbers(folder: Path, names: list[str]) -> list[int]:
     Of several numbers, it is the one that changes from name to name. Iterations of a training (`iter_30000`) are never
     frames. If several change, it is the one after a word such as `frame`, otherwise the last one, provided that the
     others say the same order.
-
-    Args:
-        names: of files or folders.
     """
     found = [re.findall(r"([a-z]*)[^a-z\d]*(\d+)", _stem(name).lower()) for name in names]
     if len({tuple(word for word, _ in numbers) for numbers in found}) > 1:  # named differently: their last numbers

@@ -58,12 +58,10 @@ class _Section:
     Attributes:
         start: of its buckets in the file.
         count, capacity: splats that it has, and that it has room for.
-        bucket_size: splats in a full bucket.
         buckets, bucket_bytes: number of buckets, bytes of each one's middle.
         block: side of a bucket, world units.
         levels: steps of a position from the middle of a bucket to its side.
         full, partial: buckets that are full, and those after them that are not.
-        degree: of the harmonics.
     """
 
     start: int

@@ -151,7 +151,6 @@ class MovieSound:
     """Sound by movie time, which continues over the loops of the video.
 
     Args:
-        sound: of the video.
         start: video time at the movie's beginning, seconds.
         duration: of the video, seconds, after which it starts over.
     """
@@ -186,7 +185,6 @@ def movie_sound(
 
     Args:
         frame: returns the frame of the video at a movie time in seconds, as for `render_movie`.
-        seconds, fps: of the movie.
 
     Returns:
         The sound and ""; None and "" for a silent video; None and why, if the movie does not show the frames at their

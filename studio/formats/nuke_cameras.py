@@ -35,7 +35,6 @@ def read_cameras(path: Path, width: int, height: int) -> dict[str, dict[int, Cam
     """The cameras of a script: by name, and by number of the frame; one that stands still has one camera.
 
     Args:
-        path: of the .nk file.
         width, height: of the cameras in pixels; Nuke takes them from the format of the image.
 
     Raises:

@@ -67,7 +67,6 @@ class Performers:
         """Go on to a group.
 
         Args:
-            splats: its first frame.
             before: the frame before, of the group that was labeled last; None: there is none.
             number: of the first frame, for messages.
             order: (3,) a direction along which the performers are numbered, if there is no frame before.

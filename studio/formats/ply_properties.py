@@ -44,7 +44,6 @@ def check_properties(path: Path, names: Iterable[str], note: Note) -> None:
 
     Args:
         names: of all properties of the splats.
-        note: takes the ignored ones.
     """
     unknown = [
         name

@@ -47,7 +47,6 @@ def open_sequence(place: Path, fps: float = DEFAULT_FPS, progress: ProgressFn = 
 
     Args:
         place: folder or file; see `find_frames`.
-        fps: frame rate of playback.
 
     Returns:
         the video; its notes say what was ignored, dropped or moved. Splats that cannot be rendered in a frame are
@@ -71,7 +70,6 @@ class Frame:
     """One frame of an import.
 
     Attributes:
-        file: that has it, for messages.
         size: number of splats, and SH degree.
         read: returns all its rows, as `read_rows`; its argument takes notes.
     """

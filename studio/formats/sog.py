@@ -303,7 +303,6 @@ def read_pixels(parts: Parts, name: str, least: int) -> np.ndarray:
     """(height, width, 4) uint8 RGBA of a lossless WebP or PNG image.
 
     Args:
-        parts: the data set.
         least: pixels that are needed.
 
     Raises:

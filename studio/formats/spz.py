@@ -277,7 +277,6 @@ def write_container(path: Path, head: Head, attributes: list[bytes]) -> None:
     """Write a file of version 3 or 4. The same attributes give the same bytes.
 
     Args:
-        head: what the header says.
         attributes: in the order and of the sizes of `Head.sizes`.
     """
     assert head.version in WRITTEN_VERSIONS

@@ -46,7 +46,6 @@ def color_points(
         points: (N, 3) world coordinates.
         normals: (N, 3) unit normals.
         views: pinhole views; each is read once.
-        rays: ray caster of the mesh.
         best: number of views over which the median is computed.
         max_pixels: maximum number of pixels of a depth map.
 

@@ -33,7 +33,6 @@ def restore(
     """Restore the volume that outlier masks carved away.
 
     Args:
-        hull: the strict hull.
         tolerant: (Z, Y, X) bool: voxels that at most the tolerated number of cameras reject.
         uncovered: one (h, w) bool per camera, in its reduced image: foreground that the strict hull does not cover.
         tick: called often; may raise `Cancelled`.

@@ -140,7 +140,6 @@ def extract_surface(hull: Hull, smoothing: float) -> Mesh:
     silhouettes.
 
     Args:
-        hull: the field.
         smoothing: standard deviation in voxels of the field's Gaussian smoothing.
 
     Returns:

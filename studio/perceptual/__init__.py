@@ -76,9 +76,9 @@ class Lpips:
 
     def __init__(self, net: str, device: str = "cpu") -> None:
         """
+
         Args:
             net: a key of `NETWORKS`.
-            device: torch device.
 
         Raises:
             StudioError: `lpips.unknown_network`; `lpips.download_failed`: the weights cannot be downloaded;

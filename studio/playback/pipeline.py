@@ -66,7 +66,6 @@ class Run:
 
     Args:
         shared: the reader, and what is known of its groups.
-        start: the first frame to deliver.
         due: returns the frame to display now; frames are dropped if a later one is already due. None: every frame is
             delivered, no matter how slow the consumer is.
     """

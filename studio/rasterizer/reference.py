@@ -23,9 +23,6 @@ TILE = 16
 def project(gaussians: Gaussians, pinhole: Pinhole) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
     """EWA projection of splats in front of the camera (Zwicker et al. 2001; 3DGS, equation 5).
 
-    Args:
-        pinhole: the camera.
-
     Returns:
         means2d: (N, 2) pixels.
         cov2d: (N, 3) xx, xy, yy of the dilated 2D covariance, square pixels.
@@ -101,7 +98,6 @@ def blend(
         conics: (S, 3) xx, xy, yy of the inverse 2D covariance.
         opacities: (S,) in 0 to 1.
         features: (S, F), such as colors.
-        alpha_max: upper clamp of alpha.
 
     Returns:
         (P, F) sums of weight times feature, and (P,) final transmittance.

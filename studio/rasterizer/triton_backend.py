@@ -53,7 +53,6 @@ class Views:
 
     Attributes:
         sizes: (width, height) of each, pixels.
-        tiles, pixels: of all of them.
         cameras, frames: (V, 32) float32 and int32, the same memory. Of each view, as floats: rotation (9 numbers) and
             translation (3) of world_to_camera, camera center (3), fx, fy, cx, cy, `Pinhole.limits` (4), from 23 on
             nothing; as integers, from 24 on: first tile, width, height, tiles in a row and in a column, first pixel.
@@ -113,7 +112,6 @@ def bin_splats(boxes: Tensor, keys: Tensor, half: Tensor, tiles: int) -> tuple[T
 
     Args:
         boxes, keys, half: as written by `project_splats`.
-        tiles: of all views.
 
     Returns:
         (D,) places of the drawn splats, view by view, nearest first; and their tiles.

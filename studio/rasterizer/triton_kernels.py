@@ -131,7 +131,6 @@ def blend_tile_backward(
     Args:
         slots: (P,) int64, row of `d_pairs` for each pair.
         transmittance, last: as written by `blend_tile`.
-        d_image, d_depth, d_transmittance: gradients of its outputs.
         d_pairs: (P, 10) float32, output: the gradient of the table's row, from this tile's pixels. Rows of splats that
             were not drawn in the tile are left as they are: fill it with zeros.
         table, owners, starts, frames, views, alpha_max: as in `blend_tile`.

@@ -325,7 +325,6 @@ def project_splats_backward(
         d_sh: the same for the spherical harmonics, if COLORS; else not written.
         d_offsets: (N, 2) float32, output.
         means, quats, log_scales, logits, sh, cameras, count, dilation, COEFFICIENTS: as in `project_splats`.
-        views: V.
         PADDED: COEFFICIENTS, padded to a power of two.
     """
     splat = tl.program_id(0) * _BLOCK + tl.arange(0, _BLOCK)

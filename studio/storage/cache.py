@@ -53,9 +53,6 @@ def cache_gigabytes() -> float:
 class DiskCache:
     """Objects of stores on this machine's disk; the least recently used go first. Safe for several threads and
     processes; `disk_cache` makes it.
-
-    Args:
-        folder: of the cache.
     """
 
     def __init__(self, folder: Path) -> None:

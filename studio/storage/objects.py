@@ -44,11 +44,8 @@ class Pointer:
     """Which object of a store a file stands for.
 
     Attributes:
-        store: address of a folder.
-        path: of the object in it.
         size: in bytes.
         tag: changes with the content (`Entry.tag`).
-        cache: folder of the machine's cache.
     """
 
     store: str
@@ -69,7 +66,6 @@ class CachedObject:
 
     Attributes:
         size: in bytes.
-        name: its address.
         fetches: False: blocks that are not in the cache read as zeros.
     """
 
@@ -224,9 +220,6 @@ def whole_files(paths: Sequence[Path]) -> list[Path]:
     Objects of a store are copied to the machine's cache: together in one folder and with their names, because a model
     finds its external weights by name. Another version of an object has another folder. The copies are not counted as
     part of the cache. Other paths, also of missing files, are returned as they are.
-
-    Args:
-        paths: files of one folder.
 
     Raises:
         StudioError: `storage.*`.

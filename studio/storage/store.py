@@ -38,7 +38,6 @@ class Entry:
 
     Attributes:
         size: in bytes.
-        tag: changes with its content.
     """
 
     size: int
@@ -119,7 +118,6 @@ class Store:
 
         Args:
             path: relative to the store's folder.
-            data: its content.
             kind, cache: Content-Type and Cache-Control with which S3 serves it; other stores take no such options.
 
         Raises:

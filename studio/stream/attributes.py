@@ -74,7 +74,6 @@ class Attribute:
 
     Attributes:
         name: means, quats, scales, opacities or sh.
-        label: what people read.
         tensor: in `Gaussians`.
         shape: of a splat in that tensor; -1: SH coefficients.
         components: names in `planes`; {k} stands for each SH coefficient.
@@ -193,7 +192,6 @@ class Component:
 
     Attributes:
         name: as in the manifest and in file names: mean_x, sh_0_r, opacity, log_scale_0, quat_w, ...
-        attribute: that it belongs to.
     """
 
     name: str

@@ -20,13 +20,7 @@ _KEPT_PAGES = 16
 class GroupIndex:
     """All groups of a stream. Thread safe.
 
-    Args:
-        source: has the pages.
-        manifest_bytes: size of the manifest's file.
-
     Attributes:
-        manifest: as given.
-        starts: first frame of each group.
         reading: makes a context around each read of a page, which may raise other errors instead.
     """
 

@@ -194,11 +194,7 @@ class PlaneEntry(FileEntry):
 
 
 class SideEntry(FileEntry):
-    """The side file: keyframe positions, blocks, motions, classes and escapes.
-
-    Attributes:
-        raw_bytes: its decompressed size.
-    """
+    """The side file: keyframe positions, blocks, motions, classes and escapes."""
 
     raw_bytes: Annotated[int, Field(ge=1, le=MAX_SIDE_BYTES)]
 
@@ -398,7 +394,6 @@ class BlockTable(Model):
     """Blocks and the units of their motion.
 
     Attributes:
-        count: B.
         radius: scale of positions relative to the block's center, world units.
         step: unit of the affine motion parameters, world units.
         rotation_step: unit of the mean rotation's MRP.
@@ -416,10 +411,8 @@ class MotionRendition(Rendition):
     Attributes:
         tile: side of a channel's tile in pixels: the smallest multiple of 16 with tile^2 >= N.
         columns, rows: channel c is the tile in row c // columns, column c % columns.
-        positions: quantization of the keyframe's means.
         blocks: number and units of the block motion.
         channels: in the order of `attributes.channels(sh_degree)`.
-        video, side: the files.
     """
 
     tile: Annotated[int, Field(ge=16)]
@@ -476,7 +469,6 @@ class Profile:
     """What a profile means in the manifest.
 
     Attributes:
-        rendition: the model of its renditions.
         scan: pixel of splat i in a square: "rows": row i // side, column i % side; "morton": the i-th pixel of the
             square in the order of its interleaved column and row bits.
         codecs: that its videos may have.

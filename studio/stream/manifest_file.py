@@ -32,9 +32,6 @@ _BOUNDS = Bounds(size=MAX_MANIFEST_BYTES, values=2_000_000)
 def parse_manifest(data: bytes, name: str) -> Manifest:
     """Parse and validate a manifest.
 
-    Args:
-        data: content of the file.
-
     Raises:
         StudioError: not JSON, another format or version, a value out of bounds, or a checksum mismatch.
     """
@@ -97,8 +94,6 @@ def parse_page(
     """Parse and validate a page of the index.
 
     Args:
-        data: content of its file.
-        page: its entry in the manifest.
         first_group, first_frame: of the page, by the manifest.
 
     Raises:
@@ -132,7 +127,6 @@ def check_total(manifest: Manifest, group_bytes: int, manifest_bytes: int, name:
 
     Args:
         group_bytes: size of all files of all groups, each once.
-        manifest_bytes: size of the manifest's file.
     """
     expected = group_bytes + sum(file.bytes for file in manifest.fixed_files) + manifest_bytes
     if manifest.total_bytes != expected:
@@ -150,7 +144,6 @@ def seal(manifest: Manifest, group_bytes: int) -> tuple[Manifest, bytes]:
     """Fill in `total_bytes` and `manifest_sha256`, which depend on the bytes of the manifest itself.
 
     Args:
-        manifest: a draft.
         group_bytes: `distinct_bytes` of all groups, also of those in pages.
 
     Returns:

@@ -103,7 +103,6 @@ class Blocks:
 
     Attributes:
         labels: (N,) block of each splat; no block is empty.
-        count: B.
         local: (N, 4): position in the keyframe relative to the block's center, divided by `radius`, and 1.
     """
 

@@ -182,13 +182,7 @@ def compress(side: Side, bits: int) -> tuple[bytes, int]:
 
 
 class MotionState:
-    """Splats moved by their blocks, without residuals. Encoder and decoder run the same computation.
-
-    Args:
-        lattice, table: from the manifest.
-        side: content of the side file.
-        dtype: dtype of the results.
-    """
+    """Splats moved by their blocks, without residuals. Encoder and decoder run the same computation."""
 
     def __init__(self, lattice: Lattice, table: BlockTable, side: Side, dtype: type = np.float64) -> None:
         cells = deinterleave(side.codes)

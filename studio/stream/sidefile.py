@@ -96,7 +96,6 @@ def encode_octree(codes: np.ndarray, bits: int) -> list[bytes]:
 
     Args:
         codes: (N,) uint64 Morton codes of 3 * bits bits, sorted.
-        bits: levels.
 
     Returns:
         Parts for `deflate`: `bits` levels, then four byte planes of (points - 1) per filled cell.
@@ -116,7 +115,6 @@ def decode_octree(cursor: Cursor, bits: int, splats: int) -> np.ndarray:
 
     Args:
         cursor: at the first byte of the octree; afterwards behind its last.
-        bits, splats: what was encoded.
 
     Returns:
         (splats,) uint64 Morton codes, sorted.

@@ -69,8 +69,6 @@ class PlaneEncoder:
     container has neither dates nor library versions; x264 writes its own version into the bitstream.
 
     Args:
-        path: output file.
-        size: width and height.
         qp: on the H.264 scale.
         preset: one of `codecs.PRESETS`.
         tiles: codec of an image of many tiles; None for a plane of the profile `planes`.
@@ -168,7 +166,6 @@ class PlaneDecoder:
     """Decodes one video, held in memory, frame by frame in order.
 
     Args:
-        data: the whole file.
         size: width and height, from the manifest.
         pictures: that the file may have at most, from the manifest.
         codec: h264, hevc or av1, from the manifest.

@@ -12,13 +12,7 @@ from torch.optim.adam import adam
 
 @dataclass
 class ParameterGroup:
-    """Leaf tensors with the same learning rate; both may be changed between steps.
-
-    Attributes:
-        leaves: the tensors.
-        rate: learning rate.
-        name: for the caller.
-    """
+    """Leaf tensors with the same learning rate; both may be changed between steps."""
 
     leaves: list[Tensor]
     rate: float
@@ -32,12 +26,10 @@ class Adam:
     importing PyTorch. This class calls the same function for a step.
 
     Args:
-        groups: what is trained.
         betas: decay of the two moments per step.
         eps: added to the root of the second moment.
 
     Attributes:
-        groups: as above.
         state: leaf to its `exp_avg`, `exp_avg_sq` and `step`; none before its first step.
     """
 

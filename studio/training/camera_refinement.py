@@ -190,7 +190,6 @@ class _Placement:
     """A camera's correction as parameters of equal effect, about 1 for the size of the performer in the image.
 
     Args:
-        camera: as given.
         middle: (3,) about which the splats turn, world units.
         radius: of the performer, world units.
     """

@@ -22,18 +22,12 @@ class GroupRun(ABC):
     """The state that changes in each step.
 
     Args:
-        views: training views of each frame.
-        settings: losses of a step.
         leaves: what is trained, by name; each has its own Adam moments. Made leaves that require gradients.
         rates: learning rate of each; it decays in the second half of the steps (`rate_factor`).
-        iterations: training steps, over all frames.
         seed: equal seeds and inputs give equal results, bit for bit.
 
     Attributes:
-        leaves: as above.
         steppers: one per frame.
-        done: completed steps.
-        iterations: as above.
     """
 
     phase = "joint"

@@ -47,9 +47,7 @@ def views_of_frame(views: Sequence[TrainingView], pixels: int, frames: int, posi
     """The views of a frame that joint training uses: all, or as many as fit into memory, other cameras in each frame.
 
     Args:
-        views: training views of the frame.
         pixels: of all training images of a frame, uncropped.
-        frames: of the group.
         position: of the frame in the group.
     """
     every = min(len(views), -(-_BYTES_A_PIXEL * pixels * frames // _BYTES))

@@ -103,9 +103,7 @@ class MotionField(nn.Module):
 
     Args:
         low, high: (3,) corners of the performer's bounding box, world units.
-        grid: the hash grid h.
         width: neurons per hidden layer of the MLP.
-        layers: hidden layers of the MLP.
         generator: draws the initial weights; equal seeds give equal fields.
     """
 

@@ -116,9 +116,6 @@ def train_offsets(
         frames: some trained frames of the group, with all splats, in order.
         views: training views of each of these frames.
         kept: (M,) int64 indices of the splats to keep, ascending.
-        sh_degree: to cut spherical harmonics to.
-        settings: rates and losses.
-        iterations: training steps, over all frames.
         seed: equal seeds and inputs give equal offsets, bit for bit.
         progress, checkpoint, checkpoint_every, resume: see `GroupRun.train`.
 

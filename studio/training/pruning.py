@@ -20,7 +20,6 @@ def pruned_in_round(settings: TrainSettings, splats: int, rounds: int) -> int:
     Args:
         settings: `prune_ratio` of the splats; after the first round, no more than needed for `max_splats`.
         splats: number of splats before the round.
-        rounds: number of rounds before it.
     """
     count = int(splats * settings.prune_ratio)
     if rounds > 0:

@@ -189,7 +189,6 @@ def chroma_shift(gaussians: Gaussians, views: Sequence[TrainingView], siting: st
     image.
 
     Args:
-        gaussians: trained splats.
         views: training views of the same frame.
         siting: "left" or "center"; "auto": the one with which drawings come closer to the footage; "none": 0.
     """

@@ -15,7 +15,6 @@ class SplatOptimizer:
 
     Args:
         gaussians: initial values (copied).
-        rates: learning rates.
         extent: scene extent, world units; the rate of the means is multiplied by it.
         train_means: False freezes the means.
     """

@@ -42,7 +42,6 @@ class Step:
             been called yet.
         target: (H, W, 3) image with which the render was compared.
         render: the render; `radii` has an entry for every splat, 0 for dropped ones.
-        view: the training view.
         image: (H, W, 3) what was compared: the render in the colors of the camera.
     """
 
@@ -58,7 +57,6 @@ class Step:
         Args:
             number: of the step, from 1.
             phase: "keyframe", "motion" or "fine-tuning", for the error.
-            splats: how many are trained.
 
         Returns:
             `loss`, `psnr` (dB, of the crop of this step, over the training background) and `splats`.
@@ -79,11 +77,6 @@ class Step:
 
 class Stepper:
     """Renders random views over random backgrounds, both drawn by the generator, and computes equation 7.
-
-    Args:
-        views: training views.
-        settings: weights of the losses.
-        generator: draws views, backgrounds and dropout.
 
     Attributes:
         dropout: fraction of the splats that a step with dropout leaves out.

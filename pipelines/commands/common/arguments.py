@@ -42,11 +42,7 @@ class _HelpFormatter(argparse.HelpFormatter):
 
 
 class CommandParser(argparse.ArgumentParser):
-    """Gives clear errors for numbers and typos, takes no abbreviated options, and shows an epilog as it is written.
-
-    Attributes:
-        arguments: what was added to it.
-    """
+    """Gives clear errors for numbers and typos, takes no abbreviated options, and shows an epilog as it is written."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         self.arguments: list[argparse.Action] = []
@@ -85,7 +81,6 @@ class WordPairs:
 
     Attributes:
         parsers: by both words.
-        summaries: a line about each.
     """
 
     def __init__(self) -> None:
@@ -108,7 +103,6 @@ def add_command(
         commands: argparse's subparsers, or `WordPairs`.
         text: the line, without a period.
         command: what it does; returns the exit code.
-        more: sentences that follow.
         options: of argparse's `add_parser`.
     """
     description = f"{text[0].upper()}{text[1:]}.{f' {more}' if more else ''}"

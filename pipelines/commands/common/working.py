@@ -34,7 +34,6 @@ def working(what: str, json_output: TextIO | None) -> Iterator[ProgressFn]:
     """A `ProgressFn` that shows a progress bar or prints JSON lines, and raises Cancelled after Ctrl-C.
 
     Args:
-        what: label of the bar.
         json_output: print the event `Progress` to this stream instead; its figures are `done` and `total`.
     """
     from rich import progress as rich

@@ -22,7 +22,6 @@ class Starter:
 
         Args:
             words: arguments of `v3studio`.
-            place: folder of the take.
 
         Raises:
             OSError: the take is not here, or cannot be written.

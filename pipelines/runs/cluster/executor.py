@@ -52,14 +52,10 @@ class _Job:
     """A group on its way.
 
     Attributes:
-        group: the group.
         key: its `GroupStageCode.group_key`.
-        cpus: that it takes.
         attempt: 1 at first.
         lost: how often its worker was lost.
         node: id of the node that it runs on; "" while it waits for one, as far as is known.
-        wanted: what was asked for it.
-        log: the events of this attempt.
     """
 
     group: Group
@@ -77,8 +73,6 @@ class RayExecutor:
     """See `pipelines.stages.Executor`.
 
     Attributes:
-        ray: the package, connected.
-        nodes: of the cluster.
         memory_floor: bytes that each task asks for at least, raised when a node ran out of memory.
     """
 

@@ -57,9 +57,6 @@ class _Node:
 class Nodes:
     """See the module.
 
-    Args:
-        ray: the package, connected.
-
     Attributes:
         excluded: ids of nodes that get no more tasks, because they do not see the take or the footage.
     """

@@ -57,11 +57,9 @@ class GroupTask:
     """A stage of a group, as it is sent to a node: plain values only.
 
     Attributes:
-        take: the take's folder.
         footage: the footage's folder, or its address in object storage.
         paths: `run.paths`: a folder and its paths on other machines.
         stage: name of the stage.
-        group: number of the group.
         attempt: 1 at first.
         key: `GroupStageCode.group_key`, as the sender knows it.
         settings: values by dotted name that replace those of the take.
@@ -95,10 +93,6 @@ def versions() -> tuple[str, str]:
 def run_task(task: GroupTask, node: str) -> Message | None:
     """Do the task.
 
-    Args:
-        task: what to do.
-        node: id of this node.
-
     Returns:
         None, or what went wrong, as plain values.
     """
@@ -116,7 +110,6 @@ class _EventFile:
 
     Args:
         take: the take, where it is on this node.
-        node: id of this node.
     """
 
     def __init__(self, take: Take, task: GroupTask, node: str) -> None:

@@ -20,7 +20,6 @@ def encode_once(plan: BakePlan, part: Part, reporter: StageReporter, start: floa
     """The note on a baked part, which is encoded unless another process has done it meanwhile.
 
     Args:
-        part: to encode.
         reporter: receives progress from `start` to `stop`.
 
     Raises:

@@ -78,7 +78,6 @@ class FilmedError:
     training cameras.
 
     Args:
-        inputs: the take with its footage.
         frames: the trained frames of the group, with the take's edits.
         numbers: their frame numbers in the footage.
         check: raises Cancelled if the run was cancelled.

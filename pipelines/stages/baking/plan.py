@@ -33,7 +33,6 @@ class Part:
 
     Attributes:
         index: number of the group in the stream.
-        trained: the trained group.
         indices: its frames, counted from 0 in the take.
         stream_first: its first frame, counted from 0 in the stream.
     """
@@ -111,7 +110,6 @@ class BakePlan:
 
     Attributes:
         parts: in order.
-        folder: where groups are baked.
 
     Raises:
         StudioError: as `planned_parts`.

@@ -146,7 +146,6 @@ class FinetunedFrames(Sequence["Gaussians"]):
     """The frames of a rung, made on access: the splats that it keeps, with offsets, then the take's edits.
 
     Args:
-        group: the trained group.
         indices: the frames, counted from 0 in the take.
         offsets: of the rung, for the splats as trained.
     """

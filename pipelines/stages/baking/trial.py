@@ -49,7 +49,6 @@ def measure(context: Inputs, part: Part, settings: BakeSettings) -> Trial:
 
     Args:
         context: of the take; its footage gives the cameras that frames are compared from.
-        part: the group.
         settings: with the QP to try, without targets.
     """
     from pipelines.takes.edited import EditedFrames

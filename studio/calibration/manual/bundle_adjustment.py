@@ -47,10 +47,7 @@ def adjust(
     """Bundle adjustment of cameras and points.
 
     Args:
-        rig: initial values.
-        observations: the marks.
         groups: groups of cameras with shared unknown intrinsics; all other cameras keep theirs.
-        accuracy: of marks and measured positions.
         radial: also estimate the first radial distortion term.
         steps: maximum number of function evaluations.
 

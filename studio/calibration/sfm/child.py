@@ -21,7 +21,6 @@ class WorkerProgress:
 
     Attributes:
         step: name of the step in progress.
-        done, total: its finished and all parts.
     """
 
     step: str

@@ -53,7 +53,6 @@ def count_rows(database: Path, query: str, written: bool = False) -> int:
     """The result of a count query on a database; 0 if it cannot be read.
 
     Args:
-        query: returns one number.
         written: COLMAP is writing to it. COLMAP has an SQLite of its own, and two in one process do not see each
             other's locks: without readonly_shm, this one would truncate the index that the other has mapped, which
             loses rows or ends the process (https://www.sqlite.org/howtocorrupt.html, section 2.2.1).

@@ -19,7 +19,6 @@ def guess_focal_lengths(database: Path, folder: Path, cameras: Sequence[int], se
     With a poor initial focal length the mapper can close a ring of cameras wrongly.
 
     Args:
-        database: a database with verified matches.
         folder: folder for a temporary copy of it.
         cameras: ids of the cameras with unknown focal length.
     """

@@ -139,8 +139,6 @@ def sfm_job(
     Args:
         sizes: (width, height) of each camera's images.
         sync_frames: images per camera.
-        masks: whether there are masks.
-        known: cameras with known intrinsics.
         focal_lengths: camera name to an initial focal length in pixels.
         poses: an earlier solution with all the cameras, or None.
         threads: number of threads, 0 = all cores.

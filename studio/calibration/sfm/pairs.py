@@ -32,7 +32,6 @@ def worthwhile(
 
     Args:
         matches: number of verified matches per pair (smaller number first); pairs without any may be missing.
-        count: number of cameras.
         enough: minimum number of matches that makes a pair worth matching.
         at_least: partners that each camera keeps, excluding those without any match.
 
@@ -56,7 +55,6 @@ def preview_pairs(
     """Pairs of cameras worth matching, by their largest features.
 
     Args:
-        source: database with keypoints and descriptors.
         preview: path of a temporary database, removed at the end.
         pictures: id of one image of each camera in the source.
         prepare: writes one image per camera into the new database and returns their ids.

@@ -32,7 +32,6 @@ def try_shared_intrinsics(
     """The model with shared intrinsics for cameras of the same image size, if it fits equally well.
 
     Args:
-        model: pycolmap.Reconstruction, adjusted.
         free: ids of the cameras with unknown intrinsics.
         width: width of the model's Cauchy loss in pixels.
         adjust: adjusts a model in place under that loss.
@@ -64,7 +63,6 @@ def try_separate_intrinsics(
     """The model with separate intrinsics, if they fit much better than its shared ones.
 
     Args:
-        model: pycolmap.Reconstruction, adjusted.
         own: image id to the id of its own camera.
         width, adjust: as in `try_shared_intrinsics`.
 
@@ -159,7 +157,6 @@ def rebuilt(model: Any, cameras: dict[int, Any], of: dict[int, int]) -> Any:
     Args:
         model: pycolmap.Reconstruction in which each rig is one camera.
         cameras: camera id to pycolmap.Camera; copied.
-        of: image id to camera id.
     """
     import pycolmap
 

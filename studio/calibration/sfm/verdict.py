@@ -18,9 +18,6 @@ def match_inlier_ratio(model: Any, database: Path) -> float:
     A small reprojection error is not sufficient: wrongly placed cameras keep the few points that fit, but lose their
     matches with other cameras.
 
-    Args:
-        database: the database of the model.
-
     Returns:
         0 to 1, over all pairs of registered images; 0 if there are none.
     """

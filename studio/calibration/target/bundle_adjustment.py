@@ -56,8 +56,6 @@ def refine(
 
     Args:
         state: initial values; every camera and target pose needs an observation.
-        model: COLMAP camera model.
-        principal_point: estimate the principal points.
     """
     import pycolmap
 

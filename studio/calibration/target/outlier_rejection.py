@@ -28,7 +28,6 @@ def refine_without_outliers(
     target pose, not at the common pose.
 
     Args:
-        model: COLMAP camera model.
         outlier: threshold as a multiple of the median of these errors; the threshold is at least 0.5 pixels.
         principal_point, threads: as in `refine`.
     """

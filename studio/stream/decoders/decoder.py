@@ -61,7 +61,6 @@ def check_luma(video: VideoEntry | PlaneEntry, index: int, luma: np.ndarray, nam
     """Compare image `index` of a video with its check, if it has one.
 
     Args:
-        video: its entry in the manifest.
         index: 0-based.
         luma: (height, width) uint8, contiguous.
     """

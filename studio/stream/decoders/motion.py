@@ -24,10 +24,6 @@ from studio.stream.video import PlaneDecoder
 class GroupTables:
     """What all frames of a group share: the parsed side file, and the pixel of each number of a splat.
 
-    Args:
-        group: its entry in the manifest.
-        data: the side file.
-
     Raises:
         ValueError: the side file does not match the manifest.
     """
@@ -129,11 +125,6 @@ class MotionFrame(DecodedFrame):
 
 class MotionDecoder(GroupDecoder):
     """Decodes one group of the profile `motion`.
-
-    Args:
-        group: its entry in the manifest.
-        files: content by path.
-        threads: of the video decoder.
 
     Raises:
         StudioError: a file does not match the manifest.

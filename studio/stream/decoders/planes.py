@@ -21,7 +21,6 @@ class PlanesFrame(DecodedFrame):
     """One frame's planes.
 
     Attributes:
-        group: ranges and layout.
         planes: (P, side, side) uint8 in the order of `group.videos`.
     """
 
@@ -48,9 +47,7 @@ class PlanesDecoder(GroupDecoder):
     """Decodes all planes of a frame in parallel.
 
     Args:
-        group: its entry in the manifest.
         files: content by path, from `fetch_group`.
-        pool: threads to decode on.
     """
 
     def __init__(self, group: PlanesRendition, files: Mapping[str, bytes], pool: ThreadPoolExecutor, name: str) -> None:

@@ -183,7 +183,6 @@ class _Job:
     loses.
 
     Attributes:
-        prepared: the group, analyzed.
         folder: for the files, replaced by each encoding.
         identity: values of the rendition that the encoder does not know.
         qp: of the rung, from which encoding starts.

@@ -20,7 +20,6 @@ def beyond_hardware(group: GroupEntry, fps: float, codec: str) -> list[Message]:
     profile `planes`, whose lossless planes are decoded in software anyway.
 
     Args:
-        group: as baked.
         fps: frames per second that it plays at.
     """
     found = []

@@ -117,7 +117,6 @@ class MotionBake:
         """Write side file and video into `folder`, under the names of their content.
 
         Args:
-            folder: for the files.
             identity: values of the rendition that are not known here.
             settings: as they are; QP and attributes' QPs are used.
             progress: called with (frames encoded, frames).

@@ -38,7 +38,6 @@ def search_qp(measure: Callable[[int], float], target: float, what: str, unit: s
         measure: size or quality at a QP.
         target: with `at_most` the largest allowed value, and the lowest QP is found; otherwise the smallest allowed
             value, and the highest QP is found.
-        what, unit: for the message.
         at_most: see `target`.
 
     Raises:
@@ -100,7 +99,6 @@ def limited_offsets(
     Args:
         measure: encodes with such offsets and returns, per frame, the errors of `FilmedErrorFn`. The last call is with
             the offsets that are returned.
-        frames: number of frames.
         qp: QP of a frame with offset 0; no frame's becomes lower than 1.
         limit: dB, above 0.
     """

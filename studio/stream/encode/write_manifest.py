@@ -196,9 +196,7 @@ def _replace_manifest(path: Path, data: bytes, files: Iterable[str]) -> None:
     or the new one.
 
     Args:
-        path: the manifest.
         data: its bytes.
-        files: paths in the stream's folder.
 
     Raises:
         StudioError: it cannot be written.
