@@ -6,7 +6,7 @@ judges cameras from a file, and a rig that a repeating wall has folded.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import TypeAlias
@@ -120,6 +120,30 @@ def _verified(first: _Features, second: _Features) -> np.ndarray:
     width = max(1.0, TOLERANCE * pixels.max())
     _, inliers = cv2.findFundamentalMat(pixels[:, :2], pixels[:, 2:], cv2.USAC_MAGSAC, width, 0.999, 5000)
     return pixels[inliers.ravel() > 0] if inliers is not None else np.zeros((0, 4))
+
+
+def repetition(pairs: Sequence[PairMatches]) -> float:
+    """Fraction of the matches that contradict each other, whatever the cameras: followed from image to image, they lead
+    to another place of an image, as on walls with a repeating pattern. Of those in three or more images."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    places: dict[tuple[str, float, float], int] = {}
+    ends = []
+    for pair in pairs:
+        for name, pixels in ((pair.first, pair.first_pixels), (pair.second, pair.second_pixels)):
+            ends.append([places.setdefault((name, x, y), len(places)) for x, y in pixels.tolist()])
+    first, second = (np.array([at for one in ends[side::2] for at in one], int) for side in (0, 1))
+    links = coo_array((np.ones(len(first)), (first, second)), shape=(len(places), len(places)))
+    count, track = connected_components(links, directed=False)
+    near = 2 * TOLERANCE * max((max(x, y) for _, x, y in places), default=0.0)
+    seen: list[dict[str, tuple[float, float]]] = [{} for _ in range(count)]
+    apart = np.zeros(count, bool)
+    for (name, x, y), one in zip(places, track.tolist(), strict=True):
+        other_x, other_y = seen[one].setdefault(name, (x, y))
+        apart[one] |= max(abs(x - other_x), abs(y - other_y)) > near
+    several = np.array([len(one) > 2 for one in seen], bool)[track[first]]
+    return float(apart[track[first]][several].mean()) if several.any() else 0.0
 
 
 def fitting(cameras: Mapping[str, Camera], pairs: Iterable[PairMatches]) -> dict[tuple[str, str], tuple[int, int]]:

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
-from studio.calibration.epipolar import LEAST_MATCHES, PairMatches, distances, fitting
+from studio.calibration.epipolar import LEAST_MATCHES, PairMatches, distances, fitting, repetition
 from studio.cameras import OPENGL_AXES, Camera
 from studio.counts import cameras_listed
 
@@ -24,6 +24,9 @@ _DOUBTFUL = 0.5
 """A camera whose matches with the others fit less often than this is placed wrongly."""
 _MOST = 1 / 3
 """Of the cameras: if more disagree, it is the rig, or the masks, and not single cameras."""
+_REPEATING = 0.2
+"""Fraction of the matches that contradict each other, from which on they say nothing about cameras: 0.44 before walls
+with a repeating pattern, up to 0.04 elsewhere."""
 _SCALES, _NEAR = np.geomspace(0.5, 2.0, 29), np.geomspace(0.95, 1.05, 11)
 """Factors of focal lengths that are tried, and those around the best of them."""
 
@@ -89,7 +92,7 @@ def judge(
     verdict = _images(evidence)
     masks_wrong = mask_errors is not None and (not mask_errors or len(contradicting) > _MOST * len(cameras))
     if masks_wrong and verdict.blamed != "cameras":
-        verdict = _masks(evidence.known, bool(mask_errors), contradicting)
+        verdict = _masks(evidence, bool(mask_errors), contradicting)
     elif masks_wrong:  # misplaced cameras contradict the masks of all others
         verdict = verdict.model_copy(update={"grade": "wrong"})
     elif contradicting and verdict.grade != "wrong":
@@ -110,6 +113,10 @@ class _Evidence:
 
     def __init__(self, cameras: Cameras, pairs: Sequence[PairMatches]) -> None:
         self.cameras, self._pairs = cameras, [pair for pair in pairs if {pair.first, pair.second} <= cameras.keys()]
+        repeating = repetition(self._pairs) >= _REPEATING
+        if repeating:
+            self._pairs = []
+        self.lack = "repeat a pattern" if repeating else "have too few features in common"
         judged = [name for name in cameras if self.total(name) >= LEAST_MATCHES]
         self.known = len(cameras) > 1 and len(judged) > len(cameras) * (1 - _MOST)
 
@@ -165,7 +172,7 @@ def _images(evidence: _Evidence) -> RigVerdict:
     if not evidence.known:
         return RigVerdict(
             grade="usable",
-            reason="The images have too few features in common to check the cameras.",
+            reason=f"The images {evidence.lack}, so they cannot check the cameras.",
             fix="Look at the footage over the mesh, or calibrate from footage with a textured background.",
         )
     doubtful = evidence.doubtful()
@@ -207,23 +214,23 @@ def _images(evidence: _Evidence) -> RigVerdict:
     return RigVerdict(grade="good", reason=f"{share:.0%} of the matches between the images fit the cameras.")
 
 
-def _masks(known: bool, some: bool, contradicting: Collection[str]) -> RigVerdict:
+def _masks(evidence: _Evidence, some: bool, contradicting: Collection[str]) -> RigVerdict:
     """The masks contradict each other, and the images do not say that the cameras are wrong."""
     what = "the masks have no common volume"
     if some:
         what = f"the masks of {cameras_listed(contradicting)} contradict the others"
-    if known:
+    if evidence.known:
         reason = f"The masks are wrong: {what}, while the matches between the images fit the cameras."
         fix = "Check capture.masks: a clean plate, mask files or another source."
     else:
-        reason = f"The cameras or the masks are wrong: {what}, and the images have too few features to say which."
+        reason = f"The cameras or the masks are wrong: {what}. The images {evidence.lack}, so they cannot say which."
         fix = "Look at the masks on the Capture page, then check the calibration."
     return RigVerdict(
         grade="wrong",
         reason=reason,
         fix=fix,
         doubtful=tuple(contradicting),
-        blamed="masks" if known else "cameras or masks",
+        blamed="masks" if evidence.known else "cameras or masks",
     )
 
 
