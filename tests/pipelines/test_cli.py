@@ -126,26 +126,6 @@ def test_status_says_what_a_baking_take_is_doing(cli, start, finished, tmp_path)
     assert found["stages"]["bake"]["reason"] != "never run"
 
 
-def test_play_prints_a_row_a_frame_for_a_take_and_for_a_stream(here, finished):
-    for folder in (finished / "take", finished / "take" / "stream"):
-        report = result_of(here("play", folder, "--json").stdout)
-        assert [row["frame"] for row in report["frames"]] == [0, 1, 2, 3, 4]
-        assert all(row["decode_ms"] > 0 for row in report["frames"])
-    text = here("play", finished / "take").stdout
-    assert "fetch ms" in text
-    assert "v3studio-gui" in text
-    assert "5 frames in" in text
-    assert here("play", finished / "capture").returncode == 1
-
-
-def test_the_last_lines_of_a_run_are_the_table(here, finished, tmp_path):
-    shutil.copytree(finished, tmp_path / "copy")
-    text = here("run", tmp_path / "copy" / "ball.yaml", "--take", tmp_path / "copy" / "take").stdout
-    assert "up to date: calibrate, initialize, train, bake, evaluate" in text
-    assert "PSNR trained" in text
-    assert "held-out cameras cam4" in text
-
-
 def test_status_answers_without_torch(finished):
     script = (
         "import sys\n"
@@ -205,14 +185,6 @@ def test_frame_ranges_are_those_of_python():
     for text in ("", "3", "5:5", "5:2", "a:b", "1:2:0", "-1:2", "1:2:3:4"):
         with pytest.raises(argparse.ArgumentTypeError):
             frame_range(text)
-
-
-@pytest.mark.parametrize("shell", ["bash", "zsh"])
-def test_shells_get_a_script_for_completion(shell, here):
-    done = here("completion", shell)
-    assert done.returncode == 0
-    for name in ("status", "--preset", "--overwrite"):
-        assert name in done.stdout
 
 
 def test_bash_completes_commands_options_and_choices(here, tmp_path):

@@ -88,25 +88,6 @@ def lay_out(folder: Path, finished: Path, commands: str) -> None:
     (folder / "masks" / "my_masks.py").write_text(own[1])
 
 
-@pytest.mark.parametrize("page", PAGES)
-def test_settings_are_written_before_a_command_reads_them(page: str) -> None:
-    written = [number for number, command in enumerate(PAGES[page]) if command.startswith("init ")]
-    named = [number for number, command in enumerate(PAGES[page]) if "my.yaml" in command]
-    assert not written or min(named) >= min(written)
-
-
-def test_the_detail_of_the_guide_is_in_its_crop_box() -> None:
-    """Both have the same axis up."""
-    commands = "\n".join(PAGES["docs/guides/edit.md"])
-
-    def three(option: str) -> list[float]:
-        found = re.search(rf"{option} (\S+) (\S+) (\S+)", commands)
-        assert found is not None
-        return [float(number) for number in found.groups()]
-
-    assert all(low < at < high for low, at, high in zip(three("--min"), three("--at"), three("--max"), strict=True))
-
-
 def test_the_size_of_the_demo_is_that_of_its_stream() -> None:
     with StreamReader.open(ROOT / "docs/assets/sample.v3s") as reader:
         size, frames = reader.manifest.total_bytes, reader.manifest.frame_count

@@ -21,11 +21,13 @@ SETTINGS: Mapping[str, str] = {
     "RAY_enable_worker_prestart": "0",
     "RAY_gcs_server_port_wait_time_s": "600",  # by default half a minute, which a busy machine takes
     "RAY_gcs_server_request_timeout_seconds": "600",
+    "RAY_raylet_start_wait_time_s": "600",
     "RAY_worker_niceness": "0",  # as a local run; by default, tasks have to wait for everything else
 }
 """Environment of the cluster and of its drivers."""
 
 _PROGRAM = """
+import socket
 import sys
 import ray
 from ray.cluster_utils import Cluster
@@ -35,9 +37,20 @@ class Busy:
     def begin(self):
         pass
 
+AGENT_PORTS = "metrics_agent_port", "metrics_export_port", "dashboard_agent_listen_port", "runtime_env_agent_port"
+
+def ports():
+    # Otherwise the raylet ends unless its agents have told it their ports within a time that a busy machine exceeds.
+    sockets = [socket.create_server(("127.0.0.1", 0)) for _ in AGENT_PORTS]
+    found = [one.getsockname()[1] for one in sockets]
+    for one in sockets:
+        one.close()
+    return dict(zip(AGENT_PORTS, found))
+
 cpus = int(sys.argv[1])
-cluster = Cluster(initialize_head=True, head_node_args={"wait": False, "num_cpus": cpus, "include_dashboard": False})
-second = cluster.add_node(wait=False, num_cpus=cpus)
+head = {"wait": False, "num_cpus": cpus, "include_dashboard": False, **ports()}
+cluster = Cluster(initialize_head=True, head_node_args=head)
+second = cluster.add_node(wait=False, num_cpus=cpus, **ports())
 cluster.wait_for_nodes(600)
 ray.init(cluster.address, log_to_driver=False)
 on_first = NodeAffinitySchedulingStrategy(cluster.head_node.node_id, soft=False)

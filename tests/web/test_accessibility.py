@@ -146,20 +146,3 @@ def test_a_short_press_of_a_key_turns_the_view(page):
         }"""
     )
     assert turned < -0.5
-
-
-def test_loading_is_only_there_while_it_loads(page):
-    status = page.handle.get_by_role("status", name="Loading")
-    assert status.count() == 0
-    veil = page.handle.locator("v3-player .veil")
-    veil.evaluate("one => one.classList.add('busy')")
-    assert status.count() == 1
-    veil.evaluate("one => one.classList.remove('busy')")
-
-
-def test_help_hints_and_buttons_use_the_same_words(page):
-    page.handle.locator("v3-player .stage").press("?")
-    names = page.handle.locator("v3-player .help th").all_inner_texts()
-    assert "Turn" in names, "as in the hint: Drag to turn"
-    for act in ("reset", "link", "info"):
-        assert page.handle.locator(f"v3-player .bar [data-act='{act}']").get_attribute("aria-label") in names

@@ -309,31 +309,6 @@ def test_the_timeline(page):
     page.wait("player.state.frame === 0")
 
 
-def test_the_statistics_have_the_figures(page):
-    page.call("play")
-    page.wait("(seen.looped ?? []).length >= 1")
-    page.call("pause")  # during playback, the bar hides automatically
-    page.click("settings")
-    page.handle.locator("v3-player .settings [data-act='info']").click()
-    text = page.handle.locator("v3-player .info").inner_text()
-    assert "paused (25 fps)" in text
-    for name in (
-        "Frame rate",
-        "Dropped",
-        "Splats",
-        "Decode",
-        "Dequantize",
-        "Sort",
-        "Render",
-        "Main thread",
-        "Received",
-    ):
-        assert name in text
-    assert "WebCodecs, WebGL2" in text
-    assert "sizes and SHA-256" in text
-    assert "of 1,5" in text
-
-
 def test_one_tap_opens_the_share_sheet_of_the_system(page):
     """A sheet that the viewer closes is no reason to copy; one that fails is."""
     share = """name => {

@@ -105,22 +105,6 @@ def test_curves_and_figures_are_those_of_the_evaluation(page, take):
     page.handle.get_by_text("Numbers", exact=True).click()
 
 
-def test_plain_words_come_first_and_the_worst_moments_are_marked(page, take):
-    values = [row["psnr_decoded"] for row in json.loads(take.evaluation.read_text())["frames"]]
-    for frame, value in ((0, values[0]), (3, values[3])):
-        page.seek_frame(frame)
-        word = "good" if value >= 31 else "visible loss" if value >= 25 else "bad"
-        assert page.handle.locator(".v3-review .now").inner_text().endswith(word)
-    assert "% of the time" in page.handle.locator(".v3-review .words").inner_text()
-    moments = page.handle.locator(".v3-review .worst button")
-    if min(values) >= 31:
-        assert moments.count() == 0
-        return
-    assert page.handle.locator("v3-player .moments i").count() == moments.count()
-    moments.first.click()
-    page.wait("player.state.frame === argument", min(range(len(values)), key=values.__getitem__))
-
-
 def test_a_comment_at_a_place_in_the_image(page, take):
     page.seek_frame(4)
     page.handle.get_by_role("button", name="Mark this frame").click()
@@ -197,17 +181,6 @@ def test_a_mark_is_written_to_the_take_and_shown_after_reloading(page, take):
     said.wait_for()
     page.handle.get_by_role("button", name="Mark at frame 3", exact=True).click()
     page.wait("player.state.frame === 3")
-
-
-def test_the_line_ends_at_the_title_and_the_controls(page):
-    page.handle.set_viewport_size({"width": 360, "height": 740})
-    page.handle.locator("v3-player .stage").press("w")
-    page.wait(f"!{WIPE}.hidden")
-    line = page.handle.locator("v3-player .wipe [role=slider]").bounding_box()
-    title = page.handle.locator("v3-player .title").bounding_box()
-    assert line["y"] >= title["y"] + title["height"]
-    controls = page.handle.locator("v3-player .timeline").bounding_box()
-    assert line["y"] + line["height"] <= controls["y"]
 
 
 def view_of(page: Page) -> dict[str, Any]:
@@ -293,13 +266,6 @@ def test_a_comment_is_written_in_one_glance_on_a_phone(page):
     assert boxes[1]["width"] >= 120
     parts[-1].click()
     page.handle.wait_for_selector(".v3-review .plots")
-
-
-def test_help_tells_how_to_compare_and_mark(page):
-    page.handle.locator("v3-player .stage").press("?")
-    text = page.handle.locator("v3-player .help").inner_text()
-    assert "Compare" in text
-    assert "Comment" in text
 
 
 def copied(page: Page, which: str) -> str:

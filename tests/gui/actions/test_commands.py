@@ -17,9 +17,3 @@ def test_a_held_key_that_switches_acts_once(name: str) -> None:
     actions = Actions(MagicMock())
     assert actions.for_key(event) is not None
     assert actions.for_key(event, again=True) is None
-
-
-@pytest.mark.parametrize("name", ["LEFT", "RIGHT", "LEFT_BRACKET", "RIGHT_BRACKET", "PERIOD", "COMMA", "C", "M"])
-def test_other_keys_act_again(name: str) -> None:
-    event = SimpleNamespace(key=getattr(gui.KeyName, name))
-    assert Actions(MagicMock()).for_key(event, again=True) is not None

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from gui.drawing.canvas import Canvas, fitted, line_height, shortened, text_width, wrapped
+from gui.drawing.canvas import Canvas, fitted, text_width, wrapped
 
 BLACK, RED, WHITE = (0, 0, 0), (255, 0, 0), (255, 255, 255)
 WORDS = "Twelve cameras look at the performer from all sides"
@@ -16,12 +16,6 @@ WORDS = "Twelve cameras look at the performer from all sides"
 def drawn(canvas: Canvas) -> np.ndarray:
     """(H, W) bool: pixels that are not black."""
     return canvas.pixels.any(axis=2)
-
-
-def test_a_long_text_says_where_the_rest_is() -> None:
-    lines = wrapped(WORDS, 14, 120)
-    assert shortened(WORDS, 14, 120, len(lines), "more") == lines
-    assert shortened(WORDS, 14, 120, len(lines) - 1, "more") == [*lines[:-2], "more"]
 
 
 @pytest.mark.parametrize("size", [12, 20])
@@ -62,19 +56,6 @@ def test_rectangles_are_clipped(place: tuple[int, int, int, int]) -> None:
     assert (canvas.pixels[inside] == RED).all()
 
 
-@pytest.mark.parametrize(("align", "left"), [("left", 0.0), ("right", 1.0), ("middle", 0.5)])
-def test_where_text_stands(align: str, left: float) -> None:
-    canvas = Canvas(300, 40, BLACK)
-    width = canvas.text(150, 8, "MHM", 16, WHITE, align=align)
-    assert width == text_width("MHM", 16)
-    columns = np.flatnonzero(drawn(canvas).any(axis=0))
-    rows = np.flatnonzero(drawn(canvas).any(axis=1))
-    assert columns[0] == pytest.approx(150 - left * width, abs=3)
-    assert columns[-1] == pytest.approx(150 + (1 - left) * width, abs=3)
-    assert 8 <= rows[0] < rows[-1] < 8 + line_height(16)
-    assert canvas.text(0, 0, "", 16) == 0
-
-
 def test_images_are_clipped_and_fitted() -> None:
     picture = np.arange(5 * 8 * 3, dtype=np.uint8).reshape(5, 8, 3) + 1
     for x, y in ((3, 2), (-3, -1), (16, 8), (-8, 0)):
@@ -86,9 +67,3 @@ def test_images_are_clipped_and_fitted() -> None:
     canvas = Canvas(100, 60, BLACK)
     assert canvas.fit_image(10, 5, 80, 50, np.full((10, 40, 3), 200, np.uint8)) == (10, 20, 80, 20)
     assert np.array_equal(np.argwhere(drawn(canvas))[[0, -1]], [[20, 10], [39, 89]])
-
-
-def test_a_number_stays_with_its_unit() -> None:
-    for width in range(80, 300, 20):
-        lines = wrapped("PSNR 16.01 dB (before baking 16.03 dB), 2.8 KB per frame, done in 1.1 s", 16, width)
-        assert not any(line.lstrip().startswith(("dB", "KB", "s")) for line in lines), width

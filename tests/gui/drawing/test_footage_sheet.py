@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from gui.drawing.footage_sheet import FootageSheet
@@ -41,10 +39,3 @@ def test_cameras_and_frames_are_where_they_are_drawn() -> None:
     bright = {frame: pixels[box.y + box.height // 2, box.x + box.width // 2, 0] for frame, box in sheet.frames.items()}
     assert bright[60] == bright[65] == 240
     assert bright[69] < 100
-
-
-def test_before_there_is_anything_it_says_what_is_done() -> None:
-    sheet = FootageSheet((600, 240), 16.0, Inspection(), {}, (0, 0), "Examining the footage")
-    assert np.ptp(sheet.draw()) > 50
-    assert np.ptp(replace(sheet, words=" ").draw()) == 0
-    assert (sheet.camera_at(5, 5), sheet.frame_at(5, 239)) == ("", None)

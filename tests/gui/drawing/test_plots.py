@@ -42,11 +42,3 @@ def test_values_are_drawn_to_scale() -> None:
     area = (1.6 * EM, 200 - 1.5 * round(0.82 * EM))
     assert area[0] + 5 < top < area[0] + 15
     assert area[1] - 15 < bottom < area[1] - 5
-
-
-def test_without_finite_values_it_says_so() -> None:
-    empty, nan = Canvas(300, 120, (0, 0, 0)), Canvas(300, 120, (0, 0, 0))
-    curve(empty, (0, 0, 300, 120), "loss", [], COLOR, EM)
-    curve(nan, (0, 0, 300, 120), "loss", [((0.0, 1.0), (float("nan"), float("inf")))], COLOR, EM)
-    assert np.array_equal(empty.pixels, nan.pixels)
-    assert not (empty.pixels == COLOR).all(axis=2).any()

@@ -19,7 +19,6 @@ from gui.models.marks import Marks
 from gui.models.playback.player import PlayerPresenter
 from gui.models.preferences import RECENT, Preferences
 from gui.models.take.inspector import review_blocks
-from gui.models.take.settings import SECTIONS, fields_of
 from gui.models.take.workspace import Workspace
 from gui.pages.bake.qp_trial import TRIED_QPS
 from gui.pages.bake.view import BakeView, shares
@@ -39,7 +38,6 @@ from studio.cameras import Camera, Rig
 from studio.edits import EditList
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
-from studio.settings import all_names
 from studio.similarity import Similarity
 from studio.stream import StreamReader
 from tests.support.errors import refuses
@@ -371,22 +369,6 @@ def test_stages_that_have_not_run_say_what_to_do(views: StageViews, footage_proj
     assert "Bake" in str(refused)
 
 
-def test_each_setting_has_a_field_with_words_and_its_text_reads_back() -> None:
-    fields = [field for stage in SECTIONS for field in fields_of(stage)]
-    assert sorted(field.name for field in fields) == sorted(all_names(Config))
-    for field in fields:
-        assert len(field.documentation) > 10, field.name
-        value = field.parsed(field.shown(Config()))
-        if field.name != "capture.root":  # becomes absolute
-            assert load_config(None, [(field.name, value)]) == Config(), field.name
-    by_name = {field.name: field for field in fields}
-    assert by_name["bake.preset"].kind == "choice"
-    assert by_name["train.use_plates"].kind == "switch"
-    assert by_name["capture.images"].parsed("{frame}/{camera}.png") == "{frame}/{camera}.png"
-    assert by_name["capture.fps"].parsed("") is None
-    assert by_name["capture.held_out"].parsed("[a, b]") == ["a", "b"]
-
-
 def test_a_new_take_from_footage(footage_project: Path, tmp_path: Path) -> None:
     new = NewTake()
     with refuses("take.no_footage"):
@@ -549,14 +531,3 @@ def test_qps_are_tried_on_a_whole_group_and_chosen_by_a_click(views: StageViews,
     wait_in_loop("the new setting", lambda: views.workspace.config.bake.quality == 30)
     views.click(1.0, 1.0)
     assert load_config(take_copy / "config.yaml").bake.quality == 30, "not a point"
-
-
-def test_a_change_of_settings_is_named_when_it_is_undone(workspace: Workspace, take_copy: Path) -> None:
-    workspace.open(Take.open(take_copy))
-    assert workspace.context is not None
-    before = workspace.context.config.bake.quality
-    assert workspace.change_settings({"bake.quality": before + 6}) is None
-    assert f"bake.quality from {before} to {before + 6}" in workspace.history.undo()
-    assert workspace.context.config.bake.quality == before
-    assert workspace.change_settings({"bake.quality": before + 8}, "QP from the curve") is None
-    assert "QP from the curve" in workspace.history.undo()

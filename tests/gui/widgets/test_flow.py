@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from open3d.visualization import gui
-
-from gui.widgets.flow import Flow, flow_lines
+from gui.widgets.flow import flow_lines
 
 
 def test_groups_stay_together_where_a_line_can_hold_them() -> None:
@@ -23,16 +19,3 @@ def test_a_group_wider_than_a_line_is_divided() -> None:
     lines = flow_lines([50] * 4, [8, 0, 0, 0], 120, 4)
     assert [[at for at, _ in line] for line in lines] == [[0, 1], [2, 3]]
     assert flow_lines([], [], 100, 4) == [[]]
-
-
-def test_what_is_at_the_right_stays_there_while_its_first_is_hidden() -> None:
-    row, context = Flow(4, 20), Any
-    left, hidden, last = (gui.Widget() for _ in range(3))
-    row.add(left, width=50)
-    row.add(hidden, right=True, width=80)
-    row.add(last, width=60)
-    row.place(10, 0, 400, context)
-    assert (left.frame.x, last.frame.x) == (10, 350)
-    hidden.visible = False
-    row.place(10, 0, 400, context)
-    assert (left.frame.x, last.frame.x) == (10, 350)

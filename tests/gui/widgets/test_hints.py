@@ -67,9 +67,3 @@ def test_a_list_is_open_from_the_click_on_it_to_the_next_click(hints: Hints) -> 
     lists[0].visible = False
     hints.press(310, 710, lists)
     assert not hints.listing
-
-
-def test_where_the_pointer_is_not_known_the_toolkit_has_them() -> None:
-    one = button(0, 0)
-    Hints(False, EM).give(one, "what it does", gui.Widget())
-    assert one.tooltip == "what it does"

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-import pytest
-
-from gui.drawing.palette import BAD, GOOD
 from gui.models.stage_rows import TITLES
-from gui.widgets.stage_help import HELP, KINDS, PICTURES, example_of, help_image
+from gui.widgets.stage_help import HELP, KINDS, PICTURES
 
 
 def test_every_stage_has_help_and_pictures_that_are_small_files() -> None:
@@ -20,15 +16,3 @@ def test_every_stage_has_help_and_pictures_that_are_small_files() -> None:
         assert found.good
         assert found.bad
         assert found.settings
-
-
-@pytest.mark.parametrize(("width", "em"), [(800, 16.0), (1600, 32.0), (300, 16.0)])
-def test_the_help_shows_sentences_and_both_pictures(width: int, em: float) -> None:
-    shown = help_image("train", width, em)
-    assert shown.shape[1] == width
-    good, bad = ((np.abs(shown.astype(int) - color).sum(axis=2) < 12).any(axis=0) for color in (GOOD, BAD))
-    assert good[: width // 2].any()
-    assert bad[width // 2 :].any()
-    each = (width - em) / 2
-    high = each * example_of("train", "good").shape[0] / example_of("train", "good").shape[1]
-    assert shown.shape[0] > high + 3 * em, "sentences above, captions below"

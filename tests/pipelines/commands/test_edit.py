@@ -200,15 +200,6 @@ def test_what_is_removed_has_a_name_and_a_number(here, take) -> None:
     assert done(here("edit", "remove", take, "crop")).stdout == "nothing to remove: there is no crop edit\n"
 
 
-def test_positions_are_listed_as_they_are_typed(here, take) -> None:
-    done(here("edit", "world", take, "--up", 0, 0, 1, "--origin", 0, 0, "-0.5", "--scale", 100))
-    done(here("edit", "crop", take, "--min", -100, 50, -100, "--max", 100, 200, 100))
-    done(here("edit", "ground", take, 5))
-    listed = done(here("edit", "list", take)).stdout
-    assert "box of 200 x 150 x 200 around (0, 125, 0)" in listed
-    assert "nothing below 5 along (0, 1, 0)" in listed
-
-
 def test_damaged_edits_stop_what_needs_them(here, take) -> None:
     (take / "edits.json").write_text("{")
     for command in ("train", "bake", "run"):

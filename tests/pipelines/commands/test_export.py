@@ -326,15 +326,6 @@ def test_frames_have_their_numbers_in_the_footage(here, take, tmp_path):
     assert (before.returncode, "64 to 66" in before.stderr) == (1, True)
 
 
-def test_no_stream_yet_is_a_sentence_with_both_ways_out(here, take, tmp_path):
-    shutil.copytree(take, tmp_path / "take", ignore=shutil.ignore_patterns("stream"))
-    done = here("export", tmp_path / "take", "--format", "ply", "--out", tmp_path / "out")
-    assert done.returncode == 1
-    assert "v3studio bake" in done.stderr
-    assert "--of trained" in done.stderr
-    assert not (tmp_path / "out").exists()
-
-
 def test_ctrl_c_stops_within_two_seconds_and_leaves_nothing(start, take, tmp_path):
     process = start(
         "export",

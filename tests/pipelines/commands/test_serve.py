@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import gzip
-import hashlib
 import json
 import os
 import shutil
 import signal
 import socket
-import ssl
 import threading
 import time
 import urllib.parse
@@ -269,42 +267,6 @@ def test_browsers_get_the_player_and_others_the_list(stream, tmp_path):
                 assert "b &lt;&#x27;&amp;&gt;" in links
                 assert f'href="{urllib.parse.quote(chr(98) + " <" + chr(39) + "&>")}/"' in links
                 assert ask(port, "/a", Accept=BROWSER)[0] == 307
-
-
-def test_addresses_and_fingerprint_as_json_over_https(start, stream):
-    process = start("serve", stream, "--port", "0", "--https", "--json")
-    told = json.loads(process.stdout.readline())
-    assert told["event"] == "serving"
-    assert told["https"]
-    assert told["local"]
-    (one,) = told["streams"]
-    assert one["folder"] == str(stream)
-    assert one["address"] == f"{told['bases'][0]}/"
-    insecure = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
-    insecure.check_hostname, insecure.verify_mode = False, ssl.CERT_NONE
-    with urllib.request.urlopen(f"{one['address']}manifest.json", context=insecure) as answer:
-        assert answer.read() == (stream / "manifest.json").read_bytes()
-    place = urllib.parse.urlsplit(one["address"])
-    der = ssl.PEM_cert_to_DER_cert(ssl.get_server_certificate((place.hostname, place.port)))
-    assert told["fingerprint"].replace(":", "").lower() == hashlib.sha256(der).hexdigest()
-    process.send_signal(signal.SIGINT)
-    process.wait(10)
-    assert process.stderr.read() == ""
-
-
-def test_what_phones_need_is_told(start, stream):
-    process = start("serve", stream, "--port", "0", "--host", "0.0.0.0", "--qr")
-    lines: list[str] = []
-    while not lines or not lines[-1].startswith("http"):
-        lines.append(process.stdout.readline())
-        assert lines[-1], process.stderr.read()
-    address = lines[0].rsplit(" at ", 1)[1]
-    assert lines[-1] == address
-    assert "0.0.0.0" not in address
-    assert "127.0.0.1" not in address
-    assert any("--https" in line for line in lines)
-    assert sum("█" in line for line in lines) > 10
-    process.send_signal(signal.SIGINT)
 
 
 def test_bad_certificates_are_refused(here, stream, tmp_path):

@@ -109,10 +109,6 @@ def test_clients_that_do_not_read_are_dropped(folder: Path) -> None:
         client.close()
 
 
-def test_the_rest_of_the_machine_can_open_files(folder: Path) -> None:
-    assert 8 <= Limits().connections <= 512
-
-
 @pytest.mark.parametrize(
     ("host", "allowed"),
     [

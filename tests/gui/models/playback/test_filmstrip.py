@@ -13,9 +13,8 @@ from starlette.applications import Starlette
 from starlette.routing import Mount
 from starlette.staticfiles import StaticFiles
 
-from gui.drawing.palette import RAISED
 from gui.models.playback import thumbnails as thumbnails_module
-from gui.models.playback.filmstrip import draw_strip, slots
+from gui.models.playback.filmstrip import slots
 from gui.models.playback.player import PlayerPresenter
 from gui.models.playback.thumbnails import Thumbnails
 from gui.models.playback.timeline import Timeline
@@ -45,15 +44,6 @@ def test_panning_keeps_frames_and_zooming_keeps_half_of_them() -> None:
     panned = {slot.frame for slot in slots(Timeline(600, 20, 100, (0,), 20.0, 50.0), 40)}
     assert {frame for frame in frames if 20 <= frame < 70} <= panned
     assert panned <= set(range(0, 100, 4))
-
-
-def test_a_picture_is_drawn_at_its_place() -> None:
-    color = (200, 10, 10)
-    strip = draw_strip(ALL, (40, 30), {8: np.full((30, 40, 3), color, np.uint8), 16: None})
-    assert strip.shape == (30, 600, 3)
-    columns = np.flatnonzero((strip == color).all(axis=(0, 2)))
-    assert (columns.min(), columns.max()) == (48, 94), "its ground fills its place but for a line"
-    assert (strip[:, 95:] == RAISED).all()
 
 
 def picture_of(thumbnails: Thumbnails, place: Path, contents: object, ask: bool = True) -> np.ndarray | None:

@@ -22,7 +22,6 @@ from pipelines.takes.frame_files import FrameMetadata, write_frame
 from pipelines.takes.take import Take
 from studio.cameras import Camera, Rig
 from studio.gaussians import Gaussians
-from studio.stream import StreamReader
 from tests.support.errors import refuses
 from tests.support.looping import heard
 from tests.support.players import settle
@@ -101,16 +100,6 @@ def test_frames_never_come_out_of_order_while_playing(player: PlayerPresenter, s
     assert shown == sorted(shown)
     assert shown[-1] == 11
     assert len(set(shown)) >= 6  # of 12, at 6 fps
-
-
-def test_decoded_frames_are_the_readers(stream_folder: Path) -> None:
-    source = StreamSource(stream_folder)
-    with StreamReader.open(stream_folder) as reader:
-        for frame in (0, 1, 2, 11, 3, 8, 7):
-            expected = reader.gaussians(frame)
-            for name, tensor in source.gaussians(frame).items():
-                assert torch.equal(tensor, getattr(expected, name)), (frame, name)
-    source.close()
 
 
 def damaged(stream: Path, folder: Path, group: int) -> Path:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gui.drawing.palette import BAD, FAIR, PANEL, RAISED, TEXT
+from gui.drawing.palette import BAD, FAIR, PANEL, RAISED
 from gui.models.playback.timeline_plots import LEAST_SPAN, RULER, TimelinePlots, plots_of
 from gui.models.playback.timeline_zoom import LEAST_FRAMES, TimelineZoom
 
@@ -47,34 +47,6 @@ def test_numbered_frames_are_apart_and_above_their_frames(count: int, first: flo
     columns = np.flatnonzero(words[:, view.left :].any(axis=0)) + view.left
     runs = np.split(columns, np.flatnonzero(np.diff(columns) > 12) + 1)
     assert [view.frame_at(run.mean()) // 1 for run in runs] == pytest.approx(numbered, abs=max(count * 0.03, 1))
-
-
-def test_times_stand_beside_the_numbers_where_there_is_room() -> None:
-    def words_of(view: TimelinePlots) -> list[int]:
-        """Widths of the labels."""
-        row = slice(160 - view.track_height - round(RULER * 16.0), 160 - view.track_height)
-        words = (view.base(())[row, view.left : view.left + view.timeline.width] != PANEL).any(axis=(0, 2))
-        columns = np.flatnonzero(words)
-        return [len(run) for run in np.split(columns, np.flatnonzero(np.diff(columns) > 10) + 1)]
-
-    few = [TimelinePlots(900, 160, 16.0, 6, fps=fps) for fps in (0.0, 25.0)]
-    without, timed = (words_of(view) for view in few)
-    assert len(without) == len(timed) == 6
-    assert min(timed) > 30 > 12 > max(without)
-    many = [TimelinePlots(900, 160, 16.0, 90_000, fps=fps).base(()) for fps in (0.0, 25.0)]
-    assert (many[0] == many[1]).all(), "no room"
-
-
-def test_values_under_the_pointer() -> None:
-    plots = plots_of({"psnr_trained": [30.0, 31.0, 32.0, 33.0]})
-    base = VIEW.base(plots)
-    without, hovered = VIEW.with_head(base, 0, plots), VIEW.with_head(base, 0, plots, hover=2)
-    column = VIEW.left + sum(VIEW.timeline.span(2)) // 2
-    changed = np.flatnonzero((without != hovered).any(axis=(0, 2)))
-    assert column - 1 <= changed.min() <= column
-    assert (hovered[10, changed.min()] == TEXT).all(), "the line"
-    assert changed.max() > column + 20, "the values beside it"
-    assert changed.max() < VIEW.left + VIEW.timeline.span(3)[1]
 
 
 def test_only_what_was_measured_has_a_row() -> None:

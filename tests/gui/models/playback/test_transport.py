@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 from gui.models.playback.timeline import Timeline
@@ -141,15 +140,3 @@ def test_timeline_pixels_and_frames_agree(width: int, frames: int) -> None:
     assert timeline.frame_at(1e6) == frames - 1
     picture = timeline.picture(frames - 1)
     assert picture.shape == (16, width, 3)
-
-
-def test_timeline_shows_groups_and_the_current_frame() -> None:
-    timeline = Timeline(300, 16, 30, (0, 20))
-    assert [timeline.group_of(frame) for frame in (0, 19, 20, 29)] == [0, 0, 1, 1]
-    row = timeline.picture(5)[8]
-    left, right = timeline.span(5)
-    assert (row[left:right] == row[left]).all()
-    assert not (row[right + 5] == row[left]).all()
-    first_group, second_group = row[150], row[250]
-    assert not (first_group == second_group).all()
-    assert len(np.unique(timeline.picture(None)[8], axis=0)) == 1

@@ -12,13 +12,6 @@ from gui.models.scene.orbit import OrbitCamera
 from gui.pages.stage_view import shown_at
 
 
-@pytest.mark.parametrize(
-    ("length", "step"), [(0.37, 0.2), (1.0, 1.0), (4.9, 2.0), (5.0, 5.0), (99.0, 50.0), (2e-4, 2e-4)]
-)
-def test_a_step_is_a_round_number(length: float, step: float) -> None:
-    assert contents.round_step(length) == pytest.approx(step)
-
-
 def test_the_grid_lies_on_the_ground_and_stays_while_the_performer_moves() -> None:
     up = np.array([0.0, 0.6, 0.8])
     grid, step = contents.grid_lines(np.array([1.0, 2.0, 3.0]), up, 0.7, 2.0)
@@ -28,15 +21,6 @@ def test_the_grid_lies_on_the_ground_and_stays_while_the_performer_moves() -> No
     assert lengths == pytest.approx(np.full(len(lengths), 2 * contents.GRID_CELLS * step))
     moved, _ = contents.grid_lines(np.array([1.0, 2.0, 3.0]) + 0.01 * step, up, 0.7, 2.0)
     assert np.abs(moved.ends - grid.ends).max() < 1e-9
-
-
-def test_the_box_has_twelve_edges_along_the_axes() -> None:
-    low, high = np.array([0.0, 1.0, 2.0]), np.array([1.0, 3.0, 5.0])
-    edges = contents.box_lines(low, high).ends
-    sides = np.sort(np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1))
-    assert sides.tolist() == [1.0] * 4 + [2.0] * 4 + [3.0] * 4
-    assert (edges.reshape(-1, 3).min(axis=0) == low).all()
-    assert (edges.reshape(-1, 3).max(axis=0) == high).all()
 
 
 def test_an_end_of_the_view_axes_is_where_its_axis_points_and_looks_along_it() -> None:

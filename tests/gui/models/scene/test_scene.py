@@ -206,20 +206,3 @@ def test_the_box_surrounds_the_initial_points(scene: Scene, finished_project: Pa
     assert columns.max() >= pixels[:, 0].max() - 2
     inside = (pixels[:, 1] > 0) & (pixels[:, 1] < DRAWN[1])
     assert rows.min() <= pixels[inside, 1].min() + 2
-
-
-def test_it_is_left_with_review_and_is_back_with_it(scene: Scene) -> None:
-    views = scene.views
-    views.select("train")
-    assert (views.shows_player, scene.player.mode) == (False, "single")
-    views.select("review")
-    assert views.shows_scene
-    views.choose("wipe")
-    views.select("train")
-    views.select("review")
-    assert scene.player.mode == "wipe", "the scene was left before"
-    views.choose("scene")
-    views.select("calibrate")
-    assert scene.player.choose_mode("wipe")
-    views.select("review")
-    assert scene.player.mode == "wipe", "chosen meanwhile"

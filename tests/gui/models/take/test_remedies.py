@@ -6,11 +6,9 @@ import ast
 import functools
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from gui.drawing.palette import RAISED
-from gui.models.take.log import LogView, grouped, log_rows
+from gui.models.take.log import grouped
 from gui.models.take.remedies import REMEDIES, Fix, fix_of
 from gui.models.take.run_state import LogLine, RunState
 from gui.models.take.settings import SECTIONS, fields_of, stage_of
@@ -141,42 +139,6 @@ def test_without_a_known_value_the_setting_is_shown(footage_project: Path) -> No
     assert fix_of(StageFailed(stage="train", message="m", fields={"setting": "gone.setting"}), config) is None
     assert fix_of(Warned(message="m", code="training.not_visible"), config) is None
     assert fix_of(Warned(message="m", code="hull.outlier_mask"), None) is None, "a stream has no settings"
-
-
-def test_the_log_has_a_button_below_the_warning_and_a_click_finds_it(footage_project: Path) -> None:
-    config, run = load_config(footage_project / "ball.yaml"), RunState()
-    slow = Warned(stage="train", message="too large", code="training.slow", fields={"suggested": 0.5}, time=1.0)
-    run.apply(slow)
-    fix = Fix("capture.scale", 0.5, sets=True)
-    rows = log_rows([*run.lines, LogLine("", "next")], 400, 16.0, config)
-    assert [row.kind for row in rows] == ["warning", "fix", ""]
-    assert rows[1].text == "Set capture.scale to 0.5"
-    view = LogView(rows, 400, 200, 16.0)
-    across, down = view.places["Set capture.scale to 0.5"]
-    assert view.fix_at(400 * across, 200 * down) == fix
-    assert view.fix_at(2, 200 * down) is None
-    assert view.fix_at(400 * across, 200 * down + 20) is None
-    column = view.picture()[:, int(400 * across)]
-    assert (column[int(200 * down) - 8] == RAISED).all() or np.any(column != column[0]), "drawn where it is clicked"
-
-
-def test_the_heading_has_a_switch_to_warnings_only_where_there_are_some() -> None:
-    rows = log_rows([LogLine("warning", "m"), LogLine("", "a line")], 400, 16.0)
-    assert LogView(rows, 400, 200, 16.0).filter is None, "no warnings"
-    view = LogView(rows, 400, 200, 16.0, warnings=3)
-    across, down = view.places["warnings only (3)"]
-    assert view.on_filter(400 * across, 200 * down)
-    assert not view.on_filter(2, 200 * down), "the title, which enlarges the log"
-    assert not view.on_filter(390, 200 * down)
-    assert not view.on_filter(400 * across, view.top + 1), "the first line"
-    plain = LogView(rows, 400, 200, 16.0).picture()
-    changed = np.argwhere((view.picture() != plain).any(axis=2))
-    (top, left), (bottom, right) = changed.min(axis=0), changed.max(axis=0)
-    assert left < 400 * across < right
-    assert top < 200 * down < bottom < view.top
-    again = LogView([], 400, 200, 16.0, only_warnings=True)
-    assert "all lines" in again.places, "also after the last warning is gone"
-    assert LogView(rows, 150, 200, 16.0, warnings=3).filter is None, "it would cover other words"
 
 
 def told_of(run: RunState) -> list[LogLine]:

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from gui.models.take import setting_words
-from gui.models.take.settings import SECTIONS, SettingField, fields_of, matching, place_of, stage_of
+from gui.models.take.settings import SECTIONS, SettingField, fields_of, matching, place_of
 from pipelines.config import Config, load_config
 
 
@@ -135,13 +135,6 @@ def test_numbers_are_stepped_between_the_limits_of_their_settings() -> None:
     assert dropout.stepped("a lot", 1) is None
     assert dropout.stepped("nan", 1) is None
     assert fields["train.max_splats"].stepped("1000", 1) is None
-
-
-def test_every_setting_has_a_stage() -> None:
-    assert stage_of("capture.held_out") == "capture"
-    assert stage_of("evaluate.lpips") == "review"
-    assert stage_of("no.such") == ""
-    assert stage_of("") == ""
 
 
 def test_a_dialog_begins_where_the_file_is_on_this_machine(tmp_path: Path) -> None:

@@ -16,7 +16,6 @@ from gui.models.preferences import SHARES, Preferences
 from gui.models.take.serving import Serving
 from gui.models.take.shares import ShareRequest, stale_words
 from gui.models.take.workspace import Workspace
-from pipelines.runs.staleness import StageStatus
 from pipelines.takes.edits import change_edits
 from pipelines.takes.take import Take
 from studio.edits import EditList, Trim
@@ -96,25 +95,6 @@ def test_only_the_newest_shares_are_kept() -> None:
     assert len(preferences.shares) == SHARES
     assert preferences.last_share("folder", "/takes/4") == {}
     assert preferences.last_share("folder", "/takes/7") == {"title": "again"}
-
-
-@pytest.mark.parametrize(
-    ("status", "said"),
-    [
-        (None, ""),
-        (StageStatus("bake", "done"), ""),
-        (
-            StageStatus("bake", "stale", "bake.quality changed from 22 to 30"),
-            "out of date: bake.quality changed from 22 to 30.",
-        ),
-        (StageStatus("bake", "stale", "train must run first"), "out of date: train must run first."),
-    ],
-)
-def test_a_stream_that_is_out_of_date_is_told(status: StageStatus | None, said: str) -> None:
-    words = stale_words(status)
-    assert said in words
-    assert bool(words) == bool(said)
-    assert not words or "run Bake first" in words
 
 
 def test_a_stream_is_not_taken_for_up_to_date_before_it_is_checked(take_copy: Path) -> None:

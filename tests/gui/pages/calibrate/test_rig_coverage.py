@@ -35,17 +35,6 @@ def ball(count: int = 4000) -> tuple[np.ndarray, np.ndarray]:
     return 0.3 * normals, normals
 
 
-def test_a_ring_of_cameras_has_no_gaps() -> None:
-    cameras = rig(*range(0, 360, 30))
-    found = RigCoverage.of(cameras, cameras.names, np.zeros(3), None)
-    assert found is not None
-    assert rows(found)["training cameras"] == "12"
-    assert rows(found)["not covered"] == "0% of all directions"
-    assert rows(found)["farthest view"] == "15 degrees away"
-    assert found.block.note == ""
-    assert "surface seen by 0 or 1" not in rows(found), "nothing is known of the surface"
-
-
 def test_few_cameras_are_warned_of_and_held_out_ones_do_not_count() -> None:
     cameras = rig(0, 40, 80, 180)
     found = RigCoverage.of(cameras, ("cam0", "cam1", "cam2"), np.zeros(3), ball())
@@ -79,15 +68,3 @@ def test_directions_are_drawn_in_the_color_of_their_distance_from_a_camera(
     count = {each: int((middle == each).all(axis=1).sum()) for each in (GOOD, FAIR, BAD)}
     assert count[color] > 0
     assert count[color] == max(count.values())
-
-
-def test_the_surface_is_colored_by_the_number_of_cameras_that_see_it() -> None:
-    cameras = rig(0, 20, 60)
-    points = np.array([[0.3, 0, 0], [-0.3, 0, 0], [0, 0.3, 0]])
-    # the last faces the camera at 60 degrees at about 40 degrees, those at 20 and 0 at more than 75
-    found = RigCoverage.of(cameras, cameras.names, np.zeros(3), (points, points / 0.3))
-    assert found is not None
-    assert found.facing.tolist() == [3, 0, 1]
-    assert [word.split("; ")[1] for word, _ in found.legend] == [
-        "surface: faces 3 or more", "surface: faces 2", "surface: faces 1 or none",
-    ]  # fmt: skip

@@ -48,13 +48,3 @@ def test_what_capture_keeps_is_bounded_and_its_pictures_stay_the_same(
         assert kept() - before <= 8 * image < used
     usual.close()
     tight.close()
-
-
-def test_the_inspector_shows_how_the_footage_is_read(workspace: Workspace, finished_project: Path) -> None:
-    view = CaptureView(workspace)
-    assert not view.blocks
-    workspace.open(Take.open(finished_project / "take"))
-    drawn(view, "", 0)
-    (block,) = view.blocks
-    assert "6 cameras" in block.note
-    assert "alpha channel" in block.note

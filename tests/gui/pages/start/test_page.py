@@ -10,8 +10,6 @@ from pathlib import Path
 import pytest
 
 from gui.models.take.take_queue import TakeQueue
-from gui.pages.start import page as page_module
-from gui.pages.start.cards import Card
 from gui.pages.start.drawing import StartImage
 from gui.pages.start.page import LOOK_EVERY, StartPage
 from pipelines.batch.queue_file import QueueFile
@@ -44,28 +42,6 @@ def test_cards_and_pictures_come_one_by_one_and_follow_the_disk(
     wait_in_loop("the folder is gone", lambda: states() == ["missing", "missing", "web"])
     page.look(places[2:])
     assert set(page.cards) == {places[2]}
-
-
-def test_sizes_are_measured_once_a_minute(page: StartPage, monkeypatch: pytest.MonkeyPatch) -> None:
-    looks: list[bool] = []
-    stamps = iter(range(10**6))
-
-    def describe(place: str, sizes: object = None) -> Card:
-        looks.append(sizes is None)
-        assert sizes in (None, (7, 9))
-        return Card(place, "take", "37%", "running", stream_bytes=7, total_bytes=9)
-
-    monkeypatch.setattr(page_module, "describe", describe)
-    monkeypatch.setattr(page_module, "fingerprint", lambda _: next(stamps))
-    monkeypatch.setattr(page_module, "thumbnail", lambda _: None)
-
-    def measured_twice() -> bool:
-        page.look(["/takes/walk"])
-        return looks.count(True) > 1
-
-    wait_in_loop("a second measurement", measured_twice)
-    assert looks[0]
-    assert looks.count(False) > 0
 
 
 def test_everything_is_reached_by_arrow_keys_and_by_tab(page: StartPage) -> None:
