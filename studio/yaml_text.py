@@ -35,11 +35,7 @@ class YamlError(ValueError):
 
 
 class DuplicateKey(YamlError):
-    """A mapping has a key twice.
-
-    Attributes:
-        mapping_line: line that the mapping begins in.
-    """
+    """A mapping has a key twice. `mapping_line`: line that the mapping begins in."""
 
     def __init__(self, key: str, line: int, mapping_line: int) -> None:
         super().__init__(f"duplicate key '{key}'", line)

@@ -213,11 +213,7 @@ def tie_warnings(report: CalibrationReport) -> list[Message]:
 
 
 def render_calibration(report: CalibrationReport, names: Sequence[str], checked: CheckedCameras) -> str:
-    """Render the HTML page.
-
-    Args:
-        names: cameras in the order to show.
-    """
+    """Render the HTML page. `names`: cameras in the order to show."""
     most = max((max(map(max, figures.coverage_map)) for figures in report.cameras.values()), default=1)
     return rendered(
         "calibration.html.j2",

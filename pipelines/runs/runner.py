@@ -145,11 +145,7 @@ class Logged:
 
 @dataclass
 class _Run:
-    """A run of a locked take.
-
-    Attributes:
-        clock: work time in seconds.
-    """
+    """A run of a locked take. `clock`: work time in seconds."""
 
     inputs: Inputs
     emit: Emit

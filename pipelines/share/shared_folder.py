@@ -27,11 +27,7 @@ RECORD_FORMAT, RECORD_VERSION = "v3studio-share", 1
 
 
 class SharedFolder:
-    """Files of a share.
-
-    Attributes:
-        written: bytes of each file, by its path relative to the folder.
-    """
+    """Files of a share. `written`: bytes of each file, by its path relative to the folder."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder

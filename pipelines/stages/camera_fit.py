@@ -21,11 +21,7 @@ _Fitted = CameraColors | CameraRefinement
 
 
 def fit_key(inputs: Inputs, what: str, version: int, recipe: Params, *more: Any) -> str:
-    """Digest of what is fitted to the cameras.
-
-    Args:
-        more: what else it is made from.
-    """
+    """Digest of what is fitted to the cameras. `more`: what else it is made from."""
     first = inputs.groups[0]
     points = inputs.take.initialize_group(first.index) / "report.json"
     files = read_model(points, InitialPointsReport).files if points.is_file() else None

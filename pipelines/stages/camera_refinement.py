@@ -36,11 +36,7 @@ def refines_cameras(inputs: Inputs) -> bool:
 
 
 def refinement_key(inputs: Inputs, recipe: Params, *more: Any) -> str:
-    """Digest of what the cameras are refined from.
-
-    Args:
-        more: what else they are refined from.
-    """
+    """Digest of what the cameras are refined from. `more`: what else they are refined from."""
     return fit_key(inputs, "camera refinement", VERSION, recipe, *more)
 
 

@@ -19,11 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(eq=False)
 class Inputs:
-    """A take with its settings; what is read from it is opened on first access.
-
-    Attributes:
-        most_cached: see `TakeFootage`.
-    """
+    """A take with its settings; what is read from it is opened on first access. `most_cached`: see `TakeFootage`."""
 
     take: Take
     config: Config

@@ -15,11 +15,7 @@ USES = ("training", "held out", "not used")
 
 @dataclass(frozen=True)
 class CameraUses:
-    """See the module.
-
-    Attributes:
-        uses: one of `USES` by camera, in the footage's order.
-    """
+    """See the module. `uses`: one of `USES` by camera, in the footage's order."""
 
     uses: Mapping[str, str]
 

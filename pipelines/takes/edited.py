@@ -59,11 +59,7 @@ def of_two_trainings(take: Take, group: int) -> StudioError:
 
 
 class EditedGroup:
-    """A trained group with edits.
-
-    Args:
-        group: the group, with all its frames.
-    """
+    """A trained group with edits. `group`: the group, with all its frames."""
 
     def __init__(self, take: Take, group: Group, edits: EditList) -> None:
         self._take, self._group = take, group
@@ -143,11 +139,7 @@ class EditedGroup:
 
 
 class EditedFrames(Sequence["Gaussians"]):
-    """Some frames of an edited group, read on access.
-
-    Args:
-        indices: the frames, counted from 0 in the take.
-    """
+    """Some frames of an edited group, read on access. `indices`: the frames, counted from 0 in the take."""
 
     def __init__(self, group: EditedGroup, indices: range) -> None:
         self._group, self._indices = group, indices

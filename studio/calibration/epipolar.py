@@ -34,11 +34,7 @@ _Features: TypeAlias = tuple[np.ndarray, np.ndarray]  # pixels (F, 2), descripto
 
 @dataclass(frozen=True)
 class PairMatches:
-    """Verified matches of two images.
-
-    Attributes:
-        first_pixels, second_pixels: (M, 2) float64 in full-size images.
-    """
+    """Verified matches of two images. `first_pixels`, `second_pixels`: (M, 2) float64 in full-size images."""
 
     first: str
     second: str

@@ -79,11 +79,7 @@ def _incomplete(key: str, path: Path) -> StudioError:
 
 
 def read_opencv_cameras(root: Path, pattern: str) -> Rig:
-    """A rig from one file per camera.
-
-    Args:
-        pattern: path of the files below it, with `{camera}`.
-    """
+    """A rig from one file per camera. `pattern`: path of the files below it, with `{camera}`."""
     matches = find_files(root, pattern, EXTENSIONS)
     if not matches:
         raise no_cameras(f"no file matches '{pattern}'", root)

@@ -27,11 +27,7 @@ class Fit:
 
 
 def black_bars(image: np.ndarray) -> tuple[int, int, int, int]:
-    """Widths of the black bars at the borders: (left, top, right, bottom) in pixels.
-
-    Args:
-        image: (H, W, 3) uint8.
-    """
+    """Widths of the black bars at the borders: (left, top, right, bottom) in pixels. `image`: (H, W, 3) uint8."""
     bright = image.max(axis=2)
     rows, columns = (
         bright.mean(axis=1) <= 20.0,

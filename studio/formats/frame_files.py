@@ -68,11 +68,7 @@ def last_checkpoint(folder: Path) -> Path | None:
 
 
 def check_one_format(folder: Path, formats: dict[str, list[Path]]) -> None:
-    """Refuse a folder that mixes formats, rather than read a part of it.
-
-    Args:
-        formats: as `formats_in` returns.
-    """
+    """Refuse a folder that mixes formats, rather than read a part of it. `formats`: as `formats_in` returns."""
     if len(formats) > 1:
         examples = [str(paths[0].relative_to(folder)) for paths in formats.values()]
         raise StudioError(

@@ -52,11 +52,7 @@ def separated(splats: Gaussians, count: int) -> np.ndarray | None:
 
 
 class Performers:
-    """Labels the splats of one group after the other.
-
-    Args:
-        count: of the performers, at least 1.
-    """
+    """Labels the splats of one group after the other. `count`: of the performers, at least 1."""
 
     def __init__(self, count: int) -> None:
         self.count = count

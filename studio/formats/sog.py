@@ -67,11 +67,7 @@ def size(path: Path) -> tuple[int, int]:
 
 
 def read(path: Path, note: Note) -> Gaussians:
-    """Read a SOG data set.
-
-    Args:
-        path: a .sog file, or a meta.json with its images beside it.
-    """
+    """Read a SOG data set. `path`: a .sog file, or a meta.json with its images beside it."""
     parts = _parts(path)
     meta = _Meta(parts)
 

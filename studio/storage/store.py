@@ -34,11 +34,7 @@ Found = TypeVar("Found")
 
 @dataclass(frozen=True)
 class Entry:
-    """An object in a listing.
-
-    Attributes:
-        size: in bytes.
-    """
+    """An object in a listing. `size`: in bytes."""
 
     size: int
     tag: str

@@ -200,11 +200,7 @@ class SideEntry(FileEntry):
 
 
 class PageEntry(FileEntry):
-    """A page of the index: a file with consecutive groups.
-
-    Attributes:
-        frames: frame_count of each of its groups.
-    """
+    """A page of the index: a file with consecutive groups. `frames`: frame_count of each of its groups."""
 
     bytes: Annotated[int, Field(ge=1, le=MAX_PAGE_BYTES)]
     frames: Annotated[tuple[FrameCount, ...], Field(min_length=1, max_length=MAX_PAGE_GROUPS)]

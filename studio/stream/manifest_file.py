@@ -123,11 +123,7 @@ def distinct_bytes(groups: Sequence[GroupEntry]) -> int:
 
 
 def check_total(manifest: Manifest, group_bytes: int, manifest_bytes: int, name: str) -> None:
-    """Raises StudioError unless `total_bytes` is right.
-
-    Args:
-        group_bytes: size of all files of all groups, each once.
-    """
+    """Raises StudioError unless `total_bytes` is right. `group_bytes`: size of all files of all groups, each once."""
     expected = group_bytes + sum(file.bytes for file in manifest.fixed_files) + manifest_bytes
     if manifest.total_bytes != expected:
         raise StudioError(

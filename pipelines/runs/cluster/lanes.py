@@ -10,11 +10,7 @@ from studio.counts import counted
 
 
 class Lanes:
-    """Collects what the groups report and emits `GroupState` events.
-
-    Args:
-        stage: the stage that they are in.
-    """
+    """Collects what the groups report and emits `GroupState` events. `stage`: the stage that they are in."""
 
     def __init__(self, stage: str, emit: Emit) -> None:
         self._stage, self._emit = stage, emit

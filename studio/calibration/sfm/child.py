@@ -17,11 +17,7 @@ from studio.errors import StudioError
 
 @dataclass(frozen=True)
 class WorkerProgress:
-    """One line of progress.
-
-    Attributes:
-        step: name of the step in progress.
-    """
+    """One line of progress. `step`: name of the step in progress."""
 
     step: str
     done: int = 0

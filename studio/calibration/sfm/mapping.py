@@ -36,11 +36,7 @@ _CAUCHY = 2.4
 
 
 class Mapper:
-    """Solves one database.
-
-    Args:
-        database: image n + 1 belongs to camera n.
-    """
+    """Solves one database. `database`: image n + 1 belongs to camera n."""
 
     def __init__(self, folder: Path, database: Path, job: SfmJob) -> None:
         self.folder = folder

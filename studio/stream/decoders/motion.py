@@ -124,11 +124,7 @@ class MotionFrame(DecodedFrame):
 
 
 class MotionDecoder(GroupDecoder):
-    """Decodes one group of the profile `motion`.
-
-    Raises:
-        StudioError: a file does not match the manifest.
-    """
+    """Decodes one group of the profile `motion`. Raises StudioError: a file does not match the manifest."""
 
     def __init__(self, group: MotionRendition, files: Mapping[str, bytes], name: str, codec: str, threads: int) -> None:
         super().__init__(group)

@@ -18,11 +18,7 @@ from studio.stream.video import PlaneDecoder
 
 @dataclass(frozen=True, eq=False)
 class PlanesFrame(DecodedFrame):
-    """One frame's planes.
-
-    Attributes:
-        planes: (P, side, side) uint8 in the order of `group.videos`.
-    """
+    """One frame's planes. `planes`: (P, side, side) uint8 in the order of `group.videos`."""
 
     group: PlanesRendition
     planes: np.ndarray
@@ -44,11 +40,7 @@ class PlanesFrame(DecodedFrame):
 
 
 class PlanesDecoder(GroupDecoder):
-    """Decodes all planes of a frame in parallel.
-
-    Args:
-        files: content by path, from `fetch_group`.
-    """
+    """Decodes all planes of a frame in parallel. `files`: content by path, from `fetch_group`."""
 
     def __init__(self, group: PlanesRendition, files: Mapping[str, bytes], pool: ThreadPoolExecutor, name: str) -> None:
         super().__init__(group)

@@ -75,11 +75,7 @@ class FileRanges:
 
 
 class HttpRanges:
-    """A file on a web server that answers range requests.
-
-    Args:
-        address: its http(s) URL.
-    """
+    """A file on a web server that answers range requests. `address`: its http(s) URL."""
 
     def __init__(self, address: str) -> None:
         self._source = HttpSource(address)
