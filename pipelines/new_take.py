@@ -195,7 +195,7 @@ class NewTake:
             raise StudioError(
                 "take.no_folder",
                 "a new take needs a folder on this machine",
-                fix="Choose one; `v3studio run CONFIG --take ADDRESS` makes takes in object storage.",
+                fix="Choose one; several machines can share it (docs/guides/cluster.md).",
             )
         root = Path(where).expanduser().absolute()
         if (root / "take.json").exists():

@@ -12,6 +12,7 @@ import socket
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext, suppress
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -64,9 +65,7 @@ def _naming(error: StudioError, temporary: Path, path: Path) -> StudioError:
     file = Path(error.file) if error.file else None
     if file is None or not file.is_relative_to(temporary):
         return error
-    message = error.message
-    file = path / file.relative_to(temporary)
-    return type(error)(message.code, message.problem, file=file, value=message.value, fix=message.fix, **message.fields)
+    return type(error).of(replace(error.message, file=path / file.relative_to(temporary)))
 
 
 def sync(path: Path) -> None:

@@ -11,7 +11,7 @@ import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Self
 
 from studio.json_types import JsonObject
 
@@ -101,46 +101,26 @@ class StudioError(Exception):
         **fields: Any,
     ) -> None:
         self.message = Message(code, problem, file, value, fix, fields)
+        self.code, self.problem, self.file, self.value, self.fix = code, problem, file, value, fix
+        self.fields: Mapping[str, Any] = fields
         super().__init__(code, problem)
+
+    @classmethod
+    def of(cls, message: Message) -> Self:
+        """The error with this message."""
+        known = {"file": message.file, "value": message.value, "fix": message.fix}
+        return cls(message.code, message.problem, **known, **message.fields)
 
     def __str__(self) -> str:
         return str(self.message)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _rebuild, (type(self), self.message)
-
-    @property
-    def code(self) -> str:
-        return self.message.code
-
-    @property
-    def problem(self) -> str:
-        return self.message.problem
-
-    @property
-    def file(self) -> str | os.PathLike[str] | None:
-        return self.message.file
-
-    @property
-    def value(self) -> Any:
-        return self.message.value
-
-    @property
-    def fix(self) -> str:
-        return self.message.fix
-
-    @property
-    def fields(self) -> Mapping[str, Any]:
-        return self.message.fields
+        # errors are passed between processes, and Exception's own pickling drops keyword arguments
+        return type(self).of, (self.message,)
 
 
 class Cancelled(Exception):
     """Raised by a `progress` callback to stop a long-running function."""
-
-
-def _rebuild(cls: type[StudioError], message: Message) -> StudioError:
-    # errors are passed between processes, and Exception's own pickling drops keyword arguments
-    return cls(message.code, message.problem, file=message.file, value=message.value, fix=message.fix, **message.fields)
 
 
 def _sentence(text: str) -> str:

@@ -83,7 +83,7 @@ def upright(rig: Rig, points: np.ndarray, *, keep_scale: bool = False) -> Simila
     return Similarity(scale, rotation, -scale * rotation @ focus)
 
 
-def floor_world(rig: Rig, points: np.ndarray, *, seed: int = 0) -> tuple[Similarity, FloorReport]:
+def floor_world(rig: Rig, points: np.ndarray) -> tuple[Similarity, FloorReport]:
     """The transform to world coordinates in which the floor is level and at height 0; scale and heading do not change.
 
     The floor is the plane with the most sparse points (RANSAC) among all planes within 25 degrees of horizontal that
@@ -108,7 +108,7 @@ def floor_world(rig: Rig, points: np.ndarray, *, seed: int = 0) -> tuple[Similar
             setting="calibrate.floor",
             expected=50,
         )
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     size = float(np.median(np.linalg.norm(points - np.median(points, axis=0), axis=1)))
     within, up = 0.01 * size, rig.up
     best, found = 0, None

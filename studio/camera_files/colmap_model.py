@@ -360,7 +360,7 @@ def _poses_binary(path: Path) -> list[_Pose]:
     return poses
 
 
-def write_colmap(rig: Rig, folder: Path, *, image_pattern: str = "{camera}.png") -> None:
+def write_colmap(rig: Rig, folder: Path) -> None:
     """Write a text model without points: cameras.txt, images.txt, points3D.txt."""
     cameras = ["# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]"]
     images = ["# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME", "# POINTS2D[] as (X, Y, POINT3D_ID)"]
@@ -369,7 +369,7 @@ def write_colmap(rig: Rig, folder: Path, *, image_pattern: str = "{camera}.png")
             model, parameters = camera_model(camera)
         cameras.append(" ".join([str(key), model, str(camera.width), str(camera.height), *map(repr, parameters)]))
         pose = [*matrices_to_quats(camera.rotation).tolist(), *camera.translation.tolist()]
-        images += [" ".join([str(key), *map(repr, pose), str(key), image_pattern.format(camera=camera.name)]), ""]
+        images += [" ".join([str(key), *map(repr, pose), str(key), f"{camera.name}.png"]), ""]
     files = {"cameras.txt": cameras, "images.txt": images, "points3D.txt": ["# no points"]}
     for name, lines in files.items():
         write_atomic(folder / name, ("\n".join(lines) + "\n").encode())

@@ -6,6 +6,7 @@ import contextlib
 import csv
 import re
 from collections.abc import Collection, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -27,10 +28,7 @@ def naming(path: Path) -> Iterator[None]:
     except StudioError as error:
         if error.file is not None:
             raise
-        message = error.message
-        raise type(error)(
-            message.code, message.problem, file=path, value=message.value, fix=message.fix, **message.fields
-        ) from None
+        raise type(error).of(replace(error.message, file=path)) from None
 
 
 def read_text(path: Path) -> str:

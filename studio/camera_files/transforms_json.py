@@ -282,13 +282,8 @@ def _common_names(groups: Sequence[Sequence[str]]) -> list[str]:
     )
 
 
-def write_transforms(rig: Rig, path: Path, *, image_pattern: str = "images/{camera}.png") -> None:
-    """Write transforms.json atomically, with intrinsics per camera.
-
-    Args:
-        rig: cameras with at most the distortion terms k1 k2 p1 p2 k3.
-        image_pattern: pattern of `file_path`, relative to the file.
-    """
+def write_transforms(rig: Rig, path: Path) -> None:
+    """Write transforms.json atomically, with intrinsics per camera and at most the distortion k1 k2 p1 p2 k3."""
     frames = []
     for camera in rig:
         if np.any(camera.distortion[5:]):
@@ -313,7 +308,7 @@ def write_transforms(rig: Rig, path: Path, *, image_pattern: str = "images/{came
         distortion = dict(zip(("k1", "k2", "p1", "p2", "k3"), camera.distortion[:5].tolist(), strict=False))
         frames.append(
             {
-                "file_path": image_pattern.format(camera=camera.name),
+                "file_path": f"images/{camera.name}.png",
                 "w": camera.width,
                 "h": camera.height,
                 "fl_x": camera.fx,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping, Sequence, Set
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -72,7 +73,7 @@ def open_footage(
             `calibration.camera_missing`, `footage.camera_missing`; `mask.*`: masks are missing; `storage.*`.
     """
     cache_folder = None if cache_folder is None else Path(cache_folder)
-    spec = _on_this_machine(spec)
+    spec = on_this_machine(spec)
     if not spec.root.is_dir():
         raise StudioError(
             "footage.folder_missing",
@@ -179,11 +180,9 @@ def _with_masks(
     return {name: source for name, source in sources.items() if name not in left_out}
 
 
-def _on_this_machine(spec: CaptureSettings) -> CaptureSettings:
+def on_this_machine(spec: CaptureSettings) -> CaptureSettings:
     """With the mirror of a folder in object storage."""
-    if not is_address(spec.root):
-        return spec
-    return spec.replace(root=mirrored(spec.root))
+    return spec.replace(root=mirrored(spec.root)) if is_address(spec.root) else spec
 
 
 def _find_images(spec: CaptureSettings) -> tuple[str, list[Match]]:
@@ -249,9 +248,7 @@ def _all_of(problems: Sequence[Message]) -> StudioError:
     """The first problem as an error; its text includes the number of the others."""
     first = problems[0]
     more = f" ({len(problems) - 1} more like this)" if len(problems) > 1 else ""
-    return StudioError(
-        first.code, first.problem + more, file=first.file, value=first.value, fix=first.fix, **first.fields
-    )
+    return StudioError.of(replace(first, problem=first.problem + more))
 
 
 def _frames(spec: CaptureSettings, sources: Mapping[str, FrameSource]) -> tuple[tuple[int, ...], list[Message]]:
@@ -395,9 +392,8 @@ def _warps(
         try:
             fit = fit_size(camera, source.width, source.height, spec.size_rule, image)
         except StudioError as error:
-            message = error.message
-            problem = message.problem + (f" ({source.note})" if source.note else "")
-            raise StudioError(message.code, problem, value=message.value, fix=message.fix, **message.fields) from None
+            problem = error.problem + (f" ({source.note})" if source.note else "")
+            raise StudioError.of(replace(error.message, problem=problem)) from None
         if fit.note:
             notes.append(fit.note[0].upper() + fit.note[1:] + ".")
         warps[name] = Warp(camera, source.width, source.height, spec.scale, fit)
@@ -416,7 +412,7 @@ def find_cameras(spec: CaptureSettings) -> tuple[str, ...]:
     Raises:
         StudioError: there is no footage, or its store cannot be listed.
     """
-    return tuple(dict.fromkeys(match.camera for match in _find_images(_on_this_machine(spec))[1]))
+    return tuple(dict.fromkeys(match.camera for match in _find_images(on_this_machine(spec))[1]))
 
 
 def held_out_cameras(spec: CaptureSettings, names: tuple[str, ...]) -> tuple[str, ...]:

@@ -58,17 +58,10 @@ _DEGREES = {17: 0, 26: 1, 41: 2, 62: 3}  # by the number of attributes
 _JPEG_RANGE = 2  # FFmpeg's number for full range: luma from 0 to 255
 
 
-def attribute_count(sh_degree: int) -> int:
-    """Number A of attributes: position (3), normal (3), SH of three colors, opacity, scale (3), rotation (4)."""
-    return 14 + 3 * (sh_degree + 1) ** 2
-
-
 def export_videogs(
     video: SplatVideo,
     folder: Path,
     qp: int = 22,
-    preset: str = "medium",
-    threads: int = 0,
     progress: ProgressFn = no_progress,
 ) -> None:
     """Write the layout described in the module docstring.
@@ -79,8 +72,6 @@ def export_videogs(
     Args:
         folder: must not exist; appears only when it is complete.
         qp: quantization parameter, 0 (lossless) to 51.
-        preset: preset of x264.
-        threads: number of channels encoded in parallel; 0: one per core.
 
     Raises:
         StudioError: a frame cannot be read or baked, the QP is out of range, or the folder exists or cannot be written.
@@ -95,12 +86,12 @@ def export_videogs(
             place.mkdir()
             encoders: list[PlaneEncoder] = []
             try:  # around the pool: FFmpeg crashes if a file is closed while a thread writes it
-                with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
+                with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
                     for index, values in zip(group, _attributes(video, group), strict=True):
                         progress(index, video.frame_count)
                         side = plane_side(values.shape[1])
                         if not encoders:
-                            encoders = _encoders(place, values.shape[0], side, qp, preset)
+                            encoders = _encoders(place, values.shape[0], side, qp)
                         low, high = _ranges(values, qp)
                         list(pool.map(PlaneEncoder.add, encoders, _planes(values, low, high, side)))
                         placed = np.zeros(len(low))
@@ -158,12 +149,12 @@ def _opacity(attributes: int) -> int:
     return attributes - 8
 
 
-def _encoders(folder: Path, attributes: int, side: int, qp: int, preset: str) -> list[PlaneEncoder]:
+def _encoders(folder: Path, attributes: int, side: int, qp: int) -> list[PlaneEncoder]:
     lossless = {1, 3, 5, _opacity(attributes) + POSITIONS}  # high bytes of positions, opacities
     result = []
     for channel in range(attributes + POSITIONS):
         value = 0 if channel in lossless else qp if channel < 2 * POSITIONS else min(qp, QP_KNEE)
-        result.append(PlaneEncoder(folder / f"{channel}.mp4", (side, side), value, preset))
+        result.append(PlaneEncoder(folder / f"{channel}.mp4", (side, side), value, "medium"))
     return result
 
 

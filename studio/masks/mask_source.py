@@ -173,7 +173,7 @@ class MissingMaskSource:
 
     def mask(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
         """See `MaskSource`. Raises StudioError `mask.no_source`."""
-        raise StudioError(self.message.code, self.message.problem, fix=self.message.fix, **self.message.fields)
+        raise StudioError.of(self.message)
 
     def files(self) -> list[Path]:
         """See `MaskSource`."""

@@ -178,7 +178,7 @@ def _large_components(mesh: Mesh, min_component: float) -> Mesh:
     return Mesh(mesh.vertices[used], (np.cumsum(used) - 1).astype(np.int32)[faces])
 
 
-def refined(mesh: Mesh, max_faces: int, taubin: int = 10) -> Mesh:
+def refined(mesh: Mesh, max_faces: int) -> Mesh:
     """The mesh, smoothed, decimated to `max_faces` and made manifold with PyMeshLab's filters; see `extract_surface`.
 
     One thread at a time: the filters share state, and two at once damaged the heap.
@@ -191,8 +191,7 @@ def refined(mesh: Mesh, max_faces: int, taubin: int = 10) -> Mesh:
     with _FILTERS:
         meshes = pymeshlab.MeshSet()
         meshes.add_mesh(pymeshlab.Mesh(mesh.vertices.astype(np.float64), mesh.faces.astype(np.int32)))
-        if taubin:
-            meshes.apply_coord_taubin_smoothing(stepsmoothnum=taubin)
+        meshes.apply_coord_taubin_smoothing(stepsmoothnum=10)
         if len(mesh.faces) > max_faces:
             meshes.meshing_decimation_quadric_edge_collapse(
                 targetfacenum=max_faces, preservenormal=True, preservetopology=True

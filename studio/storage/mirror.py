@@ -22,7 +22,7 @@ _SMALL_BYTES = 256 << 20
 _PARALLEL = 16
 
 
-def mirrored(address: str | os.PathLike[str], gigabytes: float | None = None) -> Path:
+def mirrored(address: str | os.PathLike[str]) -> Path:
     """List a folder of a store, and bring its mirror in the machine's cache up to date.
 
     Files that describe the capture are fetched; of images and videos only what is read later, and each part once: see
@@ -30,7 +30,6 @@ def mirrored(address: str | os.PathLike[str], gigabytes: float | None = None) ->
 
     Args:
         address: s3://bucket/folder.
-        gigabytes: limit of the cache for images and videos; None: `cache_gigabytes`.
 
     Returns:
         the mirror's folder.
@@ -54,7 +53,7 @@ def mirrored(address: str | os.PathLike[str], gigabytes: float | None = None) ->
     show_as(f"{cache.folder / 'mirror' / scheme}/", f"{scheme}://")
     try:
         with locked(cache.folder / "mirror.lock"):
-            cache.set_limit(cache_gigabytes() if gigabytes is None else gigabytes)
+            cache.set_limit(cache_gigabytes())
             _update(root, store, entries, str(cache.folder))
     except OSError as error:
         raise StudioError(

@@ -3,7 +3,7 @@ from .camera_refinement import Correction, RefinedCameras, refine_cameras
 from .details import Detail
 from .interframe import InterframeResult, interframe_steps, train_interframe
 from .joint import joint_steps, train_jointly
-from .keyframe import keyframe_steps, train_keyframe
+from .keyframe import train_keyframe
 from .settings import LearningRates, TrainSettings
 from .views import TrainingView
 
@@ -18,7 +18,6 @@ __all__ = [
     "fit_camera_colors",
     "interframe_steps",
     "joint_steps",
-    "keyframe_steps",
     "refine_cameras",
     "train_interframe",
     "train_jointly",

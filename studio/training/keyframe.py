@@ -73,11 +73,6 @@ def scene_extent(points: Tensor) -> float:
     return float((points.amax(0) - points.amin(0)).norm().clamp_min(1e-9))
 
 
-def keyframe_steps(settings: TrainSettings, splats: int) -> int:
-    """Number of training steps of a keyframe that has `splats` splats when pruning begins."""
-    return settings.keyframe_iterations + prune_rounds(settings, splats) * settings.prune_finetune_iterations
-
-
 def train_keyframe(
     views: Sequence[TrainingView],
     points: Tensor,

@@ -10,7 +10,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -330,7 +330,7 @@ class _Run:
         if "node" not in message.fields:
             problem += f" (group {job.group.index} on {where})"
         fields = {"group": job.group.index, "node": where, **message.fields}
-        raise StudioError(message.code, problem, file=message.file, value=message.value, fix=message.fix, **fields)
+        raise StudioError.of(replace(message, problem=problem, fields=fields))
 
     def _lost(self, job: _Job, reason: str) -> None:
         job.lost += 1

@@ -105,7 +105,8 @@ def test_the_cache_keeps_what_was_used_last(
     for number in range(4):
         (tmp_path / "day1" / f"cam{number}.mp4").write_bytes(bytes([number + 1]) * 40_000)
     object_store.upload(tmp_path / "day1", "day1")
-    root = mirrored(DAY, gigabytes=100_000e-9)
+    monkeypatch.setenv("V3STUDIO_CACHE_GIGABYTES", "100_000e-9")
+    root = mirrored(DAY)
 
     def read(number: int) -> bytes:
         found = cached_object(root / f"cam{number}.mp4")
