@@ -112,6 +112,13 @@ def register(commands: Any) -> None:
     export.add_argument(
         "--mattes", type=int, default=0, metavar="N", help="exr: mattes of N performers who stand apart (default: none)"
     )
+    export.add_argument(
+        "--deep",
+        type=int,
+        default=0,
+        metavar="N",
+        help="exr: also deep files, at most N samples per pixel (default: none)",
+    )
     export.add_argument("--turns", type=float, default=1.0, help="turntable: number of turns (default: 1)")
     export.add_argument("--elevation", type=float, default=10.0, help="turntable: elevation in degrees (default: 10)")
     add_json(export)
@@ -469,6 +476,7 @@ def _plates(video: SplatVideo, arguments: argparse.Namespace, size: tuple[int, i
         arguments.overscan,
         Shutter(arguments.shutter, arguments.shutter_samples),
         arguments.mattes,
+        arguments.deep,
         progress,
     )
     return f"{counted(video.frame_count, 'frame')} of {camera(0).width}x{camera(0).height}, {written:,} bytes"

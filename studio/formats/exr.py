@@ -1,4 +1,4 @@
-"""Plates for compositing: one multi-layer OpenEXR file per frame, written with OpenImageIO.
+"""Plates for compositing: one multi-layer OpenEXR file per frame, and deep files, written with OpenImageIO.
 
 Sources: OpenEXR's standard attributes and layer names; OpenColorIO's built-in configuration for computer graphics; the
 layers `forward` and `depth` of Nuke. Splats are trained in sRGB and blended there, so colors are divided by alpha
@@ -19,6 +19,7 @@ from studio.errors import StudioError
 from studio.formats.placing import new_folder
 from studio.formats.plates import Plate, Plates, Shutter
 from studio.progress import ProgressFn, no_progress
+from studio.rasterizer.deep_samples import DeepSamples
 from studio.similarity import Similarity
 from studio.splat_video import SplatVideo
 
@@ -35,6 +36,7 @@ COLOR_SPACES = {
 MAX_SIDE = 16384
 MAX_SAMPLES = 256
 MAX_PERFORMERS = 16
+MAX_DEEP = 64
 _FILM_WIDTH = 36.0  # mm, by which focal lengths are given
 _LAYERS = (
     ("R", "half"), ("G", "half"), ("B", "half"), ("A", "half"),
@@ -43,6 +45,11 @@ _LAYERS = (
     ("N.X", "half"), ("N.Y", "half"), ("N.Z", "half"),
     ("forward.u", "float"), ("forward.v", "float"),
 )  # fmt: skip
+_DEEP_LAYERS = _LAYERS[:5]
+
+
+Attributes = dict[str, tuple[str, object]]
+"""Of a file's header, by name and as (type, value)."""
 
 
 def openimageio() -> Any:
@@ -65,9 +72,10 @@ def export_exr(
     overscan: int = 0,
     shutter: Shutter | None = None,
     performers: int = 0,
+    deep: int = 0,
     progress: ProgressFn = no_progress,
 ) -> int:
-    """Write `folder/plate.0000.exr`, ..., numbered as in the video.
+    """Write `folder/plate.0000.exr`, ..., numbered as in the video, and `folder/deep.0000.exr`, ....
 
     Args:
         folder: must not exist; appears only when it is complete.
@@ -78,6 +86,7 @@ def export_exr(
         overscan: pixels rendered beyond each side of the image; the file's display window stays the image.
         shutter: of the colors; None: an instant.
         performers: number of those who get mattes, see `Plates`.
+        deep: most samples of a pixel in the deep files; 0: no deep files.
 
     Returns:
         the bytes written.
@@ -94,6 +103,7 @@ def export_exr(
         ("shutter", shutter.angle, 0 <= shutter.angle <= 360, "0 to 360 degrees"),
         ("samples", shutter.samples, 1 <= shutter.samples <= MAX_SAMPLES, f"1 to {MAX_SAMPLES}"),
         ("mattes", performers, 0 <= performers <= MAX_PERFORMERS, f"0 to {MAX_PERFORMERS}"),
+        ("deep", deep, 0 <= deep <= MAX_DEEP, f"0 to {MAX_DEEP}"),
         ("size with overscan", size, size <= MAX_SIDE, f"at most {MAX_SIDE} pixels"),
     ):
         if not valid:
@@ -104,17 +114,22 @@ def export_exr(
         found = camera(index)
         return found.cropped(-overscan, -overscan, found.width + 2 * overscan, found.height + 2 * overscan)
 
-    plates = Plates(video, wide, world, lambda rgba: _converted(oiio, rgba, color_space), shutter, performers)
+    plates = Plates(video, wide, world, lambda rgba: _converted(oiio, rgba, color_space), shutter, performers, deep)
     digits = max(4, len(str(video.number(video.frame_count - 1))))
     size = 0
     with new_folder(folder) as temporary:
         for index in range(video.frame_count):
             progress(index, video.frame_count)
             number = video.number(index)
-            path = temporary / f"plate.{number:0{digits}d}.exr"
             attributes = _attributes(world.camera(camera(index)), number, video.fps, shutter, color_space)
-            _write(oiio, path, plates.render(index), attributes, overscan)
+            plate = plates.render(index)
+            path = temporary / f"plate.{number:0{digits}d}.exr"
+            _write_plate(oiio, path, plate, attributes, overscan)
             size += path.stat().st_size
+            if plate.deep is not None:
+                path = temporary / f"deep.{number:0{digits}d}.exr"
+                _write_deep(oiio, path, plate.deep, plate.depth.shape, attributes, overscan)
+                size += path.stat().st_size
         progress(video.frame_count, video.frame_count)
     return size
 
@@ -134,10 +149,8 @@ def _converted(oiio: Any, rgba: np.ndarray, color_space: str) -> np.ndarray:
     return found
 
 
-def _attributes(
-    camera: Camera, number: int, fps: float, shutter: Shutter, color_space: str
-) -> dict[str, tuple[str, object]]:
-    """The header of a file: OpenEXR's standard attributes, by name and as (type, value).
+def _attributes(camera: Camera, number: int, fps: float, shutter: Shutter, color_space: str) -> Attributes:
+    """The header of a file: OpenEXR's standard attributes.
 
     Matrices multiply row vectors, as everywhere in OpenEXR. Cameras look along -z with y up. In NDC, the image is from
     -1 to 1, with y up.
@@ -174,9 +187,35 @@ def _attributes(
     }
 
 
-def _write(oiio: Any, path: Path, plate: Plate, attributes: dict[str, tuple[str, object]], overscan: int) -> None:
-    height, width = plate.depth.shape
+def _write_plate(oiio: Any, path: Path, plate: Plate, attributes: Attributes, overscan: int) -> None:
     layers = (*_LAYERS, *((f"matte.{one}", "half") for one in range(plate.mattes.shape[-1])))
+    spec = _spec(oiio, plate.depth.shape, layers, attributes, overscan)
+    parts = [plate.rgba, plate.depth[..., None], plate.position, plate.normal, plate.forward, plate.mattes]
+    pixels = np.concatenate(parts, axis=-1, dtype=np.float32)
+    _written(oiio, path, spec, lambda out: out.write_image(pixels))
+
+
+def _write_deep(
+    oiio: Any, path: Path, deep: DeepSamples, shape: tuple[int, ...], attributes: Attributes, overscan: int
+) -> None:
+    spec = _spec(oiio, shape, _DEEP_LAYERS, attributes, overscan)
+    spec.deep = True
+    data = oiio.DeepData()
+    data.init(spec)
+    pixels, firsts, counts = np.unique(deep.pixels, return_index=True, return_counts=True)
+    for pixel, count in zip(pixels.tolist(), counts.tolist(), strict=True):
+        data.set_samples(pixel, count)
+    numbers = np.arange(len(deep.pixels)) - np.repeat(firsts, counts)
+    for pixel, sample, values in zip(deep.pixels.tolist(), numbers.tolist(), deep.values.tolist(), strict=True):
+        for channel, value in enumerate(values):
+            data.set_deep_value(pixel, channel, sample, value)
+    _written(oiio, path, spec, lambda out: out.write_deep_image(data))
+
+
+def _spec(
+    oiio: Any, shape: tuple[int, ...], layers: tuple[tuple[str, str], ...], attributes: Attributes, overscan: int
+) -> Any:
+    height, width = shape
     spec = oiio.ImageSpec(width, height, len(layers), "float")
     spec.channelnames = tuple(name for name, _ in layers)
     spec.channelformats = tuple(oiio.TypeDesc(kind) for _, kind in layers)
@@ -186,10 +225,12 @@ def _write(oiio: Any, path: Path, plate: Plate, attributes: dict[str, tuple[str,
     spec.full_width, spec.full_height = width - 2 * overscan, height - 2 * overscan
     for name, (kind, value) in attributes.items():
         spec.attribute(name, kind, value)
-    parts = [plate.rgba, plate.depth[..., None], plate.position, plate.normal, plate.forward, plate.mattes]
-    pixels = np.concatenate(parts, axis=-1)
+    return spec
+
+
+def _written(oiio: Any, path: Path, spec: Any, write: Callable[[Any], bool]) -> None:
+    """Write a file. Raises StudioError if that fails."""
     out = oiio.ImageOutput.create(str(path))
-    written = out.open(str(path), spec) and out.write_image(pixels) and out.close()
-    if not written:
+    if not (out.open(str(path), spec) and write(out) and out.close()):
         reason = out.geterror().replace(f' to image file "{path}"', "")
         raise StudioError("export.write_failed", f"cannot be written ({reason})", file=path)

@@ -7,7 +7,7 @@ whose splats correspond, splats move on straight lines; at the ends of a group t
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -16,6 +16,7 @@ from studio.cameras import Camera
 from studio.formats.performers import Performers
 from studio.gaussians import Gaussians
 from studio.rasterizer import preferred_device, rasterize
+from studio.rasterizer.deep_samples import DeepSamples, deep_samples
 from studio.rasterizer.features import mean_features
 from studio.rasterizer.types import Render
 from studio.similarity import Similarity
@@ -28,7 +29,7 @@ FAR = 1e10
 
 @dataclass(frozen=True)
 class Plate:
-    """Layers of one frame, float32.
+    """Layers of one frame.
 
     Attributes:
         rgba: (H, W, 4) premultiplied colors in the space that was asked for, and alpha.
@@ -37,6 +38,7 @@ class Plate:
         normal: (H, W, 3) unit vector in the world, toward the camera; 0 where nothing is drawn.
         forward: (H, W, 2) pixels to the right and up from this frame to the next; 0 where nothing is drawn.
         mattes: (H, W, performers) their shares of alpha.
+        deep: samples in the same color space and units, without motion blur; None unless they are asked for.
     """
 
     rgba: np.ndarray
@@ -45,6 +47,7 @@ class Plate:
     normal: np.ndarray
     forward: np.ndarray
     mattes: np.ndarray
+    deep: DeepSamples | None = None
 
 
 @dataclass(frozen=True)
@@ -77,6 +80,7 @@ class Plates:
         shutter: of the colors; the other layers show the frame itself.
         performers: number of the performers who get mattes, from left to right in the first frame; they must not touch
             in the first frame of a group. 0: no mattes.
+        deep: most deep samples of a pixel; 0: none.
     """
 
     def __init__(
@@ -87,6 +91,7 @@ class Plates:
         linear: Callable[[np.ndarray], np.ndarray],
         shutter: Shutter,
         performers: int = 0,
+        deep: int = 0,
     ) -> None:
         self._video, self._camera, self._world = video, camera, world
         self._linear, self._shutter = linear, shutter
@@ -94,6 +99,7 @@ class Plates:
         self._read: dict[int, Gaussians] = {}
         self._groups = {index: group for group in video.groups for index in group}
         self._performers = Performers(performers)
+        self._deep = deep
 
     @torch.no_grad()
     def render(self, index: int) -> Plate:
@@ -114,18 +120,23 @@ class Plates:
         facing = mean_features(splats, camera, _normals(splats, camera)).cpu().numpy()
         moving = mean_features(splats, camera, self._motion(index, splats)).cpu().numpy()[..., :2]
         length = np.linalg.norm(facing, axis=-1, keepdims=True)
-        plate = Plate(
+        return Plate(
             rgba=np.mean(colors, axis=0),
             depth=np.where(drawn, depth * self._world.scale, FAR),
             position=np.where(drawn[..., None], self._world.points(places), 0),
             normal=self._world.directions(facing / np.maximum(length, 1e-12)),
             forward=moving,
             mattes=self._mattes(index, splats, camera) * rendered.alpha[..., None].cpu().numpy(),
+            deep=self._samples(splats, camera, rendered) if self._deep else None,
         )
-        return Plate(**{one.name: getattr(plate, one.name).astype(np.float32) for one in fields(plate)})
 
     def _colors(self, rendered: Render) -> np.ndarray:
         return self._linear(torch.cat([rendered.image, rendered.alpha[..., None]], -1).cpu().numpy())
+
+    def _samples(self, splats: Gaussians, camera: Camera, rendered: Render) -> DeepSamples:
+        found = deep_samples(splats, camera, rendered, self._deep, self._linear)
+        found.values[:, 4] *= self._world.scale
+        return found
 
     def _mattes(self, index: int, splats: Gaussians, camera: Camera) -> np.ndarray:
         """(H, W, performers) shares of what is drawn."""
