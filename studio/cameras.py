@@ -20,7 +20,7 @@ import numpy as np
 from studio.counts import counted
 from studio.errors import StudioError
 from studio.json_types import JsonObject
-from studio.validation import array, check_finite, missing_key, whole
+from studio.validation import array, camera_error, check_finite, missing_key, whole
 
 OPENGL_AXES = np.diag([1.0, -1.0, -1.0, 1.0])
 """Turns the camera axes of OpenGL and of film tools (y up, looking along -z) into those of OpenCV, and back."""
@@ -59,41 +59,41 @@ class Camera:
         if pose.shape == (3, 4):
             pose = np.vstack([pose, [0.0, 0.0, 0.0, 1.0]])
         if K.shape != (3, 3) or pose.shape != (4, 4):
-            raise StudioError(
+            raise camera_error(
                 "camera.wrong_shape",
-                f"Camera '{self.name}': K is {K.shape} and world_to_camera {pose.shape}, expected (3, 3) and (4, 4)",
+                self.name,
+                f"K is {K.shape} and world_to_camera {pose.shape}, expected (3, 3) and (4, 4)",
                 value=[list(K.shape), list(pose.shape)],
-                camera=self.name,
+                fix="",
                 expected=[[3, 3], [4, 4]],
             )
         for key, value in (("K", K), ("world_to_camera", pose), ("distortion", distortion)):
             check_finite(value, key, self.name)
         if self.width < 1 or self.height < 1:
-            raise StudioError(
+            raise camera_error(
                 "camera.image_size",
-                f"Camera '{self.name}': the image size is {self.width}x{self.height}, expected at least 1x1",
+                self.name,
+                f"the image size is {self.width}x{self.height}, expected at least 1x1",
                 value=[self.width, self.height],
                 fix="Correct the width and height in the camera file.",
-                camera=self.name,
             )
         if K[0, 0] <= 0 or K[1, 1] <= 0:
             raise focal_length_error(self.name, min(K[0, 0], K[1, 1]))
         rotation = pose[:3, :3]
         if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3 or np.linalg.det(rotation) < 0:
-            raise StudioError(
+            raise camera_error(
                 "camera.rotation",
-                f"Camera '{self.name}': the rotation in world_to_camera is not orthonormal with determinant 1",
+                self.name,
+                "the rotation in world_to_camera is not orthonormal with determinant 1",
                 fix="Export the cameras again, without scale or mirroring in the poses.",
-                camera=self.name,
             )
         if distortion.size not in _DISTORTION_LENGTHS:
-            raise StudioError(
+            raise camera_error(
                 "camera.distortion",
-                f"Camera '{self.name}': found {distortion.size} distortion coefficients, expected one of "
-                f"{_DISTORTION_LENGTHS} as in OpenCV",
+                self.name,
+                f"found {distortion.size} distortion coefficients, expected one of {_DISTORTION_LENGTHS} as in OpenCV",
                 value=distortion.size,
                 fix="Add zeros up to the next of these counts.",
-                camera=self.name,
                 expected=list(_DISTORTION_LENGTHS),
             )
         object.__setattr__(self, "K", K)
@@ -131,11 +131,11 @@ class Camera:
         at, middle, above = (np.asarray(vector, np.float64) for vector in (eye, target, up))
         forward = middle - at
         if not np.linalg.norm(np.cross(forward, above)) > 1e-9 * np.linalg.norm(forward) * np.linalg.norm(above):
-            raise StudioError(
+            raise camera_error(
                 "camera.no_direction",
-                f"Camera '{name}': it looks along its up direction, or at its own place",
+                name,
+                "it looks along its up direction, or at its own place",
                 fix="Choose another target or up direction.",
-                camera=name,
             )
         focal = 0.5 * min(width, height) / np.tan(np.radians(field_of_view) / 2)
         K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
@@ -413,12 +413,12 @@ def duplicate_name(camera: str) -> StudioError:
 
 def focal_length_error(camera: str, value: float) -> StudioError:
     """The error for a focal length that is not positive (camera.focal_length)."""
-    return StudioError(
+    return camera_error(
         "camera.focal_length",
-        f"Camera '{camera}': the focal length is {value:g}, expected more than 0",
+        camera,
+        f"the focal length is {value:g}, expected more than 0",
         value=float(value),
         fix="Correct it in the camera file.",
-        camera=camera,
     )
 
 

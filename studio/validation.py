@@ -10,6 +10,13 @@ import numpy as np
 from studio.errors import StudioError
 
 
+def camera_error(
+    code: str, camera: str, problem: str, *, fix: str = "Export the cameras again.", **more: Any
+) -> StudioError:
+    """The error for a camera; `more` as for `StudioError`."""
+    return StudioError(code, f"Camera '{camera}': {problem}", fix=fix, camera=camera, **more)
+
+
 def number(values: Mapping[str, Any], key: str, camera: str, default: float | None = None) -> float:
     """A finite number from a mapping. Numbers as text are accepted, because CSV and XML files only contain text.
 
@@ -40,12 +47,12 @@ def whole(values: Mapping[str, Any], key: str, camera: str) -> int:
     """An integer from a mapping; 640.0 is accepted."""
     result = number(values, key, camera)
     if result != round(result):
-        raise StudioError(
+        raise camera_error(
             "camera.not_an_integer",
-            f"Camera '{camera}': '{key}' is {result:g}, not an integer",
+            camera,
+            f"'{key}' is {result:g}, not an integer",
             value=result,
             fix="Correct it in the camera file.",
-            camera=camera,
             key=key,
         )
     return int(result)
@@ -62,11 +69,11 @@ def array(value: Any, key: str, camera: str) -> np.ndarray:
     except (TypeError, ValueError, OverflowError):
         index, wrong = _first_non_number(value)
         if not index and isinstance(value, list):
-            raise StudioError(
+            raise camera_error(
                 "camera.ragged",
-                f"Camera '{camera}': the rows of '{key}' differ in length",
+                camera,
+                f"the rows of '{key}' differ in length",
                 fix="Correct the matrix in the camera file.",
-                camera=camera,
                 key=key,
             ) from None
         raise _not_a_number(f"{key}{index}", wrong, camera, key, index) from None
@@ -86,34 +93,28 @@ def check_finite(value: np.ndarray, key: str, camera: str) -> None:
 
 def missing_key(key: str, camera: str) -> StudioError:
     """The error for a required key that is missing for a camera (camera.missing_key)."""
-    return StudioError(
-        "camera.missing_key",
-        f"Camera '{camera}': the key '{key}' is missing",
-        fix="Export the cameras again.",
-        camera=camera,
-        key=key,
-    )
+    return camera_error("camera.missing_key", camera, f"the key '{key}' is missing", key=key)
 
 
 def _not_a_number(what: str, value: Any, camera: str, key: str, index: str = "") -> StudioError:
-    return StudioError(
+    return camera_error(
         "camera.not_a_number",
-        f"Camera '{camera}': {what} is {_shown(value)}, not a number",
+        camera,
+        f"{what} is {_shown(value)}, not a number",
         value=value,
         fix="Correct it in the camera file.",
-        camera=camera,
         key=key,
         index=index,
     )
 
 
 def _not_finite(what: str, value: float, camera: str, key: str, index: str = "") -> StudioError:
-    return StudioError(
+    return camera_error(
         "camera.not_finite",
-        f"Camera '{camera}': {what} is {value}, not a finite number",
+        camera,
+        f"{what} is {value}, not a finite number",
         value=value,
         fix="Correct it in the camera file.",
-        camera=camera,
         key=key,
         index=index,
     )

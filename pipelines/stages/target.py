@@ -11,6 +11,7 @@ import numpy as np
 from pipelines.stages.inputs import Inputs
 from pipelines.stages.reporter import StageReporter
 from studio.errors import Message, StudioError
+from studio.validation import camera_error
 
 _MOST_FRAMES = 300  # per camera that are searched for the target, spread evenly: more views do not help
 
@@ -43,13 +44,13 @@ def calibrate_with_target(inputs: Inputs, reporter: StageReporter) -> Calibratio
         own, own_sizes = _views(inputs, section.intrinsics_images, reporter, 0.6, 0.8)
         for name, size in own_sizes.items():
             if sizes[name] != size:
-                raise StudioError(
+                raise camera_error(
                     "target.size_mismatch",
-                    f"camera '{name}': calibrate.intrinsics_images is {size[0]}x{size[1]}, but calibrate.board_images "
+                    name,
+                    f"calibrate.intrinsics_images is {size[0]}x{size[1]}, but calibrate.board_images "
                     f"is {sizes[name][0]}x{sizes[name][1]}",
                     value=size,
                     fix="Record both at the same size.",
-                    camera=name,
                     expected=sizes[name],
                 )
         # separate sync frames, not shared with other cameras

@@ -14,8 +14,7 @@ import numpy as np
 from studio.camera_files.common import naming, read_csv, rigid_inverse, write_atomic
 from studio.camera_files.keyed import NO_DISTORTION
 from studio.cameras import Camera, Rig
-from studio.errors import StudioError
-from studio.validation import number
+from studio.validation import camera_error, number
 
 COLUMNS = ("name", "w", "h", "rx", "ry", "rz", "tx", "ty", "tz", "fx", "fy", "px", "py")
 
@@ -52,20 +51,20 @@ def write_actorshq(rig: Rig, path: Path) -> None:
     lines = [",".join(COLUMNS)]
     for camera in rig:
         if not camera.is_pinhole or abs(camera.K[0, 1]) > 1e-9:
-            raise StudioError(
+            raise camera_error(
                 "camera_file.not_expressible",
-                f"Camera '{camera.name}': calibration.csv cannot express lens distortion or skew",
-                file=path,
+                camera.name,
+                "calibration.csv cannot express lens distortion or skew",
                 fix="Undistort the images first, or write rig.json.",
-                camera=camera.name,
+                file=path,
             )
         if "," in camera.name:
-            raise StudioError(
+            raise camera_error(
                 "camera_file.not_expressible",
-                f"Camera '{camera.name}': names in calibration.csv cannot contain a comma",
-                file=path,
+                camera.name,
+                "names in calibration.csv cannot contain a comma",
                 fix="Rename the camera.",
-                camera=camera.name,
+                file=path,
             )
         vector = cv2.Rodrigues(camera.rotation.T)[0].ravel()
         w, h = camera.width, camera.height

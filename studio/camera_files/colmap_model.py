@@ -19,6 +19,7 @@ from studio.camera_files.common import camera_names, naming, read_text, unreadab
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
 from studio.rotations import matrices_to_quats, quats_to_matrices
+from studio.validation import camera_error
 
 # name -> (id in the binary format, number of parameters)
 MODELS = {
@@ -74,19 +75,19 @@ def _unsupported_model(model: str, file: Path | None = None) -> StudioError:
 def camera_model(camera: Camera) -> tuple[str, list[float]]:
     """COLMAP model name and parameters of a camera."""
     if abs(camera.K[0, 1]) > 1e-9:
-        raise StudioError(
+        raise camera_error(
             "camera_file.not_expressible",
-            f"Camera '{camera.name}': COLMAP has no camera model with skew",
+            camera.name,
+            "COLMAP has no camera model with skew",
             value=float(camera.K[0, 1]),
             fix="Calibrate without skew, or write rig.json.",
-            camera=camera.name,
         )
     if np.any(camera.distortion[8:]):
-        raise StudioError(
+        raise camera_error(
             "camera_file.not_expressible",
-            f"Camera '{camera.name}': COLMAP has no camera model with OpenCV's thin-prism terms",
+            camera.name,
+            "COLMAP has no camera model with OpenCV's thin-prism terms",
             fix="Undistort the images first, or write rig.json.",
-            camera=camera.name,
         )
     base = [camera.fx, camera.fy, camera.cx, camera.cy]
     if camera.is_pinhole:

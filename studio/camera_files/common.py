@@ -17,7 +17,7 @@ from studio.bounded_files import TextError, parse_json, read_bounded
 from studio.capture.patterns import without_extension
 from studio.errors import StudioError
 from studio.json_types import JsonObject
-from studio.validation import array, check_finite
+from studio.validation import array, camera_error, check_finite
 
 
 @contextlib.contextmanager
@@ -202,12 +202,12 @@ def matrix(value: Any, rows: tuple[int, ...], columns: int, key: str, camera: st
 def check_pose(pose: np.ndarray, key: str, camera: str) -> None:
     """Check the last row of a pose (3, 4) or (4, 4), which is not that of a transposed matrix."""
     if len(pose) == 4 and np.abs(pose[3] - [0, 0, 0, 1]).max() > 1e-6:
-        raise StudioError(
+        raise camera_error(
             "camera.not_rigid",
-            f"Camera '{camera}': the last row of '{key}' is {pose[3].tolist()}, expected 0 0 0 1",
+            camera,
+            f"the last row of '{key}' is {pose[3].tolist()}, expected 0 0 0 1",
             value=pose[3].tolist(),
             fix="Transpose the matrix if its last column is 0 0 0 1, or export the cameras again.",
-            camera=camera,
             key=key,
         )
 
@@ -215,12 +215,11 @@ def check_pose(pose: np.ndarray, key: str, camera: str) -> None:
 def wrong_shape(key: str, camera: str, found: tuple[int, ...], expected: tuple[tuple[int, ...], ...]) -> StudioError:
     """The error for an array of the wrong shape (camera.wrong_shape)."""
     wanted = " or ".join("x".join(map(str, shape)) for shape in expected)
-    return StudioError(
+    return camera_error(
         "camera.wrong_shape",
-        f"Camera '{camera}': '{key}' is {'x'.join(map(str, found)) or 'a single value'}, expected {wanted}",
+        camera,
+        f"'{key}' is {'x'.join(map(str, found)) or 'a single value'}, expected {wanted}",
         value=list(found),
-        fix="Export the cameras again.",
-        camera=camera,
         key=key,
         expected=[list(shape) for shape in expected],
     )
@@ -228,12 +227,12 @@ def wrong_shape(key: str, camera: str, found: tuple[int, ...], expected: tuple[t
 
 def fisheye(camera: str) -> StudioError:
     """The error for a fisheye lens (camera.lens_model)."""
-    return StudioError(
+    return camera_error(
         "camera.lens_model",
-        f"Camera '{camera}': fisheye lenses are not supported",
+        camera,
+        "fisheye lenses are not supported",
         value="fisheye",
         fix="Undistort the images to a pinhole camera first.",
-        camera=camera,
     )
 
 

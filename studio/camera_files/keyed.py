@@ -20,7 +20,7 @@ from studio.camera_files.nearby import size_nearby
 from studio.cameras import Camera, Rig, duplicate_name
 from studio.counts import cameras_listed, listed
 from studio.errors import StudioError
-from studio.validation import array, check_finite, missing_key, number, whole
+from studio.validation import array, camera_error, check_finite, missing_key, number, whole
 
 KEYS = {
     "K": ("cameramatrix", "intrinsicmatrix", "intrinsics", "intrinsic", "k", "mtx", "m", "matrix"),
@@ -127,12 +127,12 @@ class Found:
                 continue
             if missing or _CHANGES_THE_CAMERA.search(spelling):
                 why = f"there is no {missing} under a known key" if missing else "it may change how the camera projects"
-                raise StudioError(
+                raise camera_error(
                     "camera.unknown_key",
-                    f"Camera '{camera}': the key '{key}' is not known, and {why}",
+                    camera,
+                    f"the key '{key}' is not known, and {why}",
                     value=key,
                     fix=_RENAME,
-                    camera=camera,
                     key=key,
                 )
             self.ignored[key].append(camera)
@@ -257,12 +257,12 @@ def _is_empty(value: Any) -> bool:
 def check_model(camera: str, key: str, model: object) -> None:
     """Check a lens model's name against `MODELS`. Raises StudioError (camera.lens_model)."""
     if normal_key(str(model)) not in MODELS:
-        raise StudioError(
+        raise camera_error(
             "camera.lens_model",
-            f"Camera '{camera}': '{key}' is {model!r}; only pinhole cameras with OpenCV's distortion are supported",
+            camera,
+            f"'{key}' is {model!r}; only pinhole cameras with OpenCV's distortion are supported",
             value=model,
             fix="Undistort the images to a pinhole camera first.",
-            camera=camera,
             key=key,
         )
 
@@ -290,11 +290,11 @@ def agreeing(name: str, parsed: Sequence[tuple[str, np.ndarray]]) -> np.ndarray:
         size = max(first.size, value.size)
         one, other = (np.pad(part.ravel(), (0, size - part.size)) for part in (first, value))
         if not np.allclose(one, other, rtol=1e-3, atol=1e-3):
-            raise StudioError(
+            raise camera_error(
                 "camera.conflict",
-                f"Camera '{name}': '{first_key}' and '{key}' differ: {_short(first)} and {_short(value)}",
+                name,
+                f"'{first_key}' and '{key}' differ: {_short(first)} and {_short(value)}",
                 fix="Delete the wrong one from the camera file.",
-                camera=name,
                 key=key,
                 other=first_key,
             )
@@ -388,25 +388,19 @@ def _check_angle(name: str, key: str, vector: np.ndarray) -> None:
     """Check that a rotation vector is in radians. Raises StudioError (camera.rotation)."""
     angle = float(np.linalg.norm(vector))
     if angle > 2 * np.pi:
-        raise StudioError(
+        raise camera_error(
             "camera.rotation",
-            f"Camera '{name}': '{key}' would turn the camera by {angle:.4g} radians",
+            name,
+            f"'{key}' would turn the camera by {angle:.4g} radians",
             value=vector.ravel().tolist(),
             fix="Write it as OpenCV's rotation vector, in radians, or as a 3x3 matrix.",
-            camera=name,
             key=key,
         )
 
 
 def _half(name: str, given: _Given, has: str, lacks: str) -> StudioError:
     """The error for one of two values that belong together."""
-    return StudioError(
-        "camera.missing_key",
-        f"Camera '{name}': '{given[has][0][0]}' is given, but no {lacks}",
-        fix="Export the cameras again.",
-        camera=name,
-        key=lacks,
-    )
+    return camera_error("camera.missing_key", name, f"'{given[has][0][0]}' is given, but no {lacks}", key=lacks)
 
 
 def _size(name: str, given: _Given) -> tuple[int, int] | None:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from studio.errors import StudioError
+from studio.validation import camera_error
 
 _TOLERANCE = 0.25
 """Maximum allowed difference from the original model within the image, in pixels."""
@@ -37,11 +37,11 @@ def fit_rational(radial: Callable[[np.ndarray], np.ndarray], reach: float, focal
     start = np.linalg.lstsq(columns, (factor - 1) * r, rcond=None)[0]
     k = least_squares(lambda k: focal * (bend(k) - wanted), start, method="lm", max_nfev=5000).x
     if np.abs(focal * (bend(k) - wanted)).max() > _TOLERANCE:
-        raise StudioError(
+        raise camera_error(
             "camera.lens_model",
-            f"Camera '{camera}': OpenCV's lens models cannot express its distortion",
+            camera,
+            "OpenCV's lens models cannot express its distortion",
             fix="Export the cameras with at most three radial terms, or undistort the images.",
-            camera=camera,
         )
     return np.array([k[0], k[1], 0, 0, k[2], k[3], k[4], k[5]])
 

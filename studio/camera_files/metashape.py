@@ -23,7 +23,7 @@ from studio.camera_files.lens_fit import fit_rational, reach_of
 from studio.cameras import Camera, Rig, focal_length_error
 from studio.counts import cameras_listed
 from studio.errors import StudioError
-from studio.validation import array, check_finite, missing_key
+from studio.validation import array, camera_error, check_finite, missing_key
 
 Element = ElementTree.Element
 _NOTICEABLE = 0.25  # pixels
@@ -71,12 +71,11 @@ def rig_from_metashape(path: Path, root: Element) -> Rig:
                 continue
             sensor = sensors.get(entry.get("sensor_id"))
             if sensor is None:
-                raise StudioError(
+                raise camera_error(
                     "camera.unknown_sensor",
-                    f"Camera '{name}': its sensor '{entry.get('sensor_id')}' was not found in the file",
+                    name,
+                    f"its sensor '{entry.get('sensor_id')}' was not found in the file",
                     value=entry.get("sensor_id"),
-                    fix="Export the cameras again.",
-                    camera=name,
                 )
             world = worlds.get(entry.get("component_id"))
             cameras.append(_camera(name, pose, sensor, world if world is not None else own))
@@ -169,12 +168,12 @@ def _camera(name: str, pose: np.ndarray, sensor: Element, world: Element | None)
     _check_type(name, "calibration", calibration)
     for part in calibration:
         if part.tag not in _TERMS:
-            raise StudioError(
+            raise camera_error(
                 "camera.unknown_key",
-                f"Camera '{name}': <{part.tag}> in <calibration> is not known and may change how the camera projects",
+                name,
+                f"<{part.tag}> in <calibration> is not known and may change how the camera projects",
                 value=part.tag,
                 fix="Export the cameras again with Metashape 1.4 or later.",
-                camera=name,
                 key=part.tag,
             )
     size = calibration.find("resolution")
@@ -190,21 +189,21 @@ def _camera(name: str, pose: np.ndarray, sensor: Element, world: Element | None)
     if focal <= 0:
         raise focal_length_error(name, focal)
     if abs(term("b2")) * 0.5 * height / focal > _NOTICEABLE:
-        raise StudioError(
+        raise camera_error(
             "camera.skew",
-            f"Camera '{name}': skew is not supported, but <b2> is {term('b2'):g}",
+            name,
+            f"skew is not supported, but <b2> is {term('b2'):g}",
             value=term("b2"),
             fix="Align the photos again with b2 fixed at 0.",
-            camera=name,
             key="b2",
         )
     if term("p3") or term("p4"):
-        raise StudioError(
+        raise camera_error(
             "camera.lens_model",
-            f"Camera '{name}': the terms <p3> and <p4> are not supported",
+            name,
+            "the terms <p3> and <p4> are not supported",
             value=[term("p3"), term("p4")],
             fix="Align the photos again with p3 and p4 fixed at 0.",
-            camera=name,
         )
     K = np.array([[focal + term("b1"), 0, width / 2 + term("cx")], [0, focal, height / 2 + term("cy")], [0, 0, 1.0]])
     distortion = _distortion(K, width, height, [term(f"k{i}") for i in (1, 2, 3, 4)], term("p1"), term("p2"), name)
@@ -218,12 +217,12 @@ def _camera(name: str, pose: np.ndarray, sensor: Element, world: Element | None)
 def _check_type(name: str, tag: str, element: Element) -> None:
     kind = element.get("type", "frame")
     if kind != "frame":
-        raise StudioError(
+        raise camera_error(
             "camera.lens_model",
-            f"Camera '{name}': its {tag} is of type '{kind}'; only frame cameras are supported",
+            name,
+            f"its {tag} is of type '{kind}'; only frame cameras are supported",
             value=kind,
             fix="Undistort the images to a pinhole camera first.",
-            camera=name,
         )
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from studio.capture.images import image_size
 from studio.capture.media import open_media, video_stream
 from studio.errors import StudioError
+from studio.validation import camera_error
 
 _FOLDERS = ("", "images", "image", "imgs", "img", "videos", "video", "rgbs", "rgb")
 _IMAGES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp")
@@ -30,12 +31,12 @@ def size_nearby(folder: Path, name: str, camera: str) -> tuple[int, int]:
         for file in files:
             if file.is_file():
                 return _size(file, camera)
-    raise StudioError(
+    raise camera_error(
         "camera.size_unknown",
-        f"Camera '{camera}': the file has no image sizes, and there is no footage '{name}' next to it",
+        camera,
+        f"the file has no image sizes, and there is no footage '{name}' next to it",
         value=name,
         fix="Put the footage next to the camera file, or into a folder images/ or videos/ there.",
-        camera=camera,
     )
 
 
@@ -62,10 +63,10 @@ def _size(file: Path, camera: str) -> tuple[int, int]:
     except Exception as error:
         if isinstance(error, StudioError) and error.code.startswith("storage."):
             raise
-        raise StudioError(
+        raise camera_error(
             "camera.footage_unreadable",
-            f"Camera '{camera}': the image size of {file} cannot be read ({error})",
+            camera,
+            f"the image size of {file} cannot be read ({error})",
             fix="Replace the file.",
-            camera=camera,
             footage=file,
         ) from None

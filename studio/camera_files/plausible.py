@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from studio.cameras import Camera, Rig
 from studio.counts import cameras_listed
-from studio.errors import StudioError
+from studio.validation import camera_error
 
 _LEAST_FOCAL = 0.1  # of the longer side of the image: a field of view of 157 degrees
 
@@ -16,13 +16,12 @@ def checked(rig: Rig) -> Rig:
     for camera in rig:
         focal, longer = min(camera.fx, camera.fy), max(camera.width, camera.height)
         if focal < _LEAST_FOCAL * longer:
-            raise StudioError(
+            raise camera_error(
                 "camera.focal_length_unit",
-                f"Camera '{camera.name}': a focal length of {focal:.4g} pixels is too short for images of "
-                f"{camera.width}x{camera.height}",
+                camera.name,
+                f"a focal length of {focal:.4g} pixels is too short for images of {camera.width}x{camera.height}",
                 value=focal,
                 fix="Give focal lengths and principal points in pixels, not in millimeters or relative to the size.",
-                camera=camera.name,
             )
     outside = [camera.name for camera in rig if not _is_inside(camera)]
     if not outside:

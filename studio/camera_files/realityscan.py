@@ -20,7 +20,7 @@ from studio.camera_files.nearby import size_nearby
 from studio.cameras import OPENGL_AXES, Camera, Rig, focal_length_error
 from studio.counts import cameras_listed
 from studio.errors import StudioError
-from studio.validation import number
+from studio.validation import camera_error, number
 
 COLUMNS = ("name", "x", "y", "alt", "heading", "pitch", "roll", "f")
 _LENS = ("px", "py", "k1", "k2", "k3", "k4", "t1", "t2")
@@ -52,13 +52,12 @@ def _camera(name: str, row: dict[str, str], size: tuple[int, int]) -> Camera:
     value = {key: number(row, key, name) for key in COLUMNS[1:]}
     value |= {key: number(row, key, name, 0.0) for key in _LENS}
     if value["t1"] or value["t2"]:
-        raise StudioError(
+        raise camera_error(
             "camera.lens_model",
-            f"Camera '{name}': tangential distortion is not supported, but t1 and t2 are {value['t1']:g} and "
-            f"{value['t2']:g}",
+            name,
+            f"tangential distortion is not supported, but t1 and t2 are {value['t1']:g} and {value['t2']:g}",
             value=[value["t1"], value["t2"]],
             fix="Export with the lens model Brown3 or Brown4.",
-            camera=name,
         )
     width, height = size
     side = max(width, height)

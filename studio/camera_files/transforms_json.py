@@ -39,7 +39,7 @@ from studio.capture.patterns import without_extension
 from studio.counts import listed
 from studio.errors import StudioError
 from studio.json_types import JsonObject
-from studio.validation import array, missing_key, number
+from studio.validation import array, camera_error, missing_key, number
 from studio.yaml_text import inline_yaml
 
 _SUFFIXES = ("", ".png", ".jpg", ".jpeg", ".webp", ".exr")
@@ -96,12 +96,12 @@ def _size(values: JsonObject, path: Path, file: str, camera: str) -> tuple[int, 
         return sides[0], sides[1]
     found = _image_size(path, file)
     if found is None:
-        raise StudioError(
+        raise camera_error(
             "camera.size_unknown",
-            f"Camera '{camera}': the file does not contain 'w' and 'h', and there is no image '{file}' next to it",
+            camera,
+            f"the file does not contain 'w' and 'h', and there is no image '{file}' next to it",
             value=file,
             fix="Add 'w' and 'h', or put the images next to the file.",
-            camera=camera,
         )
     return found
 
@@ -132,12 +132,12 @@ def _focal(values: JsonObject, key: str, angle: str, side: int, camera: str) -> 
     if angle in values:
         radians = number(values, angle, camera)
         if not 0 < radians < np.pi:
-            raise StudioError(
+            raise camera_error(
                 "camera.field_of_view",
-                f"Camera '{camera}': '{angle}' is {radians:g}, expected a value between 0 and pi",
+                camera,
+                f"'{angle}' is {radians:g}, expected a value between 0 and pi",
                 value=radians,
                 fix="Correct it in the camera file; angles are in radians.",
-                camera=camera,
                 key=angle,
             )
         found.append((angle, 0.5 * side / float(np.tan(0.5 * radians))))
@@ -287,23 +287,23 @@ def write_transforms(rig: Rig, path: Path) -> None:
     frames = []
     for camera in rig:
         if np.any(camera.distortion[5:]):
-            raise StudioError(
+            raise camera_error(
                 "camera_file.not_expressible",
-                f"Camera '{camera.name}': transforms.json only supports the distortion terms k1 k2 p1 p2 k3, but "
+                camera.name,
+                f"transforms.json only supports the distortion terms k1 k2 p1 p2 k3, but "
                 f"this camera has {camera.distortion.size} terms",
-                file=path,
                 value=camera.distortion.size,
                 fix="Undistort the images first, or write rig.json.",
-                camera=camera.name,
+                file=path,
             )
         if abs(camera.K[0, 1]) > 1e-9:
-            raise StudioError(
+            raise camera_error(
                 "camera_file.not_expressible",
-                f"Camera '{camera.name}': transforms.json cannot express skew ({camera.K[0, 1]:g})",
-                file=path,
+                camera.name,
+                f"transforms.json cannot express skew ({camera.K[0, 1]:g})",
                 value=float(camera.K[0, 1]),
                 fix="Calibrate without skew, or write rig.json.",
-                camera=camera.name,
+                file=path,
             )
         distortion = dict(zip(("k1", "k2", "p1", "p2", "k3"), camera.distortion[:5].tolist(), strict=False))
         frames.append(

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from studio.cameras import Camera
-from studio.errors import StudioError
+from studio.validation import camera_error
 
 
 @dataclass(frozen=True)
@@ -69,14 +69,14 @@ def fit_size(camera: Camera, width: int, height: int, rule: str, image: np.ndarr
         if all(near):
             bars = f"{round(fit.left)} px left and right" if fit.left >= 0.5 else f"{round(fit.top)} px top and bottom"
             return replace(fit, note=f"camera '{camera.name}' has black bars ({bars}); calibration mapped to the rest")
-    raise StudioError(
+    raise camera_error(
         "footage.aspect_ratio",
-        f"Camera '{camera.name}': the aspect ratio of the footage, {width}x{height}, differs from the calibration's, "
+        camera.name,
+        f"the aspect ratio of the footage, {width}x{height}, differs from the calibration's, "
         f"{camera.width}x{camera.height}",
         value=(width, height),
         fix="Calibrate at the footage's size, or set capture.size_rule to stretch, crop or letterbox, depending on how "
         "the footage was resized.",
-        camera=camera.name,
         expected=(camera.width, camera.height),
         setting="capture.size_rule",
     )

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -31,25 +32,32 @@ _FREE_SIZE, _EXPANSION = 64 << 20, 100
 _MOST_BYTES = 256 * MAX_SPLATS  # 62 floats and some more for each splat
 
 
-def read_bytes(path: Path) -> bytes:
-    """The whole file."""
+def damaged(code: str, problem: str, path: Path, value: Any = None, **fields: Any) -> StudioError:
+    """The error for a file with which something went wrong when it was written or copied."""
+    return StudioError(code, problem, file=path, value=value, fix=EXPORT_AGAIN, **fields)
+
+
+@contextmanager
+def opening(path: Path) -> Iterator[None]:
+    """Errors of the operating system as StudioError."""
     try:
-        return read_bounded(path, _MOST_BYTES)
+        yield
     except FileNotFoundError:
         raise StudioError("splat_file.not_found", "no such file", file=path) from None
     except OSError as error:
         raise StudioError("splat_file.unreadable", f"cannot be read ({error.strerror})", file=path) from None
 
 
+def read_bytes(path: Path) -> bytes:
+    """The whole file."""
+    with opening(path):
+        return read_bounded(path, _MOST_BYTES)
+
+
 def truncated(path: Path, found: int, expected: int) -> StudioError:
     """The error for a file that ends early; sizes in bytes."""
-    return StudioError(
-        "splat_file.truncated",
-        f"the file ends after {found} of {expected} bytes",
-        file=path,
-        value=found,
-        fix=EXPORT_AGAIN,
-        expected=expected,
+    return damaged(
+        "splat_file.truncated", f"the file ends after {found} of {expected} bytes", path, found, expected=expected
     )
 
 
@@ -76,12 +84,11 @@ def check_expansion(path: Path, size: int, stored: int) -> None:
         stored: bytes in the file.
     """
     if size > max(_FREE_SIZE, _EXPANSION * stored):
-        raise StudioError(
+        raise damaged(
             "splat_file.expansion",
             f"{stored} bytes claim to contain {size}, which splats cannot be compressed to",
-            file=path,
-            value=size,
-            fix=EXPORT_AGAIN,
+            path,
+            size,
             expected=_EXPANSION * stored,
         )
 
@@ -154,12 +161,11 @@ def usable(gaussians: Gaussians) -> np.ndarray:
 def check_some_usable(path: Path, kept: np.ndarray) -> None:
     """Raises StudioError (splat_file.no_usable_splats) if no splat can be rendered."""
     if not kept.any():
-        raise StudioError(
+        raise damaged(
             "splat_file.no_usable_splats",
             f"each of its {len(kept)} splats has a value that is not finite, an infinite scale or a zero quaternion",
-            file=path,
-            value=len(kept),
-            fix=EXPORT_AGAIN,
+            path,
+            len(kept),
         )
 
 

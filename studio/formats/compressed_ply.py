@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from studio.errors import StudioError
-from studio.formats.checks import EXPORT_AGAIN, check_count, from_arrays, logits, quats_of_three
+from studio.formats.checks import check_count, damaged, from_arrays, logits, quats_of_three
 from studio.gaussians import SH_C0, Gaussians
 
 if TYPE_CHECKING:
@@ -153,11 +153,10 @@ def _need(path: Path, element: PlyElement, names: list[str] | tuple[str, ...], k
 
 def _need_rows(path: Path, name: str, found: int, expected: int) -> None:
     if found != expected:
-        raise StudioError(
+        raise damaged(
             "splat_file.invalid_header",
             f"the compressed PLY's element '{name}' has {found} rows; its splats need {expected}",
-            file=path,
-            value=found,
-            fix=EXPORT_AGAIN,
+            path,
+            found,
             expected=expected,
         )

@@ -23,9 +23,9 @@ import numpy as np
 
 from studio.errors import StudioError
 from studio.formats.checks import (
-    EXPORT_AGAIN,
     Note,
     check_count,
+    damaged,
     from_arrays,
     log_scales,
     logits,
@@ -196,10 +196,6 @@ def _middles(path: Path, data: bytes, section: _Section) -> np.ndarray:
 
 
 def _invalid(path: Path, problem: str, value: object) -> StudioError:
-    return StudioError(
-        "splat_file.invalid_header",
-        f"{problem}: the .ksplat file is damaged or of an unknown kind",
-        file=path,
-        value=value,
-        fix=EXPORT_AGAIN,
+    return damaged(
+        "splat_file.invalid_header", f"{problem}: the .ksplat file is damaged or of an unknown kind", path, value
     )

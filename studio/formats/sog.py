@@ -26,12 +26,13 @@ import numpy as np
 from studio.bounded_files import TextError, parse_json
 from studio.errors import StudioError
 from studio.formats.checks import (
-    EXPORT_AGAIN,
     Note,
     check_count,
     check_expansion,
+    damaged,
     from_arrays,
     logits,
+    opening,
     quats_of_three,
     read_bytes,
 )
@@ -103,13 +104,9 @@ def _parsed(parts: Parts) -> JsonObject:
     try:
         values = parse_json(parts.read(META))
     except TextError as error:
-        raise StudioError(
-            "splat_file.sog_meta", f"{META} is not JSON ({error})", file=parts.path(META), fix=EXPORT_AGAIN, name=META
-        ) from None
+        raise damaged("splat_file.sog_meta", f"{META} is not JSON ({error})", parts.path(META), name=META) from None
     if not isinstance(values, dict):
-        raise StudioError(
-            "splat_file.sog_meta", f"{META} is not an object", file=parts.path(META), fix=EXPORT_AGAIN, name=META
-        )
+        raise damaged("splat_file.sog_meta", f"{META} is not an object", parts.path(META), name=META)
     return values
 
 
@@ -146,7 +143,7 @@ class _Meta:
 
     def invalid(self, name: str, problem: str) -> StudioError:
         """The error for a value of `meta.json`."""
-        return StudioError("splat_file.sog_meta", f"'{name}' {problem}", file=self._path, fix=EXPORT_AGAIN, name=name)
+        return damaged("splat_file.sog_meta", f"'{name}' {problem}", self._path, name=name)
 
     def _section(self, name: str) -> JsonObject:
         section = self._values.get(name)
@@ -186,12 +183,11 @@ def _quats(parts: Parts, meta: _Meta, pixels: np.ndarray) -> np.ndarray:
     if (largest < 0).any():
         splat = int((largest < 0).argmax())
         name = meta.file("quats", 0)
-        raise StudioError(
+        raise damaged(
             "splat_file.sog_image",
             f"{name}: alpha of splat {splat} is {pixels[splat, 3]}; rotations have 252 to 255",
-            file=parts.path(name),
-            value=int(pixels[splat, 3]),
-            fix=EXPORT_AGAIN,
+            parts.path(name),
+            int(pixels[splat, 3]),
             name=name,
         )
     stored = (pixels[:, :3] / 255 * 2 - 1) / 2**0.5
@@ -205,12 +201,11 @@ def _harmonics(parts: Parts, meta: _Meta, pixels: np.ndarray) -> np.ndarray:
     rows = -(-meta.entries // _ENTRIES_PER_ROW)
     palette = read_pixels(parts, name, rows * _ENTRIES_PER_ROW * rest)
     if palette.shape[1] != _ENTRIES_PER_ROW * rest:
-        raise StudioError(
+        raise damaged(
             "splat_file.sog_image",
             f"{name}: {palette.shape[1]} pixels wide; a palette of degree {meta.degree} has {_ENTRIES_PER_ROW * rest}",
-            file=parts.path(name),
-            value=palette.shape[1],
-            fix=EXPORT_AGAIN,
+            parts.path(name),
+            palette.shape[1],
             name=name,
         )
     labels = pixels[:, :2].astype(np.int64) @ [1, 256]
@@ -256,7 +251,7 @@ class ArchiveParts:
         self._archive = archive
         # decided here, since zipfile searches the whole file for an archive
         if not read_start(archive).startswith(b"PK"):
-            raise StudioError("splat_file.unreadable", "not a SOG bundle (ZIP)", file=archive, fix=EXPORT_AGAIN)
+            raise damaged("splat_file.unreadable", "not a SOG bundle (ZIP)", archive)
 
     def path(self, name: str) -> Path:
         """The archive."""
@@ -276,23 +271,13 @@ class ArchiveParts:
         except KeyError:
             raise _no_part(self._archive, name) from None
         except (zipfile.BadZipFile, zlib.error, OSError, EOFError, ValueError, RuntimeError, struct.error) as error:
-            raise StudioError(
-                "splat_file.unreadable",
-                f"the SOG bundle is damaged ({error})",
-                file=self._archive,
-                fix=EXPORT_AGAIN,
-            ) from None
+            raise damaged("splat_file.unreadable", f"the SOG bundle is damaged ({error})", self._archive) from None
 
 
 def read_start(path: Path) -> bytes:
     """The first bytes of a file. Raises StudioError as `checks.read_bytes`."""
-    try:
-        with path.open("rb") as file:
-            return file.read(4)
-    except FileNotFoundError:
-        raise StudioError("splat_file.not_found", "no such file", file=path) from None
-    except OSError as error:
-        raise StudioError("splat_file.unreadable", f"cannot be read ({error.strerror})", file=path) from None
+    with opening(path), path.open("rb") as file:
+        return file.read(4)
 
 
 def read_pixels(parts: Parts, name: str, least: int) -> np.ndarray:
@@ -309,14 +294,7 @@ def read_pixels(parts: Parts, name: str, least: int) -> np.ndarray:
     data = parts.read(name)
 
     def invalid(problem: str, value: object = None) -> StudioError:
-        return StudioError(
-            "splat_file.sog_image",
-            f"{name}: {problem}",
-            file=parts.path(name),
-            value=value,
-            fix=EXPORT_AGAIN,
-            name=name,
-        )
+        return damaged("splat_file.sog_image", f"{name}: {problem}", parts.path(name), value, name=name)
 
     size = _image_size(data)
     if size is None:
@@ -358,21 +336,10 @@ def _image_size(data: bytes) -> tuple[int, int] | None:
 def _check_size(path: Path, name: str, size: int) -> None:
     limit = _LARGEST_META if name == META else _LARGEST_PART
     if size > limit:
-        raise StudioError(
-            "splat_file.expansion",
-            f"{name} has {size} bytes; expected at most {limit}",
-            file=path,
-            value=size,
-            fix=EXPORT_AGAIN,
-            expected=limit,
+        raise damaged(
+            "splat_file.expansion", f"{name} has {size} bytes; expected at most {limit}", path, size, expected=limit
         )
 
 
 def _no_part(path: Path, name: str) -> StudioError:
-    return StudioError(
-        "splat_file.sog_part_missing",
-        f"the SOG bundle has no {name}",
-        file=path,
-        fix=EXPORT_AGAIN,
-        name=name,
-    )
+    return damaged("splat_file.sog_part_missing", f"the SOG bundle has no {name}", path, name=name)

@@ -11,8 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.errors import StudioError
-from studio.formats.checks import EXPORT_AGAIN, Note, check_count, from_arrays, log_scales, logits, read_bytes
+from studio.formats.checks import Note, check_count, damaged, from_arrays, log_scales, logits, opening, read_bytes
 from studio.gaussians import SH_C0, Gaussians
 
 _SPLAT = np.dtype([("mean", "<f4", 3), ("scale", "<f4", 3), ("rgba", "u1", 4), ("quat", "u1", 4)])
@@ -20,11 +19,8 @@ _SPLAT = np.dtype([("mean", "<f4", 3), ("scale", "<f4", 3), ("rgba", "u1", 4), (
 
 def size(path: Path) -> tuple[int, int]:
     """Number of splats, and 0 for the SH degree. Raises StudioError as `read`, except for invalid values."""
-    try:
-        size = path.stat().st_size
-    except FileNotFoundError:
-        raise StudioError("splat_file.not_found", "no such file", file=path) from None
-    return _count(path, size), 0
+    with opening(path):
+        return _count(path, path.stat().st_size), 0
 
 
 def read(path: Path, note: Note) -> Gaussians:
@@ -46,11 +42,8 @@ def read(path: Path, note: Note) -> Gaussians:
 def _count(path: Path, size: int) -> int:
     count, left = divmod(size, _SPLAT.itemsize)
     if left:
-        raise StudioError(
-            "splat_file.unreadable",
-            f"{size} bytes is not a multiple of {_SPLAT.itemsize}, the size of a splat",
-            file=path,
-            fix=EXPORT_AGAIN,
+        raise damaged(
+            "splat_file.unreadable", f"{size} bytes is not a multiple of {_SPLAT.itemsize}, the size of a splat", path
         )
     check_count(path, count)
     return count

@@ -24,10 +24,10 @@ import numpy as np
 
 from studio.errors import StudioError
 from studio.formats.checks import (
-    EXPORT_AGAIN,
     MAX_SPLATS,
     Note,
     check_expansion,
+    damaged,
     from_arrays,
     logits,
     read_bytes,
@@ -303,15 +303,13 @@ def _opened(path: Path, data: bytes) -> tuple[Head, Any]:
         raise _damaged(path, error) from None
     head = _checked_head(path, start)
     if head.version == _ZSTD_VERSION:
-        raise StudioError(
-            "splat_file.unreadable", "an SPZ file of version 4 must not be gzipped", file=path, fix=EXPORT_AGAIN
-        )
+        raise damaged("splat_file.unreadable", "an SPZ file of version 4 must not be gzipped", path)
     return head, inflater
 
 
 def _checked_head(path: Path, head: bytes) -> Head:
     if len(head) < _HEAD.size or head[:4] != _MAGIC.to_bytes(4, "little"):
-        raise StudioError("splat_file.unreadable", "not an SPZ file", file=path, fix=EXPORT_AGAIN)
+        raise damaged("splat_file.unreadable", "not an SPZ file", path)
     _, version, count, degree, bits, flags, _ = _HEAD.unpack(head)
     if version not in VERSIONS:
         raise StudioError(
@@ -342,12 +340,11 @@ def _zstd_streams(path: Path, data: bytes, head: Head) -> tuple[list[bytes], byt
     *_, streams, table = _HEAD_4.unpack_from(data)
     expected = [size for size in head.sizes if size]
     if streams != len(expected) or table < _HEAD_4.size:
-        raise StudioError(
+        raise damaged(
             "splat_file.invalid_header",
             f"{streams} attributes, listed at byte {table}; expected {len(expected)} at byte {_HEAD_4.size} or later",
-            file=path,
-            value=(streams, table),
-            fix=EXPORT_AGAIN,
+            path,
+            (streams, table),
         )
     position = table + streams * _ENTRY.size
     if position > len(data):
@@ -370,11 +367,10 @@ def _zstd_streams(path: Path, data: bytes, head: Head) -> tuple[list[bytes], byt
                 raise _damaged(path, error) from None
             found = len(values)
         if found != wanted:
-            raise StudioError(
+            raise damaged(
                 "splat_file.unreadable",
                 f"the SPZ file is damaged (attribute {len(result)} has {found} bytes instead of {wanted})",
-                file=path,
-                fix=EXPORT_AGAIN,
+                path,
             )
         result.append(values)
         position += stored
@@ -413,4 +409,4 @@ def _extensions(path: Path, problem: str) -> StudioError:
 
 
 def _damaged(path: Path, error: Exception) -> StudioError:
-    return StudioError("splat_file.unreadable", f"the SPZ file is damaged ({error})", file=path, fix=EXPORT_AGAIN)
+    return damaged("splat_file.unreadable", f"the SPZ file is damaged ({error})", path)

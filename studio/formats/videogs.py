@@ -34,6 +34,7 @@ import torch
 from studio.bounded_files import TextError, parse_json, read_bounded
 from studio.errors import StudioError
 from studio.formats import DEFAULT_FPS
+from studio.formats.checks import damaged
 from studio.formats.placing import new_folder
 from studio.formats.rigid_motion import scaled
 from studio.gaussians import Gaussians
@@ -185,15 +186,7 @@ class _Frame:
 
     def __init__(self, path: Path, key: str, entry: Any) -> None:
         def invalid(name: str, problem: str, value: Any = None) -> StudioError:
-            return StudioError(
-                "videogs.invalid_frame",
-                f"frame {key}: {problem}",
-                file=path,
-                value=value,
-                fix=EXPORT_AGAIN,
-                frame=key,
-                name=name,
-            )
+            return damaged("videogs.invalid_frame", f"frame {key}: {problem}", path, value, frame=key, name=name)
 
         count = entry.get("num") if isinstance(entry, dict) else None
         info = entry.get("info") if isinstance(entry, dict) else None
@@ -231,14 +224,10 @@ def open_videogs(folder: Path, fps: float = DEFAULT_FPS) -> SplatVideo:
             key = str(index) if str(index) in table and not _named(table, groups) else name
             path = folder / "viewer_min_max.json"
             if key not in table:
-                raise StudioError(
-                    "videogs.missing_frame", f"frame {key} is missing", file=path, fix=EXPORT_AGAIN, frame=key
-                )
+                raise damaged("videogs.missing_frame", f"frame {key} is missing", path, frame=key)
             frames.append(_Frame(path, key, table[key]))
     if len({frame.degree for frame in frames}) > 1:
-        raise StudioError(
-            "videogs.mixed_degrees", "frames have different numbers of attributes", file=folder, fix=EXPORT_AGAIN
-        )
+        raise damaged("videogs.mixed_degrees", "frames have different numbers of attributes", folder)
     place = _own_frame(frames)
     for frame in frames:
         frame.ranges[:POSITIONS] = place.scale * frame.ranges[:POSITIONS] + place.translation[:, None]
@@ -282,27 +271,22 @@ def _groups(folder: Path) -> list[tuple[range, int]]:
             first, last = (int(value) for value in entry["frame_index"])
             name = int(entry.get("name_index", [first])[0])
         except (AttributeError, KeyError, TypeError, ValueError, IndexError):
-            raise StudioError(
-                "videogs.invalid_group",
-                f"group {number} is missing or has no 'frame_index'",
-                file=path,
-                fix=EXPORT_AGAIN,
-                group=number,
+            raise damaged(
+                "videogs.invalid_group", f"group {number} is missing or has no 'frame_index'", path, group=number
             ) from None
         if first != expected or last < first or last >= MAX_FRAMES:
-            raise StudioError(
+            raise damaged(
                 "videogs.invalid_group",
                 f"group {number} has frames {first} to {last}; it must start at frame {expected} and not end before it",
-                file=path,
-                value=(first, last),
-                fix=EXPORT_AGAIN,
+                path,
+                (first, last),
                 group=number,
                 expected=expected,
             )
         result.append((range(first, last + 1), name))
         expected = last + 1
     if not result:
-        raise StudioError("videogs.no_groups", "the file contains no groups", file=path, fix=EXPORT_AGAIN)
+        raise damaged("videogs.no_groups", "the file contains no groups", path)
     return result
 
 
@@ -314,9 +298,9 @@ def _read_json(path: Path) -> JsonObject:
             "videogs.file_missing", "the file is missing", file=path, fix="Specify a folder in the VideoGS layout."
         ) from None
     except (OSError, TextError) as error:
-        raise StudioError("videogs.not_json", f"not valid JSON ({error})", file=path, fix=EXPORT_AGAIN) from None
+        raise damaged("videogs.not_json", f"not valid JSON ({error})", path) from None
     if not isinstance(values, dict):
-        raise StudioError("videogs.not_json", "not a JSON object", file=path, fix=EXPORT_AGAIN)
+        raise damaged("videogs.not_json", "not a JSON object", path)
     return values
 
 
@@ -381,25 +365,20 @@ def _pictures(path: Path) -> Iterator[np.ndarray]:
                         fix="Export 8-bit YUV.",
                     )
     except FileNotFoundError:
-        raise StudioError("videogs.file_missing", "the file is missing", file=path, fix=EXPORT_AGAIN) from None
+        raise damaged("videogs.file_missing", "the file is missing", path) from None
     except (av.error.FFmpegError, IndexError, ValueError, OSError) as error:
-        raise StudioError(
-            "videogs.video_unreadable", f"not a readable video ({error})", file=path, fix=EXPORT_AGAIN
-        ) from None
-    raise StudioError(
-        "videogs.video_too_short", "the video has fewer frames than its group", file=path, fix=EXPORT_AGAIN
-    )
+        raise damaged("videogs.video_unreadable", f"not a readable video ({error})", path) from None
+    raise damaged("videogs.video_too_short", "the video has fewer frames than its group", path)
 
 
 def _gaussians(frame: _Frame, planes: list[np.ndarray], folder: Path, index: int) -> Gaussians:
     for channel, plane in enumerate(planes):
         if plane.size < frame.count:
-            raise StudioError(
+            raise damaged(
                 "videogs.picture_too_small",
                 f"frame {index} has {plane.size} pixels for {frame.count} splats",
-                file=folder / f"{channel}.mp4",
-                value=plane.size,
-                fix=EXPORT_AGAIN,
+                folder / f"{channel}.mp4",
+                plane.size,
                 frame=index,
                 expected=frame.count,
             )

@@ -194,13 +194,21 @@ class PlaneEntry(FileEntry):
 
 
 class SideEntry(FileEntry):
-    """The side file: keyframe positions, blocks, motions, classes and escapes."""
+    """The side file: keyframe positions, blocks, motions, classes and escapes.
+
+    Attributes:
+        raw_bytes: its decompressed size.
+    """
 
     raw_bytes: Annotated[int, Field(ge=1, le=MAX_SIDE_BYTES)]
 
 
 class PageEntry(FileEntry):
-    """A page of the index: a file with consecutive groups. `frames`: frame_count of each of its groups."""
+    """A page of the index: a file with consecutive groups.
+
+    Attributes:
+        frames: frame_count of each of its groups.
+    """
 
     bytes: Annotated[int, Field(ge=1, le=MAX_PAGE_BYTES)]
     frames: Annotated[tuple[FrameCount, ...], Field(min_length=1, max_length=MAX_PAGE_GROUPS)]
@@ -390,6 +398,7 @@ class BlockTable(Model):
     """Blocks and the units of their motion.
 
     Attributes:
+        count: B.
         radius: scale of positions relative to the block's center, world units.
         step: unit of the affine motion parameters, world units.
         rotation_step: unit of the mean rotation's MRP.
@@ -407,8 +416,10 @@ class MotionRendition(Rendition):
     Attributes:
         tile: side of a channel's tile in pixels: the smallest multiple of 16 with tile^2 >= N.
         columns, rows: channel c is the tile in row c // columns, column c % columns.
+        positions: quantization of the keyframe's means.
         blocks: number and units of the block motion.
         channels: in the order of `attributes.channels(sh_degree)`.
+        video, side: the files.
     """
 
     tile: Annotated[int, Field(ge=16)]
@@ -465,6 +476,7 @@ class Profile:
     """What a profile means in the manifest.
 
     Attributes:
+        rendition: the model of its renditions.
         scan: pixel of splat i in a square: "rows": row i // side, column i % side; "morton": the i-th pixel of the
             square in the order of its interleaved column and row bits.
         codecs: that its videos may have.

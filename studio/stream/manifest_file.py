@@ -23,7 +23,7 @@ from studio.stream.manifest import (
     PageEntry,
     invalid,
 )
-from studio.stream.sources.source import BAKE_AGAIN
+from studio.stream.sources.source import BAKE_AGAIN, damaged
 
 _BOUNDS = Bounds(size=MAX_MANIFEST_BYTES, values=2_000_000)
 """About 300 MB of memory; far more than groups in the manifest itself need, since most are in pages."""
@@ -42,11 +42,8 @@ def parse_manifest(data: bytes, name: str) -> Manifest:
         raise invalid(error, name, BAKE_AGAIN) from None
     digest = manifest.manifest_sha256
     if hashlib.sha256(data.replace(digest.encode(), b"0" * 64)).hexdigest() != digest:
-        raise StudioError(
-            "manifest.wrong_checksum",
-            "the file does not match its own SHA-256: it was damaged or edited",
-            file=name,
-            fix=BAKE_AGAIN,
+        raise damaged(
+            "manifest.wrong_checksum", "the file does not match its own SHA-256: it was damaged or edited", name
         )
     if not manifest.pages:
         check_total(manifest, distinct_bytes(manifest.groups), len(data), name)
@@ -58,7 +55,7 @@ def _check_head(data: bytes, name: str) -> None:
     try:
         head = parse_json(data, _BOUNDS)
     except TextError as error:
-        raise StudioError("manifest.not_json", f"not valid JSON ({error})", file=name, fix=BAKE_AGAIN) from None
+        raise damaged("manifest.not_json", f"not valid JSON ({error})", name) from None
     if not isinstance(head, dict) or head.get("format") != FORMAT:
         raise StudioError(
             "manifest.wrong_format",
@@ -79,12 +76,8 @@ def _check_head(data: bytes, name: str) -> None:
     profile = head.get("profile")
     if not isinstance(profile, str) or profile not in PROFILES:
         shown = str(profile)[:80]
-        raise StudioError(
-            "manifest.unknown_profile",
-            f"unknown profile {shown!r}; expected one of {', '.join(PROFILES)}",
-            file=name,
-            value=shown,
-            fix=BAKE_AGAIN,
+        raise damaged(
+            "manifest.unknown_profile", f"unknown profile {shown!r}; expected one of {', '.join(PROFILES)}", name, shown
         )
 
 
@@ -100,7 +93,7 @@ def parse_page(
         StudioError: another checksum, not JSON, a value out of bounds, or other groups than the manifest promises.
     """
     if hashlib.sha256(data).hexdigest() != page.sha256:
-        raise StudioError("stream.wrong_checksum", "SHA-256 differs from the manifest", file=name, fix=BAKE_AGAIN)
+        raise damaged("stream.wrong_checksum", "SHA-256 differs from the manifest", name)
     try:
         groups = Page.model_validate_json(data).groups
         manifest.check_groups(groups, first_group, first_frame)
@@ -111,9 +104,7 @@ def parse_page(
     except ValidationError as error:
         raise invalid(error, name, BAKE_AGAIN) from None
     except InconsistentError as error:
-        raise StudioError(
-            "manifest.invalid", str(error), file=name, fix=BAKE_AGAIN, location="", rule=error.rule
-        ) from None
+        raise damaged("manifest.invalid", str(error), name, location="", rule=error.rule) from None
     return groups
 
 
@@ -126,12 +117,11 @@ def check_total(manifest: Manifest, group_bytes: int, manifest_bytes: int, name:
     """Raises StudioError unless `total_bytes` is right. `group_bytes`: size of all files of all groups, each once."""
     expected = group_bytes + sum(file.bytes for file in manifest.fixed_files) + manifest_bytes
     if manifest.total_bytes != expected:
-        raise StudioError(
+        raise damaged(
             "manifest.wrong_total",
             f"total_bytes is {manifest.total_bytes}, but the listed files have {expected} bytes",
-            file=name,
-            value=manifest.total_bytes,
-            fix=BAKE_AGAIN,
+            name,
+            manifest.total_bytes,
             expected=expected,
         )
 

@@ -27,7 +27,7 @@ from studio.stream.manifest import (
 from studio.stream.manifest_file import check_growth, parse_manifest
 from studio.stream.sound import StreamSound
 from studio.stream.sources.open_source import open_source
-from studio.stream.sources.source import BAKE_AGAIN, Source, SourceUnavailable, close_source, read_files
+from studio.stream.sources.source import Source, SourceUnavailable, close_source, damaged, read_files
 
 
 def fetch_group(source: Source, group: Rendition) -> dict[str, bytes]:
@@ -53,16 +53,15 @@ def check_file(data: bytes, file: FileEntry, source: Source) -> None:
     """Raises StudioError unless the bytes have the size and the SHA-256 of the manifest."""
     name = f"{source.name}/{file.path}"
     if len(data) != file.bytes:
-        raise StudioError(
+        raise damaged(
             "stream.wrong_size",
             f"the file has {len(data)} bytes, the manifest says {file.bytes}",
-            file=name,
-            value=len(data),
-            fix=BAKE_AGAIN,
+            name,
+            len(data),
             expected=file.bytes,
         )
     if hashlib.sha256(data).hexdigest() != file.sha256:
-        raise StudioError("stream.wrong_checksum", "SHA-256 differs from the manifest", file=name, fix=BAKE_AGAIN)
+        raise damaged("stream.wrong_checksum", "SHA-256 differs from the manifest", name)
 
 
 class StreamReader:

@@ -11,7 +11,7 @@ import numpy as np
 
 from studio.errors import StudioError
 from studio.stream.manifest import AudioEntry
-from studio.stream.sources.source import BAKE_AGAIN
+from studio.stream.sources.source import damaged
 
 _FRAME = 1024  # samples of an AAC-LC frame
 _PREROLL = 4 * _FRAME  # the first frame after seeking lacks its overlap
@@ -66,13 +66,8 @@ class StreamSound:
         if found != wanted:
             self._container.close()
             words = "no single sound track" if found is None else _words(*found)
-            raise StudioError(
-                "stream.wrong_sound",
-                f"{words}; the manifest says {_words(*wanted)}",
-                file=name,
-                value=found,
-                fix=BAKE_AGAIN,
-                expected=wanted,
+            raise damaged(
+                "stream.wrong_sound", f"{words}; the manifest says {_words(*wanted)}", name, found, expected=wanted
             )
         self._pieces = self._decoded(0)
 
@@ -166,7 +161,7 @@ class StreamSound:
             self._container.close()
 
     def _damaged(self, error: BaseException) -> StudioError:
-        return StudioError("stream.sound_damaged", f"the sound is damaged ({error})", file=self._name, fix=BAKE_AGAIN)
+        return damaged("stream.sound_damaged", f"the sound is damaged ({error})", self._name)
 
 
 def _words(codec: str, sample_rate: int, channels: int) -> str:

@@ -19,7 +19,7 @@ import numpy as np
 from studio.errors import StudioError
 from studio.process import kept_scheduling
 from studio.stream.codecs import CODECS, PLANE_CODEC
-from studio.stream.sources.source import BAKE_AGAIN
+from studio.stream.sources.source import damaged
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -194,28 +194,24 @@ class PlaneDecoder:
             found, found_size = context.codec.canonical_name, (context.width, context.height)
         except self._errors as error:
             self.close()
-            raise StudioError(
-                "stream.video_unreadable", f"not a readable MP4 video ({error})", file=name, fix=BAKE_AGAIN
-            ) from None
+            raise damaged("stream.video_unreadable", f"not a readable MP4 video ({error})", name) from None
         if found != codec or found_size != size:
             self.close()
-            raise StudioError(
+            raise damaged(
                 "stream.wrong_video",
                 f"{found} video of {found_size[0]}x{found_size[1]}; the manifest says {codec} of {size[0]}x{size[1]}",
-                file=name,
-                value=(found, *found_size),
-                fix=BAKE_AGAIN,
+                name,
+                (found, *found_size),
                 expected=(codec, *size),
             )
         if stream.frames > pictures:  # a group that costs more than its manifest promises
             count = stream.frames
             self.close()
-            raise StudioError(
+            raise damaged(
                 "stream.video_too_long",
                 f"the video has {count} pictures; the manifest says {pictures}",
-                file=name,
-                value=count,
-                fix=BAKE_AGAIN,
+                name,
+                count,
                 expected=pictures,
             )
         context.thread_count = threads
@@ -238,24 +234,19 @@ class PlaneDecoder:
         try:
             frame: av.VideoFrame | None = next(self._frames, None)
         except self._errors as error:
-            raise StudioError(
-                "stream.video_damaged", f"the video is damaged ({error})", file=self.name, fix=BAKE_AGAIN
-            ) from None
+            raise damaged("stream.video_damaged", f"the video is damaged ({error})", self.name) from None
         if frame is None:
-            raise StudioError(
-                "stream.video_too_short", "the video has fewer frames than its group", file=self.name, fix=BAKE_AGAIN
-            )
+            raise damaged("stream.video_too_short", "the video has fewer frames than its group", self.name)
         if (frame.width, frame.height) != self._size or frame.format.name not in (
             "yuv420p",
             "yuvj420p",
             "gray",
         ):
-            raise StudioError(
+            raise damaged(
                 "stream.wrong_picture",
                 f"a picture is {frame.width}x{frame.height} {frame.format.name}; expected "
                 f"{self._size[0]}x{self._size[1]} yuv420p",
-                file=self.name,
-                fix=BAKE_AGAIN,
+                self.name,
             )
         out[:] = _bytes_of(frame.planes[0])[:, : self._size[0]]
 

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 import numpy as np
 import torch
 
-from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.rasterizer.kernels import kernels_for
 from studio.rotations import quat_multiply
@@ -17,7 +16,7 @@ from studio.stream.manifest import MotionRendition
 from studio.stream.morton import square_scan
 from studio.stream.motion_state import MotionState, Side
 from studio.stream.shapes import shape_axes
-from studio.stream.sources.source import BAKE_AGAIN
+from studio.stream.sources.source import damaged
 from studio.stream.video import PlaneDecoder
 
 
@@ -135,11 +134,8 @@ class MotionDecoder(GroupDecoder):
             self._tables = GroupTables(group, files[group.side.path])
         except ValueError as error:
             self.close()
-            raise StudioError(
-                "stream.side_file_damaged",
-                f"the side file is damaged: {error}",
-                file=f"{name}/{group.side.path}",
-                fix=BAKE_AGAIN,
+            raise damaged(
+                "stream.side_file_damaged", f"the side file is damaged: {error}", f"{name}/{group.side.path}"
             ) from None
 
     def _read(self, index: int) -> MotionFrame:

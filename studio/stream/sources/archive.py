@@ -14,7 +14,7 @@ from typing import Protocol
 
 from studio.errors import StudioError, reason_of
 from studio.stream.sources.http import HttpSource
-from studio.stream.sources.source import BAKE_AGAIN, too_long
+from studio.stream.sources.source import damaged, too_long
 
 SUFFIX = ".v3s"
 MAX_ENTRIES = 1 << 20
@@ -151,7 +151,7 @@ class ArchiveSource:
         name = f"{self.name}/{path}"
         place = self._places.get(path)
         if place is None:
-            raise StudioError("source.file_missing", "the file is missing", file=name, fix=BAKE_AGAIN)
+            raise damaged("source.file_missing", "the file is missing", name)
         offset, end, size = place
         if size > limit:
             raise too_long(name, limit, size)

@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from studio.errors import StudioError, reason_of
 
@@ -14,6 +14,13 @@ BAKE_AGAIN = "Bake the stream again, or copy it again."
 """The fix for a file of a stream that is missing or damaged."""
 
 _WEB = ("http://", "https://")
+
+
+def damaged(
+    code: str, problem: str, file: str | os.PathLike[str] | None, value: Any = None, **fields: Any
+) -> StudioError:
+    """The error for a file of a stream that is missing or damaged."""
+    return StudioError(code, problem, file=file, value=value, fix=BAKE_AGAIN, **fields)
 
 
 class SourceUnavailable(StudioError):
@@ -68,10 +75,10 @@ class FolderSource:
             with file.open("rb") as handle:
                 data = handle.read(limit + 1)
         except FileNotFoundError:
-            raise StudioError("source.file_missing", "the file is missing", file=file, fix=BAKE_AGAIN) from None
+            raise damaged("source.file_missing", "the file is missing", file) from None
         except (OSError, ValueError, RuntimeError) as error:
             problem = f"the file cannot be read ({reason_of(error)})"
-            raise StudioError("source.file_unreadable", problem, file=file, fix=BAKE_AGAIN) from None
+            raise damaged("source.file_unreadable", problem, file) from None
         if len(data) > limit:
             raise too_long(file, limit)
         return data
@@ -80,13 +87,8 @@ class FolderSource:
 def too_long(file: str | os.PathLike[str], limit: int, size: int | None = None) -> StudioError:
     """The error for a file with more bytes than the manifest promises; `size` where it is known."""
     found = "the file" if size is None else f"the file has {size} bytes and"
-    return StudioError(
-        "source.file_too_long",
-        f"{found} is longer than the expected {limit} bytes",
-        file=file,
-        value=size,
-        fix=BAKE_AGAIN,
-        expected=limit,
+    return damaged(
+        "source.file_too_long", f"{found} is longer than the expected {limit} bytes", file, size, expected=limit
     )
 
 
