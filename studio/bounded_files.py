@@ -241,11 +241,7 @@ def read_bounded_text(path: Path) -> str:
 
 
 def need_utf8(path: Path) -> None:
-    """Check that a path can be passed to every library and written to a settings file.
-
-    Raises:
-        StudioError: it is not valid UTF-8 (path.not_utf8).
-    """
+    """Check that a path can be passed to every library and written to a settings file."""
     try:
         str(path).encode("utf-8")
     except UnicodeEncodeError:

@@ -50,7 +50,6 @@ def run_queue(
 
     Raises:
         Cancelled: Ctrl-C or SIGTERM.
-        StudioError: another program works through the queue, or it cannot be written.
     """
     done = failed = 0
     with queue.running():

@@ -70,11 +70,7 @@ def add_view_option(command: argparse.ArgumentParser) -> None:
 
 
 def page_text(arguments: argparse.Namespace) -> PageText:
-    """What `add_page_options` asked for.
-
-    Raises:
-        StudioError: an address or a view that is none, or an intro that cannot be read.
-    """
+    """What `add_page_options` asked for."""
     _check_address(arguments.address)
     from pipelines.share.page import PageText, read_intro, read_view
 

@@ -105,9 +105,6 @@ def rehearse(inputs: Inputs, work: Work, progress: ProgressFn = no_progress) -> 
 
     Args:
         progress: called with parts done and parts; may raise Cancelled.
-
-    Raises:
-        StudioError: the footage cannot be read, or the masks do not fit together.
     """
     found, parts = Measured(), 4 + work.at_once
     progress(0, parts)

@@ -34,9 +34,6 @@ class TakeReview:
 
     Attributes:
         place: where the stream lies in the take. Browsers see frames and positions of the stream.
-
-    Raises:
-        StudioError: the stream cannot be opened.
     """
 
     def __init__(self, take: Take) -> None:

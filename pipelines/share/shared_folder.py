@@ -43,11 +43,7 @@ class SharedFolder:
     def write_stream(
         self, place: str, reader: StreamReader, progress: Callable[[int, int], object] = lambda done, total: None
     ) -> None:
-        """Copy a stream to a folder named `place`; `progress` is called with files done and files.
-
-        Raises:
-            StudioError: the stream is damaged.
-        """
+        """Copy a stream to a folder named `place`; `progress` is called with files done and files."""
         for done, file in enumerate(reader.files):
             progress(done, len(reader.files))
             self.write(f"{place}/{file.path}", reader.checked(file))

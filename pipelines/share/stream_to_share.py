@@ -69,9 +69,6 @@ class StreamToShare:
     def poster(self) -> Poster:
         """The first frame as the player begins: from the suggested camera at eye level, or from the front, over the
         stream's background.
-
-        Raises:
-            StudioError: the first group is missing or damaged.
         """
         from pipelines.reports.images import encode, render
         from pipelines.takes.videos import decoded_video
@@ -95,9 +92,6 @@ class StreamToShare:
             text: of the page, completed by `text`.
             player: `read_player()`.
             manifest: address of the stream's manifest relative to the page.
-
-        Raises:
-            StudioError: the stream's first group is damaged, or the player is of another version.
         """
         poster = self.poster()
         name = hashed_name("poster.jpg", poster.data)

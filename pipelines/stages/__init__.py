@@ -136,12 +136,7 @@ class GroupStageCode(StageCode, Protocol):
         ...
 
     def run_group(self, inputs: Inputs, group: Group, reporter: StageReporter) -> None:
-        """Make the group's results; continues from the last finished frame or checkpoint.
-
-        Raises:
-            StudioError: bad input.
-            Cancelled: the run was cancelled.
-        """
+        """Make the group's results; continues from the last finished frame or checkpoint."""
         ...
 
 

@@ -40,7 +40,6 @@ def ensure_camera_colors(inputs: Inputs, reporter: StageReporter, key: str, stop
     Raises:
         StudioError: the first group has no initial points (`training.no_first_points`), the footage cannot be read, or
             training diverged.
-        Cancelled: the run was cancelled.
     """
     if inputs.config.train.camera_colors == "splats":
         check_first_points(inputs.take, "the colors of the cameras are fitted to")

@@ -63,7 +63,6 @@ def ensure_fitted(
 
     Raises:
         StudioError: raised by `fit`.
-        Cancelled: the run was cancelled.
     """
 
     def check() -> None:

@@ -47,7 +47,6 @@ def ensure_refined_cameras(inputs: Inputs, reporter: StageReporter, key: str, st
     Raises:
         StudioError: the first group has no initial points (`training.no_first_points`), the footage cannot be read, or
             training diverged.
-        Cancelled: the run was cancelled.
     """
     check_first_points(inputs.take, "the cameras are refined with")
     fit = partial(_refine, inputs, reporter, key)

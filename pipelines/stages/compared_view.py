@@ -40,11 +40,7 @@ class ComparedView:
 
 
 def compared_view(inputs: Inputs, camera: str, frame: int) -> ComparedView | None:
-    """One view of a frame of the footage, or None if the camera does not see the performer.
-
-    Raises:
-        StudioError: an image or mask cannot be read.
-    """
+    """One view of a frame of the footage, or None if the camera does not see the performer."""
     from studio.edits import silhouette
 
     footage, settings, crop = inputs.footage.trained, inputs.config, inputs.edits.crop

@@ -62,20 +62,12 @@ class TakeFootage:
 
     @cached_property
     def raw(self) -> Footage:
-        """The footage without cameras: camera names, frames, original images.
-
-        Raises:
-            StudioError: it cannot be opened.
-        """
+        """The footage without cameras: camera names, frames, original images."""
         return self.opened(None)
 
     @cached_property
     def calibrated(self) -> Footage:
-        """The footage with the take's cameras, in the take's own frame.
-
-        Raises:
-            StudioError: it cannot be opened, or the take has no cameras yet.
-        """
+        """The footage with the take's cameras, in the take's own frame."""
         from studio.camera_files import read_rig
         from studio.own_frame import in_own_frame
 
@@ -85,9 +77,6 @@ class TakeFootage:
     def trained(self) -> Footage:
         """The footage with the cameras that splats are trained and measured with, in the take's own frame: refined ones
         if the take has them, else `calibrated`.
-
-        Raises:
-            StudioError: as `calibrated`.
         """
         from studio.camera_files import read_rig
         from studio.own_frame import own_frame

@@ -56,11 +56,7 @@ def key(footage: TakeFootage) -> str:
 
 
 def find_groups(footage: TakeFootage, progress: ProgressFn) -> None:
-    """Find where groups begin and write it to `Take.grouping`; does nothing if it is known.
-
-    Raises:
-        StudioError: an image or a mask cannot be read.
-    """
+    """Find where groups begin and write it to `Take.grouping`; does nothing if it is known."""
     if is_known(footage):
         return
     from studio.capture.change import look

@@ -55,11 +55,7 @@ def known_cameras(section: CalibrateSettings, footage: Footage) -> Rig | None:
 
 
 def at_footage_size(camera: Camera, footage: Footage) -> Camera:
-    """Convert a camera to the image size that it has in the footage (`capture.size_rule`).
-
-    Raises:
-        StudioError: the aspect ratios differ and capture.size_rule = auto cannot decide.
-    """
+    """Convert a camera to the image size that it has in the footage (`capture.size_rule`)."""
     from studio.capture.warp import Warp, fit_size
 
     width, height = footage.raw_size(camera.name)
@@ -77,9 +73,6 @@ def check_sizes(rig: Rig, footage: Footage, path: Path) -> None:
     Args:
         rig: the cameras, with the footage's camera names.
         path: the file that they are from, for the error.
-
-    Raises:
-        StudioError: the aspect ratios differ and capture.size_rule = auto cannot decide.
     """
     from studio.camera_files.common import naming
 

@@ -116,9 +116,6 @@ class StageReporter:
 
         Args:
             fraction: 0 to 1.
-
-        Raises:
-            Cancelled: the run was cancelled.
         """
         self.check()
         with self._lock:

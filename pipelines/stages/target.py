@@ -89,9 +89,6 @@ def intrinsics_from_target(
 
     Returns:
         cameras by name, and a report of their reprojection errors.
-
-    Raises:
-        StudioError: a camera has no footage of the target, or too few observations.
     """
     from studio.calibration import calibrate_intrinsics
 

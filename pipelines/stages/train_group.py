@@ -173,10 +173,6 @@ class GroupWork:
             finished: positions of the frames that are trained already, not counting joint training.
             keys: key of each frame before joint training, see `pipelines.stages.train`.
             final_keys: the same after it; equal to `keys` if there is none.
-
-        Raises:
-            StudioError: unusable footage, or training diverged.
-            Cancelled: the run was cancelled.
         """
         import torch
 

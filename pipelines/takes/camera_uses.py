@@ -40,9 +40,6 @@ class CameraUses:
 
         Args:
             spec: the present settings; offsets of cameras that are no longer used are removed, as they are refused.
-
-        Raises:
-            StudioError: no camera would be left to train on.
         """
         used = [name for name, use in self.uses.items() if use != "not used"]
         if "training" not in self.uses.values():

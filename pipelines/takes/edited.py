@@ -98,9 +98,6 @@ class EditedGroup:
         Args:
             gaussians: all splats of the frame, or some.
             among: (K,) int64 numbers of those in `gaussians`; None: it has all.
-
-        Raises:
-            StudioError: as `kept`.
         """
         import torch
 

@@ -157,9 +157,6 @@ def stream_numbers(text: str, reader: StreamReader) -> FrameNumbers:
 
     Args:
         text: what was opened, see `open_reader`.
-
-    Raises:
-        StudioError: a file of the take is damaged.
     """
     from pipelines.takes.frame_numbers import FrameNumbers, trained_numbers
 

@@ -25,11 +25,7 @@ class Pcm(Protocol):
     def samples(self) -> int: ...
 
     def read(self, first: int, count: int) -> np.ndarray:
-        """(count, channels) float32, -1 to 1, from sample `first` on; silence outside of the sound.
-
-        Raises:
-            StudioError: the sound is damaged.
-        """
+        """(count, channels) float32, -1 to 1, from sample `first` on; silence outside of the sound."""
         ...
 
 

@@ -65,9 +65,6 @@ class ImageSource:
     Args:
         paths: frame number to image file; not empty.
         transfer: what the values in the files are, see `read_image`.
-
-    Raises:
-        StudioError: the first image cannot be opened.
     """
 
     def __init__(self, camera: str, paths: Mapping[int, Path], transfer: TransferFunction = "auto") -> None:

@@ -37,11 +37,7 @@ def image_size(path: Path) -> tuple[int, int]:
 
 
 def has_alpha(path: Path) -> bool:
-    """Whether the image has an alpha channel, from its header; EXR and DPX are decoded.
-
-    Raises:
-        StudioError: as `image_size`.
-    """
+    """Whether the image has an alpha channel, from its header; EXR and DPX are decoded."""
     if is_deep(path) or not _pillow_reads(path):
         return read_deep_values(path).shape[2:] == (4,)
     with _open(path) as image:
@@ -49,11 +45,7 @@ def has_alpha(path: Path) -> bool:
 
 
 def is_turned(path: Path) -> bool:
-    """Whether the image's EXIF orientation says that it is to be turned or mirrored for display.
-
-    Raises:
-        StudioError: as `image_size`.
-    """
+    """Whether the image's EXIF orientation says that it is to be turned or mirrored for display."""
     if is_deep(path) or not _pillow_reads(path):
         return False
     with _open(path) as image:
@@ -104,9 +96,6 @@ def read_values(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
     Returns:
         (H, W), or (H, W, 3 or 4) RGB or RGBA, of the type in the file, 1 bit as 0 and 255; and the palette, (256, 3)
         uint8, if the values are its indices.
-
-    Raises:
-        StudioError: as `read_image`.
     """
     if is_deep(path) or not _pillow_reads(path):
         return read_deep_values(path), None

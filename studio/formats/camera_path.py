@@ -203,11 +203,7 @@ def _fitted(camera: Camera, width: int, height: int) -> Camera:
 
 
 def read_path_keys(path: Path, seconds: float) -> list[Key]:
-    """The keys of a camera path file, or the cameras of a rig file as keys spread evenly over `seconds`.
-
-    Raises:
-        StudioError: the file is missing, not JSON, or has another format or version, or a key has no time or camera.
-    """
+    """The keys of a camera path file, or the cameras of a rig file as keys spread evenly over `seconds`."""
     values = read_json(path)
     if values.get("format") != FORMAT:
         rig = read_rig(path)

@@ -106,11 +106,7 @@ def log_scales(scales: np.ndarray) -> np.ndarray:
 
 
 def to_arrays(path: Path, gaussians: Gaussians) -> dict[str, np.ndarray]:
-    """The attributes as float32 arrays, with unit quaternions.
-
-    Raises:
-        StudioError: there are no splats, a value is not finite, or a quaternion is zero.
-    """
+    """The attributes as float32 arrays, with unit quaternions."""
     if len(gaussians) == 0:
         raise StudioError("splat_file.no_splats", "there are no splats to write", file=path)
     arrays = {name: tensor.float().numpy() for name, tensor in gaussians.on_cpu().items()}

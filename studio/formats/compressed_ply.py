@@ -36,11 +36,7 @@ def is_compressed(ply: PlyData) -> bool:
 
 
 def compressed_size(path: Path, ply: PlyData) -> tuple[int, int]:
-    """Number of splats and SH degree.
-
-    Raises:
-        StudioError: a property is missing or of another type, or the elements' numbers of rows disagree.
-    """
+    """Number of splats and SH degree."""
     vertices, chunks = ply["vertex"], ply["chunk"]
     check_count(path, vertices.count)
     _need(path, vertices, _PACKED, "u4")
@@ -70,9 +66,6 @@ def read_compressed(path: Path, ply: PlyData) -> Gaussians:
 
     Args:
         ply: the file as parsed; see `is_compressed`.
-
-    Raises:
-        StudioError: as `compressed_size`.
     """
     count, degree = compressed_size(path, ply)
     vertices, chunks = ply["vertex"].data, ply["chunk"].data

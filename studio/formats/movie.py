@@ -49,9 +49,6 @@ def render_movie(
 
     Returns:
         the number of images.
-
-    Raises:
-        StudioError: a frame cannot be read, a setting is out of range, or the file exists or cannot be written.
     """
     if path.suffix.lower() != ".mp4":
         raise StudioError(

@@ -51,9 +51,6 @@ def open_sequence(place: Path, fps: float = DEFAULT_FPS, progress: ProgressFn = 
     Returns:
         the video; its notes say what was ignored, dropped or moved. Splats that cannot be rendered in a frame are
         dropped from its whole group.
-
-    Raises:
-        StudioError: there are no files, a file is damaged, or the names do not say the order.
     """
     found = find_frames(place)
     paths = [path for _, path in found]
@@ -253,9 +250,6 @@ def export_sequence(
         suffix: of a format in `FRAME_FILES` that is written.
         rotation: (3, 3) rotation from `axes_of`; None: no rotation.
         options: of the format; see `write_splats`.
-
-    Raises:
-        StudioError: a frame cannot be read or represented in the format, or the folder exists or cannot be written.
     """
     digits = max(4, len(str(max(video.number(index) for index in range(video.frame_count)))))
     with new_folder(folder) as temporary:

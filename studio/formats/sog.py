@@ -285,9 +285,6 @@ def read_pixels(parts: Parts, name: str, least: int) -> np.ndarray:
 
     Args:
         least: pixels that are needed.
-
-    Raises:
-        StudioError: missing, damaged or lossy image, or one of another size than its splats need.
     """
     from PIL import Image
 

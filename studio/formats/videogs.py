@@ -73,9 +73,6 @@ def export_videogs(
     Args:
         folder: must not exist; appears only when it is complete.
         qp: quantization parameter, 0 (lossless) to 51.
-
-    Raises:
-        StudioError: a frame cannot be read or baked, the QP is out of range, or the folder exists or cannot be written.
     """
     if not 0 <= qp <= 51:
         raise StudioError("export.invalid_qp", f"QP is {qp}; it must be 0 to 51", value=qp)

@@ -44,11 +44,7 @@ class GroupIndex:
         return bisect_right(self.starts, frame) - 1
 
     def group(self, number: int) -> GroupEntry:
-        """Group `number`, with its page read if needed.
-
-        Raises:
-            StudioError: the page is missing, damaged or does not hold what the manifest promises.
-        """
+        """Group `number`, with its page read if needed."""
         place = bisect_right(self._page_starts, number) - 1
         if place == 0:
             return self.manifest.groups[number]

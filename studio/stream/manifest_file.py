@@ -30,11 +30,7 @@ _BOUNDS = Bounds(size=MAX_MANIFEST_BYTES, values=2_000_000)
 
 
 def parse_manifest(data: bytes, name: str) -> Manifest:
-    """Parse and validate a manifest.
-
-    Raises:
-        StudioError: not JSON, another format or version, a value out of bounds, or a checksum mismatch.
-    """
+    """Parse and validate a manifest."""
     _check_head(data, name)
     try:
         manifest = Manifest.model_validate_json(data)
@@ -88,9 +84,6 @@ def parse_page(
 
     Args:
         first_group, first_frame: of the page, by the manifest.
-
-    Raises:
-        StudioError: another checksum, not JSON, a value out of bounds, or other groups than the manifest promises.
     """
     if hashlib.sha256(data).hexdigest() != page.sha256:
         raise damaged("stream.wrong_checksum", "SHA-256 differs from the manifest", name)

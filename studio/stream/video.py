@@ -220,11 +220,7 @@ class PlaneDecoder:
         self._frames: Iterator[Any] = container.decode(stream)
 
     def read(self, out: np.ndarray) -> None:
-        """Decode the next image into `out`, (height, width) uint8.
-
-        Raises:
-            StudioError: the file is damaged or has no further image.
-        """
+        """Decode the next image into `out`, (height, width) uint8."""
         with self._lock:
             self._read(out)
 

@@ -25,7 +25,6 @@ def write_archive(reader: StreamReader, out: Path, progress: ProgressFn = no_pro
         Its size in bytes.
 
     Raises:
-        StudioError: a file of the stream is missing or damaged.
         OSError: the file cannot be written.
     """
     written = {MANIFEST_NAME}

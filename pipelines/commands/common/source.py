@@ -71,9 +71,6 @@ def read_settings(
         overrides: names and values from the command line, which come last.
         preset: name of a preset, which comes after the settings.
         take: folder of the take that the settings are for, if any. If it exists, footage gets its settings.
-
-    Raises:
-        StudioError: the settings cannot be read, or are invalid.
     """
     from pipelines.config import load_config
     from pipelines.config.presets import PRESETS as VALUES

@@ -51,10 +51,6 @@ def start_on_head(address: str, words: Sequence[str], place: str) -> Launched:
         address: ray://HOST:PORT.
         words: arguments of `v3studio`.
         place: folder of the take, which is the same on the head node.
-
-    Raises:
-        StudioError: the cluster cannot be reached, or its head node cannot start the run, for example because it does
-            not see the take.
     """
     with connected(address, 1) as ray:
         options = {"lifetime": "detached", "num_cpus": 0, "resources": {"node:__internal_head__": 0.001}}

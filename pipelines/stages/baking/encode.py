@@ -21,10 +21,6 @@ def encode_once(plan: BakePlan, part: Part, reporter: StageReporter, start: floa
 
     Args:
         reporter: receives progress from `start` to `stop`.
-
-    Raises:
-        StudioError: it cannot be encoded.
-        Cancelled: the run was cancelled.
     """
     with plan.inputs.take.group_locked("bake", part.trained.index, lambda: reporter.progress(start)):
         return plan.baked(part) or encode(plan, part, reporter, start, stop)

@@ -97,10 +97,6 @@ class FilmedError:
     def __call__(self, index: int, decoded: Gaussians) -> tuple[float, float]:
         """Errors of the trained and of the decoded frame, as geometric means over the cameras, so that their ratio is
         the mean of what the cameras lose in dB; `index` counts within the group.
-
-        Raises:
-            StudioError: an image cannot be read.
-            Cancelled: the run was cancelled.
         """
         from studio.stream.encode.quality import loss
 

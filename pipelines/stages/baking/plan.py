@@ -110,9 +110,6 @@ class BakePlan:
 
     Attributes:
         parts: in order.
-
-    Raises:
-        StudioError: as `planned_parts`.
     """
 
     def __init__(self, inputs: Inputs) -> None:

@@ -86,12 +86,7 @@ class RungTraining:
         return has_key(self._inputs.take.splat_offsets(group.index, name_of(rung)), self.key(group, rung))
 
     def offsets(self, group: Group, rung: Rung, reporter: StageReporter, progress: ProgressFn) -> SplatOffsets:
-        """Offsets of a rung: from the take, or trained now and written to it.
-
-        Raises:
-            StudioError: the footage cannot be read, or training diverged.
-            Cancelled: the run was cancelled.
-        """
+        """Offsets of a rung: from the take, or trained now and written to it."""
         from studio.training.offsets import SplatOffsets
 
         path, key = self._inputs.take.splat_offsets(group.index, name_of(rung)), self.key(group, rung)

@@ -201,11 +201,7 @@ class _Job:
     error: FilmedErrorFn | None
 
     def encode(self) -> AnyRendition:
-        """The rendition, without checks and figures; its files are in `folder`.
-
-        Raises:
-            StudioError: a target that no QP reaches, or a target or limit without the function that measures it.
-        """
+        """The rendition, without checks and figures; its files are in `folder`."""
         settings, frames = self.settings, self.identity["frame_count"]
         what = f"group {self.identity['index']}"
         written: dict[int, AnyRendition] = {}  # only one set of files is on disk

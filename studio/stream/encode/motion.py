@@ -46,9 +46,6 @@ class MotionBake:
     Args:
         frames: frames of the group, keyframe first.
         progress: called before each frame, so that it can cancel.
-
-    Raises:
-        StudioError: differing splat counts, or values that are not finite.
     """
 
     def __init__(self, frames: Sequence[Gaussians], progress: ProgressFn) -> None:

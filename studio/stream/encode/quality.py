@@ -39,9 +39,6 @@ def search_qp(measure: Callable[[int], float], target: float, what: str, unit: s
         target: with `at_most` the largest allowed value, and the lowest QP is found; otherwise the smallest allowed
             value, and the highest QP is found.
         at_most: see `target`.
-
-    Raises:
-        StudioError: no QP meets the target.
     """
     end = QP_MAX if at_most else QP_BEST
     extreme = measure(end)

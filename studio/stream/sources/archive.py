@@ -99,9 +99,6 @@ class ArchiveSource:
 
     Args:
         ranges: the archive; closed by `close`.
-
-    Raises:
-        StudioError: not a ZIP archive, cut, or with entries that are compressed, encrypted or not a stream's.
     """
 
     def __init__(self, ranges: Ranges) -> None:

@@ -91,9 +91,6 @@ class HttpSource:
         address: URL of the stream's folder or of its manifest.json. A query (?token=...) is sent with every request;
             user:password@ before the host becomes basic authentication.
         stall, patience, first_patience: seconds, see the constants of this module.
-
-    Raises:
-        StudioError: not a valid http(s) URL.
     """
 
     parallel = 6

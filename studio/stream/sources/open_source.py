@@ -12,11 +12,7 @@ from studio.stream.sources.source import FolderSource, Source, is_address
 
 
 def open_source(place: Path | str | Source) -> Source:
-    """The source for a folder, a file (`.v3s`) or an http(s) URL of either; a `Source` is returned as is.
-
-    Raises:
-        StudioError: there is no such folder or file, the URL has another scheme, or the file is not a one-file stream.
-    """
+    """The source for a folder, a file (`.v3s`) or an http(s) URL of either; a `Source` is returned as is."""
     if not isinstance(place, str | Path):
         return place
     if isinstance(place, str) and is_address(place):
