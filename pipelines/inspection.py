@@ -72,11 +72,7 @@ def inspect(capture: CaptureSettings, progress: ProgressFn | None = None) -> Ins
     """Look at footage.
 
     Args:
-        capture: where it is and how to read it.
         progress: called with images read for thumbnails and all of them; may raise `Cancelled`. None: no thumbnails.
-
-    Raises:
-        StudioError: it cannot be opened, as in `open_footage`.
     """
     footage = open_footage(capture, None, strict=False)
     try:

@@ -37,12 +37,10 @@ def atomic_path(path: Path, durable: bool = False) -> Iterator[Path]:
     The temporary name has the same suffix, since some writers select the format by it. The parent folder is created.
 
     Args:
-        path: the final name.
         durable: the file's bytes are on the disk before it gets its name: a power cut leaves the old file or the new
             one, not an empty one. That takes up to 50 ms; it is for what cannot be made again.
 
     Raises:
-        OSError: the folder cannot be created or the file cannot be renamed.
         StudioError: of the block; its file has the final name.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -99,9 +97,7 @@ def leftovers(folder: Path, of: Path | None = None, what: str = "") -> list[Path
     Those of other machines are leftovers if nothing was written to them for an hour.
 
     Args:
-        folder: where to look, not in the folders in it.
         of: only those for this file or folder; None: all.
-        what: as for `temporary_path`.
     """
     stem, suffix = (r".+", r"(\.[^.]*)?") if of is None else (re.escape(of.stem), re.escape(of.suffix))
     named = re.compile(rf"\.{stem}\.{_NAMED}{suffix}")

@@ -71,12 +71,8 @@ def resampled(image: Tensor, sampling: ChromaSampling, shift: float = 0.0) -> Te
 
     Args:
         image: (H, W, 3) R'G'B'; differentiable.
-        sampling: the grid on which samples are decoded.
         shift: horizontal position at which the encoder took the samples, relative to that grid, in pixels. Not 0 for
             footage that was converted with one siting and is decoded with another.
-
-    Returns:
-        (H, W, 3).
     """
     import torch  # `v3studio status` opens footage and does not need it
 

@@ -84,14 +84,12 @@ class ViewRange:
 
 
 def view_range(cameras: Iterable[Camera], center: Sequence[float] | np.ndarray) -> ViewRange | None:
-    """The range of views of training cameras around the middle of a scene.
+    """The range of views of training cameras around the middle of a scene; None without cameras outside of the
+    center.
 
     Args:
         cameras: training cameras. Of more than 256, every n-th counts.
         center: (3,) middle of the scene, world units.
-
-    Returns:
-        None without cameras outside of the center.
     """
     middle = np.asarray(center, np.float64)
     towards = np.array([camera.center - middle for camera in cameras]).reshape(-1, 3)
@@ -126,14 +124,11 @@ class Coverage:
 
 
 def coverage(cameras: Sequence[Camera], points: np.ndarray, normals: np.ndarray, up: np.ndarray) -> Coverage | None:
-    """Measure a rig.
+    """Measure a rig; None without cameras outside of the performer.
 
     Args:
         points, normals: (N, 3) samples of the surface, N >= 1, world units; normals of any length point outwards.
         up: (3,) direction that points up.
-
-    Returns:
-        None without cameras outside of the performer.
     """
     found = view_range(cameras, points.mean(0))
     if found is None:
@@ -150,9 +145,6 @@ def coverage(cameras: Sequence[Camera], points: np.ndarray, normals: np.ndarray,
 def gaps(found: ViewRange, up: np.ndarray) -> tuple[float, float]:
     """How much of the way around the performer is outside of a range of views, at the height of the cameras, which
     need not be that of the performer's middle.
-
-    Args:
-        up: (3,) direction that points up.
 
     Returns:
         the share of horizontal directions outside, 0 to 1, and the largest angle between a direction and the nearest

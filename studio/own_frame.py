@@ -22,14 +22,11 @@ _FARTHEST = 64.0  # distance of the middle from the origin, in radii; float32 th
 
 
 def own_frame(rig: Rig) -> Similarity:
-    """From the world of the cameras to the take's own frame.
+    """From the world of the cameras to the take's own frame: the identity for cameras of ordinary place and size.
 
     Args:
         rig: at least one camera. With a single one, or all in one place, nothing says how large the scene is, and it is
             only moved.
-
-    Returns:
-        the identity for cameras of ordinary place and size.
     """
     centers = rig.centers
     middle = centers.mean(axis=0)
@@ -55,10 +52,9 @@ def in_own_frame(rig: Rig) -> Rig:
 
 
 def undone(frame: Similarity, *, placed: bool) -> Similarity:
-    """What exports apply to the splats of a take.
+    """What exports apply to the splats of a take, whose `frame` is that of `own_frame`.
 
     Args:
-        frame: of `own_frame`.
         placed: whether the take's world has been placed by an edit, which says where its origin is: then only the
             unit is undone.
 

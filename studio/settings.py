@@ -199,15 +199,10 @@ def submodel(field: FieldInfo) -> type[Settings] | None:
 
 
 def affected(model: type[Settings], prefix: str = "", outer: Affects | None = None) -> dict[str, tuple[str, ...]]:
-    """Results that each field of a model affects.
+    """Dotted names of the fields of a model and of the models in it, to the results that each affects.
 
     Args:
-        model: fields of nested models are included.
-        prefix: put before each name.
         outer: default for fields and models without `Affects`.
-
-    Returns:
-        dotted field name to names of results, for all fields that are not models themselves.
     """
     outer = model.affects or outer
     found: dict[str, tuple[str, ...]] = {}
@@ -275,9 +270,7 @@ def refused(
     """Convert a pydantic error to a StudioError: one sentence per mistake, with file, setting, value and fix.
 
     Args:
-        error: raised by a settings model.
         where: file that the settings come from, or a description of another source.
-        given: dotted names of settings from the command line.
 
     Returns:
         `settings.unknown` or `settings.invalid`; for several mistakes `settings.invalid`, whose field `mistakes`

@@ -21,8 +21,6 @@ def number(values: Mapping[str, Any], key: str, camera: str, default: float | No
     """A finite number from a mapping. Numbers as text are accepted, because CSV and XML files only contain text.
 
     Args:
-        values: keys and values of one camera.
-        camera: name of the camera, for the message.
         default: value of a missing key; None makes the key required.
 
     Raises:

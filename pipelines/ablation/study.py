@@ -32,19 +32,16 @@ def ablate(
     qps: Sequence[int],
     emit: Callable[[str], Emit],
 ) -> AblationResults:
-    """Train each variant, bake it at each QP, decode and measure it; update `out`/ablation.json after each variant.
+    """Train each variant, bake it at each QP, decode and measure it; update `out`/ablation.json after each, and
+    return it.
 
     Each variant is a take under `out`/takes. Results that variants share (cameras, initial points, keyframes) are
     copied, and measured points are reused.
 
     Args:
-        overrides: settings for all variants, on top of the file.
         variants: the others are compared with the first.
         qps: in any order; BD-rate needs at least four.
         emit: called with a description of each run; returns the receiver of its events.
-
-    Returns:
-        the content of ablation.json.
 
     Raises:
         StudioError, Cancelled: as `run`; ablation.json is damaged (`take.damaged`).

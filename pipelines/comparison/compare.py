@@ -53,13 +53,10 @@ def compare(
 
     Args:
         out: folder of the results; created. Images of an earlier comparison in it are replaced, other files stay.
-        protocol: which cameras, pixels and size.
-        cameras: names instead of the protocol's.
         footage: folder of the take whose footage settings (images, masks) are compared with; None: the first.
         part: which of the frames that all takes have to measure: the first number in the footage, the number to stop
             before (None: all), and a step. Flicker needs a step of 1.
         images: frames to show, spread over the measured ones.
-        lpips: the metric; None: not measured.
         progress: called with finished and all views.
 
     Raises:

@@ -57,8 +57,6 @@ def open_takes(
     rendered with its own calibration.
 
     Args:
-        protocol: says which cameras and which size.
-        cameras: names instead of those of the protocol; empty: the protocol's.
         footage: folder of the take whose footage settings are used; None: the first.
 
     Returns:

@@ -320,9 +320,6 @@ def read_line(line: bytes | str) -> tuple[Event | None, str]:
 
     Args:
         line: with or without its newline; bytes need not be UTF-8.
-
-    Returns:
-        the event or None; the text around it, at most `MAX_TEXT` characters, "" if there is none.
     """
     text = line.decode("utf-8", "replace") if isinstance(line, bytes) else line
     start = text.find(_START)

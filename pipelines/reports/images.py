@@ -22,7 +22,6 @@ def render(
     """Render Gaussians.
 
     Args:
-        camera: to render from, without distortion.
         background: RGB, 0 to 1.
         width: largest width in pixels; None: that of the camera.
 

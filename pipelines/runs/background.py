@@ -18,7 +18,6 @@ def start_background(take: Take, config: Config, arguments: Sequence[str]) -> La
     With a Ray client address (ray://), it runs on the head node of the cluster, else on this machine.
 
     Args:
-        config: its settings, which are written to the take.
         arguments: of `v3studio`, without the take: ("run", "--until", "train").
 
     Returns:

@@ -24,9 +24,7 @@ def finishing(
     """Emits `Finished` at the end of the block, which SIGINT and SIGTERM cancel.
 
     Args:
-        emit: returns the receiver of the event.
         again: how to resume, as a sentence.
-        result: returns the event's `result`.
 
     Yields:
         a clock of work time, in seconds.

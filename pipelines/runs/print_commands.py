@@ -29,15 +29,10 @@ def printed_commands(
     they would be others.
 
     Args:
-        take: the take; its cameras must be calibrated before the commands run.
-        stages: what each command does of its group.
         form: plain is one command a line, as GNU parallel and OpenCue's cuecmd take them; deadline is the same for
             Deadline's plugin CommandScript; sbatch is a Slurm batch file with an array of tasks.
         overrides: settings of `config` that are not in the take's config.yaml, as "train.max_splats=5000". The
             commands name them, since they read that file.
-
-    Returns:
-        text that ends with a newline; "" if all groups are finished.
 
     Raises:
         StudioError: the footage cannot be read, where groups begin is not known yet (`work.groups_unknown`), or a word

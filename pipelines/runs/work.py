@@ -42,24 +42,14 @@ def work(
     clock: Callable[[], float] = time.monotonic,
     expected: str | None = None,
 ) -> tuple[str, ...]:
-    """Do these stages of one group, in the order of a run.
+    """Do these stages of one group, in the order of a run; returns those that had something to do.
 
     Args:
-        take: the take. It is not locked, only the group is.
-        stages: names of stages with `Stage.by_group`.
-        group: number of the group, counted from 0.
-        emit: receives the events of the stages' work.
-        cancellation: set it from another thread to cancel.
-        clock: work time in seconds.
         expected: `GroupStageCode.group_key` of the only stage, as the caller knows it.
-
-    Returns:
-        names of the stages that had something to do.
 
     Raises:
         StudioError: the stage needs another one first (`stage.dependency`), there is no such group
             (`work.no_such_group`), the take is not what the caller expects (`work.take_changed`), or bad input.
-        Cancelled: it was cancelled.
     """
     inputs = Inputs(take, config)
     chosen = group_of(inputs, group)

@@ -129,14 +129,10 @@ def read_cast(path: Path) -> Cast:
 
 
 def write_cast(source: Path, out: Path, text: PageText, progress: ProgressFn) -> tuple[str, dict[str, int]]:
-    """Write the page of a cast into a folder.
+    """Write the page of a cast into a folder; returns its title, and the bytes of each file.
 
     Args:
         text: title, credits and license; by default the document's title, and what the streams say.
-        progress: called with (items done, items).
-
-    Returns:
-        the page's title, and the bytes of each file.
 
     Raises:
         StudioError: `share.bad_cast` (also for a text that the page has no place for), `share.no_player`, no stream

@@ -81,11 +81,9 @@ def player_page(
 
     Args:
         built: the player's index.html; its markers are replaced.
-        script: element that starts the player, HTML.
         stream: address of the stream's manifest relative to the page, or "#id" of the element that holds its files.
         text: title, credits, license, description and intro; they are escaped here.
         poster: address of the image to show until the first frame is rendered.
-        head: further elements of the page's head, HTML.
         link: address relative to the page that links to it begin with; None for its own.
         first: files of the stream with which playback begins (`first_files`).
     """

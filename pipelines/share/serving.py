@@ -120,12 +120,10 @@ def prepare(
     """Listen for `serve` or for the command, which run the server in a thread or in the main thread.
 
     Args:
-        folder, host, port, https, token, allow_hosts, allow_origins: as for `serve`.
         player: None to serve the streams alone.
         certificate: given; None to make one if `https`.
         review: whether to serve reviews below another secret path, too.
         text: title and intro of the pages; a title is for a single stream.
-        options: of `uvicorn.Config`.
 
     Raises:
         StudioError: as `serve`, and for nothing to review (`serve.nothing_to_review`).

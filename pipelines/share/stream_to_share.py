@@ -89,8 +89,6 @@ class StreamToShare:
         All but the page are named by their content, and all addresses are relative to the page.
 
         Args:
-            text: of the page, completed by `text`.
-            player: `read_player()`.
             manifest: address of the stream's manifest relative to the page.
         """
         poster = self.poster()

@@ -54,16 +54,7 @@ def ensure_fitted(
     key: str,
     fit: Callable[[], None],
 ) -> None:
-    """Fit unless the result is there. Any worker may do it: the same inputs give the same bytes.
-
-    Args:
-        file: of the result, in the take.
-        key: its `fit_key`.
-        fit: makes the result and writes it to the file.
-
-    Raises:
-        StudioError: raised by `fit`.
-    """
+    """Fit unless the result is there. Any worker may do it: the same inputs give the same bytes."""
 
     def check() -> None:
         stop.check()

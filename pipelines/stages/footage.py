@@ -125,9 +125,6 @@ class TakeFootage:
 def performer_over(footage: Footage, camera: str, frame: int, background: Sequence[float]) -> np.ndarray:
     """The performer as filmed, over a background, as in the evaluation.
 
-    Args:
-        background: RGB, 0 to 1.
-
     Returns:
         (H, W, 3) uint8 RGB, without lens distortion, in the size of `footage.rig[camera]`.
 

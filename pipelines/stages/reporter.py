@@ -50,14 +50,8 @@ class Countdown:
         self._at = self._began = 0.0
 
     def estimate(self, now: float, seconds: float) -> float:
-        """Take in an estimate.
-
-        Args:
-            now: seconds on any clock that does not run backwards.
-            seconds: estimated seconds left at `now`.
-
-        Returns:
-            The countdown at `now`.
+        """Take in an estimate: seconds left at `now`, on any clock that does not run backward; returns the
+        countdown.
         """
         expected = self.at(now)
         if expected is None:

@@ -76,9 +76,6 @@ def keys_in_take(source: str, of: str, path: Path, camera: str | None = None) ->
         source: folder of a take; or of a stream, or its URL, whose own world and numbers count.
         of: "decoded" or "trained", the frames that `v3studio export` would read; "" for a stream.
         path, camera: as for `path_keys`. A camera that stands still has a key at both ends of the video.
-
-    Raises:
-        StudioError: as `path_keys`, or the take or the stream cannot be read.
     """
     if of == "trained":
         video, world = trained_video(source), read_edits(Take.open(Path(source)).edits).similarity

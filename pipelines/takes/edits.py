@@ -98,9 +98,7 @@ def change_edits(path: Path, edits: EditList, words: str, replaces: EditList | N
     """Replace the edits of a take by others; the change can be undone.
 
     Args:
-        path: edits.json, which may not exist yet.
         edits: the new ones. If they equal the present ones, nothing is written.
-        words: what is changed, at most 200 characters.
         replaces: the edits as they were when the change was begun; None: whatever they are.
 
     Raises:

@@ -95,15 +95,12 @@ def read_marks(path: Path) -> dict[int, Mark]:
 
 
 def change_mark(path: Path, frame: int, mark: Mark | None, replaces: Mark | None) -> dict[int, Mark]:
-    """Add, change or remove the mark of one frame; all other marks stay as they are in the file.
+    """Add, change or remove the mark of one frame; returns all marks by frame. Other marks stay as they are in the
+    file.
 
     Args:
-        path: marks.json, which may not exist yet.
         mark: the new mark; None removes it. Note and author are made plain (`plain_text`).
         replaces: the frame's mark as it was when the change was begun; None for none.
-
-    Returns:
-        All marks by frame.
 
     Raises:
         StudioError: the frame's mark is another one by now (`take.mark_changed`), too long (`take.mark_too_long`), one

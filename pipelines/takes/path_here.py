@@ -7,15 +7,7 @@ from pathlib import Path
 
 
 def path_here(path: Path, paths: Mapping[str, Sequence[str]]) -> Path:
-    """Where a file or folder is on this machine.
-
-    Args:
-        path: where it is on the machine that the settings were written on.
-        paths: `run.paths`: a folder to its paths on other machines.
-
-    Returns:
-        the first of `places_to_look` that is there; `path` if none is.
-    """
+    """Where a file or folder is on this machine: the first of `places_to_look` that is there; `path` if none is."""
     return next((place for place in places_to_look(path, paths) if is_there(place)), path)
 
 

@@ -67,19 +67,8 @@ class SoundEncoder:
 
 
 def encode_sound(blocks: Iterable[np.ndarray], path: str, sample_rate: int, channels: int) -> int:
-    """Write a sound as an MP4 file with one AAC-LC track. The same samples give the same bytes.
-
-    Args:
-        blocks: the samples in order, (n, channels) float32.
-        path: the file; replaced.
-        sample_rate: in Hz.
-        channels: 1 or 2.
-
-    Returns:
-        number of samples.
-
-    Raises:
-        OSError: the file cannot be written.
+    """Write a sound, blocks of (n, channels) float32, as an MP4 file with one AAC-LC track; returns the number of
+    samples.
     """
     import av
 

@@ -61,7 +61,6 @@ def upright(rig: Rig, points: np.ndarray, *, keep_scale: bool = False) -> Simila
 
     Args:
         points: (P, 3) sparse points.
-        keep_scale: do not change the scale, for example if it is already metric.
     """
     centers = rig.centers
     focus = rig.focus
@@ -151,11 +150,7 @@ def floor_world(rig: Rig, points: np.ndarray) -> tuple[Similarity, FloorReport]:
 
 
 def scale_to_distance(rig: Rig, first: str, second: str, distance: float) -> Similarity:
-    """The scaling about the origin that sets the distance between two cameras.
-
-    Args:
-        first, second: names of the two cameras.
-        distance: distance between their centers after scaling.
+    """The scaling about the origin after which two cameras, by their names, are this `distance` apart.
 
     Raises:
         StudioError: a camera is unknown (camera.unknown), the distance is not positive (calibration.distance), or the

@@ -47,7 +47,6 @@ def match_images(images: Mapping[str, np.ndarray], *, progress: ProgressFn = no_
 
     Args:
         images: (H, W, 3) uint8 RGB by camera, undistorted; each is read once.
-        progress: called per image and pair; may raise `Cancelled`.
 
     Returns:
         The pairs that a fundamental matrix verifies with at least `LEAST_MATCHES` matches.

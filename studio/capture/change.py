@@ -21,7 +21,6 @@ def look(image: np.ndarray, mask: np.ndarray, side: int = LOOK_SIDE) -> np.ndarr
     Args:
         image: (H, W, 3) uint8 RGB.
         mask: (H, W) uint8, 255 = foreground.
-        side: width and height of the result in pixels.
 
     Returns:
         (side, side, 4) float32 in 0..1: color times mask, then mask; None if the performer is not visible.

@@ -34,9 +34,6 @@ def read_deep_image(path: Path, transfer: TransferFunction = "auto") -> np.ndarr
 
     Returns:
         (H, W, 3) RGB or (H, W, 4) RGBA with straight alpha, uint8.
-
-    Raises:
-        StudioError: `footage.image_missing` or `footage.image_unreadable`.
     """
     suffix = path.suffix.lower()
     data = _data(path)

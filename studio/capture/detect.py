@@ -398,7 +398,6 @@ def all_beside(root: Path, folders: re.Pattern[str], cameras: Sequence[str]) -> 
     Args:
         folders: `MASK_FOLDERS` or `PLATE_FOLDERS`: names of folders to look for, below `root`, the folders of the
             frames or those of the cameras. Masks may also be beside the images.
-        cameras: names of the footage's cameras.
 
     Yields:
         Patterns, each with the files of `cameras` that match it, the most likely first; some may match the same files.

@@ -14,7 +14,7 @@ HASH_WHOLE_BELOW = 512 << 20
 
 
 def digest_files(root: Path, paths: Iterable[Path], names: Mapping[Path, str] | None = None) -> str:
-    """SHA-256 of files by name, size and contents.
+    """SHA-256 (64 hexadecimal digits) of files by name, size and contents.
 
     If the total size of the files exceeds `HASH_WHOLE_BELOW`, modification times are used instead of contents. Below
     that, a copy of a capture has the same digest. Of objects in a store, the version that the store tells (its ETag)
@@ -22,11 +22,7 @@ def digest_files(root: Path, paths: Iterable[Path], names: Mapping[Path, str] | 
 
     Args:
         root: folder to which file names are relative, for files below it.
-        paths: the files, in any order.
         names: names of files that are neither below it nor always at the same path.
-
-    Returns:
-        64 hexadecimal digits.
     """
     digest = hashlib.sha256()
     other_names = names or {}

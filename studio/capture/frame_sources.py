@@ -282,18 +282,7 @@ def make_sources(
     offsets: Mapping[str, int] | None = None,
     transfer: TransferFunction = "auto",
 ) -> dict[str, FrameSource]:
-    """One source per camera, from the files that match a pattern. Images without `{frame}` become frame 0.
-
-    Args:
-        matches: files from `find_files`.
-        pool: bounds the number of open decoders.
-        color_matrix: see `VideoReader`.
-        offsets: camera to sync offset in frames, as in `CaptureSettings`.
-        transfer: what the values in the files are, as in `CaptureSettings`.
-
-    Returns:
-        camera name to source, in the order of `matches`.
-    """
+    """Camera name to its source, from the files that match a pattern. Images without `{frame}` become frame 0."""
     groups: dict[str, list[Match]] = {}
     for match in matches:
         groups.setdefault(match.camera, []).append(match)

@@ -102,13 +102,9 @@ def find_files(
     """All files below `root` that match `pattern`, sorted by camera and frame.
 
     Args:
-        pattern: see `CaptureSettings`; must contain `{camera}`.
         extensions: of the files to find, in lower case; by default images and videos.
         listing: returns the paths below `root`, at least as deep as the pattern, when several patterns are tried on
             the same folder; used if the pattern begins with a placeholder.
-
-    Returns:
-        the files; empty if nothing matches.
 
     Raises:
         StudioError: `footage.bad_pattern`: no `{camera}`, or an unknown placeholder; `footage.duplicate_file`: two

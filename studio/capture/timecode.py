@@ -50,7 +50,6 @@ def parse_timecode(text: str, rate: Fraction, file: Path | None = None) -> Timec
 
     Args:
         text: `HH:MM:SS:FF`, or `HH:MM:SS;FF` for drop-frame.
-        rate: frames per second of the video.
 
     Raises:
         StudioError: `sync.timecode_invalid`: there is no such label at this rate.
@@ -84,10 +83,8 @@ def _invalid(text: str, rate: Fraction, file: Path | None) -> StudioError:
 
 
 def read_timecode(file: Path) -> Timecode | None:
-    """The start timecode of a video: that of the video's stream (with MOV and MP4, its tmcd track), else of the file.
-
-    Returns:
-        the timecode; None if the file has none.
+    """The start timecode of a video: that of the video's stream (with MOV and MP4, its tmcd track), else of the
+    file; None if it has none.
 
     Raises:
         StudioError: `footage.video_unreadable`, `sync.timecode_invalid`; or `sync.timecode_rate`: the track counts

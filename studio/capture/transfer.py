@@ -54,14 +54,11 @@ def srgb_from_linear(values: np.ndarray) -> np.ndarray:
 
 
 def eight_bit(values: np.ndarray, transfer: TransferFunction) -> np.ndarray:
-    """sRGB in 8 bits.
+    """sRGB in 8 bits, uint8 of the same shape.
 
     Args:
         values: floats, 0..1 (linear light: may be higher), or uint16 code values of the full range.
         transfer: how they are stored; auto is as srgb.
-
-    Returns:
-        the same shape, uint8.
     """
     if values.dtype == np.uint16:
         found: np.ndarray = _table(transfer)[values]

@@ -46,8 +46,6 @@ def fit_size(camera: Camera, width: int, height: int, rule: str, image: np.ndarr
     If the aspect ratios are equal (within one pixel of rounding), the rule is not used.
 
     Args:
-        width, height: size of the footage in pixels.
-        rule: see `CaptureSettings.size_rule`.
         image: (H, W, 3) uint8 frame of the footage in which "auto" detects black bars; may be None.
     """
     across, down = width / camera.width, height / camera.height

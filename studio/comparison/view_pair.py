@@ -67,12 +67,9 @@ class ViewPair:
         """Render a view and composite the footage.
 
         Args:
-            camera: pinhole camera of `image`.
             image: (H, W, 3) uint8 RGB.
             mask: (H, W) uint8, 255 is the performer.
             background: RGB, 0 to 1.
-            box: rows and columns to cut to; None: the full frame.
-            fit: also fit the colors of the splats to those of the footage.
         """
         import torch
 

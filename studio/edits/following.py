@@ -31,9 +31,7 @@ def follow(
     Args:
         means_at: (N, 3) means of a frame, counted from 0 in the take; the same splats in all frames of a group.
         groups: frames of each group, in order and without gaps.
-        frame: in which the ball was marked.
         center: (3,) its middle in that frame, world units.
-        radius: above 0, world units.
 
     Returns:
         Its path has the frame, the first and last frame of each group, and every `EVERY`th frame between.

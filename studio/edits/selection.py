@@ -155,14 +155,10 @@ def cluster_distance(means: np.ndarray, opacities: np.ndarray) -> float:
 
 
 def clusters(means: np.ndarray, distance: float) -> np.ndarray:
-    """(N,) number of each splat's cluster.
+    """(N,) number of each splat's cluster, from means (N, 3) and the spacing of a grid in world units.
 
     Splats in the same or in touching cells of a grid are in one cluster. So splats closer than the grid's spacing
     always are, and ones farther apart than 3.5 times that are not neighbors.
-
-    Args:
-        means: (N, 3).
-        distance: spacing of the grid, world units.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components

@@ -231,7 +231,6 @@ def read_film_keys(
     Frames between those of the video are left out; keys before and after the video have frames outside of it.
 
     Args:
-        path: a file of `FILM_FORMATS`.
         name: of the camera; None: there is only one.
         size: of the image, for formats that do not have it.
         numbers: frame numbers of the video, ascending.

@@ -74,14 +74,10 @@ def check_count(path: Path, count: int) -> None:
 
 
 def check_expansion(path: Path, size: int, stored: int) -> None:
-    """Bound what a small file can make a reader allocate.
+    """Bound what a small file can make a reader allocate: bytes after decompression, and in the file.
 
     Splats do not compress a hundredfold: their positions alone take more than a hundredth. Files with a reader's
     64 MiB or less are not limited.
-
-    Args:
-        size: bytes after decompression.
-        stored: bytes in the file.
     """
     if size > max(_FREE_SIZE, _EXPANSION * stored):
         raise damaged(
@@ -166,14 +162,11 @@ def check_some_usable(path: Path, kept: np.ndarray) -> None:
 
 
 def quats_of_three(stored: np.ndarray, largest: np.ndarray) -> np.ndarray:
-    """Unit quaternions.
+    """(N, 4) unit quaternions, in the order of the file's components.
 
     Args:
         stored: (N, 3), the other components in their order.
         largest: (N,) index of the component that is not stored, 0 to 3; it is positive.
-
-    Returns:
-        (N, 4), in the order of the file's components.
     """
     quats = np.empty((len(stored), 4))
     for index in range(4):

@@ -75,21 +75,18 @@ def export_exr(
     deep: int = 0,
     progress: ProgressFn = no_progress,
 ) -> int:
-    """Write `folder/plate.0000.exr`, ..., numbered as in the video, and `folder/deep.0000.exr`, ....
+    """Write `folder/plate.0000.exr`, ..., numbered as in the video, and `folder/deep.0000.exr`, ...; returns the
+    bytes written.
 
     Args:
         folder: must not exist; appears only when it is complete.
         camera: returns the camera at an index of a frame, also between two of them, in the world of the splats. All
             have one size.
         world: from the world of the splats to that of the files.
-        color_space: one of `COLOR_SPACES`.
         overscan: pixels rendered beyond each side of the image; the file's display window stays the image.
         shutter: of the colors; None: an instant.
         performers: number of those who get mattes, see `Plates`.
         deep: most samples of a pixel in the deep files; 0: no deep files.
-
-    Returns:
-        the bytes written.
 
     Raises:
         StudioError: OpenImageIO is missing, a number is out of range (export.invalid_setting), a frame cannot be read,

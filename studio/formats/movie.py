@@ -35,20 +35,16 @@ def render_movie(
     crf: int = 18,
     progress: ProgressFn = no_progress,
 ) -> int:
-    """Render and encode a movie. The file appears only when it is complete.
+    """Render and encode a movie; returns the number of images. The file appears only when it is complete.
 
     It has the video's sound if it shows the frames at their own speed, see `movie_sound`.
 
     Args:
-        video: the splat video, rendered over its background.
         path: .mp4 file; must not exist.
         camera: returns the camera at a time in seconds; all cameras must have the same, even size.
         frame: returns the frame of the video at a time in seconds; rounded down, modulo the number of frames.
         seconds, fps: duration in seconds, above 0 and at most 86,400, and frame rate, above 0 and at most 240.
         crf: constant rate factor of x264, 0 (best) to 51.
-
-    Returns:
-        the number of images.
     """
     if path.suffix.lower() != ".mp4":
         raise StudioError(

@@ -20,7 +20,6 @@ def read_cameras(path: Path, width: int, height: int) -> dict[str, dict[int, Cam
     """The cameras of a file, with y up and meters: by name, and by time code; one that stands still has one camera.
 
     Args:
-        width: of the cameras in pixels.
         height: not used: that of a camera follows from its apertures.
 
     Raises:

@@ -63,7 +63,6 @@ def mask_agreement(shapes: Silhouettes, min_views: int) -> dict[str, MaskAgreeme
 
     Args:
         shapes: silhouettes, of at least `LEAST_CAMERAS` cameras.
-        min_views: number of cameras that must see a point of the volume.
 
     Returns:
         By camera; empty if they have no common volume.
@@ -79,14 +78,11 @@ def mask_agreement(shapes: Silhouettes, min_views: int) -> dict[str, MaskAgreeme
 
 
 def frame_that_fits(shapes: Silhouettes, name: str, masks: Mapping[int, np.ndarray], min_views: int) -> int | None:
-    """The frame whose mask of a camera fits the volume of the other cameras, though that in `shapes` does not.
+    """The frame whose mask of a camera fits the volume of the other cameras, though that in `shapes` does not;
+    None if none contradicts them a third as much.
 
     Args:
-        shapes, min_views: as in `mask_agreement`.
         masks: (H, W) uint8 of other frames, of full or reduced size.
-
-    Returns:
-        None if none contradicts them a third as much.
     """
     import cv2
 

@@ -46,8 +46,6 @@ def color_points(
         points: (N, 3) world coordinates.
         normals: (N, 3) unit normals.
         views: pinhole views; each is read once.
-        best: number of views over which the median is computed.
-        max_pixels: maximum number of pixels of a depth map.
 
     Returns:
         colors (N, 3) float32 in 0..1, and the number of views that see each point, (N,) int32. Points that are not

@@ -143,9 +143,6 @@ def locate(shapes: Silhouettes, allowed: int, min_views: int) -> tuple[np.ndarra
 
     Returns:
         lower and upper corner, (3,) float64, in world units; the box is a few percent too wide.
-
-    Raises:
-        StudioError: the volume is empty; see `raise_disagreement`.
     """
     center, edge = _start(shapes)
     cells = torch.from_numpy(center[None].astype(np.float32))
@@ -216,7 +213,6 @@ def carve(
         resolution: voxels along the longest side; fewer if pixels are coarser.
         allowed: number of cameras that may be outliers.
         min_views: number of cameras that must see a point.
-        tick: called often; may raise `Cancelled`.
 
     Returns:
         the strict hull; and (Z, Y, X) bool on the same grid, true where at most `allowed` cameras reject.

@@ -18,7 +18,6 @@ def mean_features(gaussians: Gaussians, camera: Camera, features: Tensor) -> Ten
     """The features of the splats that a pixel shows, averaged with their blending weights.
 
     Args:
-        camera: without distortion.
         features: (N, 3), finite, on the device of the splats.
 
     Returns:

@@ -268,12 +268,6 @@ def rasterize_triton(
     """Render views with Triton. Arguments as in `studio.rasterizer.rasterize_views`, already validated.
 
     The same input gives the same bits on the same GPU: no sum depends on the order in which threads run.
-
-    Args:
-        screen_offsets: as in `studio.rasterizer.rasterize`, for all views.
-
-    Raises:
-        StudioError: `rasterizer.triton_missing`: as `load_triton_kernels`.
     """
     kernels, _ = load_triton_kernels()
     renders: list[Render] = []

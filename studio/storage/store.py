@@ -66,17 +66,7 @@ class Store:
         self._root = root.rstrip("/")
 
     def list(self, below: str = "") -> dict[str, Entry]:
-        """All objects in the folder, or those whose path begins with a folder in it.
-
-        Args:
-            below: "" or a folder, such as "train/group_003".
-
-        Returns:
-            path relative to the store's folder to its entry; empty if there are none.
-
-        Raises:
-            StudioError: `storage.*`.
-        """
+        """Paths of all objects in the folder, or below a folder in it ("train/group_003"), to their entries."""
 
         def find() -> Mapping[str, Any]:
             try:

@@ -48,9 +48,7 @@ def suggested_view(camera: Camera, low: Sequence[float], high: Sequence[float], 
     The middles of the box's edges are inside the image. Its corners, where hardly anything ever is, need not be.
 
     Args:
-        camera: gives the place, the size and the name.
         low, high: (3,) least and greatest corner of the box, world units.
-        up: (3,) direction that points up in the world, any length.
 
     Returns:
         a camera without lens distortion. `camera` without its distortion if it is inside the box or above or below
@@ -76,9 +74,7 @@ def eye_level_view(view: Camera, low: Sequence[float], high: Sequence[float], up
     """The first view of the browser player: a suggested view, lowered or raised to eye level around the box's middle.
 
     Args:
-        view: a suggested view, without distortion.
         low, high: (3,) least and greatest corner of the whole stream's box, world units.
-        up: (3,) direction that points up in the world, any length.
 
     Returns:
         `view` itself if it is at eye level, or looks straight up or down.

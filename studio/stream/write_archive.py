@@ -14,18 +14,10 @@ _DATE = (1980, 1, 1, 0, 0, 0)  # equal streams give equal archives
 
 
 def write_archive(reader: StreamReader, out: Path, progress: ProgressFn = no_progress) -> int:
-    """Write a stream with all its renditions into one file.
+    """Write a stream with all its renditions, verified, into one file; returns its size in bytes.
 
     Args:
-        reader: the stream; every file is verified.
         out: the file, replaced if it exists; written under a temporary name by the caller where that matters.
-        progress: called with (groups written, groups).
-
-    Returns:
-        Its size in bytes.
-
-    Raises:
-        OSError: the file cannot be written.
     """
     written = {MANIFEST_NAME}
     with zipfile.ZipFile(out, "w", zipfile.ZIP_STORED) as archive:

@@ -86,10 +86,6 @@ def camera_colors(gaussians: Gaussians, views: Sequence[TrainingView]) -> Tensor
 
     A view in which the performer is too thin to have an inside is fitted to all of the performer.
 
-    Args:
-        gaussians: splats in the colors of the mean camera.
-        views: V views, one per camera.
-
     Returns:
         (V, 3, 4) float64, on the CPU; their mean is neutral. See `studio.color_fit.correct_color`.
     """

@@ -71,9 +71,6 @@ def detail_loss(
     edges of a box. Weights of boxes that overlap add up.
 
     Args:
-        image, target: (H, W, 3), as for `photometric_loss`.
-        box: of the detail in the image.
-        dssim_weight: as for `photometric_loss`.
         closer: image and target of the box alone, with more pixels, which are compared instead.
     """
     share = (box.right - box.left) * (box.bottom - box.top) / (image.shape[0] * image.shape[1])

@@ -74,9 +74,6 @@ class GroupRun(ABC):
             checkpoint: called with step and complete state every `checkpoint_every` steps, but not after the last.
             checkpoint_every: steps between these calls, at least 1; None for `CHECKPOINT_EVERY`.
             resume: a checkpoint of the same inputs. The result equals that of an uninterrupted run.
-
-        Raises:
-            StudioError: `training.diverged`.
         """
         every = constants.CHECKPOINT_EVERY if checkpoint_every is None else checkpoint_every
         if resume is not None:

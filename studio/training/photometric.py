@@ -41,15 +41,11 @@ def photometric_loss_torch(image: Tensor, target: Tensor, dssim_weight: float = 
 
 
 def photometric_loss(image: Tensor, target: Tensor, dssim_weight: float = 0.2) -> Tensor:
-    """(1 - w) L1 + w (1 - SSIM) (Kerbl et al. 2023, equation 7; SSIM as in `studio.metrics`).
+    """(1 - w) L1 + w (1 - SSIM), a scalar (Kerbl et al. 2023, equation 7; SSIM as in `studio.metrics`).
 
     Args:
         image: (H, W, 3) rendered image; the only argument that gets a gradient.
         target: (H, W, 3) in 0 to 1, same dtype and device.
-        dssim_weight: w, 0 to 1.
-
-    Returns:
-        Scalar.
 
     Raises:
         StudioError: `metrics.image_shape`, or `settings.invalid_value` for a weight outside 0 to 1.

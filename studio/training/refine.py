@@ -189,7 +189,6 @@ def chroma_shift(gaussians: Gaussians, views: Sequence[TrainingView], siting: st
     image.
 
     Args:
-        views: training views of the same frame.
         siting: "left" or "center"; "auto": the one with which drawings come closer to the footage; "none": 0.
     """
     sampled = [view for view in views if view.chroma is not None and view.chroma.siting is not None]

@@ -124,11 +124,6 @@ def rendered_contribution(
 
     Measured in the first, the middle and the last frame, from all training cameras.
 
-    Args:
-        frames: of the group, read on access.
-        cameras: the training cameras, in the world of the frames.
-        check: raises Cancelled if the run was cancelled.
-
     Returns:
         (N,) float64: sum over views of the splat's blending weights.
     """

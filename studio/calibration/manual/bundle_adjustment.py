@@ -44,15 +44,11 @@ def adjust(
     radial: bool = True,
     steps: int = 200,
 ) -> TieRig:
-    """Bundle adjustment of cameras and points.
+    """Bundle adjustment of cameras and points; returns the adjusted rig, `rig` is not changed.
 
     Args:
         groups: groups of cameras with shared unknown intrinsics; all other cameras keep theirs.
         radial: also estimate the first radial distortion term.
-        steps: maximum number of function evaluations.
-
-    Returns:
-        the adjusted rig; `rig` is not changed.
     """
     from scipy.optimize import least_squares
 

@@ -76,10 +76,6 @@ def uncertainty(
 
     Computed from the Jacobian at the solution. The uncertainty is relative to the other cameras: the position,
     orientation and scale of the world as a whole are excluded.
-
-    Args:
-        rig: a rig after `adjust`.
-        observations, groups, accuracy, radial: as in `adjust`.
     """
     problem = Problem(rig, observations, groups, accuracy, radial)
     marks = Problem(

@@ -8,19 +8,11 @@ _TURNS = 8
 
 
 def snap(image: np.ndarray, x: float, y: float, radius: int = 6) -> tuple[float, float]:
-    """The corner or dot center nearest to a click.
+    """The corner or dot center nearest to a click at (x, y), in pixels of a (H, W, 3) or (H, W) uint8 image.
 
     Förstner and Gülch (1987): around a corner the gradients are perpendicular to the direction to it, around a dot
     center they are parallel; the better fit is used. If neither is found within the radius, the click is returned
     unchanged.
-
-    Args:
-        image: (H, W, 3) or (H, W) uint8.
-        x, y: the click in pixels, origin at the image corner.
-        radius: search radius in pixels.
-
-    Returns:
-        (x, y) in pixels.
     """
     import cv2
 

@@ -35,10 +35,6 @@ def write_pictures(
 ) -> tuple[dict[str, tuple[int, int]], int]:
     """Write PNG files to images/ and masks/; returns (width, height) per camera and the number of sync frames.
 
-    Args:
-        images, masks: see `calibrate_from_images`.
-        progress: called with 0 to 5 of 100 steps.
-
     Raises:
         StudioError: the number of images or masks differs (calibration.image_count, calibration.mask_count), sizes
             differ (calibration.image_size, calibration.mask_size), an image is not RGB (calibration.image_format), or

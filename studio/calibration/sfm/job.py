@@ -138,10 +138,8 @@ def sfm_job(
 
     Args:
         sizes: (width, height) of each camera's images.
-        sync_frames: images per camera.
         focal_lengths: camera name to an initial focal length in pixels.
         poses: an earlier solution with all the cameras, or None.
-        threads: number of threads, 0 = all cores.
 
     Raises:
         StudioError: intrinsics_groups names a camera without images (calibration.intrinsics_groups), or known
@@ -205,14 +203,10 @@ def sfm_job(
 
 
 def neighbors(rig: Rig, each: int = 10, widest: float = 80.0) -> list[tuple[int, int]]:
-    """Pairs of cameras worth matching if their poses are known.
+    """Sorted pairs of cameras worth matching if their poses are known: each camera with those nearest to it.
 
     Args:
-        each: number of nearest cameras with which each camera is paired.
         widest: largest angle between viewing directions in degrees; beyond it features do not match.
-
-    Returns:
-        sorted pairs of indices, the smaller index first.
     """
     centers = rig.centers
     forward = np.array([camera.forward for camera in rig])

@@ -28,15 +28,12 @@ _AT_LEAST = 8
 def worthwhile(
     matches: dict[tuple[int, int], int], count: int, *, enough: int = _ENOUGH, at_least: int = _AT_LEAST
 ) -> list[tuple[int, int]]:
-    """Pairs with enough matches, and the best pairs of each camera.
+    """Sorted pairs with enough matches, and the best pairs of each camera.
 
     Args:
         matches: number of verified matches per pair (smaller number first); pairs without any may be missing.
         enough: minimum number of matches that makes a pair worth matching.
         at_least: partners that each camera keeps, excluding those without any match.
-
-    Returns:
-        sorted pairs.
     """
     kept = {pair for pair, number in matches.items() if number >= enough}
     for camera in range(count):
@@ -52,16 +49,12 @@ def preview_pairs(
     prepare: Callable[[Any], list[int]],
     match: Callable[[Path, list[tuple[int, int]]], None],
 ) -> list[tuple[int, int]]:
-    """Pairs of cameras worth matching, by their largest features.
+    """Pairs of cameras (0-based, the smaller first) worth matching, by their largest features.
 
     Args:
-        preview: path of a temporary database, removed at the end.
         pictures: id of one image of each camera in the source.
         prepare: writes one image per camera into the new database and returns their ids.
         match: matches and verifies pairs of cameras (0-based) in a database.
-
-    Returns:
-        pairs of cameras, 0-based, the smaller first.
     """
     import pycolmap
 

@@ -60,14 +60,11 @@ def try_shared_intrinsics(
 def try_separate_intrinsics(
     model: Any, own: dict[int, int], width: float, adjust: Callable[[Any], None]
 ) -> tuple[Any, list[SharedIntrinsicsTest]]:
-    """The model with separate intrinsics, if they fit much better than its shared ones.
+    """The model with separate intrinsics, if they fit much better than its shared ones; see
+    `try_shared_intrinsics`.
 
     Args:
         own: image id to the id of its own camera.
-        width, adjust: as in `try_shared_intrinsics`.
-
-    Returns:
-        as `try_shared_intrinsics`.
     """
     joint = camera_of_image(model)
     apart = rebuilt(model, {own[image]: model.cameras[joint[image]] for image in joint}, {i: own[i] for i in joint})

@@ -29,7 +29,6 @@ def refine_without_outliers(
 
     Args:
         outlier: threshold as a multiple of the median of these errors; the threshold is at least 0.5 pixels.
-        principal_point, threads: as in `refine`.
     """
     poses = {key: target_pose(state.cameras[key[1]], target, view) for key, view in state.views.items()}
     limit = max(0.5, outlier * float(np.median([error for _, error in poses.values()])))

@@ -117,14 +117,6 @@ class MotionBake:
             identity: values of the rendition that are not known here.
             settings: as they are; QP and attributes' QPs are used.
             progress: called with (frames encoded, frames).
-            threads: CPU threads; 0: one per core.
-            fps, offsets: as for `PlaneEncoder`.
-
-        Returns:
-            The rendition, not validated as a whole and without checks of its video.
-
-        Raises:
-            ValidationError: a value is out of the format's bounds.
         """
         coarse = 2.0 ** ((settings.qp - _REFERENCE_QP) / 6)  # 6 QPs double the quantizer step of the codec
         cell = _KEYFRAME_STEP * coarse * self._step

@@ -194,12 +194,6 @@ def _write(path: Path, data: bytes) -> None:
 def _replace_manifest(path: Path, data: bytes, files: Iterable[str]) -> None:
     """Write the manifest, atomically, once the files that it names are on the disk: a power cut leaves the old stream
     or the new one.
-
-    Args:
-        data: its bytes.
-
-    Raises:
-        StudioError: it cannot be written.
     """
     named = sorted({path.parent / name for name in files})
     try:

@@ -166,14 +166,8 @@ class HttpSource:
         return bytes(partial.data)
 
     def read_part(self, offset: int, count: int) -> tuple[bytes, int]:
-        """A part of the file that the URL itself names.
-
-        Args:
-            offset: first byte.
-            count: bytes, at least 1.
-
-        Returns:
-            The bytes, fewer than `count` only at the end of the file, and the size of the file.
+        """Up to `count` bytes from `offset` of the file that the URL itself names, fewer only at its end, and its
+        size.
 
         Raises:
             StudioError: as `read`, or the server does not answer range requests.

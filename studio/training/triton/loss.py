@@ -71,14 +71,8 @@ class _Fused(torch.autograd.Function):
 
 
 def photometric_loss_triton(image: Tensor, target: Tensor, dssim_weight: float) -> Tensor:
-    """`studio.training.photometric.photometric_loss` for float32 on an NVIDIA GPU.
-
-    Args:
-        image, target: (H, W, 3) float32 on the GPU; with Triton's interpreter, on the CPU.
-        dssim_weight: weight of 1 - SSIM, 0 to 1.
-
-    Returns:
-        Scalar. Only the image gets a gradient.
+    """`studio.training.photometric.photometric_loss` for float32 on an NVIDIA GPU; with Triton's interpreter, on
+    the CPU.
     """
     loss: Tensor = _Fused.apply(image, target.detach(), dssim_weight)
     return loss
