@@ -64,7 +64,7 @@ class QueuedTake(Result):
 class Queue(Result):
     """All takes, in the order in which they are run."""
 
-    format: Literal[1] = 1
+    format: Literal[1]
     """Version of this file."""
 
     last_number: Annotated[int, Field(ge=0)] = 0
@@ -103,7 +103,8 @@ class QueueFile:
         except StudioError as error:
             if error.code == "take.file_not_found":
                 return Queue(format=1)
-            raise
+            fix = "Choose another file with --queue, or move this one away."
+            raise StudioError(error.code, error.problem, file=error.file, fix=fix) from None
 
     def change(self, how: Callable[[Queue], Queue]) -> Queue:
         """Read the queue, write what `how` makes of it, and return that.

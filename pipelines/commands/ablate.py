@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from pipelines.commands.common.arguments import add_command, add_overwrite, invalid_option
-from pipelines.outputs import replacing
+from pipelines.outputs import check_output, replacing
 
 _NOTE = """The first variant is the full method with the settings in CONFIG; each other variant leaves out one part.
 Every variant is trained (sharing cameras, initial points and keyframes where possible), baked at several QPs, decoded
@@ -54,13 +54,15 @@ def _ablate(arguments: argparse.Namespace) -> int:
     from pipelines.reports.tables import table_of
     from pipelines.reports.terminal import console
     from pipelines.runs.console import Bars
+    from pipelines.takes.atomic_files import disk_errors
 
     qps = _qps(arguments.qps)
     variants = chosen([name for name in arguments.variants.split(",") if name])
     default = load_config(arguments.config, arguments.overrides).bake.qp
     qps = sorted({*qps, default})
+    check_output(arguments.out, True, _is_study)
     fresh = replacing(arguments.out, True, _is_study) if arguments.overwrite else nullcontext()
-    with fresh, Bars() as show:
+    with disk_errors(arguments.out), fresh, Bars() as show:
 
         def announced(what: str) -> Any:
             console().print(what)

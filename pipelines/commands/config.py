@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from pipelines.commands.common.arguments import SETTINGS_NOTE
+from pipelines.commands.common.arguments import SETTINGS_NOTE, invalid_option, nearest
 from pipelines.commands.common.source import source_path
 
 SECTIONS = ("capture", "calibrate", "initialize", "train", "bake", "evaluate", "run")
@@ -34,7 +34,6 @@ def register(commands: Any) -> None:
 
 
 def _config(arguments: argparse.Namespace) -> int:
-    from pipelines.commands.common.arguments import invalid_option
     from pipelines.commands.common.source import read_settings
     from pipelines.config import Config, describe, load_config
     from pipelines.config.presets import values_of
@@ -45,6 +44,8 @@ def _config(arguments: argparse.Namespace) -> int:
         raise invalid_option(
             "SOURCE", f"{' and '.join(sources)}: more than one source", f"Sections are {', '.join(SECTIONS)}."
         )
+    if sources and not source_path(sources[0]).exists() and (near := nearest(sources[0], SECTIONS)):
+        raise invalid_option("SOURCE", f"{sources[0]} is neither a file nor a section{near}", "")
     config = (
         read_settings(source_path(sources[0]), arguments.overrides)
         if sources

@@ -205,6 +205,10 @@ def _crop(arguments: argparse.Namespace) -> int:
     take = _take(arguments)
     back = placed_world(read_edits(take.edits), frame_of(take)).inverse
     low, high = np.array(arguments.min_point), np.array(arguments.max_point)
+    if not (low < high).all():
+        words = [" ".join(f"{value:g}" for value in corner) for corner in (low, high)]
+        problem = f"--min {words[0]} is not below --max {words[1]} on every axis"
+        raise invalid_option("--min", problem, "Example: --min -1 -1 0 --max 1 1 2.", words[0])
     box: dict[str, object] = {
         "center": back.points((low + high) / 2).tolist(),
         "size": (back.scale * (high - low)).tolist(),
@@ -302,7 +306,8 @@ def _region(arguments: argparse.Namespace) -> int:
             fix="Specify a JSON file with one of the `regions` that `v3studio edit list TAKE --json` prints.",
         ) from None
     take = _take(arguments)
-    return _change(take, "regions", [*read_edits(take.edits).model_dump(mode="json")["regions"], values])
+    regions = [*read_edits(take.edits).model_dump(mode="json")["regions"], values]
+    return _change(take, "regions", regions, arguments.file)
 
 
 def _detail(arguments: argparse.Namespace) -> int:
@@ -384,8 +389,8 @@ def _redo(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _change(take: Take, name: str, value: object) -> int:
-    """Set an edit to JSON-ready values, and say what it is now."""
+def _change(take: Take, name: str, value: object, file: Path | None = None) -> int:
+    """Set an edit to JSON-ready values, which may come from a file, and say what it is now."""
     from pydantic import ValidationError
 
     from pipelines.takes.edits import change_edits, describe, frame_of, read_edits
@@ -397,10 +402,11 @@ def _change(take: Take, name: str, value: object) -> int:
         after = EditList.model_validate(before.model_dump(mode="json") | {name: value})
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        where = ".".join(str(part) for part in first["loc"] if part not in _MANY.values()) or name
+        where = ".".join(part for part in first["loc"] if isinstance(part, str) and part not in _MANY.values()) or name
         raise StudioError(
             "edits.invalid",
             f"{where} {violation(first)}",
+            file=file,
             value=None if isinstance(first["input"], dict | list | tuple) else first["input"],
             fix=f"Remove one first: `v3studio edit remove TAKE {_one(name)} NUMBER`."
             if first["type"] == "too_long"

@@ -402,7 +402,7 @@ def _movie(video: SplatVideo, arguments: argparse.Namespace, size: tuple[int, in
     camera: Callable[[float], Camera]
     frame: Callable[[float], float] = partial(operator.mul, video.fps)
     if arguments.format == "turntable":
-        seconds = arguments.seconds or max(video.duration, _TURNTABLE_SECONDS)
+        seconds = max(video.duration, _TURNTABLE_SECONDS) if arguments.seconds is None else arguments.seconds
         circling = turntable(video, *size, turns=arguments.turns, elevation=arguments.elevation)
         camera = lambda at: circling(at / seconds)  # noqa: E731
     else:
@@ -411,11 +411,12 @@ def _movie(video: SplatVideo, arguments: argparse.Namespace, size: tuple[int, in
         if film:  # its camera may move before and after the video
             keys = [key for key in keys if key.frame is not None and 0 <= key.frame < video.frame_count]
         path = CameraPath(keys, *size)
-        seconds = arguments.seconds or (path.duration + 1 / video.fps if film else path.duration) or video.duration
+        usual = (path.duration + 1 / video.fps if film else path.duration) or video.duration
+        seconds = usual if arguments.seconds is None else arguments.seconds
         camera = path.camera
         if path.has_frames:
             frame = path.frame
-    fps = arguments.fps or video.fps
+    fps = video.fps if arguments.fps is None else arguments.fps
     count = render_movie(video, arguments.out, camera, frame, seconds, fps, arguments.crf, progress)
     sound, why = movie_sound(video, frame, seconds, fps)
     heard = ", with sound" if sound is not None else f", without sound: {why}" if why else ""

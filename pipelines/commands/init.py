@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.common.arguments import add_overwrite
+from pipelines.commands.common.arguments import add_overwrite, invalid_option
 from pipelines.commands.common.source import add_preset, add_source, is_footage, read_settings
 from pipelines.outputs import replacing
 from studio.errors import StudioError
@@ -37,6 +37,8 @@ def _init(arguments: argparse.Namespace) -> int:
     from pipelines.takes.atomic_files import disk_errors, write_text
 
     source = arguments.source
+    if arguments.out is not None and arguments.out.is_dir():
+        raise invalid_option("--out", f"--out {arguments.out} is a folder", f"Example: --out {arguments.out}/my.yaml.")
     if not is_footage(source):
         raise StudioError(
             "command.not_footage", "is not a folder of footage", file=source, fix="Specify the folder of the footage."

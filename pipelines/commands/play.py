@@ -51,6 +51,10 @@ def _play(arguments: argparse.Namespace) -> int:
         numbers = stream_numbers(arguments.stream, reader)
         end = numbers.number(reader.frame_count - 1) if stop is None else stop - 1
         chosen = numbers.within(start or 0, end)
+        if not chosen or chosen.start >= reader.frame_count:
+            first, last = numbers.number(0), numbers.number(reader.frame_count - 1)
+            problem = f"--frames {start or first}:{end + 1}: the stream has no such frames"
+            raise invalid_option("--frames", problem, f"It has frames {first} to {last}.")
         render = _renderer(reader.manifest, arguments.stream) if arguments.render else None
         report = play_headless(
             reader,

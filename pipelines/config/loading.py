@@ -31,6 +31,7 @@ def parse_override(text: str) -> tuple[str, Any]:
         raise StudioError(
             "settings.override_syntax",
             f"'{text}' is not of the form section.name=value",
+            file=COMMAND_LINE,
             value=text,
             fix="Example: train.max_splats=20000.",
         )

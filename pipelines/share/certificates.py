@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from studio.errors import StudioError
+from studio.errors import StudioError, reason_of
 
 _VALID = datetime.timedelta(days=90)  # browsers refuse certificates that are valid for years
 _BEGIN, _END = "-----BEGIN CERTIFICATE-----", "-----END CERTIFICATE-----"
@@ -45,7 +45,7 @@ def load_certificate(certificate: Path, key: Path | None) -> Certificate:
     except (OSError, ValueError) as error:  # ssl.SSLError is an OSError
         raise StudioError(
             "serve.bad_certificate",
-            f"not a certificate with its private key ({error})",
+            f"not a certificate with its private key ({reason_of(error)})",
             file=certificate,
             fix="Specify PEM files with --certificate and --key, the key without a password.",
             key=key,

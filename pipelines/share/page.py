@@ -218,9 +218,9 @@ def read_view(text: str) -> str:
     if len(values) not in (2, 3, 6) or not all(map(isfinite, values)) or (len(values) > 2 and values[2] <= 0):
         raise StudioError(
             "share.view",
-            "is no view",
+            f"'{text}' is not a view",
             value=text,
-            fix="Give azimuth and elevation in degrees, as --view=30,10; a link from the player's Share has them.",
+            fix="Specify azimuth and elevation in degrees: --view=30,10. A link from the player's Share has them.",
         )
     return ",".join(f"{value:g}" for value in values)
 

@@ -121,8 +121,13 @@ def _in(root: Path) -> list[Path]:
         frames = [part for part in root.glob("*/transforms.json") if part.parent.name.isdecimal()]
         found = sorted(frames, key=lambda part: int(part.parent.name))[:1]
     if not found:
-        found = [root / name for name in _ONE_PER_CAMERA if len(files_of(root / name)) > 1][:1]
+        found = [root / name for name in _ONE_PER_CAMERA if _is_of_cameras(files_of(root / name))][:1]
     return found
+
+
+def _is_of_cameras(files: list[Path]) -> bool:
+    """Whether these are several files, and not the settings of takes in the folder of their footage."""
+    return len([file for file in files if not (file.parent / "take.json").is_file()]) > 1
 
 
 def _is_named_above(root: Path) -> bool:

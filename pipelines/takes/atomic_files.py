@@ -175,6 +175,7 @@ def disk_errors(folder: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
+        file = folder if error.filename is None or PARTIAL in os.fsdecode(error.filename) else error.filename
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             raise StudioError(
                 "take.disk_full",
@@ -186,7 +187,7 @@ def disk_errors(folder: Path) -> Iterator[None]:
             raise StudioError(
                 "take.file_too_large",
                 "a file would be larger than the file system, or a limit of this session, allows",
-                file=error.filename or folder,
+                file=file,
                 fix="Look at `ulimit -f`, or choose a folder on another file system, and run again; finished work is "
                 "kept.",
             ) from error
@@ -194,21 +195,21 @@ def disk_errors(folder: Path) -> Iterator[None]:
             raise StudioError(
                 "take.disk_failed",
                 f"the disk cannot be read or written ({error.strerror})",
-                file=error.filename or folder,
+                file=file,
                 fix="Check the disk or the network drive and run again; finished work is kept.",
             ) from error
         if error.errno in (errno.ENOTDIR, errno.EEXIST):
             raise StudioError(
                 "take.not_writable",
                 "cannot be written: a part of the path is a file, not a folder",
-                file=error.filename or folder,
+                file=file,
                 fix="Choose another folder.",
             ) from error
         if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
             raise StudioError(
                 "take.not_writable",
                 f"cannot be written ({error.strerror})",
-                file=error.filename or folder,
+                file=file,
                 fix="Choose another folder.",
             ) from error
         raise

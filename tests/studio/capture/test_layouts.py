@@ -251,6 +251,12 @@ def test_a_file_of_one_camera_names_the_pattern(tmp_path: Path, make: SimpleName
     assert camera_file(CaptureSettings(root=tmp_path, rig="{camera}/config.xml")) == tmp_path / "{camera}/config.xml"
     with refuses("settings.file_not_found"):
         camera_file(CaptureSettings(root=tmp_path, rig="{camera}/other.xml"))
+    takes = tmp_path / "takes"
+    for name in ("first", "second"):
+        (takes / name).mkdir(parents=True)
+        for file in ("config.yaml", "take.json"):
+            (takes / name / file).touch()
+    assert camera_file(CaptureSettings(root=takes)) is None, "these are settings of takes"
     (tmp_path / "cam2" / "config.xml").write_text('<?xml version="1.0"?><opencv_storage><a>1</a></opencv_storage>')
     with refuses("camera.unknown_key", camera="cam2", key="a"):
         read_rig(tmp_path / "{camera}/config.xml")
