@@ -246,14 +246,9 @@ def sample_settings() -> Path | None:
     return None
 
 
-def sample_take() -> Path:
-    """Folder of the take that the start page makes of it."""
-    return Path.home() / "v3studio-takes" / "sample-take"
-
-
 def make_sample_take() -> tuple[Path, bool]:
     """Create the take, unless it is there. Returns its folder, and whether it is new."""
-    take = sample_take()
+    take = Path.home() / "v3studio-takes" / "sample-take"
     if (take / "take.json").is_file():
         return take, False
     settings = sample_settings()

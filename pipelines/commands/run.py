@@ -107,10 +107,6 @@ def _stage_parser(commands: Any, name: str, text: str) -> argparse.ArgumentParse
     return parser
 
 
-def _names_footage(overrides: Sequence[tuple[str, Any]]) -> bool:
-    return any(name == "capture.root" for name, _ in overrides)
-
-
 def _no_take(source: Path | None) -> StudioError:
     if source is not None and not source.exists() and not is_address(source):
         return StudioError(
@@ -148,7 +144,7 @@ def _run(arguments: argparse.Namespace) -> int:
     if folder is None:
         raise _no_take(source)
     fresh = not is_take(folder)
-    if fresh and source is None and not _names_footage(arguments.overrides):
+    if fresh and source is None and all(name != "capture.root" for name, _ in arguments.overrides):
         Take.open(folder)  # says what is missing
     # validate settings and footage before creating the folder
     config = read_settings(source, arguments.overrides, arguments.preset, folder)

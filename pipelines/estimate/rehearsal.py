@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from studio.capture import FootageView
     from studio.gaussians import Gaussians
     from studio.meshing import InitResult
+    from studio.meshing.settings import InitializeSettings
+    from studio.stream import BakeSettings
     from studio.training import TrainingView, TrainSettings
 
 SECONDS = 12.0
@@ -110,7 +112,7 @@ def rehearse(inputs: Inputs, work: Work, progress: ProgressFn = no_progress) -> 
     progress(0, parts)
     views, training = _read(inputs, work, found)
     progress(1, parts)
-    points = _hulls(inputs, work, views, found)
+    points = _hulls(inputs.config.initialize, work, views, found)
     progress(2, parts)
     results: list[_Training] = []
     started, processor = time.perf_counter(), time.process_time()
@@ -137,7 +139,7 @@ def rehearse(inputs: Inputs, work: Work, progress: ProgressFn = no_progress) -> 
     progress(2 + work.at_once, parts)
     found.evaluated_view = _evaluate(inputs, views[0], splats)
     progress(3 + work.at_once, parts)
-    found.baked_frame = _bake(inputs, splats)
+    found.baked_frame = _bake(inputs.config.bake, splats, inputs.threads)
     found.memory = psutil.Process().memory_info().rss
     progress(parts, parts)
     return found
@@ -170,11 +172,11 @@ def _read(inputs: Inputs, work: Work, found: Measured) -> tuple[list[FootageView
     return views, training
 
 
-def _hulls(inputs: Inputs, work: Work, views: list[FootageView], found: Measured) -> InitResult:
+def _hulls(settings: InitializeSettings, work: Work, views: list[FootageView], found: Measured) -> InitResult:
     """As many initial points as there are splats after densification, on a coarse hull."""
     from studio.meshing import initialize_points
 
-    settings, seconds = inputs.config.initialize, []
+    seconds = []
     for resolution in RESOLUTIONS:
         faces = max(100, round(settings.max_faces * (resolution / settings.resolution) ** 2))
         coarse = settings.replace(resolution=resolution, max_faces=faces, points=work.splats_before_pruning)
@@ -262,16 +264,16 @@ def _evaluate(inputs: Inputs, view: FootageView, splats: Gaussians) -> float:
     return time.perf_counter() - begun
 
 
-def _bake(inputs: Inputs, splats: Gaussians) -> float:
+def _bake(bake: BakeSettings, splats: Gaussians, threads: int) -> float:
     """Seconds per frame to encode and decode; with a ladder, of all renditions that need no training."""
-    from studio.stream import BakeSettings, bake_group
+    from studio.stream import bake_group
 
-    frames, bake = 4, inputs.config.bake
-    settings = BakeSettings(profile=bake.profile, quality=bake.qp, codec=bake.codec, preset=bake.preset)
+    frames = 4
+    settings = type(bake)(profile=bake.profile, quality=bake.qp, codec=bake.codec, preset=bake.preset)
     still = splats.detach().to("cpu")
     with tempfile.TemporaryDirectory() as folder:
         begun = time.perf_counter()
-        bake_group([still] * frames, Path(folder), 0, 0, settings, threads=inputs.threads)
+        bake_group([still] * frames, Path(folder), 0, 0, settings, threads=threads)
         seconds = time.perf_counter() - begun
     return max(1, len(bake.ladder)) * seconds / frames
 

@@ -108,7 +108,9 @@ class Bars:
             self._run_started(event)
         elif isinstance(event, StageStarted):
             self._say(f"[bold]{event.stage}[/bold]: {_plain(event.reason)}")
-            self._new_stage_bar(event.stage)
+            self._drop_stage_bar()
+            self._last_percent = -1
+            self._stage = self._bars.add_task(event.stage, total=1.0, left="", note="")
         elif isinstance(event, Progress):
             self._progress(event)
         elif isinstance(event, Warned):
@@ -150,11 +152,6 @@ class Bars:
             self._say(f"to do: {', '.join(event.stages)}")
         if len(event.stages) > 1:
             self._total = self._bars.add_task("all stages", total=1.0, left="", note="")
-
-    def _new_stage_bar(self, stage: str) -> None:
-        self._drop_stage_bar()
-        self._last_percent = -1
-        self._stage = self._bars.add_task(stage, total=1.0, left="", note="")
 
     def _drop_stage_bar(self) -> None:
         if self._stage is not None:

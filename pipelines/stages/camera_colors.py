@@ -7,9 +7,9 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from pipelines.events.cancellation import Cancellation
-from pipelines.stages.camera_fit import check_first_points, ensure_fitted, fit_key
+from pipelines.stages.camera_fit import check_first_points, ensure_fitted
 from pipelines.stages.inputs import Inputs
-from pipelines.stages.params import Params, derived_seed
+from pipelines.stages.params import derived_seed
 from pipelines.stages.reporter import StageReporter
 from pipelines.stages.training_views import training_views
 from pipelines.takes.atomic_files import write_model
@@ -26,11 +26,6 @@ VERSION = 1
 
 _LARGE = 13.0
 """Levels of 255 from the mean camera from which on a camera is named in the log."""
-
-
-def camera_colors_key(inputs: Inputs, recipe: Params) -> str:
-    """Digest of what the matrices are made from."""
-    return fit_key(inputs, "camera colors", VERSION, recipe)
 
 
 def ensure_camera_colors(inputs: Inputs, reporter: StageReporter, key: str, stop: Cancellation) -> None:

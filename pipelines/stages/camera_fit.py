@@ -12,6 +12,7 @@ from pipelines.stages.inputs import Inputs
 from pipelines.stages.params import Params, key_of
 from pipelines.stages.reporter import StageReporter
 from pipelines.takes.atomic_files import read_model
+from pipelines.takes.groups import Group
 from pipelines.takes.records import result_of
 from pipelines.takes.stage_files import CameraColors, CameraRefinement, InitialPointsReport
 from pipelines.takes.take import Take
@@ -20,12 +21,16 @@ from studio.errors import StudioError
 _Fitted = CameraColors | CameraRefinement
 
 
-def fit_key(inputs: Inputs, what: str, version: int, recipe: Params, *more: Any) -> str:
-    """Digest of what is fitted to the cameras. `more`: what else it is made from."""
-    first = inputs.groups[0]
-    points = inputs.take.initialize_group(first.index) / "report.json"
-    files = read_model(points, InitialPointsReport).files if points.is_file() else None
-    return key_of(what, version, recipe, result_of(inputs.take, "calibrate"), files, first.keyframe, *more)
+def fit_key(take: Take, first: Group, what: str, version: int, recipe: Params, *more: Any) -> str:
+    """Digest of what is fitted to the cameras with the first group; `more`: what else it is made from."""
+    files = initial_files(take, first)
+    return key_of(what, version, recipe, result_of(take, "calibrate"), files, first.keyframe, *more)
+
+
+def initial_files(take: Take, group: Group) -> Any:
+    """Digests of a group's initial points, from their report; None if there are none."""
+    report = take.initialize_group(group.index) / "report.json"
+    return read_model(report, InitialPointsReport).files if report.is_file() else None
 
 
 def check_first_points(take: Take, what: str) -> None:

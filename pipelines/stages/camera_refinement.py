@@ -11,9 +11,9 @@ import numpy as np
 from pipelines.events.cancellation import Cancellation
 from pipelines.reports.calibration import write_calibration_page
 from pipelines.stages.calibrate import has_camera_file
-from pipelines.stages.camera_fit import check_first_points, ensure_fitted, fit_key
+from pipelines.stages.camera_fit import check_first_points, ensure_fitted
 from pipelines.stages.inputs import Inputs
-from pipelines.stages.params import Params, derived_seed
+from pipelines.stages.params import derived_seed
 from pipelines.stages.reporter import StageReporter
 from pipelines.stages.training_views import training_views
 from pipelines.takes.atomic_files import atomic_path, remove, write_model
@@ -33,11 +33,6 @@ def refines_cameras(inputs: Inputs) -> bool:
     if wanted != "auto":
         return wanted == "always"
     return not inputs.config.calibrate.board_images and not has_camera_file(inputs)
-
-
-def refinement_key(inputs: Inputs, recipe: Params, *more: Any) -> str:
-    """Digest of what the cameras are refined from. `more`: what else they are refined from."""
-    return fit_key(inputs, "camera refinement", VERSION, recipe, *more)
 
 
 def ensure_refined_cameras(inputs: Inputs, reporter: StageReporter, key: str, stop: Cancellation) -> None:

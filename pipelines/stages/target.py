@@ -19,13 +19,17 @@ if TYPE_CHECKING:
     from studio.calibration import CalibrationResult, TargetObservation
     from studio.calibration.report import IntrinsicsReport
     from studio.cameras import Camera
-    from studio.capture import Footage
+    from studio.capture import CaptureSettings, Footage
 
 
 def target_digest(inputs: Inputs) -> list[str]:
     """Digests of the files with the calibration target."""
     section = inputs.config.calibrate
-    return [_open(inputs, pattern).digest() for pattern in (section.board_images, section.intrinsics_images) if pattern]
+    return [
+        _open(inputs.footage.capture, pattern).digest()
+        for pattern in (section.board_images, section.intrinsics_images)
+        if pattern
+    ]
 
 
 def calibrate_with_target(inputs: Inputs, reporter: StageReporter) -> CalibrationResult:
@@ -99,10 +103,9 @@ def intrinsics_from_target(
     return calibrate_intrinsics(section.board, own, sizes, section, inputs.threads)
 
 
-def _open(inputs: Inputs, pattern: str) -> Footage:
+def _open(capture: CaptureSettings, pattern: str) -> Footage:
     from studio.capture import CaptureSettings, open_footage
 
-    capture = inputs.footage.capture
     spec = CaptureSettings(
         root=capture.root,
         images=pattern,
@@ -119,7 +122,7 @@ def _views(
 ) -> tuple[dict[tuple[int, str], TargetObservation], dict[str, tuple[int, int]]]:
     from studio.calibration import detect_target
 
-    footage = _open(inputs, pattern)
+    footage = _open(inputs.footage.capture, pattern)
     names = inputs.footage.raw.camera_names
     missing = [name for name in names if name not in footage.camera_names]
     if missing:

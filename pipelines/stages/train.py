@@ -19,15 +19,11 @@ from itertools import chain
 from pathlib import Path
 
 from pipelines.events.cancellation import Cancellation
-from pipelines.stages import Executor, stage_named
+from pipelines.stages import Executor, camera_colors, camera_refinement, stage_named
 from pipelines.stages.baking.live import LiveBake
-from pipelines.stages.camera_colors import camera_colors_key, ensure_camera_colors
-from pipelines.stages.camera_refinement import (
-    drop_refined_cameras,
-    ensure_refined_cameras,
-    refinement_key,
-    refines_cameras,
-)
+from pipelines.stages.camera_colors import ensure_camera_colors
+from pipelines.stages.camera_fit import fit_key, initial_files
+from pipelines.stages.camera_refinement import drop_refined_cameras, ensure_refined_cameras, refines_cameras
 from pipelines.stages.footage_check import footage_check
 from pipelines.stages.group_scheduler import groups_at_once, refuse_too_little_memory, run_groups, threads_of_groups
 from pipelines.stages.inputs import Inputs
@@ -41,7 +37,7 @@ from pipelines.takes.edits import edit_params
 from pipelines.takes.frame_files import has_key
 from pipelines.takes.groups import Group
 from pipelines.takes.records import result_of
-from pipelines.takes.stage_files import InitialPointsReport, TrainedGroup
+from pipelines.takes.stage_files import TrainedGroup
 from studio.counts import counted
 from studio.errors import StudioError
 
@@ -190,18 +186,24 @@ def _checked(
 def _prepare(inputs: Inputs, reporter: StageReporter, stop: Cancellation) -> None:
     """Fit the colors of the cameras, and refine the cameras, if that is wanted and not done yet."""
     settings, recipe = inputs.config.train, _keyframe_recipe(inputs)
+    keys = _cameras_keys(inputs, recipe)
     if settings.camera_colors is not None:
-        ensure_camera_colors(inputs, reporter, camera_colors_key(inputs, recipe), stop)
+        ensure_camera_colors(inputs, reporter, keys[0], stop)
     if refines_cameras(inputs):
-        ensure_refined_cameras(inputs, reporter, _cameras_keys(inputs, recipe)[-1], stop)
+        ensure_refined_cameras(inputs, reporter, keys[-1], stop)
     else:
         drop_refined_cameras(inputs)
 
 
 def _cameras_keys(inputs: Inputs, recipe: Params) -> list[str]:
     """Of what is fitted to the cameras before groups are trained, if wanted: colors, then refined cameras."""
-    colors = [camera_colors_key(inputs, recipe)] if inputs.config.train.camera_colors is not None else []
-    return colors + ([refinement_key(inputs, recipe, *colors)] if refines_cameras(inputs) else [])
+    take, first = inputs.take, inputs.groups[0]
+    keys = []
+    if inputs.config.train.camera_colors is not None:
+        keys.append(fit_key(take, first, "camera colors", camera_colors.VERSION, recipe))
+    if refines_cameras(inputs):
+        keys.append(fit_key(take, first, "camera refinement", camera_refinement.VERSION, recipe, *keys))
+    return keys
 
 
 def _keyframe_recipe(inputs: Inputs) -> Params:
@@ -218,8 +220,6 @@ def _recipe(inputs: Inputs) -> Params:
 
 def frame_keys(inputs: Inputs, group: Group, recipe: Params | None = None) -> list[str]:
     """Key of each frame of the group, in order; `recipe` is what `_keyframe_recipe` returns, if it is known."""
-    points = inputs.take.initialize_group(group.index) / "report.json"
-    files = read_model(points, InitialPointsReport).files if points.is_file() else None
     later = settings_affecting(inputs.config, "later_frames")
     recipe = _keyframe_recipe(inputs) if recipe is None else recipe
     start = key_of(
@@ -227,7 +227,7 @@ def frame_keys(inputs: Inputs, group: Group, recipe: Params | None = None) -> li
         STAGE.version,
         recipe,
         result_of(inputs.take, "calibrate"),
-        files,
+        initial_files(inputs.take, group),
         group.index,
         *_cameras_keys(inputs, recipe),
         *details_at(inputs.edits, group.keyframe),

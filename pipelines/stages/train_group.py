@@ -279,7 +279,7 @@ class GroupWork:
             self.settings,
             keyframe_off=self._outlines_off[group.index],
             seed=derived_seed(self.inputs.config.run.seed, "train", group.index, "joint"),
-            progress=self._joint_progress(group),
+            progress=self._reporting((group.index, -1), "joint", f"group {group.index}", len(frames), {}),
             checkpoint=keep,
             resume=resume,
         )
@@ -388,10 +388,6 @@ class GroupWork:
         where: dict[str, JsonData] = {"frame": group.frames[position], "index": group.first + position}
         place, words = (group.index, position), f"group {group.index}, frame {group.frames[position]}"
         return self._reporting(place, _kind(group, position), words, 1, where)
-
-    def _joint_progress(self, group: Group) -> ProgressFn:
-        """Progress callback for joint training."""
-        return self._reporting((group.index, -1), "joint", f"group {group.index}", len(group.frames), {})
 
     def _reporting(self, place: Place, kind: Kind, words: str, frames: int, where: dict[str, JsonData]) -> ProgressFn:
         kept: dict[str, JsonData] = {}  # loss and psnr come every few steps; repeat them for the steps in between

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -73,7 +74,7 @@ class SoundFile:
         try:
             with open_media(self.path) as container:
                 resampler = av.AudioResampler(format="fltp", layout=layout, rate=SAMPLE_RATE)
-                for frame in _then_none(container.decode(container.streams.audio[0])):
+                for frame in chain(container.decode(container.streams.audio[0]), [None]):  # None flushes it
                     if position is None and frame is not None:
                         start = frame.time if frame.time is not None else 0.0
                         position = round((start - self._zero) * SAMPLE_RATE)
@@ -97,9 +98,3 @@ def _end(container: Any, stream: Any) -> float | None:
     if stream.duration is not None:
         return start_of(stream) + float(stream.duration * stream.time_base)
     return None if container.duration is None else start_of(stream) + container.duration / 1e6
-
-
-def _then_none(frames: Iterator[Any]) -> Iterator[Any]:
-    """The frames, then None, which flushes a resampler."""
-    yield from frames
-    yield None

@@ -47,7 +47,8 @@ def rig_from_metashape(path: Path, root: Element) -> Rig:
         worlds = {part.get("id"): part.find("transform") for part in chunk.iter("component")}
         by_id = {camera.get("id"): camera for camera in chunk.iter("camera")}
         poses = {key: _in_chunk(camera, by_id, sensors) for key, camera in by_id.items()}
-        used = {key for key, pose in poses.items() if pose is not None and _is_enabled(by_id[key])}
+        enabled = {key for key, camera in by_id.items() if camera.get("enabled") not in ("false", "0")}
+        used = {key for key, pose in poses.items() if pose is not None and key in enabled}
         if not used:
             raise StudioError(
                 "camera_file.no_cameras",
@@ -137,10 +138,6 @@ def _offset(sensor: Element, name: str) -> np.ndarray:
     if _has_text(sensor, "location"):
         offset[:3, 3] = _numbers(sensor, "location", 3, name)
     return offset
-
-
-def _is_enabled(entry: Element) -> bool:
-    return entry.get("enabled", "true") not in ("false", "0")
 
 
 def _has_text(element: Element, tag: str) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from studio.cameras import Camera, Rig
+from studio.cameras import Rig
 from studio.counts import cameras_listed
 from studio.validation import camera_error
 
@@ -23,7 +23,7 @@ def checked(rig: Rig) -> Rig:
                 value=focal,
                 fix="Give focal lengths and principal points in pixels, not in millimeters or relative to the size.",
             )
-    outside = [camera.name for camera in rig if not _is_inside(camera)]
+    outside = [one.name for one in rig if not (0 <= one.cx <= one.width and 0 <= one.cy <= one.height)]
     if not outside:
         return rig
     note = (
@@ -31,7 +31,3 @@ def checked(rig: Rig) -> Rig:
         f"{cameras_listed(outside)}."
     )
     return replace(rig, notes=(*rig.notes, note))
-
-
-def _is_inside(camera: Camera) -> bool:
-    return 0 <= camera.cx <= camera.width and 0 <= camera.cy <= camera.height

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bisect
 import functools
+import itertools
 import threading
 from collections.abc import Iterator
 from fractions import Fraction
@@ -370,7 +371,7 @@ class VideoReader:
                     break
                 if frame.pts < self._timestamps[start]:
                     continue
-                self._frames = _chain(frame, self._frames)
+                self._frames = itertools.chain([frame], self._frames)
                 self._next = start
                 self._current = None
                 return
@@ -404,8 +405,3 @@ def _with_square_pixels(width: int, height: int, shape: float | Fraction | None)
     if abs(ratio - 1) < _SQUARE:
         return width, height
     return (round(width * ratio), height) if ratio > 1 else (width, round(height / ratio))
-
-
-def _chain(first: Any, rest: Any) -> Any:
-    yield first
-    yield from rest

@@ -32,7 +32,7 @@ from scipy.spatial.transform import Rotation, RotationSpline, Slerp
 from studio.atomic_files import write_json
 from studio.camera_files import read_rig
 from studio.camera_files.common import read_json
-from studio.cameras import Camera, Rig, look_at_pose
+from studio.cameras import Camera, look_at_pose
 from studio.errors import StudioError
 from studio.formats import USD_SUFFIXES
 from studio.json_types import JsonObject
@@ -207,7 +207,8 @@ def read_path_keys(path: Path, seconds: float) -> list[Key]:
     values = read_json(path)
     if values.get("format") != FORMAT:
         rig = read_rig(path)
-        return _rig_keys(rig, seconds)
+        step = seconds / max(len(rig) - 1, 1)
+        return [Key(index * step, camera) for index, camera in enumerate(rig)]
     if values.get("version") != VERSION:
         raise StudioError(
             "camera_path.unsupported_version",
@@ -263,11 +264,6 @@ def read_film_keys(
     frames = [number for number in sorted(cameras) if (number - numbers[0]) % step == 0]
     indices = {number: (number - numbers[0]) // step for number in frames}
     return [Key(index / fps, cameras[number], index, "linear") for number, index in indices.items()]
-
-
-def _rig_keys(rig: Rig, seconds: float) -> list[Key]:
-    step = seconds / max(len(rig) - 1, 1)
-    return [Key(index * step, camera) for index, camera in enumerate(rig)]
 
 
 def _key(path: Path, index: int, entry: Any) -> Key:

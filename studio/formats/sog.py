@@ -269,7 +269,9 @@ class ArchiveParts:
                 with archive.open(info) as member:
                     return member.read(info.file_size)
         except KeyError:
-            raise _no_part(self._archive, name) from None
+            raise damaged(
+                "splat_file.sog_part_missing", f"the SOG bundle has no {name}", self._archive, name=name
+            ) from None
         except (zipfile.BadZipFile, zlib.error, OSError, EOFError, ValueError, RuntimeError, struct.error) as error:
             raise damaged("splat_file.unreadable", f"the SOG bundle is damaged ({error})", self._archive) from None
 
@@ -336,7 +338,3 @@ def _check_size(path: Path, name: str, size: int) -> None:
         raise damaged(
             "splat_file.expansion", f"{name} has {size} bytes; expected at most {limit}", path, size, expected=limit
         )
-
-
-def _no_part(path: Path, name: str) -> StudioError:
-    return damaged("splat_file.sog_part_missing", f"the SOG bundle has no {name}", path, name=name)

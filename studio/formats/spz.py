@@ -167,7 +167,7 @@ def _unpack_quats(packed: np.ndarray) -> np.ndarray:
 
 def size(path: Path) -> tuple[int, int]:
     """Number of splats and SH degree from the header. Raises StudioError as `read`, for the header."""
-    head = read_head(path)
+    head, _ = _opened(path, read_bytes(path))
     return head.count, head.degree
 
 
@@ -238,11 +238,6 @@ class Head:
         """Bytes of positions, opacities, colors, scales, rotations and SH."""
         per_splat = (9, 1, 3, 3, 3 if self.version == 2 else 4, 3 * ((self.degree + 1) ** 2 - 1))
         return tuple(self.count * size for size in per_splat)
-
-
-def read_head(path: Path) -> Head:
-    """The header alone. Raises StudioError as `read_container`, except for what comes after the header."""
-    return _opened(path, read_bytes(path))[0]
 
 
 def read_container(path: Path) -> tuple[Head, list[bytes], bytes]:

@@ -1,5 +1,5 @@
 from .decoders import DecodedFrame, GroupDecoder, open_decoder
-from .encode.bake import ContributionFn, FinetunedFn, bake_group, bake_sound, group_folder_name
+from .encode.bake import ContributionFn, FinetunedFn, bake_group, bake_sound
 from .encode.quality import QualityFn
 from .encode.write_manifest import write_manifest
 from .integrity import StreamDamage, StreamIntegrity, check_stream
@@ -49,7 +49,6 @@ __all__ = [
     "bake_sound",
     "check_stream",
     "fetch_group",
-    "group_folder_name",
     "is_address",
     "open_decoder",
     "write_manifest",

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from functools import partial
 
 from pipelines.stages.baking.measures import FilmedError, RenderedError, rendered_contribution
-from pipelines.stages.baking.plan import BakePlan, Part, edited_group, stream_cameras
+from pipelines.stages.baking.plan import BakePlan, Part, stream_cameras
 from pipelines.stages.baking.rungs import FinetunedFrames, finetuned_rungs
 from pipelines.stages.reporter import StageReporter
 from pipelines.takes.atomic_files import digest_of_file, remove, write_model
@@ -33,7 +33,7 @@ def encode(plan: BakePlan, part: Part, reporter: StageReporter, start: float, st
 
     inputs, settings = plan.inputs, plan.inputs.config.bake
     remove(plan.note_path(part))
-    edited = edited_group(inputs, part)
+    edited = EditedGroup(inputs.take, part.trained, inputs.edits)
     frames = EditedFrames(edited, part.indices)
     cameras, background = stream_cameras(inputs), inputs.config.evaluate.background
     finetuned, start = _finetuned(plan, part, edited, reporter, start, stop)

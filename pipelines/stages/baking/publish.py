@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pipelines.stages.baking.plan import BakePlan, stream_cameras
-from pipelines.stages.inputs import Inputs
 from pipelines.stages.reporter import StageReporter
 from pipelines.takes.atomic_files import atomic_path, digest_of_file, link_or_copy
 from pipelines.takes.stage_files import BakedGroupNote
@@ -16,6 +15,10 @@ from studio.edits.edit_list import UP
 from studio.errors import Message
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
+    from studio.capture import Footage
+    from studio.edits.edit_list import Trim
     from studio.stream import AudioEntry, GroupEntry, Manifest, StreamMetadata
 
 SHORT_SOUND = 0.05
@@ -40,7 +43,7 @@ def publish(plan: BakePlan, notes: Sequence[BakedGroupNote], live: bool, reporte
     for note in notes:
         for path, digest in note.digests.items():
             _put(plan, path, digest)
-    audio = None if live else _sound(inputs, plan, reporter)
+    audio = None if live else _sound(inputs.footage.raw, inputs.edits.trim, plan.folder, reporter)
     if audio is not None:
         _put(plan, audio.path, digest_of_file(plan.folder / audio.path))
     fps, settings = inputs.footage.trained.fps, inputs.config.bake
@@ -57,17 +60,15 @@ def _put(plan: BakePlan, path: str, digest: str) -> None:
             link_or_copy(str(plan.folder / path), str(temporary))
 
 
-def _sound(inputs: Inputs, plan: BakePlan, reporter: StageReporter) -> AudioEntry | None:
+def _sound(footage: Footage, trim: Trim | None, folder: Path, reporter: StageReporter) -> AudioEntry | None:
     """Encode the sound into the work folder, in seconds; warns of what it lacks."""
     from studio.stream import bake_sound
 
-    footage = inputs.footage.raw
     if footage.sound is None:
         return None
-    trim = inputs.edits.trim
     frames = tuple(frame for frame in footage.frames if trim is None or trim.holds(frame))
     cut = footage.sound.cut(frames, footage.spec.frame_range[2])
-    audio = bake_sound(cut, plan.folder)
+    audio = bake_sound(cut, folder)
     for seconds, where in ((cut.missing_before, "begins"), (cut.missing_after, "ends")):
         if seconds > SHORT_SOUND:
             when = "after the take's beginning" if where == "begins" else "before the take's end"

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pipelines.stages.baking.measures import RenderedError, rendered_contribution
-from pipelines.stages.baking.plan import Part, edited_group, planned_parts, stream_cameras
+from pipelines.stages.baking.plan import Part, planned_parts, stream_cameras
 from pipelines.stages.inputs import Inputs
 from studio.comparison.metrics import HIGHEST_PSNR
 from studio.errors import StudioError
@@ -51,10 +51,10 @@ def measure(context: Inputs, part: Part, settings: BakeSettings) -> Trial:
         context: of the take; its footage gives the cameras that frames are compared from.
         settings: with the QP to try, without targets.
     """
-    from pipelines.takes.edited import EditedFrames
+    from pipelines.takes.edited import EditedFrames, EditedGroup
     from studio.stream import StreamReader, bake_group, write_manifest
 
-    frames = EditedFrames(edited_group(context, part), part.indices)
+    frames = EditedFrames(EditedGroup(context.take, part.trained, context.edits), part.indices)
     cameras, background = stream_cameras(context), context.config.evaluate.background
     error = RenderedError(frames, cameras, background, context.device)
     fps = float(context.footage.raw.fps)

@@ -45,11 +45,6 @@ FinetunedFn = Callable[[Rung], Sequence[Gaussians]]
 """Frames of the group with the splats that a rung keeps, trained further; called for rungs with `Rung.finetuned`."""
 
 
-def group_folder_name(group: int) -> str:
-    """Name of a group's folder: group_000, group_001, ..."""
-    return f"group_{group:03d}"
-
-
 def bake_group(
     frames: Sequence[Gaussians] | Iterable[Gaussians],
     directory: Path | str,
@@ -115,7 +110,7 @@ def bake_group(
             setting="bake.ladder",
             group=group,
         )
-    folder = directory / group_folder_name(group)
+    folder = directory / f"group_{group:03d}"
     partial = temporary_path(folder)
     try:
         remove_leftovers(directory, folder)

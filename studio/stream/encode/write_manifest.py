@@ -109,9 +109,8 @@ def write_manifest(
         for number in range(len(groups)):  # what a reader of the pages would refuse
             index.group(number)
     except (ValueError, TypeError) as error:
-        raise StudioError(
-            "bake.manifest_invalid", f"the manifest is invalid ({_first_finding(error)})", file=path
-        ) from None
+        found = invalid(error, "", "").problem if isinstance(error, ValidationError) else error
+        raise StudioError("bake.manifest_invalid", f"the manifest is invalid ({found})", file=path) from None
     other = {file.path for file in manifest.fixed_files}
     wanted = {file.path for group in groups for file in group.files} | other
     kept = _live_pages(path)
@@ -224,10 +223,3 @@ def _remove_unused(directory: Path, used: set[str]) -> None:
         for found in (directory / FILES).iterdir():
             if f"{FILES}/{found.name}" not in used and found.is_file():
                 found.unlink()
-
-
-def _first_finding(error: Exception) -> str:
-    """What a failed validation found first."""
-    if isinstance(error, ValidationError):
-        return invalid(error, "", "").problem
-    return str(error)
