@@ -21,8 +21,12 @@ _GAPS = (0.1, 0.07, 0.05, 0.035)
 """Tried gaps between performers, relative to the size of all together, large ones first. Smaller ones
 would break bodies of few splats."""
 
-_LEAST = 0.3
-"""Splats of a performer, relative to equal shares; smaller parts are floaters, and belong to the nearest performer."""
+_LEAST = 0.4
+"""Least share of the splats of one of N performers, times N squared: among many, one may be a ball."""
+
+_REST = 0.5
+"""Most splats of any other part, relative to the smallest performer. They are floaters, and belong to the nearest
+performer."""
 
 _CELLS = 2.0  # cells of the grid by which splats are connected, in a gap
 _VISIBLE = 0.1  # least opacity of a splat that connects others
@@ -43,8 +47,11 @@ def separated(splats: Gaussians, count: int) -> np.ndarray | None:
         pairs = cKDTree(cells).query_pairs(_CELLS, output_type="ndarray")
         links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(cells), len(cells)))
         parts = connected_components(links, directed=False)[1]
-        large = np.flatnonzero(np.bincount(parts, numbers) >= _LEAST / count * len(solid))
-        if len(large) == count:
+        sizes = np.bincount(parts, numbers)
+        ranked = np.argsort(-sizes, kind="stable")
+        least, rest = sizes[ranked[:count]].min(), sizes[ranked[count:]].max(initial=0)
+        if len(sizes) >= count and least >= _LEAST / count**2 * len(solid) and rest < _REST * least:
+            large = np.sort(ranked[:count])
             kept = np.isin(parts, large)
             nearest = cKDTree(cells[kept] + 0.5).query(means / size)[1]
             return np.searchsorted(large, parts[kept][nearest])
