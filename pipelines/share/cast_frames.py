@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pipelines.share.cast import Item, beside, read_cast
+from pipelines.share.cast_ground import Ground, Shadow
 from pipelines.takes.videos import FALLBACK_FPS, stream_place
 from studio.cameras import Camera
 from studio.edits.moving import moved
@@ -21,6 +22,7 @@ from studio.gaussians import Gaussians
 from studio.similarity import Similarity, rotation_between
 
 if TYPE_CHECKING:
+    from pipelines.share.cast_sound import CastSound
     from studio.stream import StreamReader
 
 LONGEST = 3600.0
@@ -28,6 +30,16 @@ LONGEST = 3600.0
 
 _UP = np.array([0.0, 1.0, 0.0])
 _SIZE = (1280, 720)
+
+
+@dataclass(frozen=True)
+class _Stream:
+    """`standing`: to coordinates in which it stands on y = 0; `place`: from there to the world; `start`: seconds."""
+
+    reader: StreamReader
+    standing: Similarity
+    place: Similarity
+    start: float
 
 
 class CastFrames:
@@ -40,6 +52,7 @@ class CastFrames:
     """
 
     name = "decoded"
+    first = 0
 
     def __init__(self, source: Path) -> None:
         cast = read_cast(source)
@@ -50,7 +63,9 @@ class CastFrames:
         self.group_starts: Sequence[int] = (0,)
         self.models: list[tuple[Path, Similarity]] = []
         self._still: list[Gaussians] = []
-        self._streams: list[tuple[StreamReader, Similarity, float]] = []
+        self._streams: list[_Stream] = []
+        self._plane = cast.ground
+        self._held: tuple[int, Gaussians, list[Shadow]] | None = None
         with ExitStack() as stack:
             for item in cast.items:
                 self._add(item, source, stack)
@@ -58,20 +73,65 @@ class CastFrames:
         if not self._streams and not self._still:
             fix = "Add a stream or static splats."
             raise StudioError("share.no_splats", "the window shows casts with splats only", file=source, fix=fix)
-        self.fps = max((float(reader.fps) for reader, _, _ in self._streams), default=FALLBACK_FPS)
-        ends = [start + reader.frame_count / reader.fps for reader, _, start in self._streams]
+        self.fps = max((float(one.reader.fps) for one in self._streams), default=FALLBACK_FPS)
+        ends = [one.start + one.reader.frame_count / one.reader.fps for one in self._streams]
         self.frame_count = max(1, round(min(max(ends, default=0.0), LONGEST) * self.fps))
 
     def gaussians(self, frame: int) -> Gaussians:
         """The splats of all in a frame. Raises StudioError if a stream is damaged."""
-        parts = []
-        for reader, world, start in self._streams:
-            seconds = max(frame / self.fps - start, 0.0)
-            parts.append(moved(reader.gaussians(int(seconds * reader.fps + 1e-6) % reader.frame_count), world))
+        return self._read(frame)[1]
+
+    def ground(self, frame: int) -> Ground | None:
+        """The ground in a frame; None if there is none. Raises as `gaussians`."""
+        return Ground(self._plane, self._read(frame)[2]) if self._plane is not None else None
+
+    def _read(self, frame: int) -> tuple[int, Gaussians, list[Shadow]]:
+        """The frame, its splats, and the shadows. The last one is kept: the view may change."""
+        if self._held is not None and self._held[0] == frame:
+            return self._held
+        parts, shadows = [], []
+        for one in self._streams:
+            seconds = max(frame / self.fps - one.start, 0.0)
+            own = one.reader.gaussians(int(seconds * one.reader.fps + 1e-6) % one.reader.frame_count)
+            parts.append(moved(own, one.place.after(one.standing)))
+            if self._plane is not None and self._plane.shadow > 0:
+                shadows.append(Shadow.of(parts[-1], _bounds(one), one.place, self._plane.shadow))
         parts += self._still
         degree = max(part.sh_degree for part in parts)
         dilation = parts[0].dilation
-        return Gaussians.cat(*(replace(part.with_sh_degree(degree), dilation=dilation) for part in parts))
+        whole = Gaussians.cat(*(replace(part.with_sh_degree(degree), dilation=dilation) for part in parts))
+        self._held = frame, whole, shadows
+        return self._held
+
+    @property
+    def has_sound(self) -> bool:
+        """Whether a stream has sound."""
+        return any(one.reader.audio is not None for one in self._streams)
+
+    def sound(self) -> CastSound | None:
+        """The sound of all, fetched now; the caller closes it. None if there is none.
+
+        Raises:
+            StudioError: it is damaged, or the streams' sounds have different sample rates (`share.sample_rates`).
+        """
+        from pipelines.share.cast_sound import CastSound, Voice
+
+        with ExitStack() as stack:
+            voices: list[Voice] = []
+            for one in self._streams:
+                found = one.reader.sound()
+                if found is not None:
+                    stack.callback(found.close)
+                    period = one.reader.frame_count / one.reader.fps
+                    voices.append(Voice(found, *(round(time * found.sample_rate) for time in (one.start, period))))
+            if not voices:
+                return None
+            rates = sorted({voice.sound.sample_rate for voice in voices})
+            if len(rates) > 1:
+                problem = f"the sounds of its streams have different sample rates, {rates[0]} and {rates[-1]}"
+                raise StudioError("share.sample_rates", problem, value=rates, fix="Bake the streams again.")
+            stack.pop_all()
+        return CastSound(voices, rates[0], round(self.frame_count / self.fps * rates[0]))
 
     def close(self) -> None:
         """Release files and memory."""
@@ -84,7 +144,7 @@ class CastFrames:
             from studio.stream import StreamReader
 
             reader = stack.enter_context(StreamReader.open(stream_place(beside(item.stream, source))))
-            self._streams.append((reader, place.after(standing(reader)), item.start))
+            self._streams.append(_Stream(reader, standing(reader), place, item.start))
         elif item.splats is not None:
             self._still.append(moved(read_splats(beside(item.splats, source)), place))
         elif item.model is not None:
@@ -104,3 +164,11 @@ def standing(reader: StreamReader) -> Similarity:
     box = reader.manifest.bounding_box
     lowest = np.minimum(turn[1] * box.min, turn[1] * box.max).sum()
     return Similarity(1.0, turn, -lowest * _UP)
+
+
+def _bounds(stream: _Stream) -> np.ndarray:
+    """(2, 3) the whole take's bounds, where it stands."""
+    box = stream.reader.manifest.bounding_box
+    corners = np.array(np.meshgrid(*zip(box.min, box.max, strict=True))).reshape(3, -1).T
+    found = stream.standing.points(corners)
+    return np.array([found.min(axis=0), found.max(axis=0)])

@@ -19,7 +19,9 @@ import torch
 from driver import Site, psnr
 from PIL import Image
 
+from pipelines.share.cast_frames import CastFrames
 from pipelines.share.sharing import share
+from studio.cameras import Camera
 from studio.formats import ply
 from studio.gaussians import Gaussians
 from studio.rotations import quats_to_matrices
@@ -334,3 +336,13 @@ def test_a_cast_has_performers_in_their_places_with_shadows(package_site, instal
     ground = hidden[185:215, :, 0].min(axis=0)
     assert ground[110:126].min() < 0.7 * ground[190:210].min()
     assert ground[274:290].min() < 0.7 * ground[190:210].min()
+    # The window shows the same ground.
+    cast = CastFrames(tmp_path / "cast.json")
+    window = cast.ground(page.evaluate(f"() => {frames}[0]"))
+    assert window is not None
+    pixels, depth = window.seen(
+        Camera.look_at((0, 1, 4), (0, 0.5, 0), (0, 1, 0), width=400, height=300, field_of_view=40)
+    )
+    cast.close()
+    off = np.abs(pixels.astype(int) - hidden)[:240][np.isfinite(depth)[:240]]  # above the button
+    assert np.quantile(off, 0.99) < 10

@@ -39,7 +39,7 @@ document.body.prepend(renderer.domElement);
 const spark = new SparkRenderer({ renderer, blurAmount: 0 });
 const scene = new Scene();
 scene.background = new Color().setRGB(...cast.background, "srgb");
-scene.add(spark, new HemisphereLight(0xffffff, 0x606060, 3));
+scene.add(spark, new HemisphereLight(0xffffff, 0x606060, Math.PI));
 const message = document.querySelector("p")!;
 const report = (error: unknown): void => {
   message.textContent = error instanceof Error ? error.message : String(error);

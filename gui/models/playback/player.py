@@ -25,6 +25,7 @@ from gui.models.scene.render import Place, SceneRenderer, no_mesh
 from gui.models.scene.rest import Rest
 from gui.models.scene.splats import draw
 from gui.models.worker import Done, LatestWorker
+from pipelines.share.cast_frames import CastFrames
 from pipelines.takes.videos import FALLBACK_FPS
 from studio.counts import counted
 from studio.errors import StudioError
@@ -110,7 +111,7 @@ class PlayerPresenter(Viewpoint):
         self.opened, self.context = opened, None
         self._load_sound()
         self._contents = take_contents(opened.take) if opened.take else ()
-        self.mode, self.camera = "scene" if opened.models else "single", ""
+        self.mode, self.camera = "scene" if opened.cast is not None else "single", ""
         self.what = self._wanted = opened.default.name if opened.default is not None else "decoded"
         self.transport = Transport(1, FALLBACK_FPS, now=self._now)
         self.transport.numbers = opened.numbers
@@ -224,7 +225,7 @@ class PlayerPresenter(Viewpoint):
         volume = self.audio.volume if self.audio is not None else 1.0
         self.audio = None
         decoded = self.opened.sources.get("decoded") if self.opened is not None else None
-        if isinstance(decoded, StreamSource) and decoded.has_sound:
+        if isinstance(decoded, StreamSource | CastFrames) and decoded.has_sound:
             self.audio = StreamAudio(decoded, self._output())
             self.audio.volume = volume
 
@@ -353,7 +354,7 @@ class PlayerPresenter(Viewpoint):
         group = opened.group(self.transport.frame, self.filmed_groups)
         return SceneWanted(
             opened.take, self.context, opened.rig, self.camera, group, self.scene_parts, opened.up, self._points,
-            self.still, self.em, self.held_out, self._number, opened.models,
+            self.still, self.em, self.held_out, self._number, opened.cast,
         )  # fmt: skip
 
     @property

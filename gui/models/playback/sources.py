@@ -25,7 +25,6 @@ from studio.cameras import Camera, Rig
 from studio.edits.edit_list import Trim
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
-from studio.similarity import Similarity
 
 REACH_FRAMES = 6
 """Number of trained frames from which `TrainedSource.reach` is known."""
@@ -64,7 +63,7 @@ class Opened:
         trim: the frames that the take's edits keep; None for all.
         numbers: of the trained frames, as people know them.
         reach: (N, 3) points of the performer in frames spread over the take, world coordinates; none for a bare stream.
-        models: GLB files of a cast, and where they are.
+        cast: None unless it is one.
     """
 
     title: str
@@ -78,7 +77,7 @@ class Opened:
     trim: Trim | None = None
     numbers: FrameNumbers = field(default_factory=FrameNumbers)
     reach: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
-    models: Sequence[tuple[Path, Similarity]] = ()
+    cast: CastFrames | None = None
 
     @property
     def default(self) -> FrameSource | None:
@@ -185,7 +184,7 @@ def open_path(place: Path | str, in_take: bool = False) -> Opened:
     if path.is_file() and is_cast(str(path)):
         cast = CastFrames(path)
         up = np.array([0.0, 1.0, 0.0])
-        return Opened(path.name, path, {cast.name: cast}, view=cast.camera, up=up, models=cast.models)
+        return Opened(path.name, path, {cast.name: cast}, view=cast.camera, up=up, cast=cast)
     if not path.exists():
         raise StudioError(
             "gui.no_such_folder", "no such folder", file=path, fix="Choose the folder of a take or of a stream."

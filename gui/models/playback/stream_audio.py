@@ -1,4 +1,4 @@
-"""The sound of the open stream: fetched and measured on a thread of its own, then played."""
+"""The sound of the open stream or cast: fetched and measured on a thread of its own, then played."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from gui.drawing.palette import SECOND
 from gui.models.playback.stream_source import StreamSource
 from gui.models.playback.timeline_plots import Waveform
+from pipelines.share.cast_frames import CastFrames
 from studio.audio import Pcm
 from studio.audio.pcm import part_of
 from studio.errors import StudioError
@@ -32,7 +33,7 @@ class StreamAudio:
         waveform: for the timeline; None until it is known.
     """
 
-    def __init__(self, source: StreamSource, output: Output) -> None:
+    def __init__(self, source: StreamSource | CastFrames, output: Output) -> None:
         self.frame_count, self.fps = source.frame_count, source.fps
         self.player: SoundPlayer | None = None
         self.waveform: Waveform | None = None

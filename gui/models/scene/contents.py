@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
 from gui.drawing.palette import AXES, FAIR, HELD_OUT, LINE, RGB
 from gui.models.stages import Inputs
+from pipelines.share.cast_frames import CastFrames
 from pipelines.takes.take import Take
 from studio.cameras import Camera, Rig
 from studio.similarity import Similarity
@@ -53,7 +53,7 @@ class SceneWanted:
         em: font size, pixels.
         not_trained_on: names of the held-out cameras.
         number: of the frame in the footage; None if it is not known.
-        models: of `Opened`.
+        cast: with models and a ground; None for none.
     """
 
     take: Take | None
@@ -68,7 +68,7 @@ class SceneWanted:
     em: float
     not_trained_on: tuple[str, ...] = ()
     number: int | None = None
-    models: Sequence[tuple[Path, Similarity]] = ()
+    cast: CastFrames | None = None
 
     @property
     def key(self) -> tuple[object, ...]:
@@ -129,8 +129,7 @@ class SceneContents:
         cameras: the capture cameras.
         length: of their frusta.
         points: (N, 3), with `colors` (N, 3) uint8.
-        mesh: None for none.
-        models: other meshes, and where they are.
+        surfaces: meshes and the ground, and where they are.
         lines: grid, axes, box.
         words: what is shown, in words.
     """
@@ -139,8 +138,7 @@ class SceneContents:
     length: float = 1.0
     points: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     colors: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), np.uint8))
-    mesh: Surface | None = None
-    models: Sequence[tuple[Surface, Similarity]] = ()
+    surfaces: Sequence[tuple[Surface, Similarity]] = ()
     lines: tuple[Lines, ...] = ()
     words: str = ""
 

@@ -21,6 +21,7 @@ from studio.cameras import Camera, Rig
 from studio.counts import counted
 from studio.edits.edit_list import EditList
 from studio.errors import StudioError
+from studio.similarity import Similarity
 
 THUMBNAIL = 160
 """Longer side of the images on the frusta, pixels."""
@@ -55,7 +56,7 @@ class SceneReader:
         edits = EditList()
         points: Points = np.zeros((0, 3)), np.zeros((0, 3))
         sparse, words = points, list[str]()
-        mesh: Surface | None = None
+        surfaces: list[tuple[Surface | None, Similarity]] = []
         if wanted.take is not None:
             folder = wanted.take.initialize_group(wanted.group)
             edits = self._file(wanted.take.edits, read_edits, edits)
@@ -65,7 +66,10 @@ class SceneReader:
                 sparse = self._file(wanted.take.calibration_points, partial(read_sparse_points, rig=rig), points)
                 words.append(counted(len(sparse[0]), "initial point" if sparse is points else "sparse point"))
             if "mesh" in wanted.parts:
-                mesh = self._file(folder / "mesh.ply", self._read_mesh, None)
+                surfaces.append((self._file(folder / "mesh.ply", self._read_mesh, None), Similarity()))
+        if wanted.cast is not None:
+            surfaces = [(self._file(path, self._read_mesh, None), place) for path, place in wanted.cast.models]
+            surfaces.append((wanted.cast.ground(frame), Similarity()))
         body = points[0] if len(points[0]) else wanted.points
         lines: list[Lines] = []
         if len(body):
@@ -98,12 +102,10 @@ class SceneReader:
         length = 1.0
         if wanted.rig is not None and "cameras" in wanted.parts:
             cameras, length = self._cameras(wanted, frame), scene.frustum_length(wanted.rig, middle)
-        models = [(self._file(path, self._read_mesh, None), place) for path, place in wanted.models]
         found = SceneContents(
             cameras=cameras,
             length=length,
-            mesh=mesh,
-            models=[(one, at) for one, at in models if one is not None],
+            surfaces=[(one, at) for one, at in surfaces if one is not None],
             lines=tuple(lines),
             words="   ".join(words),
         )

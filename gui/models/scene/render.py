@@ -73,11 +73,8 @@ class SceneRenderer:
         contents = self.reader.read(wanted, frame).seen_from(view.center)
         splats = draw_layer(gaussians, view) if "splats" in wanted.parts else None
         surfaces = Surfaces(view.width, view.height)
-        if contents.mesh is not None:
-            pixels, depth = contents.mesh.seen(view)
-            surfaces.add(Patch(slice(None), slice(None), np.isfinite(depth), pixels, depth))
-        for model, place in contents.models:
-            pixels, depth = model.seen(place.inverse.camera(view))
+        for surface, place in contents.surfaces:
+            pixels, depth = surface.seen(place.inverse.camera(view))
             surfaces.add(Patch(slice(None), slice(None), np.isfinite(depth), pixels, depth * place.scale))
         self._images(view, contents, surfaces)
         found = [line_fragments(view, lines) for lines in (*contents.lines, frusta_lines(contents))]
@@ -93,11 +90,9 @@ class SceneRenderer:
     def _images(self, view: Camera, contents: SceneContents, surfaces: Surfaces) -> None:
         """Put the cameras' images on their frusta."""
         for one in contents.cameras:
-            found = (
-                image_on_quad(view, frustum(one.camera, contents.length)[1], one.image)
-                if one.image is not None
-                else None
-            )
+            if one.image is None:
+                continue
+            found = image_on_quad(view, frustum(one.camera, contents.length)[1], one.image)
             if found is not None:
                 surfaces.add(found)
 

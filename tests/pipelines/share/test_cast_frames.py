@@ -14,6 +14,7 @@ from studio.formats import ply
 from studio.gaussians import Gaussians
 from tests.support.errors import refuses
 from tests.support.glb import red_post
+from tests.support.sounds import click_times, clicks
 from tests.support.streams import bake_numbered, edit_manifest
 
 
@@ -57,6 +58,25 @@ def test_static_splats_are_turned_about_x_then_y_then_z_of_their_own(place: Path
     assert splats.sh_degree == 1
     assert splats.dilation == cast.gaussians(1).dilation
     cast.close()
+
+
+def test_the_sound_of_each_stream_begins_with_it_and_loops(place: Path) -> None:
+    bake_numbered(place / "talk", [5], 25.0, sound=clicks(0.2, [0.12]))
+    cast = opened(place, {"stream": "talk"}, {"stream": "walk"}, {"stream": "talk", "start": 0.31})
+    sound = cast.sound()
+    assert sound is not None
+    assert sound.samples == round(cast.frame_count / cast.fps * sound.sample_rate)
+    wanted = [0.12, 0.32, 0.43, 0.52]  # at 0.12 + 0.2 n, and at 0.31 + 0.12
+    for one in (sound, sound.copy()):
+        pieces = [one.read(first, 7000) for first in range(0, sound.samples, 7000)]
+        found = click_times(np.concatenate(pieces)[: round(0.55 * sound.sample_rate)])
+        assert found == pytest.approx(wanted, abs=0.005)
+        one.close()
+    cast.close()
+    silent = opened(place, {"stream": "walk"})
+    assert not silent.has_sound
+    assert silent.sound() is None
+    silent.close()
 
 
 def test_models_and_the_first_view(place: Path) -> None:

@@ -32,7 +32,8 @@ def test_models_and_splats_hide_each_other(tmp_path: Path) -> None:
         {"model": "post.glb", "position": [-0.1, 0, 1]},
         {"model": "post.glb", "position": [0.1, 0, -1]},
     ]
-    (tmp_path / "cast.json").write_text(json.dumps({"format": "v3studio-cast", "version": 1, "items": items}))
+    document = {"format": "v3studio-cast", "version": 1, "ground": {"color": [0, 0.9, 0]}, "items": items}
+    (tmp_path / "cast.json").write_text(json.dumps(document))
     player = PlayerPresenter(read_mesh=RaycastMesh)
     assert player.open(tmp_path / "cast.json"), player.message
     assert player.mode == "scene"
@@ -44,6 +45,8 @@ def test_models_and_splats_hide_each_other(tmp_path: Path) -> None:
     settle(player)
     assert player.picture is not None
     view = player.orbit.camera(320, 240)
+    column, row = view.project(np.array([[0.5, 0, 0.5]]))[0][0].astype(int)
+    assert player.picture.image[row, column].tolist() == [0, 230, 0]
     for x, y, z, blue in [
         (-0.1, 0.6, 1, False),
         (0.1, 0.6, -1, True),
