@@ -88,19 +88,16 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> B
 
 
 def group_key(inputs: Inputs, group: Group) -> str:
-    """See `GroupStageCode`."""
     plan = BakePlan(inputs)
     return key_of(STAGE.name, STAGE.version, [plan.key(part) for part in plan.of_group(group)])
 
 
 def group_done(inputs: Inputs, group: Group) -> bool:
-    """See `GroupStageCode`."""
     plan = BakePlan(inputs)
     return all(plan.baked(part) is not None for part in plan.of_group(group))
 
 
 def run_group(inputs: Inputs, group: Group, reporter: StageReporter) -> None:
-    """See `GroupStageCode`."""
     plan = BakePlan(inputs)
     parts = plan.of_group(group)
     for position, part in enumerate(parts):

@@ -189,17 +189,14 @@ def _note(held_out: bool, refined: bool) -> str:
 
 
 def group_key(inputs: Inputs, group: Group) -> str:
-    """See `GroupStageCode`."""
     return f"{_key(inputs)}-{group.index}"
 
 
 def group_done(inputs: Inputs, group: Group) -> bool:
-    """See `GroupStageCode`."""
     return read_measured(inputs.take, group.index, group_key(inputs, group)) is not None
 
 
 def run_group(inputs: Inputs, group: Group, reporter: StageReporter) -> None:
-    """See `GroupStageCode`."""
     with _reader(inputs) as reader:
         found = _measure(inputs, group, reporter, reader, 0.0, 1.0)
     write_measured(inputs.take, group.index, group_key(inputs, group), found)

@@ -113,13 +113,11 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> I
 
 
 def group_key(inputs: Inputs, group: Group) -> str:
-    """See `GroupStageCode`."""
     parts = {**inputs.footage.seen_by_training(), **settings_affecting(inputs.config, "initial_points")}
     return key_of(STAGE.name, STAGE.version, parts, result_of(inputs.take, "calibrate"), group.index, group.keyframe)
 
 
 def run_group(inputs: Inputs, group: Group, reporter: StageReporter) -> None:
-    """See `GroupStageCode`."""
     _make(inputs, group, reporter, 0.0, 1.0, f"group {group.index}")
 
 

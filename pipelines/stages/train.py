@@ -145,12 +145,10 @@ def group_key(inputs: Inputs, group: Group) -> str:
 
 
 def group_done(inputs: Inputs, group: Group) -> bool:
-    """See `GroupStageCode`."""
     return _is_final(inputs, group, frame_keys(inputs, group))
 
 
 def run_group(inputs: Inputs, group: Group, reporter: StageReporter) -> None:
-    """See `GroupStageCode`."""
     refuse_too_little_memory(inputs)
     finished = _finished(inputs, group)
     _announce(group, finished, reporter)

@@ -56,10 +56,10 @@ class FrameSource(Protocol):
     @property
     def chroma(self) -> ChromaSampling | None:
         """Chroma grid of the frames; None: no subsampling, or not known (images)."""
-        ...
+        return None
 
 
-class ImageSource:
+class ImageSource(FrameSource):
     """A `FrameSource` with one image file per frame.
 
     Args:
@@ -114,16 +114,10 @@ class ImageSource:
         return image if self.has_alpha else np.ascontiguousarray(image[:, :, :3])
 
     def files(self, frames: Iterable[int] | None = None) -> list[Path]:
-        """See `FrameSource`."""
         return [self._paths[frame] for frame in (self.frames if frames is None else frames) if frame in self._paths]
 
-    @property
-    def chroma(self) -> ChromaSampling | None:
-        """See `FrameSource`."""
-        return None
 
-
-class ShiftedSource:
+class ShiftedSource(FrameSource):
     """A `FrameSource` that compensates a sync offset: its frame f is frame f + offset of `source`."""
 
     def __init__(self, source: FrameSource, offset: int) -> None:
@@ -137,16 +131,13 @@ class ShiftedSource:
         self.note = source.note
 
     def read(self, frame: int) -> np.ndarray:
-        """See `FrameSource`."""
         return self.source.read(frame + self.offset)
 
     def files(self, frames: Iterable[int] | None = None) -> list[Path]:
-        """See `FrameSource`."""
         return self.source.files(None if frames is None else [frame + self.offset for frame in frames])
 
     @property
     def chroma(self) -> ChromaSampling | None:
-        """See `FrameSource`."""
         return self.source.chroma
 
 
@@ -178,7 +169,7 @@ class DecoderPool:
             reader.close()
 
 
-class VideoSource:
+class VideoSource(FrameSource):
     """A `FrameSource` of one video; frames are numbered from 0.
 
     Raises:
@@ -204,21 +195,18 @@ class VideoSource:
         self.note = self.reader.note
 
     def read(self, frame: int) -> np.ndarray:
-        """See `FrameSource`."""
         self._pool.touch(self.reader)
         return self.reader.read(frame)
 
     def files(self, frames: Iterable[int] | None = None) -> list[Path]:
-        """See `FrameSource`."""
         return [self.reader.path]
 
     @property
     def chroma(self) -> ChromaSampling | None:
-        """See `FrameSource`."""
         return self.reader.chroma
 
 
-class ChapteredSource:
+class ChapteredSource(FrameSource):
     """A `FrameSource` of several videos into which a camera has split one recording.
 
     Args:
@@ -253,18 +241,15 @@ class ChapteredSource:
         return bisect_right(self._starts, frame) - 1
 
     def read(self, frame: int) -> np.ndarray:
-        """See `FrameSource`."""
         index = max(0, self._part(frame))
         return self._parts[index].read(frame - self._starts[index])
 
     def files(self, frames: Iterable[int] | None = None) -> list[Path]:
-        """See `FrameSource`."""
         used = range(len(self._parts)) if frames is None else sorted({max(0, self._part(frame)) for frame in frames})
         return [path for index in used for path in self._parts[index].files()]
 
     @property
     def chroma(self) -> ChromaSampling | None:
-        """See `FrameSource`."""
         return self._parts[0].chroma
 
 

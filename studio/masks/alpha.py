@@ -29,7 +29,6 @@ class AlphaMaskSource:
         return np.ascontiguousarray(image[:, :, 3])
 
     def files(self) -> list[Path]:
-        """See `MaskSource`."""
         return []
 
 

@@ -213,11 +213,9 @@ class ChromaMaskSource:
         return chroma_mask(image, self.screen(camera), self._settings, inside)
 
     def files(self) -> list[Path]:
-        """See `MaskSource`."""
         return self._garbage.files() if self._garbage is not None else []
 
     def recolored(self, camera: str, image: np.ndarray, mask: np.ndarray) -> np.ndarray:
-        """See `Recolors`."""
         behind = screen_behind(image, (mask > 127).astype(np.uint8))
         return despill(image, mask, behind, self.screen(camera).color)
 

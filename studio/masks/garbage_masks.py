@@ -36,12 +36,10 @@ class DrawnGarbageMasks:
         self.polygons: dict[str, GarbagePolygons] = read_garbage_polygons(path)
 
     def inside(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray | None:
-        """See `GarbageMasks`."""
         drawn = self.polygons.get(camera)
         return None if drawn is None else drawn.inside(image.shape[1], image.shape[0])
 
     def files(self) -> list[Path]:
-        """See `GarbageMasks`."""
         return [self._path]
 
 

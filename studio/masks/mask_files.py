@@ -149,7 +149,6 @@ class FileMaskSource:
         return np.ascontiguousarray(mask)
 
     def files(self) -> list[Path]:
-        """See `MaskSource`."""
         return [path for source in self._sources.values() for path in source.files()]
 
 

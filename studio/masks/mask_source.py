@@ -142,11 +142,9 @@ class FullMaskSource:
     """A `MaskSource` for which everything is foreground."""
 
     def mask(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
-        """See `MaskSource`."""
         return np.full(image.shape[:2], 255, np.uint8)
 
     def files(self) -> list[Path]:
-        """See `MaskSource`."""
         return []
 
 
@@ -176,5 +174,4 @@ class MissingMaskSource:
         raise StudioError.of(self.message)
 
     def files(self) -> list[Path]:
-        """See `MaskSource`."""
         return []

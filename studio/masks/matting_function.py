@@ -98,7 +98,6 @@ class FunctionMaskSource:
         return f"{module}:{getattr(self._function, '__qualname__', '')}"
 
     def files(self) -> list[Path]:
-        """See `MaskSource`."""
         return self._files + (self._garbage.files() if self._garbage is not None else [])
 
     def _compute(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:

@@ -178,7 +178,6 @@ class PlainMaskSource:
         return result
 
     def files(self) -> list[Path]:
-        """See `MaskSource`."""
         return []
 
 

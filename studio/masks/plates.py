@@ -72,7 +72,6 @@ class PlateMaskSource:
         return difference_mask(image, behind.plate, self._settings, behind.known, behind.doubtful, behind.colors)
 
     def plate(self, camera: str) -> np.ndarray:
-        """See `ShowsSet`."""
         behind = self.background(camera)
         if behind.known is None and behind.doubtful is None:
             return behind.plate
@@ -84,7 +83,6 @@ class PlateMaskSource:
         return np.dstack([behind.plate, reliable])
 
     def files(self) -> list[Path]:
-        """See `MaskSource`."""
         return list(self._files)
 
 

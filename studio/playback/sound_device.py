@@ -40,13 +40,11 @@ class SoundDevice:
             ) from None
 
     def stop(self) -> None:
-        """See `Output.stop`."""
         stream, self._stream = self._stream, None
         if stream is not None:
             stream.close()
 
     def now(self) -> float:
-        """See `Output.now`."""
         return time.monotonic()
 
 

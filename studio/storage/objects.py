@@ -98,18 +98,15 @@ class CachedObject:
             return os.pread(self._file, count, start)
 
     def read(self, count: int = -1) -> bytes:
-        """As for a file."""
         data = self.read_at(self._position, self.size if count < 0 else count)
         self._position += len(data)
         return data
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """As for a file."""
         self._position = max(0, offset + {os.SEEK_SET: 0, os.SEEK_CUR: self._position, os.SEEK_END: self.size}[whence])
         return self._position
 
     def tell(self) -> int:
-        """As for a file."""
         return self._position
 
     def close(self) -> None:

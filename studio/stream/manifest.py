@@ -357,12 +357,10 @@ class PlanesRendition(Rendition):
 
     @property
     def videos(self) -> tuple[PlaneEntry, ...]:
-        """See `Rendition.videos`."""
         return tuple(plane for component in self.components for plane in component.planes)
 
     @property
     def size(self) -> tuple[int, int]:
-        """See `Rendition.size`."""
         return self.side, self.side
 
 
@@ -457,12 +455,10 @@ class MotionRendition(Rendition):
 
     @property
     def size(self) -> tuple[int, int]:
-        """See `Rendition.size`."""
         return self.columns * self.tile, self.rows * self.tile
 
     @property
     def videos(self) -> tuple[VideoEntry]:
-        """See `Rendition.videos`."""
         return (self.video,)
 
     @property

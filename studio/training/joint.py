@@ -134,7 +134,6 @@ class _Run(GroupRun):
             Refinement(stepper, settings, keyframe_off or 0.0).begin(frame.detach())
 
     def gaussians(self, frame: int) -> Gaussians:
-        """See `GroupRun`."""
         leaves, part = self.leaves, self._parts[frame]
         sh = leaves[f"sh_dc.{part}"]
         if f"sh_rest.{part}" in leaves:
@@ -143,7 +142,6 @@ class _Run(GroupRun):
         return Gaussians(*own, leaves[f"log_scales.{part}"], leaves[f"logit_opacities.{part}"], sh, self._dilation)
 
     def loss(self, photometric: Tensor, gaussians: Gaussians, frame: int) -> Tensor:
-        """See `GroupRun`."""
         around = self.leaves.get(f"means.{frame - 1}"), self.leaves.get(f"means.{frame + 1}")
         if around[0] is None or around[1] is None:
             return photometric

@@ -167,11 +167,9 @@ class _Run(GroupRun):
         )
 
     def gaussians(self, frame: int) -> Gaussians:
-        """See `GroupRun`."""
         return self._offsets().applied(self._selected[frame])
 
     def loss(self, photometric: Tensor, gaussians: Gaussians, frame: int) -> Tensor:
-        """See `GroupRun`."""
         return regularized(photometric, gaussians, self._settings, self._extent)
 
     def result(self) -> SplatOffsets:

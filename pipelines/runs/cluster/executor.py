@@ -91,7 +91,6 @@ class RayExecutor:
         reporter: StageReporter,
         finished: Callable[[Group], None] = lambda group: None,
     ) -> None:
-        """See `pipelines.stages.Executor.run`."""
         _Run(self, stage, inputs, reporter, finished).go(groups)
 
 

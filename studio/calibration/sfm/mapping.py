@@ -344,5 +344,4 @@ class Mapper:
         return model
 
     def _adjust(self, model: Any, *, last: bool = True, width: float | None = None, centers: bool = False) -> None:
-        """See `bundle_adjustment.adjust`."""
         adjust(model, self.job, self.threads, last=last, width=width, centers=centers)

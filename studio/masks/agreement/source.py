@@ -99,11 +99,9 @@ class AgreedMaskSource:
         return found
 
     def files(self) -> list[Path]:
-        """See `MaskSource`."""
         return self._plates.files() + (self._model.files() if self._model is not None else [])
 
     def plate(self, camera: str) -> np.ndarray:
-        """See `ShowsSet`."""
         return self._plates.plate(camera)
 
     def evidence(self, camera: str, frame: int) -> np.ndarray:

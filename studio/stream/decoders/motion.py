@@ -118,7 +118,6 @@ class MotionFrame(DecodedFrame):
         self.tables, self.index, self.picture = tables, index, picture
 
     def gaussians(self) -> Gaussians:
-        """See `DecodedFrame.gaussians`."""
         return self.tables.gaussians(self.index, self.picture)
 
 

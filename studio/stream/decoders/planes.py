@@ -24,7 +24,6 @@ class PlanesFrame(DecodedFrame):
     planes: np.ndarray
 
     def gaussians(self) -> Gaussians:
-        """See `DecodedFrame.gaussians`."""
         group = self.group
         flat = self.planes.reshape(len(self.planes), -1)[:, : group.splats]
         arrays = ComponentArrays(group.splats, group.sh_degree)

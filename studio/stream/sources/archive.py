@@ -61,7 +61,6 @@ class FileRanges:
         self._size = os.fstat(self._file.fileno()).st_size
 
     def read_at(self, offset: int, count: int) -> tuple[bytes, int]:
-        """See `Ranges.read_at`."""
         try:
             return os.pread(self._file.fileno(), count, offset), self._size
         except (OSError, ValueError) as error:
@@ -70,7 +69,6 @@ class FileRanges:
             ) from None
 
     def close(self) -> None:
-        """See `Ranges.close`."""
         self._file.close()
 
 
@@ -86,11 +84,9 @@ class HttpRanges:
         return self._source.name
 
     def read_at(self, offset: int, count: int) -> tuple[bytes, int]:
-        """See `Ranges.read_at`."""
         return self._source.read_part(offset, count)
 
     def close(self) -> None:
-        """See `Ranges.close`."""
         self._source.close()
 
 
@@ -144,7 +140,6 @@ class ArchiveSource:
         return self._ranges.name
 
     def read(self, path: str, limit: int) -> bytes:
-        """See `Source.read`."""
         name = f"{self.name}/{path}"
         place = self._places.get(path)
         if place is None:
@@ -189,19 +184,15 @@ class _Seekable(io.RawIOBase):
         self._tail = head if whole else ranges.read_at(self._tail_at, self._size - self._tail_at)[0]
 
     def readable(self) -> bool:
-        """See `io.IOBase`."""
         return True
 
     def seekable(self) -> bool:
-        """See `io.IOBase`."""
         return True
 
     def tell(self) -> int:
-        """See `io.IOBase`."""
         return self._at
 
     def seek(self, offset: int, whence: int = 0) -> int:
-        """See `io.IOBase`."""
         target = offset + (0, self._at, self._size)[whence]
         if target < 0:
             raise ValueError("a position before the beginning")
@@ -209,7 +200,6 @@ class _Seekable(io.RawIOBase):
         return target
 
     def read(self, count: int = -1) -> bytes:
-        """See `io.RawIOBase`."""
         rest = max(self._size - self._at, 0)
         count = rest if count < 0 else min(count, rest)
         if count > MAX_DIRECTORY_BYTES:

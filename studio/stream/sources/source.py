@@ -62,7 +62,6 @@ class FolderSource:
         return str(self._root)
 
     def read(self, path: str, limit: int) -> bytes:
-        """See `Source.read`."""
         file = self._root / path
         try:
             if not file.resolve().is_relative_to(self._root):
