@@ -49,7 +49,7 @@ class LearningRates(Settings):
 
 
 class TrainSettings(Settings):
-    """How a group is trained: the keyframe, then motion and fine-tuning of each later frame."""
+    """How a group is trained: the keyframe, then motion and fine-tuning of each other frame."""
 
     affects: ClassVar[Affects | None] = Affects("keyframe")
 
@@ -88,7 +88,7 @@ class TrainSettings(Settings):
 
     refine_masks: Annotated[Literal["auto", "always", "never"], Heading("Refined masks")] = "auto"
     """Replace the masks with ones that all cameras agree on, the rendered alpha of the splats with twice the contrast.
-    This happens at the start of a keyframe's pruning and of a later frame's fine-tuning, and again every 100 steps.
+    This happens at the start of a keyframe's pruning and of another frame's fine-tuning, and again every 100 steps.
     auto: in groups in which more than 10% of the masks' outlines are more than a pixel from those of the keyframe's
     splats."""
 
@@ -160,7 +160,7 @@ class TrainSettings(Settings):
     """Steps of the motion network per frame. The paper uses 500."""
 
     motion_first_iterations: Annotated[int | None, _LATER] = Field(default=None, ge=0)
-    """Steps for the first frame after a keyframe, which has no velocity to start from. null: motion_iterations."""
+    """Steps for the frames next to a keyframe, which have no velocity to start from. null: motion_iterations."""
 
     motion_learning_rate: Annotated[float, _LATER] = Field(default=1e-3, gt=0)
     """Adam learning rate of the MLP; the hash grid uses ten times this value."""

@@ -157,7 +157,7 @@ def read_points_of(take: Path) -> np.ndarray:
     [
         (("trim", "0:6"), "the take has no frame 5. It has frames 0 to 4."),
         (("trim", "0:4:2"), "no step"),
-        (("crop", "--min", 1, 0, 0, "--max", 0, 1, 1), "crop.size.0"),
+        (("crop", "--min", 1, 0, 0, "--max", 0, 1, 1), "--min 1 0 0 is not below --max 0 1 1"),
         (("floaters",), "opacity, splats or share must be set"),
         (("floaters", "--share", 2), "floaters.share"),
         (("world", "--from", 0, 0, 0, "--distance", 1), "--from, --to and --distance are used together"),
