@@ -1,6 +1,7 @@
 """Commands of the documentation run, in the order of their page, on the tiny capture and its finished take.
 
-`tests/test_commands.py` gives all of them to the parser, also those that do not run here.
+`tests/test_commands.py` gives all of them to the parser, also those that do not run here. Servers end at once; what
+reads the output of a command runs if jq is installed.
 """
 
 from __future__ import annotations
@@ -8,32 +9,44 @@ from __future__ import annotations
 import re
 import shlex
 import shutil
+import subprocess
 from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from pipelines.events.cancellation import EXIT_CANCELLED
 from studio.stream import StreamReader
 from tests.test_commands import ROOT, blocks
 
 NOT_HERE = {
     "a window": r"open ",
-    "runs until it is stopped": "serve ",
     "downloads": r"models get|.* --lpips",
     "an address": r".*(s3|gs|az)://",
     "a cluster": r".*run\.executor ray",
-    "trains for long; has its own test": r"ablate |estimate |bake .*(ladder|splats)",
+    "trains for long; has its own test": r"ablate |estimate |bake .*--ladder( |$)",
     "needs other footage; has its own test": r"sync |colors |.*\.audio |.*--protocol hifi4g",
     "acts on a run in progress; has its own test": r".*--detach|cancel |queue (run|move|retry|stop)",
 }
 """Why a command does not run, and the pattern of such commands."""
 
+OTHERS = {
+    "make and git: .ci/run in a fresh clone, or tests of targets": r"make |git clone|\. \.venv|python scripts/self_",
+    "downloads": r"(python -m )?pip install|npm install|docker |pre-commit",
+    "a window": "v3studio-gui ",
+    "a cluster or a farm": r"ray |(groups=\$\()?sbatch|cuecmd|deadlinecommand|parallel|printf|echo|ssh ",
+    "an account at a store, or its variables": r"aws |gcloud |az |export ",
+    "runs until it is stopped": "tail -f ",
+    "a comment, or nothing": "#|$",
+}
+"""Why lines that do not begin with `v3studio` do not run, and the pattern of such lines."""
+
 SHORTER = {
     "STREAM": "my-take",
     "/mnt/takes": "takes",
     "/srv/www": "www",
-    "--out my.yaml": "--out init.yaml",  # my.yaml has fewer steps
+    "serve folder": "serve .",
     "12:251": "1:4",  # the take has five frames, in groups of three and two
     "0:20": "0:2",
     "--at 0.1 -0.1 1.4 --radius 0.15": "--at 0 0 0.5 --radius 0.3",
@@ -42,6 +55,8 @@ SHORTER = {
     "--size 640x360": "--size 96x72",
     "--format turntable": "--format turntable --size 64x48 --seconds 0.2",
     "my_masks:bright": "my_masks:bright --until initialize",
+    "splats: 0.4, ": "splats: 0.4, finetune_iterations: 5, ",
+    "finetune_iterations: 5, finetune_iterations: 3000": "finetune_iterations: 5",
 }
 """What is replaced in commands, so that they fit the tiny take."""
 
@@ -58,25 +73,38 @@ def test_commands_run_in_the_order_of_their_page(
     commands = "\n".join(PAGES[page])
     for words, others in SHORTER.items():
         commands = commands.replace(words, others)
-    lay_out(tmp_path, finished, commands)
+    settings = lay_out(tmp_path, finished, commands)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path / "masks")
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     for command in commands.splitlines():
         if any(re.match(pattern, command) for pattern in NOT_HERE.values()):
             continue
-        words = shlex.split(re.split(r" [>|] ", command)[0], comments=True)
+        command, pipe, reader = command.partition(" | ")
+        words = shlex.split(command.partition(" > ")[0], comments=True)
+        if words[0] == "serve":
+            done = here(*words, "--port", "0", "--end-with-stdin")
+            assert done.returncode == EXIT_CANCELLED, f"{command}: {done.stderr}"
+            continue
         done = here(*words)
         assert done.returncode == 0, f"{command}: {done.stderr}"
+        if pipe and shutil.which("jq"):
+            read = subprocess.run(reader, shell=True, input=done.stdout, capture_output=True, text=True)
+            assert (read.returncode, read.stderr) == (0, ""), reader
+            assert "null" not in read.stdout, reader
+        if words[0] == "init":
+            (tmp_path / "my.yaml").write_text(settings)  # with fewer steps
 
 
-def lay_out(folder: Path, finished: Path, commands: str) -> None:
-    """What the commands name: takes, footage, settings and a source of masks."""
+def lay_out(folder: Path, finished: Path, commands: str) -> str:
+    """What the commands name: takes, footage, settings (which are returned) and a source of masks."""
     for name in set(re.findall(r"my-take|demo-take|takes/\w+", commands)):
         shutil.copytree(finished / "take", folder / name)
     shutil.copytree(finished / "capture", folder / ("footage/first" if "footage/first" in commands else "footage"))
     settings = (finished / "ball.yaml").read_text().replace("root: capture", f"root: {finished / 'capture'}")
     for name in ("my.yaml", "morning.yaml", "sample_configs/demo.yaml"):
+        if f"--out {name}" in commands:  # nothing may read it before it is written
+            continue
         (folder / name).parent.mkdir(exist_ok=True)
         (folder / name).write_text(settings)
     if "plys/" in commands:
@@ -86,6 +114,24 @@ def lay_out(folder: Path, finished: Path, commands: str) -> None:
     assert own is not None
     (folder / "masks").mkdir()
     (folder / "masks" / "my_masks.py").write_text(own[1])
+    return settings
+
+
+def test_every_line_runs_or_has_a_reason() -> None:
+    run = r"(PYTHONPATH=\w+ )?v3studio "
+    assert [line for _, line in blocks() if not re.match("|".join((run, *OTHERS.values())), line)] == []
+
+
+def test_the_detail_of_the_guide_is_in_its_crop_box() -> None:
+    """Both have the same axis up."""
+    commands = "\n".join(PAGES["docs/guides/edit.md"])
+
+    def three(option: str) -> list[float]:
+        found = re.search(rf"{option} (\S+) (\S+) (\S+)", commands)
+        assert found is not None
+        return [float(number) for number in found.groups()]
+
+    assert all(low < at < high for low, at, high in zip(three("--min"), three("--at"), three("--max"), strict=True))
 
 
 def test_the_size_of_the_demo_is_that_of_its_stream() -> None:

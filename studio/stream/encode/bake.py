@@ -65,7 +65,7 @@ def bake_group(
     a bisection; with a ladder, once per rung.
 
     Args:
-        frames: frames of the group, keyframe first, with the same splats in each. The profile `planes` reads a sequence
+        frames: frames of the group in their order, with the same splats in each. The profile `planes` reads a sequence
             twice, frame by frame, so a lazily loading one keeps memory low; an iterator is held in memory.
         directory: the stream's folder; created if missing.
         group: 0-based index of the group.
