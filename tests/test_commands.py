@@ -7,7 +7,7 @@ Other tests run small versions: of `run` and its stages everywhere, examples (te
 
 from __future__ import annotations
 
-import argparse
+import importlib
 import re
 import shlex
 import subprocess
@@ -18,7 +18,7 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
-from pipelines.cli import make_parser, parse
+from pipelines.cli import parse
 from pipelines.commands.common.arguments import overrides
 from pipelines.config import load_config
 
@@ -57,19 +57,13 @@ def test_documented_commands_parse(page: str, line: str) -> None:
         pytest.fail(f"{page}: {line}")
 
 
-def options_of(parser: argparse.ArgumentParser) -> Iterator[str]:
-    """Options of a command, and of those below it, as `edit trim`."""
-    for action in parser._actions:
-        yield from action.option_strings
-        if isinstance(action, argparse._SubParsersAction):
-            for inner in action.choices.values():
-                yield from options_of(inner)
-
-
-def test_commands_and_options_in_sentences_exist() -> None:
+def test_commands_and_options_in_sentences_exist(monkeypatch: pytest.MonkeyPatch) -> None:
     """In code spans, also with placeholders, such as `v3studio check FOLDER`, or options alone."""
-    _, commands = make_parser()
-    options = {name: set(options_of(parser)) for name, parser in commands.items()}
+    monkeypatch.setenv("COLUMNS", "100")  # the generator sets it
+    monkeypatch.syspath_prepend(ROOT / "docs")
+    reference = importlib.import_module("generate.commands").commands_page()
+    sections = re.findall(r"^## (.*?) \{(.*?)(?=^## )", reference, re.MULTILINE | re.DOTALL)
+    options = {name: set(re.findall(r"--[a-z][a-z-]*", text)) for name, text in sections}
     every = set().union(*options.values(), OTHER_OPTIONS)
     for page in PAGES:
         prose = re.sub(r"^ *```.*?^ *```", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
@@ -77,8 +71,8 @@ def test_commands_and_options_in_sentences_exist() -> None:
             words = span.split()
             known = every
             if words[0] == "v3studio":
-                name = " ".join(words[1:3]) if " ".join(words[1:3]) in commands else words[1]
-                assert name in commands, f"{page.name}: {span}"
+                name = " ".join(words[1:3]) if " ".join(words[1:3]) in options else words[1]
+                assert name in options, f"{page.name}: {span}"
                 known = options[name]
             for word in words:
                 option = word.partition("=")[0]

@@ -61,6 +61,11 @@ class Done(NamedTuple):
     stdout: str
     stderr: str
 
+    def ok(self) -> Done:
+        """Itself; fails unless the command succeeded."""
+        assert self.returncode == 0, self.stderr
+        return self
+
 
 @pytest.fixture
 def here(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Callable[..., Done]:

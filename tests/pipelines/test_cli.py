@@ -21,7 +21,7 @@ def test_every_command_explains_itself(here):
     text = here("--help").stdout
     for name in make_parser()[1]:
         assert f"\n    {name}" in text
-        assert here(*name.split(), "--help").returncode == 0
+        here(*name.split(), "--help").ok()
 
 
 def test_config_prints_documented_settings_with_overrides_in_both_spellings(here, project):
@@ -114,8 +114,7 @@ def test_a_mistake_in_the_footage_is_one_sentence_and_one_event(here, project):
 
 
 def test_status_of_a_new_and_of_a_finished_take(here, project, finished):
-    done = here("calibrate", project / "ball.yaml", "--take", project / "take")
-    assert done.returncode == 0, done.stderr
+    here("calibrate", project / "ball.yaml", "--take", project / "take").ok()
     states = result_of(here("status", project / "take", "--json").stdout)["stages"]
     assert {name: state["state"] for name, state in states.items()} == {
         "calibrate": "done", "initialize": "missing", "train": "missing", "bake": "missing", "evaluate": "missing"
@@ -181,8 +180,7 @@ def test_bake_to_a_target(here, finished, tmp_path):
     shutil.copytree(finished / "take", take)
 
     def baked(*options):
-        done = here("bake", "--take", take, *options)
-        assert done.returncode == 0, done.stderr
+        here("bake", "--take", take, *options).ok()
         with StreamReader.open(take / "stream") as reader:
             return reader.groups
 

@@ -151,9 +151,7 @@ def test_a_reader_that_leaves_early_is_no_error() -> None:
     process = subprocess.Popen(
         [sys.executable, "-m", "pipelines.cli", "config"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=ROOT
     )
-    assert process.stdout is not None
     process.stdout.close()
-    assert process.stderr is not None
     assert process.stderr.read() == b""
     assert process.wait(60) == 1
     process.stderr.close()
@@ -200,4 +198,4 @@ def test_a_check_that_finds_something_has_a_result(take_of: Callable[[], Path], 
     assert (last.outcome, last.code) == ("failed", "")
     assert last.result["damage"][0]["file"] == "calibrate/rig.json"
     assert here("status", take, "--check").returncode == 1
-    assert here("status", take).returncode == 0
+    here("status", take).ok()

@@ -85,7 +85,6 @@ def test_it_predicts_what_ffmpeg_makes_of_a_picture(siting: str, tmp_path: Path)
     write_yuv(tmp_path / "a.mkv", image, "yuv420p", siting)
     reader = VideoReader(tmp_path / "a.mkv")
     filmed, sampling = torch.from_numpy(reader.read(0)).double(), reader.chroma
-    assert sampling is not None
     assert sampling.siting == siting
     exact = torch.from_numpy(image).double()
     inner = slice(8, -8)

@@ -139,7 +139,6 @@ def test_the_protocol_names_the_weights_and_a_warning_says_that_they_differ(home
     metric = Lpips("alex")
     digest = hashlib.sha256(file.read_bytes()).hexdigest()
     assert f"with AlexNet, weights alexnet-owt-7be5be79.pth (SHA-256 {digest[:8]}...)" in metric.protocol
-    assert metric.remark is not None
     assert metric.remark.code == "lpips.other_weights"
     assert (metric.remark.file, metric.remark.value) == (file, digest[:8])
     assert metric.remark.fields["expected"] == "7be5be79"

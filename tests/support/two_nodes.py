@@ -21,13 +21,11 @@ SETTINGS: Mapping[str, str] = {
     "RAY_enable_worker_prestart": "0",
     "RAY_gcs_server_port_wait_time_s": "600",  # by default half a minute, which a busy machine takes
     "RAY_gcs_server_request_timeout_seconds": "600",
-    "RAY_raylet_start_wait_time_s": "600",
     "RAY_worker_niceness": "0",  # as a local run; by default, tasks have to wait for everything else
 }
 """Environment of the cluster and of its drivers."""
 
 _PROGRAM = """
-import socket
 import sys
 import ray
 from ray.cluster_utils import Cluster
@@ -37,20 +35,9 @@ class Busy:
     def begin(self):
         pass
 
-AGENT_PORTS = "metrics_agent_port", "metrics_export_port", "dashboard_agent_listen_port", "runtime_env_agent_port"
-
-def ports():
-    # Otherwise the raylet ends unless its agents have told it their ports within a time that a busy machine exceeds.
-    sockets = [socket.create_server(("127.0.0.1", 0)) for _ in AGENT_PORTS]
-    found = [one.getsockname()[1] for one in sockets]
-    for one in sockets:
-        one.close()
-    return dict(zip(AGENT_PORTS, found))
-
 cpus = int(sys.argv[1])
-head = {"wait": False, "num_cpus": cpus, "include_dashboard": False, **ports()}
-cluster = Cluster(initialize_head=True, head_node_args=head)
-second = cluster.add_node(wait=False, num_cpus=cpus, **ports())
+cluster = Cluster(initialize_head=True, head_node_args={"wait": False, "num_cpus": cpus, "include_dashboard": False})
+second = cluster.add_node(wait=False, num_cpus=cpus)
 cluster.wait_for_nodes(600)
 ray.init(cluster.address, log_to_driver=False)
 on_first = NodeAffinitySchedulingStrategy(cluster.head_node.node_id, soft=False)
@@ -68,6 +55,10 @@ for line in sys.stdin:
         break
 cluster.shutdown()
 """
+
+
+class ClusterEnded(AssertionError):
+    """The program that runs the cluster has ended."""
 
 
 class TwoNodes:
@@ -121,7 +112,6 @@ class TwoNodes:
         self._process.communicate()
 
     def _say(self, word: str) -> None:
-        assert self._process.stdin is not None
         self._process.stdin.write(f"{word}\n")
         self._process.stdin.flush()
 
@@ -131,23 +121,38 @@ class TwoNodes:
             if line.startswith(word):
                 return line.removeprefix(word).strip()
         self._errors.seek(0)
-        raise AssertionError(f"the cluster ended: {self._errors.read()[-2000:]}")
+        raise ClusterEnded(f"the cluster ended: {self._errors.read()[-2000:]}")
+
+
+STARTS = 4
+"""Of the cluster, at most. A raylet ends if its agent does not start within 15 seconds, a constant of Ray; on a machine
+with many busy processes the first start, which reads all files from the disk, may take longer."""
+
+
+def _start(cpus: int, errors: IO[str]) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-c", _PROGRAM, str(cpus)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=errors,
+        text=True,
+        env={**os.environ, **SETTINGS},
+    )
 
 
 @contextmanager
 def two_nodes(cpus: int = 1) -> Iterator[TwoNodes]:
-    """Start a cluster with `cpus` CPUs on each of its two nodes."""
+    """Start a cluster with `cpus` CPUs on each of its two nodes. Raises ClusterEnded."""
     with TemporaryFile("w+") as errors:
-        process = subprocess.Popen(
-            [sys.executable, "-c", _PROGRAM, str(cpus)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=errors,
-            text=True,
-            env={**os.environ, **SETTINGS},
-        )
+        for left in reversed(range(STARTS)):
+            process = _start(cpus, errors)
+            try:
+                nodes = TwoNodes(process, errors)
+                break
+            except ClusterEnded:
+                if not left:
+                    raise
         try:
-            nodes = TwoNodes(process, errors)
             yield nodes
             nodes.close()
         finally:

@@ -65,16 +65,3 @@ def test_edits_are_taken_back_in_the_list(window: Any) -> None:
     ((_, _, take_back_all),) = dialogs.answers
     take_back_all()
     assert read_edits(file) == EditList()
-
-
-def test_keys_change_the_brush_while_it_is_chosen(window: Any) -> None:
-    actions, editor, key = EditActions(window), window.views.editor, gui.KeyName
-    assert actions.keys() == {}
-    editor.choose_tool("brush")
-    before = editor.brush
-    actions.keys()[key.PLUS]()
-    assert editor.brush > before
-    actions.keys()[key.MINUS]()
-    assert editor.brush == pytest.approx(before)
-    window.views.edits_take = False
-    assert actions.keys() == {}

@@ -155,7 +155,6 @@ def test_calibrate_draws_a_frustum_where_each_camera_is(views: StageViews, finis
     views.choose("cameras")
     wait_in_loop("the footage", lambda: views.workspace.context is not None)
     context = views.workspace.context
-    assert context is not None
     held_out = context.footage.raw.held_out_cameras
     assert len(held_out) == 1
     picture = shown(views, lambda picture: has(picture, HELD_OUT) > 0)
@@ -233,7 +232,6 @@ def test_footage_is_that_of_the_frame_whose_number_is_shown(views: StageViews, t
     assert player.choose("footage")
     player.transport.seek(3)
     shown(views, lambda _: player.current and player.settled)
-    assert player.picture is not None
     before = player.picture.image
     assert views.workspace.change_setting("capture.frames", "1:") is None
     wait_in_loop("other frames", lambda: views.workspace.assessment.numbers[0] == 1)
@@ -441,7 +439,6 @@ def test_footage_that_is_mounted_elsewhere(views: StageViews, footage_project: P
     views.capture.check()
     shown(views, lambda picture: not views.capture.footage_check.running)
     assert not views.capture.footage_check.problems
-    assert views.workspace.context is not None
     assert len(CameraUses.of(views.workspace.context.footage.capture).uses) == 6
     points = PointsView(views.workspace)
     assert points.path == footage_project / "capture" / "points.yaml"
@@ -488,7 +485,6 @@ def test_another_picture_is_dimmed_until_the_chosen_one_is_there(
     assert "rendering" in views.player.status
     clock.time = 1.0
     waiting = views.poll(SIZE, SIZE, 16.0)
-    assert waiting is not None
     assert np.median(waiting) < 100, "dimmed"
     assert waiting.max() > 180, "with a word"
     assert views.poll(SIZE, SIZE, 16.0) is None

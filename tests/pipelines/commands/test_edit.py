@@ -28,13 +28,8 @@ def take(finished, tmp_path) -> Path:
     return tmp_path / "project" / "take"
 
 
-def done(result):
-    assert result.returncode == 0, result.stderr
-    return result
-
-
 def states(here, take) -> dict[str, dict[str, str]]:
-    return result_of(done(here("status", take, "--json")).stdout)["stages"]
+    return result_of(here("status", take, "--json").ok().stdout)["stages"]
 
 
 def test_a_take_is_trimmed_cropped_and_placed_and_as_before_when_that_is_undone(here, take) -> None:
@@ -42,10 +37,10 @@ def test_a_take_is_trimmed_cropped_and_placed_and_as_before_when_that_is_undone(
     measured = json.loads((take / "evaluation.json").read_text())
     rows = {row["index"]: row for row in measured["frames"]}
 
-    done(here("edit", "trim", take, "1:4"))
-    done(here("edit", "world", take, "--up", 0, 0, 1, "--origin", 0, 0, "-0.5", "--scale", 100))
+    here("edit", "trim", take, "1:4").ok()
+    here("edit", "world", take, "--up", 0, 0, 1, "--origin", 0, 0, "-0.5", "--scale", 100).ok()
     # above the origin there is less than half of the ball
-    done(here("edit", "crop", take, "--min", -100, 50, -100, "--max", 100, 200, 100))
+    here("edit", "crop", take, "--min", -100, 50, -100, "--max", 100, 200, 100).ok()
     found = states(here, take)
     assert {name: found[name]["state"] for name in ("calibrate", "initialize", "train")} == {
         "calibrate": "done", "initialize": "done", "train": "done",
@@ -53,7 +48,7 @@ def test_a_take_is_trimmed_cropped_and_placed_and_as_before_when_that_is_undone(
     assert found["bake"]["state"] != "done"
     for words in ("the trim was set", "the crop box was set", "the placement of the world was set"):
         assert words in found["bake"]["reason"]
-    done(here("run", take))
+    here("run", take).ok()
 
     opened, edits = Take.open(take), read_edits(take / "edits.json")
     trained = [read_frame(opened.trained_frame(*place)) for place in ((0, 1), (0, 2), (1, 3))]
@@ -63,7 +58,6 @@ def test_a_take_is_trimmed_cropped_and_placed_and_as_before_when_that_is_undone(
         video, own = decoded_video(reader), trained_video(take)
         assert own.frame_count == 3
         place = StreamMetadata.from_json(reader.manifest.metadata).capture
-        assert place is not None
         assert place.first_frame == 1
         assert video.up is not None
         assert np.allclose(video.up, [0, 1, 0])
@@ -83,37 +77,36 @@ def test_a_take_is_trimmed_cropped_and_placed_and_as_before_when_that_is_undone(
     assert again["protocol"]["frames"] == [1, 2, 3]
     review = TakeReview(opened).data()
     assert review.frame_count == 3
-    assert review.quality is not None
     assert review.quality.metrics[0].decoded == tuple(row["psnr_decoded"] for row in again["frames"])
 
-    done(here("edit", "remove", take, "crop"))
-    done(here("run", take))
+    here("edit", "remove", take, "crop").ok()
+    here("run", take).ok()
     again = json.loads((take / "evaluation.json").read_text())
     for row in again["frames"]:  # placing and trimming leave the picture as it was
         assert row["psnr_trained"] == pytest.approx(rows[row["index"]]["psnr_trained"], abs=0.02)
         assert row["psnr_decoded"] == pytest.approx(rows[row["index"]]["psnr_decoded"], abs=0.3)
 
-    done(here("edit", "remove", take, "all"))
-    assert done(here("edit", "list", take)).stdout.startswith("no edits")
-    done(here("bake", take))
+    here("edit", "remove", take, "all").ok()
+    assert here("edit", "list", take).ok().stdout.startswith("no edits")
+    here("bake", take).ok()
     after = contents(take / "stream")
     assert after == before
-    done(here("edit", "undo", take))
-    assert "frames 1 to 3" in done(here("edit", "list", take)).stdout
+    here("edit", "undo", take).ok()
+    assert "frames 1 to 3" in here("edit", "list", take).ok().stdout
 
 
 def test_a_box_for_training_makes_training_stale_and_masks_what_it_sees(here, take) -> None:
-    done(here("edit", "crop", take, "--min", "-1", "-1", 0, "--max", 1, 1, 1, "--training"))
+    here("edit", "crop", take, "--min", "-1", "-1", 0, "--max", 1, 1, 1, "--training").ok()
     found = states(here, take)
     assert found["calibrate"]["state"] == "done"
     assert "the crop box was set" in found["initialize"]["reason"]
     assert found["train"]["state"] != "done"
     whole = read_points_of(take)
     assert whole[:, 2].min() < -0.4
-    done(here("initialize", take))
+    here("initialize", take).ok()
     assert read_points_of(take)[:, 2].min() >= 0
-    done(here("edit", "undo", take))
-    done(here("initialize", take))
+    here("edit", "undo", take).ok()
+    here("initialize", take).ok()
     assert np.array_equal(read_points_of(take), whole)
 
 
@@ -121,18 +114,18 @@ def test_a_detail_is_trained_with_more_splats_and_as_before_when_that_is_undone(
     opened = Take.open(take)
     files = [opened.trained_frame(*place) for place in ((0, 0), (0, 1), (1, 3))]
     before, initialized = [path.read_bytes() for path in files], states(here, take)["initialize"]
-    done(here("edit", "world", take, "--scale", 100))
-    done(here("edit", "detail", take, "--frame", 2, "--at", 0, 0, 40, "--radius", 30, "--weight", 20))
+    here("edit", "world", take, "--scale", 100).ok()
+    here("edit", "detail", take, "--frame", 2, "--at", 0, 0, 40, "--radius", 30, "--weight", 20).ok()
     (mark,) = read_edits(take / "edits.json").details
     assert mark.radius == pytest.approx(0.3)
     assert mark.at(2) == pytest.approx([0, 0, 0.4])
     assert [frame for frame, _ in mark.path] == [0, 2, 3, 4], "borders of the groups"
-    assert "details 1" in done(here("edit", "list", take)).stdout
+    assert "details 1" in here("edit", "list", take).ok().stdout
     found = states(here, take)
     assert found["initialize"] == initialized
     assert found["train"]["reason"] == "the marked details were set"
     assert "details" not in found["bake"]["reason"]
-    done(here("train", take))
+    here("train", take).ok()
 
     def share(data_of: Path) -> float:
         """Of the splats near the mark."""
@@ -140,8 +133,8 @@ def test_a_detail_is_trained_with_more_splats_and_as_before_when_that_is_undone(
         return float((np.linalg.norm(means - mark.at(0), axis=1) < mark.radius).mean())
 
     more = share(files[0])
-    done(here("edit", "undo", take))
-    done(here("train", take))
+    here("edit", "undo", take).ok()
+    here("train", take).ok()
     assert [path.read_bytes() for path in files] == before
     assert more > 1.1 * share(files[0])
 
@@ -192,12 +185,12 @@ def test_bad_input_gets_a_sentence_and_changes_nothing(here, finished, words, se
 def test_what_is_removed_has_a_name_and_a_number(here, take) -> None:
     mark = ("--at", *read_points_of(take)[0], "--radius", 0.2)
     for _ in range(2):
-        done(here("edit", "detail", take, *mark))
-    assert done(here("edit", "remove", take, "detail", 2)).stdout == "removed: detail 2\n"
+        here("edit", "detail", take, *mark).ok()
+    assert here("edit", "remove", take, "detail", 2).ok().stdout == "removed: detail 2\n"
     assert len(read_edits(take / "edits.json").details) == 1
-    assert done(here("edit", "remove", take, "details")).stdout == "removed: details\n"
-    assert done(here("edit", "remove", take, "details")).stdout == "nothing to remove: there are no details\n"
-    assert done(here("edit", "remove", take, "crop")).stdout == "nothing to remove: there is no crop edit\n"
+    assert here("edit", "remove", take, "details").ok().stdout == "removed: details\n"
+    assert here("edit", "remove", take, "details").ok().stdout == "nothing to remove: there are no details\n"
+    assert here("edit", "remove", take, "crop").ok().stdout == "nothing to remove: there is no crop edit\n"
 
 
 def test_damaged_edits_stop_what_needs_them(here, take) -> None:
@@ -214,7 +207,7 @@ def test_frames_of_two_trainings_are_told(here, take) -> None:
     path = Take.open(take).trained_frame(0, 1)
     write_frame(path, read_frame(path)[:-3], read_about(path))
     mark = ("detail", take, "--at", *read_points_of(take)[0], "--radius", 0.2)
-    done(here("edit", "ground", take, "-0.2"))
+    here("edit", "ground", take, "-0.2").ok()
     for words in (("count", take), mark):
         result = here("edit", *words)
         assert result.returncode == 1
@@ -222,8 +215,8 @@ def test_frames_of_two_trainings_are_told(here, take) -> None:
 
 
 def test_floaters_ground_and_regions(here, take, tmp_path) -> None:
-    done(here("edit", "floaters", take, "--opacity", "0.05", "--share", "0.02"))
-    done(here("edit", "ground", take, "-0.2"))
+    here("edit", "floaters", take, "--opacity", "0.05", "--share", "0.02").ok()
+    here("edit", "ground", take, "-0.2").ok()
     assert read_edits(take / "edits.json").ground is not None
     camera = next(iter(read_rig(take / "calibrate" / "rig.json")))
     region = {
@@ -231,14 +224,14 @@ def test_floaters_ground_and_regions(here, take, tmp_path) -> None:
         "outline": [[0, 0], [64, 0], [64, 24], [0, 24]],
     }
     (tmp_path / "region.json").write_text(json.dumps(region))
-    done(here("edit", "region", take, tmp_path / "region.json"))
-    counted = done(here("edit", "count", take)).stdout.splitlines()
+    here("edit", "region", take, tmp_path / "region.json").ok()
+    counted = here("edit", "count", take).ok().stdout.splitlines()
     assert len(counted) == 2
     assert all("ground" in line and "regions" in line for line in counted)
     whole = len(read_frame(Take.open(take).trained_frame(0, 0)))
     left = len(trained_video(take).read(0))
     assert f"{whole - left:,} of {whole:,} splats removed" in counted[0]
-    done(here("edit", "ground", take, "10"))
+    here("edit", "ground", take, "10").ok()
     result = here("bake", take)
     assert result.returncode == 1
     assert "the edits remove all splats of group 0" in result.stderr

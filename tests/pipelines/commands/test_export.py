@@ -86,13 +86,11 @@ def test_what_a_take_and_a_stream_hold(take):
 def test_ply_of_the_trained_or_the_decoded_splats(here, take, tmp_path):
     done = here(
         "export", take, "--of", "trained", "--format", "ply", "--out", tmp_path / "trained", "--frames", "1:5:2"
-    )
-    assert done.returncode == 0, done.stderr
+    ).ok()
     assert done.stdout.endswith("trained: 2 frames\n")
     assert [path.name for path in sorted((tmp_path / "trained").iterdir())] == ["frame_0001.ply", "frame_0003.ply"]
     assert torch.equal(read_splats(tmp_path / "trained" / "frame_0003.ply").means, body(3, 75).means)
-    done = here("export", take, "--format", "ply", "--out", tmp_path / "one.ply", "--frames", "3:4")  # the default
-    assert done.returncode == 0, done.stderr
+    here("export", take, "--format", "ply", "--out", tmp_path / "one.ply", "--frames", "3:4").ok()  # the default
     with StreamReader.open(take / "stream") as reader:
         assert torch.equal(read_splats(tmp_path / "one.ply").means, reader.gaussians(3).means)
 
@@ -109,8 +107,7 @@ def test_another_dilation_is_told_since_files_cannot_say_it(here, tmp_path, dila
     ]
     write_manifest(tmp_path / "s", groups, 10.0, settings)
     for kind in ("ply", "turntable.mp4"):
-        done = here("export", tmp_path / "s", "--format", kind[:9], "--out", tmp_path / kind, "--size", "32x32")
-        assert done.returncode == 0, done.stderr
+        done = here("export", tmp_path / "s", "--format", kind[:9], "--out", tmp_path / kind, "--size", "32x32").ok()
         told = words and kind != "turntable.mp4"  # movies are drawn here, as trained
         assert [words in line for line in done.stdout.splitlines()] == ([False, True] if told else [not words])
     assert read_splats(tmp_path / "ply" / "frame_0001.ply").dilation == 0.3
@@ -125,36 +122,30 @@ def test_harmonics_can_be_cut(here, tmp_path):
     write_manifest(tmp_path / "s", [bake_group([colored], tmp_path / "s", 0, 0, settings)], 10.0, settings)
     for degree in (0, 1):
         out = tmp_path / f"{degree}.ply"
-        done = here("export", tmp_path / "s", "--format", "ply", "--sh-degree", degree, "--out", out)
-        assert done.returncode == 0, done.stderr
+        here("export", tmp_path / "s", "--format", "ply", "--sh-degree", degree, "--out", out).ok()
         assert read_splats(out).sh_degree == degree
 
 
 def test_viewer_axes(here, take, tmp_path):
-    done = here("export", take / "stream", "--format", "ply", "--axes", "viewer", "--out", tmp_path / "out")
-    assert done.returncode == 0, done.stderr
+    here("export", take / "stream", "--format", "ply", "--axes", "viewer", "--out", tmp_path / "out").ok()
     with StreamReader.open(take / "stream") as reader:
         world = reader.gaussians(0).means
     found = read_splats(tmp_path / "out" / "frame_0000.ply").means
     assert torch.allclose(found[:, 1], -world[:, 2], atol=1e-5)  # y down
-    done = here("export", take / "stream", "--format", "spz", "--frames", "0:1", "--out", tmp_path / "a.spz")
-    assert done.returncode == 0, done.stderr
+    here("export", take / "stream", "--format", "spz", "--frames", "0:1", "--out", tmp_path / "a.spz").ok()
     assert torch.allclose(read_splats(tmp_path / "a.spz").means[:, 1], world[:, 2], atol=1e-3)  # y up
     assert (tmp_path / "a.spz").read_bytes()[:5] == b"NGSP\x04"
     older = ("--spz-version", "3", "--frames", "0:1", "--out", tmp_path / "b.spz")
-    done = here("export", take / "stream", "--format", "spz", *older)
-    assert done.returncode == 0, done.stderr
+    here("export", take / "stream", "--format", "spz", *older).ok()
     assert (tmp_path / "b.spz").read_bytes()[:2] == b"\x1f\x8b"
     assert torch.equal(read_splats(tmp_path / "b.spz").means, read_splats(tmp_path / "a.spz").means)
 
 
 def test_videogs_there_and_back(here, take, tmp_path):
-    done = here("export", take, "--format", "videogs", "--qp", "0", "--out", tmp_path / "vgs")
-    assert done.returncode == 0, done.stderr
+    here("export", take, "--format", "videogs", "--qp", "0", "--out", tmp_path / "vgs").ok()
     done = here(
         "import", tmp_path / "vgs", "--out", tmp_path / "back", "--fps", "12.5", "--bake.quality", "0", "--up", "0,0,2"
-    )
-    assert done.returncode == 0, done.stderr
+    ).ok()
     assert "back: 5 frames in 2 groups, " in done.stdout
     with StreamReader.open(tmp_path / "back") as reader:
         assert reader.fps == 12.5
@@ -182,8 +173,7 @@ def test_movies(here, take, tmp_path):
         "--out",
         turn,
         "--json",
-    )
-    assert done.returncode == 0, done.stderr
+    ).ok()
     *_, last, end = events_in(done.stdout)
     assert isinstance(last, Progress)
     assert (last.label, last.figures) == ("export turntable", {"done": 5, "total": 5})
@@ -200,8 +190,7 @@ def test_movies(here, take, tmp_path):
     done = here(
         "export", take / "stream", "--format", "camera-path", "--path", tmp_path / "path.json", "--size", "96x64",
         "--fps", "4", "--background", "0,1,0", "--out", tmp_path / "path.mp4",
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
+    ).ok()  # fmt: skip
     assert done.stdout.endswith("path.mp4: 4 frames of 96x64\n")
     done = here(
         "export", take, "--format", "camera-path", "--path", take / "calibrate" / "rig.json", "--size", "48x32",
@@ -212,16 +201,14 @@ def test_movies(here, take, tmp_path):
 
 def test_plates_have_the_numbers_of_the_footage_and_the_world_of_the_usd_file(here, take, tmp_path):
     options = ("--format", "exr", "--shutter", "180", "--shutter-samples", "2", "--json")
-    done = here("export", take, *options, "--camera", "side", "--frames", "1:3", "--out", tmp_path / "side")
-    assert done.returncode == 0, done.stderr
+    done = here("export", take, *options, "--camera", "side", "--frames", "1:3", "--out", tmp_path / "side").ok()
     assert sorted(path.name for path in (tmp_path / "side").iterdir()) == ["plate.0001.exr", "plate.0002.exr"]
     *_, end = events_in(done.stdout)
     assert isinstance(end, Finished)
     assert "2 frames of 96x64" in end.result["written"]
     file = OpenEXR.File(str(tmp_path / "side" / "plate.0001.exr"))
     places = np.stack([file.channels()[f"P.{axis}"].pixels for axis in "XYZ"], -1)
-    usd = here("export", take, "--format", "usd", "--out", tmp_path / "a.usda", "--start-number", "1001")
-    assert usd.returncode == 0, usd.stderr
+    here("export", take, "--format", "usd", "--out", tmp_path / "a.usda", "--start-number", "1001").ok()
     splats = UsdFrames(tmp_path / "a.usda")
     assert splats.times == [1001, 1002, 1003, 1004, 1005]
     means = splats.read(1002).means.numpy()
@@ -231,8 +218,7 @@ def test_plates_have_the_numbers_of_the_footage_and_the_world_of_the_usd_file(he
 
     # the same camera, by way of the USD file
     path = ("--path", tmp_path / "a.usda", "--camera", "side", "--start-number", "1001", "--size", "96x64")
-    done = here("export", take, *options, *path, "--frames", "1:3", "--out", tmp_path / "again")
-    assert done.returncode == 0, done.stderr
+    here("export", take, *options, *path, "--frames", "1:3", "--out", tmp_path / "again").ok()
     again = OpenEXR.File(str(tmp_path / "again" / "plate.1001.exr"))
     for name, channel in file.channels().items():
         np.testing.assert_allclose(again.channels()[name].pixels, channel.pixels, atol=2e-3, rtol=1e-3)
@@ -244,13 +230,11 @@ def test_plates_along_a_path(here, take, tmp_path):
     keys = [Key(0, RIG["front"], 0.0), Key(1, RIG["side"], 4.0)]
     write_path_keys(keys, tmp_path / "path.json")
     path = ("--format", "exr", "--path", tmp_path / "path.json", "--size", "96x64", "--overscan", "4")
-    done = here("export", take / "stream", *path, "--out", tmp_path / "plates")
-    assert done.returncode == 0, done.stderr
+    here("export", take / "stream", *path, "--out", tmp_path / "plates").ok()
     assert len(list((tmp_path / "plates").iterdir())) == 5
     done = here("export", take / "stream", *path, "--out", tmp_path / "plates")
     assert (done.returncode, "--overwrite" in done.stderr) == (1, True)
-    done = here("export", take / "stream", *path, "--out", tmp_path / "plates", "--overwrite", "--frames", "0:2")
-    assert done.returncode == 0, done.stderr
+    here("export", take / "stream", *path, "--out", tmp_path / "plates", "--overwrite", "--frames", "0:2").ok()
     assert len(list((tmp_path / "plates").iterdir())) == 2
     write_path_keys([keys[0], replace(keys[1], frame=0.0)], tmp_path / "path.json")
     done = here("export", take / "stream", *path, "--out", tmp_path / "more")
@@ -316,7 +300,7 @@ def test_frames_have_their_numbers_in_the_footage(here, take, tmp_path):
         path.write_text(json.dumps(values | {"frames": [60 + 2 * frame for frame in values["frames"]]}))
     options = ("--format", "ply", "--frames", "62:66")
     for of in ("trained", "decoded"):
-        assert here("export", whole, "--of", of, *options, "--out", tmp_path / of).returncode == 0
+        here("export", whole, "--of", of, *options, "--out", tmp_path / of).ok()
         assert sorted(path.name for path in (tmp_path / of).iterdir()) == ["frame_0062.ply", "frame_0064.ply"]
     change_edits(whole / "edits.json", EditList(trim=Trim(first=63, last=67)), "trim")
     video = trained_video(whole)

@@ -21,8 +21,7 @@ def stream(tmp_path):
 
 
 def test_publish_copies_what_is_missing(here, stream, tmp_path):
-    done = here("publish", stream, tmp_path / "web")
-    assert done.returncode == 0, done.stderr
+    done = here("publish", stream, tmp_path / "web").ok()
     assert "4 files copied" in done.stdout
     again = here("publish", stream, tmp_path / "web", "--page", "--title", "A <walk>")
     assert "0 files copied" in again.stdout, again.stderr
@@ -37,12 +36,10 @@ def test_publish_copies_what_is_missing(here, stream, tmp_path):
 
 def test_a_stream_in_one_file_plays(here, stream, tmp_path):
     out = tmp_path / "one.v3s"
-    done = here("export", stream, "--format", "v3", "--out", out)
-    assert done.returncode == 0, done.stderr
+    done = here("export", stream, "--format", "v3", "--out", out).ok()
     assert "4 frames" in done.stdout
-    done = here("play", out)
-    assert done.returncode == 0, done.stderr
-    assert here("export", out, "--format", "ply", "--out", tmp_path / "plys").returncode == 0
+    here("play", out).ok()
+    here("export", out, "--format", "ply", "--out", tmp_path / "plys").ok()
     assert len(list((tmp_path / "plys").iterdir())) == 4
     refused = here("serve", out)
     assert refused.returncode == 1

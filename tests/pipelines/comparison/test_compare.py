@@ -39,8 +39,7 @@ def two(finished: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path,
 
 
 def test_it_measures_what_the_evaluation_measures(two, here, tmp_path):
-    done = here("compare", *two, "--out", tmp_path / "out")
-    assert done.returncode == 0, done.stderr
+    done = here("compare", *two, "--out", tmp_path / "out").ok()
     found = json.loads((tmp_path / "out" / "comparison.json").read_text())
     fine, coarse = found["takes"]
     evaluation = read_evaluation(Take.open(two[0]).evaluation)
@@ -162,8 +161,7 @@ def test_full_frames_over_white_of_another_camera(two, here, tmp_path):
     """Camera 2 was trained on, which is said."""
     done = here(
         "compare", two[0], "--protocol", "hifi4g", "--cameras", "2", "--frames", "::2", "--json", "--out", tmp_path
-    )
-    assert done.returncode == 0, done.stderr
+    ).ok()
     found = result_of(done.stdout)
     assert found["protocol"]["resolution"] == {"cam2": [32, 24]}
     assert found["protocol"]["background"] == [1.0, 1.0, 1.0]

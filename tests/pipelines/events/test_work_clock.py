@@ -87,7 +87,6 @@ def test_a_process_that_is_halted_knows_it_afterwards() -> None:
         [sys.executable, "-c", SCRIPT], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=root
     )
     try:
-        assert child.stdout is not None
         assert child.stdin is not None
         assert child.stdout.readline() == "ready\n"
         os.kill(child.pid, signal.SIGSTOP)

@@ -42,8 +42,7 @@ def test_footage_in_a_store_makes_the_take_of_a_local_run(
     (project / "remote.yaml").write_text(SETTINGS.replace("root: capture", "root: s3://studio/day1"))
     take = project / "take"
     object_store.faults = Faults(failing=0.1, truncated=0.1, delay=0.005)
-    done = here("calibrate", project / "remote.yaml", "--take", take)
-    assert done.returncode == 0, done.stderr
+    here("calibrate", project / "remote.yaml", "--take", take).ok()
     images = {key for key, _ in object_store.gets if key.endswith(".png")}
     assert len(images) == 6, "of the footage, only the first frame of each camera is needed here"
 
@@ -63,11 +62,9 @@ def test_footage_in_a_store_makes_the_take_of_a_local_run(
     there = {path.name for path in (take / "train" / "group_001").iterdir()}
     object_store.gets.clear()
     monkeypatch.setenv("V3STUDIO_CACHE", str(tmp_path / "b"))
-    again = here("work", take, "--group", 1, "--json")
-    assert again.returncode == 0, again.stderr
+    again = here("work", take, "--group", 1, "--json").ok()
     assert trained(again.stdout) == {"frame_000003.safetensors", "frame_000004.safetensors"} - there
-    done = here("run", take)
-    assert done.returncode == 0, done.stderr
+    here("run", take).ok()
     assert object_store.fetched_twice("day1") == []
 
     for path in take.rglob("*"):
@@ -88,7 +85,7 @@ def test_a_machine_without_access_says_so_and_changes_nothing(project, here, obj
 
     object_store.upload(project / "capture", "day1")
     (project / "remote.yaml").write_text(SETTINGS.replace("root: capture", "root: s3://studio/day1"))
-    assert here("calibrate", project / "remote.yaml", "--take", project / "take").returncode == 0
+    here("calibrate", project / "remote.yaml", "--take", project / "take").ok()
     before = results(project / "take")
     monkeypatch.setenv("AWS_ACCESS_KEY_ID", "AKIAWRONG")
     s3fs.S3FileSystem.clear_instance_cache()

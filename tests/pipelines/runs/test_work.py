@@ -67,7 +67,7 @@ def test_groups_done_in_any_process_give_the_take_of_a_local_run(finished, proje
 
 def test_commands_are_printed_for_each_kind_of_queue(project, here, tmp_path):
     take = project / "a take"
-    assert here("calibrate", project / "ball.yaml", "--take", take).returncode == 0
+    here("calibrate", project / "ball.yaml", "--take", take).ok()
     plain = here("work", take, "--print-commands").stdout.splitlines()
     assert [shlex.split(line)[:3] for line in plain] == [["v3studio", "work", str(take)]] * 2
     assert [line.endswith(f" --group {group}") for group, line in enumerate(plain)] == [True, True]
@@ -95,7 +95,7 @@ def test_commands_are_printed_for_each_kind_of_queue(project, here, tmp_path):
 
 def test_printed_commands_name_the_settings(project, here, monkeypatch):
     take = project / "100% take"
-    assert here("calibrate", project / "ball.yaml", "--take", take).returncode == 0
+    here("calibrate", project / "ball.yaml", "--take", take).ok()
     monkeypatch.chdir(project)
     given = ("--train.max-splats", "5000", "--set", "capture.root=capture", "--run.threads", "3")
     plain = here("work", take, "--print-commands", *given).stdout.splitlines()
@@ -116,8 +116,7 @@ def test_printed_commands_name_the_settings(project, here, monkeypatch):
 
 def test_what_cannot_be_done_is_refused(project, here):
     take = project / "take"
-    made = here("run", project / "ball.yaml", "--take", take, "--until", "calibrate")
-    assert made.returncode == 0, made.stderr
+    here("run", project / "ball.yaml", "--take", take, "--until", "calibrate").ok()
     for arguments, expected in {
         ("--group", "2"): "there is no group 2: the take has 2 groups, numbered from 0. Choose 0 to 1.",
         (): "specify either --group or --print-commands",

@@ -41,7 +41,6 @@ class Rebaked:
         bake = self._bakes[self._round % 2]
         shutil.copytree(bake / "files", self.stream / "files", dirs_exist_ok=True)
         with StreamReader.open(bake) as reader:
-            assert reader.index is not None
             groups = [reader.index.group(number) for number in range(len(reader.index))]
         write_manifest(self.stream, groups, 25, SETTINGS, {"round": self._round})
 

@@ -155,8 +155,7 @@ def test_a_frame_without_a_chart_is_refused_before_anything_is_trained(charted: 
 
 def test_the_command_shows_what_is_found(charted: tuple[Path, np.ndarray], here: Callable) -> None:
     project, _ = charted
-    done = here("colors", project / "ball.yaml", "--chart-frame", 5)
-    assert done.returncode == 0, done.stderr
+    done = here("colors", project / "ball.yaml", "--chart-frame", 5).ok()
     lines = done.stdout.splitlines()
     assert [line.split(":")[0] for line in lines[:5]] == ["cam0", "cam1", "cam2", "cam3", "cam5"], "no held-out camera"
     assert lines[3] == "cam3: no ColorChecker is seen; not corrected"

@@ -29,8 +29,7 @@ def test_no_frame_loses_more_than_the_limit_or_it_is_reported(
     monkeypatch.setattr("studio.stream.settings.LOSS_QP", 45)
 
     def run(quality: object) -> str:
-        done = here("run", take, "--bake.quality", quality, "--bake.smooth_paths", "false")
-        assert done.returncode == 0, done.stderr
+        done = here("run", take, "--bake.quality", quality, "--bake.smooth_paths", "false").ok()
         return " ".join((done.stdout + done.stderr).split())
 
     run(45)

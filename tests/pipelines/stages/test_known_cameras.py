@@ -48,7 +48,6 @@ def test_an_older_solution_is_brought_to_the_footages_size(tmp_path: Path) -> No
     made = context(tmp_path, known_cameras="old.json")
     write_rig(rig(("a.png", "b.png")), tmp_path / "capture" / "old.json")
     found = known_in(made)
-    assert found is not None
     assert found.names == ("a", "b")
     assert (found["a"].width, found["a"].fx, found["a"].cx) == (80, 100, 40)
     write_rig(rig(("a",)), tmp_path / "capture" / "old.json")

@@ -51,8 +51,7 @@ def test_a_take_with_a_matting_model(project: Path, here: Callable[..., Any]) ->
         ("mask-model", "plain:models/one.onnx"),
     ]
     given = [word for name, value in settings for word in (f"--capture.{name}", value)]
-    done = here("run", project / "ball.yaml", "--take", project / "take", "--until", "initialize", *given)
-    assert done.returncode == 0, done.stderr
+    here("run", project / "ball.yaml", "--take", project / "take", "--until", "initialize", *given).ok()
     assert np.median(radii(project / "take")) == pytest.approx(RADIUS, abs=0.05)
     take = Take.open(project / "take")
     kept = {path: path.stat().st_mtime_ns for path in (take.footage_cache / "masks").iterdir()}
@@ -61,8 +60,7 @@ def test_a_take_with_a_matting_model(project: Path, here: Callable[..., Any]) ->
     assert status(take, config)["initialize"].state == "done"
     shutil.copy(MODELS / "fixed.onnx", model)  # another file of the same name
     assert status(take, config)["initialize"].state == "stale"
-    done = here("run", project / "ball.yaml", "--take", project / "take", "--until", "initialize", *given)
-    assert done.returncode == 0, done.stderr
+    here("run", project / "ball.yaml", "--take", project / "take", "--until", "initialize", *given).ok()
     assert len(list((take.footage_cache / "masks").iterdir())) == 2 * len(kept)
     assert all(path.stat().st_mtime_ns == time for path, time in kept.items())
 
@@ -71,8 +69,7 @@ def test_a_take_before_a_screen(project: Path, here: Callable[..., Any]) -> None
     put_before(GREEN, project / "capture", saturation=0.3)  # parts of it are green
     take = project / "take"
     given = ("--capture.masks", "chroma_key", "--capture.key-color", "[0.24, 0.65, 0.31]")
-    done = here("run", project / "ball.yaml", "--take", take, "--until", "train", *given)
-    assert done.returncode == 0, done.stderr
+    here("run", project / "ball.yaml", "--take", take, "--until", "train", *given).ok()
     assert np.median(radii(take)) == pytest.approx(RADIUS, abs=0.05)
     assert load_config(take / "config.yaml").capture.key_color == (0.24, 0.65, 0.31)
 

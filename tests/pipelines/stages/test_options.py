@@ -68,8 +68,7 @@ def test_sync_by_timecode_prints_the_offsets_to_set(here, tmp_path):
     for name, label in (("left", "23:59:59:24"), ("right", "00:00:00:02")):
         film(tmp_path / "videos" / f"{name}.mp4", label)
     (tmp_path / "two.yaml").write_text("capture: {root: ., rig: null, masks: none}\n")
-    done = here("sync", tmp_path / "two.yaml", "--method", "timecode")
-    assert done.returncode == 0, done.stderr
+    done = here("sync", tmp_path / "two.yaml", "--method", "timecode").ok()
     assert done.stdout.splitlines()[:2] == [
         "left: +0 frames (timecode 23:59:59:24)",
         "right: -3 frames (timecode 00:00:00:02)",

@@ -44,7 +44,6 @@ def test_details_are_also_seen_at_full_size(project: Path) -> None:
     assert len(found) == 5
     for view in found:
         (closer,) = view.closer
-        assert closer is not None
         assert closer.camera.name == view.camera.name
         assert closer.camera.fx == pytest.approx(2 * view.camera.fx)
         # the detail fills the image
@@ -57,7 +56,6 @@ def test_details_are_also_seen_at_full_size(project: Path) -> None:
 def test_they_show_what_was_filmed(project: Path) -> None:
     for filmed, view in zip(views_of(project, "train.crop_margin=10"), views_of(project, HALF), strict=True):
         (closer,) = view.closer
-        assert closer is not None
         left, top = (round(float(filmed.camera.K[axis, 2] - closer.camera.K[axis, 2])) for axis in (0, 1))
         rows, columns = slice(top, top + closer.camera.height), slice(left, left + closer.camera.width)
         assert np.array_equal(closer.image.numpy(), filmed.image.numpy()[rows, columns])

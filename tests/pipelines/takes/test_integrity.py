@@ -81,7 +81,7 @@ def test_a_stage_refuses_damaged_input(take: Take) -> None:
 
 
 def test_the_command_names_removes_and_a_run_repairs(take: Take, finished: Path, here: Callable, cli: Callable) -> None:
-    assert here("check", take.root).returncode == 0
+    here("check", take.root).ok()
     video = next((take.stream).rglob("*.mp4"))
     whole = video.read_bytes()
     flip(video)
@@ -96,7 +96,7 @@ def test_the_command_names_removes_and_a_run_repairs(take: Take, finished: Path,
     again = cli("run", "--take", take.root)
     assert again.returncode == 0, again.stderr
     assert video.read_bytes() == whole
-    assert here("check", take.root).returncode == 0
+    here("check", take.root).ok()
 
 
 def test_what_people_made_is_read(take: Take, here: Callable) -> None:
@@ -126,8 +126,7 @@ def test_what_people_made_is_read(take: Take, here: Callable) -> None:
 def test_footage_is_read_and_described(here: Callable, finished: Path, tmp_path: Path) -> None:
     footage = tmp_path / "capture"
     shutil.copytree(finished / "capture", footage)
-    whole = here("check", footage)
-    assert whole.returncode == 0
+    whole = here("check", footage).ok()
     assert "6 cameras, 5 frames" in whole.stdout
     broken = footage / "images" / "cam2" / "003.png"
     broken.write_bytes(broken.read_bytes()[:100])

@@ -41,11 +41,10 @@ def replace_file(path: Path, data: bytes) -> None:
 
 def test_two_bakes_are_kept_and_compared(finished: Path, take: Take, here: Callable, tmp_path: Path) -> None:
     first = contents(take.stream)
-    assert here("bake", "keep", take.root, "fine").returncode == 0
+    here("bake", "keep", take.root, "fine").ok()
     links = [os.stat(path).st_nlink for path in (take.bakes / "fine" / "stream").rglob("*") if path.is_file()]
     assert set(links) == {2}, "hard links take no space"
-    baked = here("bake", take.root, "--bake.quality", "40", "--keep", "coarse")
-    assert baked.returncode == 0, baked.stderr
+    here("bake", take.root, "--bake.quality", "40", "--keep", "coarse").ok()
     second = contents(take.stream)
     assert second != first
     assert contents(take.bakes / "fine" / "stream") == first, "baking again leaves what is kept"
@@ -61,13 +60,12 @@ def test_two_bakes_are_kept_and_compared(finished: Path, take: Take, here: Calla
     assert (listed["fine"]["psnr_decoded"], listed["coarse"]["psnr_decoded"]) == (measured, None)
     kept = [take.bakes / name for name in ("fine", "coarse")]
     assert [load_config(folder / "config.yaml").bake.quality for folder in kept] == [22, 40]
-    compared = here("compare", *kept, "--frames", "::5", "--images", 0, "--out", tmp_path / "compared", "--json")
-    assert compared.returncode == 0, compared.stderr
+    compared = here("compare", *kept, "--frames", "::5", "--images", 0, "--out", tmp_path / "compared", "--json").ok()
     fine, coarse = result_of(compared.stdout)["takes"]
     assert fine["psnr"] > coarse["psnr"]
 
     assert check_take(take, STAGE_NAMES).damage == ()
-    assert here("evaluate", take.root).returncode == 0
+    here("evaluate", take.root).ok()
     later = kept_bakes(take)[-1].psnr
     assert later is not None
     assert later < measured, "what is measured later belongs to the kept bake too"
@@ -80,7 +78,7 @@ def test_kb_per_frame_is_all_that_playing_takes_divided_by_frames_everywhere(
     with StreamReader.open(take.stream) as reader:
         per_frame = sum(map(len, contents(take.stream).values())) / reader.frame_count
         assert reader.bytes_per_frame == per_frame
-    assert here("bake", "keep", take.root, "kept").returncode == 0
+    here("bake", "keep", take.root, "kept").ok()
     (listed,) = result_of(here("bake", "list", take.root, "--json").stdout)["bakes"]
     stages = result_of(here("run", take.root, "--json").stdout)["stages"]
     found = [listed, stages["bake"], stages["evaluate"], json.loads(take.evaluation.read_text())["summary"]]
@@ -152,11 +150,11 @@ def test_check_names_damage_of_a_kept_bake(take: Take, here: Callable) -> None:
 
 def test_a_kept_bake_is_chosen_and_removed(take: Take, here: Callable) -> None:
     first, evaluation = contents(take.stream), take.evaluation.read_bytes()
-    assert here("bake", "keep", take.root, "fine").returncode == 0
-    assert here("run", take.root, "--bake.quality", "40").returncode == 0
+    here("bake", "keep", take.root, "fine").ok()
+    here("run", take.root, "--bake.quality", "40").ok()
     assert contents(take.stream) != first
     assert here("bake", "choose", take.root, "fin").returncode == 1
-    assert here("bake", "choose", take.root, "fine").returncode == 0
+    here("bake", "choose", take.root, "fine").ok()
     assert contents(take.stream) == first
     assert take.evaluation.read_bytes() == evaluation
     assert load_config(take.config).bake.quality == 22
@@ -164,14 +162,14 @@ def test_a_kept_bake_is_chosen_and_removed(take: Take, here: Callable) -> None:
     assert check_take(take, STAGE_NAMES).damage == ()
     assert here("bake", "remove", take.root, "fine", "other").returncode == 1
     assert [kept.name for kept in kept_bakes(take)] == ["fine"]
-    assert here("bake", "remove", take.root, "fine").returncode == 0
+    here("bake", "remove", take.root, "fine").ok()
     assert kept_bakes(take) == []
     assert contents(take.stream) == first
 
 
 def test_a_damaged_bake_is_not_chosen(take: Take, here: Callable) -> None:
-    assert here("bake", "keep", take.root, "fine").returncode == 0
-    assert here("bake", take.root, "--bake.quality", "40").returncode == 0
+    here("bake", "keep", take.root, "fine").ok()
+    here("bake", take.root, "--bake.quality", "40").ok()
     now = contents(take.stream)
     replace_file(next((take.bakes / "fine" / "stream" / "files").iterdir()), b"x")
     with refuses("take.damaged"):

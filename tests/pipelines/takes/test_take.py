@@ -61,7 +61,6 @@ def test_a_second_run_is_told_who_holds_the_take_and_a_kill_frees_it(tmp_path):
     take = Take.create(tmp_path / "take")
     holder = subprocess.Popen([sys.executable, "-c", HOLD, str(take.root)], stdout=subprocess.PIPE, text=True)
     try:
-        assert holder.stdout is not None
         assert holder.stdout.readline() == "held\n"
         assert take.running() == {"pid": holder.pid, "command": "v3studio run", "host": socket.gethostname()}
         with (

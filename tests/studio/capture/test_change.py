@@ -21,7 +21,6 @@ def scene(center: tuple[int, int], radius: int, angle: float = 0.0) -> tuple[np.
 
 def test_position_and_size_do_not_matter() -> None:
     base = look(*scene((80, 100), 40))
-    assert base is not None
     assert base.shape == (LOOK_SIDE, LOOK_SIDE, 4)
     moved, larger = look(*scene((230, 140), 40)), look(*scene((150, 120), 80))
     assert moved is not None

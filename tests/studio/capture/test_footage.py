@@ -202,7 +202,6 @@ def test_the_suggested_cameras_work(three_videos: Path, make: SimpleNamespace) -
     with refuses("calibration.camera_missing", value="cam1") as caught:
         open_footage(spec, rig)
     found = re.search(r"capture\.cameras to (\[.*?\])", str(caught.value))
-    assert found is not None
     assert "rename the files" in str(caught.value)
     names = parse_yaml(found[1])
     assert open_footage(spec.replace(cameras=tuple(names)), rig).rig.names == ("cam2", "cam10")

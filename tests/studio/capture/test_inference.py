@@ -146,7 +146,6 @@ def test_images_and_masks_are_one_capture(tmp_path: Path, images: str, masks: st
     places = {(match.camera, match.frame) for match in matches}
     assert places == {(camera, frame) for camera in CAMERAS for frame in FRAMES}
     found = detect_beside(tmp_path, MASK_FOLDERS, CAMERAS)
-    assert found is not None
     assert {(match.camera, match.frame) for match in found[1]} == places
     assert not {match.path for match in found[1]} & {match.path for match in matches}
 

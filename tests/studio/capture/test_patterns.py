@@ -127,6 +127,5 @@ def test_masks_of_other_layouts_are_detected(tmp_path: Path) -> None:
     }
     for folder, (pattern, camera, frame) in expected.items():
         found = detect_beside(tmp_path / folder, MASK_FOLDERS, [camera])
-        assert found is not None
         assert found[0] == pattern
         assert (found[1][0].camera, found[1][0].frame) == (camera, frame)

@@ -73,7 +73,6 @@ def test_the_world_is_placed() -> None:
 
 def test_where_a_stream_lies_in_its_take_is_read_back() -> None:
     found = StreamMetadata.from_json(StreamMetadata(capture=CapturePlace(7, WORLD)).to_json()).capture
-    assert found is not None
     assert found.first_frame == 7
     assert np.allclose(found.world.points(np.eye(3)), WORLD.points(np.eye(3)))
     for wrong in (3, {}, {"scale": 0}, {**CapturePlace(0, WORLD).to_json(), "first_frame": -1}):

@@ -13,7 +13,6 @@ from studio.capture.checks import check_footage
 from studio.capture.settings import MaskKind
 from studio.masks import clean_plate
 from studio.masks.clean_plate import DifferenceSettings, difference_mask
-from studio.masks.filters import keep_components
 from studio.masks.median_background import cached_background, estimate_background
 from studio.masks.sources import SOURCES
 
@@ -122,15 +121,6 @@ def test_drifting_exposure_is_compensated() -> None:
     assert iou(difference_mask(image, compose(empty, 0 * alpha, 2.0, 1)), 255 * alpha) > 0.96
 
 
-def test_only_the_largest_components_are_kept() -> None:
-    empty = set_of()
-    alpha = np.maximum(performer(240, 160, 70, 80), performer(240, 160, 190, 80, 14))
-    image, plate = compose(empty, alpha, 2.0, 2), compose(empty, 0 * alpha, 2.0, 1)
-    assert iou(difference_mask(image, plate), 255 * alpha) > 0.96
-    one = difference_mask(image, plate, DifferenceSettings(mask_components=1))
-    assert iou(one, 255 * performer(240, 160, 70, 80)) > 0.96
-
-
 def test_masks_of_large_images_have_full_size(monkeypatch: pytest.MonkeyPatch) -> None:
     import cv2
 
@@ -201,18 +191,6 @@ def test_any_object_with_the_protocol_is_a_mask_source(three_videos: Path) -> No
     footage = open_footage(CaptureSettings(root=three_videos, masks="none")).with_mask_source(Left())
     assert footage.mask("cam1", 6)[:, :24].min() == 255
     assert footage.mask("cam1", 6)[:, 24:].max() == 0
-
-
-def test_components_and_holes() -> None:
-    mask = np.zeros((40, 40), np.uint8)
-    mask[5:25, 5:25] = 1
-    mask[10:12, 10:12] = 0  # a small hole
-    mask[14:22, 14:22] = 0  # a true one
-    mask[30:32, 30:32] = 1  # noise
-    kept = keep_components(mask, 0, minimum=10)
-    assert kept[10, 10] == 1
-    assert kept[15, 15] == 0
-    assert kept[30, 30] == 0
 
 
 def test_every_source_can_be_chosen() -> None:

@@ -72,7 +72,6 @@ def test_first_mask() -> None:
     vector, small, mask = np.zeros((1, 8)), np.zeros((1, 1, 1, 1)), np.ones((1, 1, 4, 6))
     color, classes = np.zeros((1, 3, 4, 6)), np.zeros((2, 4, 6))
     found = first_mask([vector, small, color, classes, mask, 0 * mask])
-    assert found is not None
     assert found.shape == (4, 6)
     assert found.min() == 1
     assert first_mask([vector, color]) is None

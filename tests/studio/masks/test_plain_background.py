@@ -38,7 +38,6 @@ def test_masks_of_performers_on_a_plain_color(color: int, quality: int | None) -
     if quality:
         image = cv2.imdecode(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], cv2.IMREAD_COLOR)
     found = plain_color(image)
-    assert found is not None
     assert found.tolist() == [color] * 3
     mask, truth = plain_mask(image, found) / 255, performer()[1]
     both, either = ((mask > 0.5) & (truth > 0.5)).sum(), ((mask > 0.5) | (truth > 0.5)).sum()

@@ -87,7 +87,6 @@ def test_requests_that_fail_or_end_early_are_repeated(
 
     def read(seed: int) -> None:
         found = cached_object(video)  # one for each thread, as for processes
-        assert found is not None
         places = np.random.default_rng(seed).integers(0, len(data), 40)
         for start in map(int, places):
             assert found.read_at(start, 3000) == data[start : start + 3000]
@@ -110,7 +109,6 @@ def test_the_cache_keeps_what_was_used_last(
 
     def read(number: int) -> bytes:
         found = cached_object(root / f"cam{number}.mp4")
-        assert found is not None
         return found.read()
 
     def kept() -> list[Path]:

@@ -69,7 +69,6 @@ def test_strays_and_faint_splats_are_not_framed():
     means[10:80] = (40.0, 0.0, 0.0)
     opacities[10:80] = 0.0025  # never drawn
     box = seen_box([splats(means, opacities), splats(np.add(means, (0.1, 0.0, 0.0)), opacities)])
-    assert box is not None
     np.testing.assert_allclose(box[0], LOW, atol=0.01)
     np.testing.assert_allclose(box[1], np.add(HIGH, (0.1, 0.0, 0.0)), atol=0.01)
 

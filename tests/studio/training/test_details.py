@@ -88,7 +88,6 @@ def test_a_step_compares_the_closer_view(large_view: TrainingView) -> None:
 
 def test_a_closer_view_shows_the_box_in_more_pixels(large_view: TrainingView) -> None:
     (box,), (closer,) = large_view.detail_boxes, large_view.closer
-    assert closer is not None
     assert (closer.camera.width, closer.camera.height) == (3 * (box.right - box.left), 3 * (box.bottom - box.top))
     # a point of the world is at the same place of the box
     point = np.array([[0.02, 0.05, -0.03]])

@@ -19,7 +19,6 @@ def test_the_kernel_equals_the_definition(dtype: torch.dtype, error: float) -> N
         leaf = source.clone().requires_grad_()
         drawn = function(leaf, 0.35, 77)
         drawn.mul(torch.linspace(1, 2, len(leaf), dtype=source.dtype)).sum().backward()
-        assert leaf.grad is not None
         results.append((drawn.detach().double(), leaf.grad.double()))
     (drawn, slope), (expected, expected_slope) = results
     assert torch.equal(drawn == DROPPED_LOGIT, expected == DROPPED_LOGIT)

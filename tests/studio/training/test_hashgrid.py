@@ -52,7 +52,6 @@ def test_gradient_equals_finite_differences() -> None:
     corners = grid.corners(torch.rand(7, 3, dtype=torch.float64))
     weight = torch.randn(7, grid.width, dtype=torch.float64)
     (grid(corners) * weight).sum().backward()
-    assert grid.table.grad is not None
     rows = grid.table.grad.abs().sum(-1).nonzero().flatten()[:12].tolist()
     for row in rows:
         with torch.no_grad():

@@ -131,7 +131,6 @@ def test_an_empty_render_over_the_plate_is_the_plate() -> None:
     )
     step = Stepper([view], TrainSettings(background="black"), torch.Generator().manual_seed(0))(nothing)
     near = surroundings(view.mask) > 0
-    assert view.plate is not None
     assert torch.allclose(step.render.image[near], view.plate[near], atol=1e-6)
     assert float(step.render.image[~near].abs().max()) == 0
 
@@ -151,7 +150,6 @@ def test_dropped_splats_are_not_drawn() -> None:
     stepper = Stepper([view], TrainSettings(background="black", dropout=0.5), torch.Generator().manual_seed(0))
     step = stepper(many, dropout=True)
     step.loss.backward()
-    assert many.means.grad is not None
     drawn = step.render.radii > 0
     assert 5 < int(drawn.sum()) < n - 5
     assert torch.equal(many.means.grad.norm(dim=-1) > 0, drawn)
@@ -193,7 +191,6 @@ def test_several_steps_are_those_of_single_calls(plate: bool) -> None:
 def test_training_does_not_see_hidden_pixels() -> None:
     """Whatever the image and the mask show there, the loss is the same."""
     view = TrainingView.from_view(captured(False)).with_hidden(0)
-    assert view.hidden is not None
     assert 0.1 < float(view.hidden.float().mean()) < 0.15
     spoiled = captured(False)
     hidden = view.hidden.numpy()

@@ -72,7 +72,6 @@ def test_a_picture_stays_until_that_of_the_new_contents_is_there(
     assert picture_of(thumbnails, stream_folder, "two frames") is first
     wait_in_loop("the next picture", lambda: len(changes) == 2)
     second = picture_of(thumbnails, stream_folder, "two frames")
-    assert second is not None
     assert second[0, 0, 0] == 2
     assert picture_of(thumbnails, stream_folder, "two frames") is second
     assert len(drawn) == 2, "and not again"

@@ -48,7 +48,6 @@ def player() -> Iterator[PlayerPresenter]:
 def test_pictures_follow_the_transport_and_the_view(player: PlayerPresenter, stream_folder: Path) -> None:
     assert player.open(stream_folder), player.message
     settle(player)
-    assert player.picture is not None
     assert (player.picture.frame, player.picture.splats) == (0, 600)
     player.resize(320, 200)
     player.transport.seek(7)
@@ -77,7 +76,6 @@ def test_a_ring_is_around_what_a_mark_is_about(player: PlayerPresenter, stream_f
     for frame in (2, 3, 4):
         player.transport.seek(frame)
         settle(player)
-        assert player.picture is not None
         rings[frame] = np.argwhere(player.picture.image.max(axis=2) > 100)
     assert len(rings[2]) == len(rings[4]) == 0
     pixels, _ = player.orbit.camera(320, 200).project(np.array([player.places[3]]))
@@ -122,7 +120,6 @@ def test_damage_is_played_past_with_a_sentence(player: PlayerPresenter, stream_f
     player.transport.seek(3)
     settle(player)
     assert player.message == ""
-    assert player.picture is not None
     assert player.picture.frame == 3
     blocks = {block.title: block.note for block in review_blocks(player, Evaluation(), Marks(None))}
     assert victim.name in blocks["Damaged, skipped"]
@@ -152,7 +149,6 @@ def test_a_stream_whose_beginning_is_damaged_opens_all_the_same(
     assert victim.name in player.message
     player.transport.seek(8)
     settle(player)
-    assert player.picture is not None
     assert player.picture.frame == 8
     assert player.message == ""
 
@@ -221,14 +217,12 @@ def test_a_take_shows_decoded_and_trained(player: PlayerPresenter, stream_folder
     assert player.open(take.root), player.message
     assert player.source_names == ["decoded", "trained"]
     view = player.view()
-    assert view is not None
     pixels, depth = view.project(player.points)
     seen = (depth > 0) & (pixels >= 0).all(axis=1) & (pixels < [view.width, view.height]).all(axis=1)
     assert seen.mean() > 0.9, "everybody, though the rig's first camera is too near for that"
     player.transport.seek(9)
     assert player.choose("trained")
     settle(player)
-    assert player.picture is not None
     assert (player.picture.source, player.picture.frame, player.picture.splats) == ("trained", 9, 50)
     assert player.transport.group_starts == (0, 8)
     refused = heard(player.refused)
@@ -290,7 +284,6 @@ def test_worker_drops_what_is_overtaken_and_reports_errors() -> None:
     wait_until("idle", lambda: worker.idle)
     assert started == [0, 7]
     done = worker.take()
-    assert done is not None
     assert isinstance(done.error, ValueError)
     assert worker.take() is None
     assert worker.close()

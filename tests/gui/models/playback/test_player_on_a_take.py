@@ -33,7 +33,6 @@ def test_footage_is_what_the_camera_filmed_and_splats_are_drawn_from_there(playe
     assert player.choose("footage")
     assert player.camera == "cam4", "the held-out camera"
     shown = image(player)
-    assert player.context is not None
     assert player.opened is not None
     assert player.opened.take is not None
     footage = player.context.footage.calibrated
@@ -145,7 +144,6 @@ def test_marks_stay_in_the_take(tmp_path: Path) -> None:
 def test_a_mark_keeps_its_view_and_leads_back_to_it(player: PlayerPresenter) -> None:
     player.orbit = player.orbit.orbit(120, -40).zoom(3).pan(15, 5, 192)
     free, seen = view_of(player), player.view()
-    assert seen is not None
     assert free.eye == pytest.approx(seen.center.tolist())
     player.look_through("cam4")
     player.choose_mode("wipe")
@@ -160,7 +158,6 @@ def test_a_mark_keeps_its_view_and_leads_back_to_it(player: PlayerPresenter) -> 
 
     show_view(player, free)
     again = player.view()
-    assert again is not None
     assert player.camera == ""
     assert np.allclose(again.world_to_camera, seen.world_to_camera)
     assert np.allclose(again.K, seen.K)

@@ -34,7 +34,6 @@ class Device(FakeOutput):
 
     def frames(self, player: PlayerPresenter, count: float) -> None:
         sound = player.audio.player if player.audio is not None else None
-        assert sound is not None
         wait_until("decoded", lambda: sound.buffered >= count / FPS)
         self.pull(count / FPS)
 
@@ -105,8 +104,6 @@ def test_the_sound_of_a_take_begins_at_its_in_point(stream: Path, device: Device
     set_capture(take.stream, CapturePlace(first_frame=3))
     player = playing(take.root, device)
     try:
-        assert player.audio is not None
-        assert player.audio.waveform is not None
         loud = np.abs(player.audio.waveform.peaks).max(axis=1)
         assert int(loud.argmax() / len(loud) * (3 + FRAMES)) == 8, "frame 5 of the stream"
         player.transport.seek(7)
@@ -129,7 +126,6 @@ def test_peaks() -> None:
     samples[300, 0], samples[999, 1] = 0.5, -0.75
     never = threading.Event()
     peaks = peaks_of(ArrayPcm(samples), 1000 / 48_000, never, parts=10)
-    assert peaks is not None
     assert peaks[3].tolist() == [0, 0.5]
     assert peaks[9].tolist() == [-0.75, 0]
     assert not peaks[[0, 1, 2, 4, 5, 6, 7, 8]].any()

@@ -15,7 +15,6 @@ VIEW = TimelinePlots(900, 160, 16.0, 4)
 def test_bars_of_sizes_begin_at_zero() -> None:
     psnr, size = plots_of({"bytes": [46_800, 44_700, None, 23_400], "psnr_decoded": [30.0, 30.1, None, 30.2]})
     assert size.extremes == (0, 46.8)
-    assert size.range is not None
     assert size.range[0] == 0
     picture = VIEW.base([size])
     heights = []
@@ -26,7 +25,6 @@ def test_bars_of_sizes_begin_at_zero() -> None:
     assert abs(heights[1] / heights[0] - 44.7 / 46.8) < 0.03
     assert abs(heights[2] / heights[0] - 0.5) < 0.03
     assert psnr.extremes == (30.0, 30.2), "the padding of the axis is not written beside it"
-    assert psnr.range is not None
     assert psnr.range[1] - psnr.range[0] >= LEAST_SPAN, "a tenth of a decibel does not fill the row"
     assert psnr.range[0] < 30.0 < 30.2 < psnr.range[1]
 

@@ -61,12 +61,10 @@ def test_up_to_four_are_side_by_side_and_a_key_goes_back_and_forth(
 ) -> None:
     for label in ("one", "two", "one", "three", "four"):
         player.compare_with(open_other(stream_folder, label))
-    assert player.opened is not None
     shown = [getattr(source, "label", name) for name, source in player.opened.sources.items()]
     assert shown[-3:] == ["four", "three", "one"], "the last ones, each once"
     player.choose_mode("side by side")
     picture(player)
-    assert player.picture is not None
     assert 2 * player.picture.box.width <= 256
     assert player.picture.label[1] == ("decoded", "other", "other 2", "other 3")
     assert player.exchange()
@@ -106,22 +104,18 @@ def test_a_kept_bake_is_compared_at_the_frames_and_in_the_world_of_the_take(
 
 def test_curves_of_both_are_on_one_axis(player: PlayerPresenter, finished_project: Path, stream_folder: Path) -> None:
     player.compare_with(open_other(finished_project / "take"))
-    assert player.other is not None
     measured = player.other.series("psnr_decoded")
     assert len(measured) == 5
     assert None not in measured
     player.compare_with(open_other(stream_folder))
     other = player.other
-    assert other is not None
     assert other.series("psnr_decoded") == [None] * 5, "a stream has no evaluation"
     sizes = other.series("bytes")
     files = sum(path.stat().st_size for path in stream_folder.rglob("*") if "manifest" not in path.name)
     assert sizes[0] is not None
     assert 0 < 8 * sizes[0] < files
     psnr, size = plots_of({"psnr_decoded": [30.0] * 5, "bytes": [1000.0] * 5}, other={"bytes": [4000.0] * 5})
-    assert size.range is not None
     assert size.range[1] > 4.0, "the axis covers both"
-    assert psnr.range is not None
     assert psnr.range[0] < 30 < psnr.range[1]
 
 

@@ -124,7 +124,6 @@ def test_the_value_of_a_warning_is_valid(
     assert fix == Fix(setting, value, sets=True)
     changed = load_config(footage_project / "ball.yaml", [(setting, value)])
     again = fix_of(warning, changed)
-    assert again is not None
     assert again.done
     assert again.words == f"{setting} is {value} now"
 

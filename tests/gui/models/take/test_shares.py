@@ -69,24 +69,6 @@ def test_a_server_that_cannot_start_says_why(tmp_path: Path, monkeypatch: pytest
     assert serving.address == ""
 
 
-def test_the_next_share_begins_with_what_was_chosen(tmp_path: Path) -> None:
-    config = tmp_path / "window.json"
-    preferences = Preferences()
-    first = ShareRequest("folder", "/takes/walk", "walk", tmp_path, title="One", license="CC BY")
-    first.set_target(str(tmp_path / "page"))
-    preferences.shared(first.form, first.source, first.kept())
-    assert preferences.save(config)
-    again = ShareRequest("folder", "/takes/walk", "walk", tmp_path)
-    again.begin_with(Preferences.read(config).last_share("folder", "/takes/walk"))
-    assert (again.title, again.license, again.path) == ("One", "CC BY", tmp_path / "page")
-    assert not again.replaces
-    (tmp_path / "page").mkdir()
-    assert again.replaces
-    other = ShareRequest("single-file", "/takes/walk", "walk", tmp_path)
-    other.begin_with(preferences.last_share("single-file", "/takes/walk"))
-    assert (other.title, other.path) == ("", tmp_path / "walk.html")
-
-
 def test_only_the_newest_shares_are_kept() -> None:
     preferences = Preferences()
     for number in range(SHARES + 5):
@@ -108,7 +90,6 @@ def test_a_stream_is_not_taken_for_up_to_date_before_it_is_checked(take_copy: Pa
         wait_in_loop("the check", lambda: workspace.checked)
         assert told() == ""
         config, take = workspace.config, workspace.take
-        assert config is not None
         assert take is not None
         assert workspace.change_setting("bake.quality", config.bake.quality + 8) is None
         assert "Checking" in told(), "what was found before the change does not count"

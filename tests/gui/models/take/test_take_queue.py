@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -37,36 +36,6 @@ def shown(tmp_path: Path) -> Iterator[TakeQueue]:
     found = TakeQueue(QueueFile(tmp_path / "queue.json"), failing, clock())
     yield found
     found.close()
-
-
-def read(shown: TakeQueue, rows: list[tuple[str, str]]) -> None:
-    """Wait until the list shows these names and states."""
-
-    def found() -> bool:
-        return [(row.take.name, row.state) for row in shown.view.rows] == rows
-
-    wait_in_loop(f"{rows}", found)
-
-
-def test_takes_are_added_moved_removed_and_retried(shown: TakeQueue, finished: Path, tmp_path: Path) -> None:
-    for name in "abc":
-        shutil.copytree(finished / "take", tmp_path / name, ignore=shutil.ignore_patterns("train", "stream"))
-        shown.add(tmp_path / name)
-        assert shown.message == ""
-    read(shown, [("a", "waiting"), ("b", "waiting"), ("c", "waiting")])
-    assert shown.words == "Not running: 3 waiting, 0 done, 0 failed."
-    shown.move(3, -1)
-    read(shown, [("a", "waiting"), ("c", "waiting"), ("b", "waiting")])
-    shown.move(1, 1)
-    read(shown, [("c", "waiting"), ("a", "waiting"), ("b", "waiting")])
-    shown.move(3, -1)
-    shown.remove(2)
-    read(shown, [("c", "waiting"), ("a", "waiting")])
-    QueueFile(tmp_path / "queue.json").replace(3, state="failed", message="no footage")
-    read(shown, [("c", "failed"), ("a", "waiting")])
-    assert str(shown.view.rows[0]).startswith("3   c   failed: no footage")
-    shown.retry(3)
-    read(shown, [("a", "waiting"), ("c", "waiting")])
 
 
 def test_what_is_refused_is_said(shown: TakeQueue, tmp_path: Path) -> None:

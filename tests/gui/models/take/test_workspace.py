@@ -147,7 +147,6 @@ def test_a_crash_is_a_sentence_with_the_end_of_its_output(tmp_path: Path, code: 
     job = job_of(code, Take.create(tmp_path / "take"))
     finish(job)
     crash = job.crash()
-    assert crash is not None
     assert said in crash[0]
     run = RunState(stage="train")
     run.apply(StageStarted(stage="train", reason=""))
@@ -200,7 +199,6 @@ def test_a_setting_makes_stages_stale_and_a_run_makes_them_done_again(workspace:
     wait(workspace, "assessed", lambda: states(workspace) == dict.fromkeys(ALL, "done"))
     assert workspace.row("capture").words == "6 cameras, 5 frames"
     refusal = workspace.change_setting("bake.quality", 99)
-    assert refusal is not None
     assert "must be" in refusal.problem
     assert workspace.change_setting("bake.quality", 33) is None
     wait(workspace, "stale", lambda: states(workspace)["bake"] == "stale")
@@ -212,7 +210,6 @@ def test_a_setting_makes_stages_stale_and_a_run_makes_them_done_again(workspace:
     assert not workspace.start("all"), "one run at a time"
     assert "Another run is in progress" in str(refused)
     refusal = workspace.change_setting("bake.quality", 34)
-    assert refusal is not None
     assert refusal.code == "settings.run_active"
     wait(workspace, "over", lambda: not workspace.busy)
     assert workspace.run.planned == ("bake", "evaluate")
@@ -257,7 +254,6 @@ def test_a_run_in_a_terminal_shows_up_can_be_stopped_and_gone_on_with(
     assert workspace.change_setting("train.keyframe_iterations", 100_001) is None
     assert workspace.start("train")
     wait(workspace, "training", lambda: workspace.run.stage == "train")
-    assert workspace.job is not None
     os.kill(workspace.job.pid, signal.SIGKILL)
     wait(workspace, "crashed", lambda: not workspace.busy)
     assert states(workspace)["train"] == "failed"

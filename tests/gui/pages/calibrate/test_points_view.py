@@ -106,8 +106,6 @@ def test_where_the_other_cameras_expect_it(stage_view: PointsView, take_copy: Pa
 
 def test_a_file_that_changes_or_breaks_meanwhile(stage_view: PointsView) -> None:
     picture(stage_view)
-    assert stage_view.marks is not None
-    assert stage_view.path is not None
     stage_view.marks.mark(stage_view.camera, 3, 4, 0)
     text = stage_view.path.read_text()
     stage_view.path.write_text(text.replace("point 1", "a name from an editor"))

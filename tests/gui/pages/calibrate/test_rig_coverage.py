@@ -60,7 +60,6 @@ def test_directions_are_drawn_in_the_color_of_their_distance_from_a_camera(
     """Seen from a direction, the middle of the picture has its color, and it is the most frequent one around it."""
     cameras = rig(0, 40, 80)
     found = RigCoverage.of(cameras, cameras.names, np.zeros(3), None)
-    assert found is not None
     eye = camera("", degrees).center * 3
     canvas = Canvas(400, 400, GROUND)
     found.draw(canvas, OrbitCamera.from_to(eye, np.zeros(3), UP, np.radians(30)).camera(400, 400), 2.0)

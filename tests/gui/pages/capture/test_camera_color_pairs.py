@@ -51,7 +51,6 @@ def _opened(workspace: Workspace, finished_project: Path, tmp_path: Path) -> Non
 def test_cameras_appear_as_they_are_read(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(camera_color_pairs, "SECONDS", -1.0)  # one camera per draw
     workspace.change_setting("train.camera_colors", "splats")
-    assert workspace.context is not None
     names = (*workspace.context.footage.calibrated.train_cameras[:2], "gone")
     colors = colors_of(**dict.fromkeys(names, MATRIX))
     write_model(workspace.context.take.camera_colors, colors)

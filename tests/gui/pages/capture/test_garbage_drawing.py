@@ -51,7 +51,6 @@ def picture(views: StageViews) -> np.ndarray:
 
 def clicked(views: StageViews, points: tuple[tuple[float, float], ...], act: Callable[[float, float], None]) -> None:
     image = views.capture.image_at
-    assert image is not None
     left, top, width, _ = image.place
     for x, y in points:
         act(left + x * width / 64, top + y * width / 64)
@@ -97,7 +96,6 @@ def test_a_closed_polygon_is_taken_from_the_masks_of_its_camera(views: StageView
 def test_clicks_are_pixels_of_the_image_that_is_shown(views: StageViews, finished_project: Path) -> None:
     shown = picture(views)
     image = views.capture.image_at
-    assert image is not None
     left, top, width, height = (round(value) for value in image.place)
     filmed = cv2.imread(str(finished_project / "capture" / "images" / "cam1" / "000.png"))[..., ::-1]
     large = cv2.resize(filmed, (width, height), interpolation=cv2.INTER_LINEAR)

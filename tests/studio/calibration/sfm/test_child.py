@@ -99,8 +99,6 @@ def test_the_worker_does_not_outlive_its_parent(tmp_path: Path) -> None:
         stdin=subprocess.PIPE, stdout=subprocess.PIPE,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
     )  # fmt: skip
-    assert child.stdin is not None
-    assert child.stdout is not None
     child.stdout.readline()
     child.stdin.close()
     child.stdout.close()

@@ -104,7 +104,6 @@ def test_corners_are_where_the_camera_puts_them(target: CalibrationTarget, turn:
     camera = replace(rig_of(1)["cam0"], distortion=np.zeros(0))
     target_pose = turned(0.25, turn, 0.15, np.zeros(3), target)
     view = target.detect(picture(target, camera, target_pose))
-    assert view is not None
     assert len(view.ids) > 0.9 * len(target.corners)
     exact, _ = camera.project(target.corners[view.ids] @ target_pose[:3, :3].T + target_pose[:3, 3])
     off = view.pixels - exact
@@ -162,7 +161,6 @@ def test_the_pdf_has_true_scale(tmp_path: Path) -> None:
         corners = np.column_stack([shape[:, 0], page_height - shape[:, 1]]) * 4 - 0.5
         cv2.fillPoly(image, [np.round(corners * 16).astype(np.int32)], 0, cv2.LINE_8, 4)
     view = target.detect(image)
-    assert view is not None
     found = view.pixels[np.argsort(view.ids)].reshape(3, 4, 2) / 4
     np.testing.assert_allclose(np.diff(found[:, :, 0], axis=1), 30.0, atol=0.1)
     np.testing.assert_allclose(np.diff(found[:, :, 1], axis=0), 30.0, atol=0.1)
@@ -199,7 +197,6 @@ def test_rig_from_a_target() -> None:
     assert 0.15 < result.report.reprojection.mean < 0.3  # the noise only
     assert result.report.metric is True
     figures = result.report.target
-    assert figures is not None
     assert abs(figures.scale_bias) < 0.002
     assert figures.corner_error_mm < 1
     assert said == sorted(said)
