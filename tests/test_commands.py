@@ -5,10 +5,8 @@ Other tests run small versions: of `run` and its stages everywhere, examples (te
 `docs`, `fresh-test`, `sbom`, `tsan` and `wheel` themselves.
 """
 
-from __future__ import annotations
-
-import importlib
 import re
+import runpy
 import shlex
 import subprocess
 import tomllib
@@ -61,7 +59,7 @@ def test_commands_and_options_in_sentences_exist(monkeypatch: pytest.MonkeyPatch
     """In code spans, also with placeholders, such as `v3studio check FOLDER`, or options alone."""
     monkeypatch.setenv("COLUMNS", "100")  # the generator sets it
     monkeypatch.syspath_prepend(ROOT / "docs")
-    reference = importlib.import_module("generate.commands").commands_page()
+    reference = runpy.run_path(str(ROOT / "docs" / "generate" / "commands.py"))["commands_page"]()
     sections = re.findall(r"^## (.*?) \{(.*?)(?=^## )", reference, re.MULTILINE | re.DOTALL)
     options = {name: set(re.findall(r"--[a-z][a-z-]*", text)) for name, text in sections}
     every = set().union(*options.values(), OTHER_OPTIONS)

@@ -1,7 +1,5 @@
 """Mutated files of every kind that people exchange: each is read, or rejected with a bounded sentence."""
 
-from __future__ import annotations
-
 import json
 import random
 import shutil

@@ -1,7 +1,5 @@
 """The structure holds: imports run downwards, help is quick, dependencies say why, no machine's paths."""
 
-from __future__ import annotations
-
 import ast
 import functools
 import graphlib

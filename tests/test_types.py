@@ -1,7 +1,5 @@
 """Results that modules pass to each other are models: no `dict[str, Any]` in what they take, return or hold."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The faults of `make attack`."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The GPU check runs all its parts on the CPU, and says which failed."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The captures with exact masks: what their truth must satisfy."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The benchmark of the stream runs on a take, and its BD-rate is that of curves whose distance is known."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import ModuleType
 

@@ -1,7 +1,5 @@
 """The benchmark of training runs on a take."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

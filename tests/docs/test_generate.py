@@ -1,7 +1,5 @@
 """The generated pages of the documentation: what they find in the source."""
 
-from __future__ import annotations
-
 import importlib
 import sys
 from collections.abc import Callable, Iterator

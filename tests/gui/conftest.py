@@ -1,7 +1,5 @@
 """A small stream to open, and a real window on a private X server, driven by real mouse and keyboard events."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import math

@@ -1,7 +1,5 @@
 """Failing callbacks: what they raise is reported, and the window stays alive or is closed in order."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 
 import pytest

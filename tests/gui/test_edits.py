@@ -1,7 +1,5 @@
 """Edits, the scene, cameras and points in the window: tools by mouse, numbers and undo by keyboard."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Damaged streams and takes in the real window, one after the other: each is reported, and the window stays."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Mouse and keys faster than the window is drawn: nothing is lost, and nothing acts on what it was not meant for."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

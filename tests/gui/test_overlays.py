@@ -1,7 +1,5 @@
 """The window's title tells how far a run is."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import pytest

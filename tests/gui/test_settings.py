@@ -1,7 +1,5 @@
 """Settings, help, fixes of warnings and spans in the window."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

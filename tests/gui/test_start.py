@@ -1,7 +1,5 @@
 """The start page, notices and the queue of takes in the window."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable, Iterator

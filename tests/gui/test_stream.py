@@ -1,7 +1,5 @@
 """A stream in the window: played, turned, shared and served, with a command that fails on the way."""
 
-from __future__ import annotations
-
 import shutil
 import urllib.request
 from collections.abc import Callable

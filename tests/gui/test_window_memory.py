@@ -3,8 +3,6 @@
 V3STUDIO_SLOW_TESTS=1 uses 20 windows and 2,000 frames (minutes), otherwise 5 and 100.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path

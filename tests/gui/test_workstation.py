@@ -1,7 +1,5 @@
 """The whole workflow in the window: from a folder of footage to a wipe, and a run that outlives the window."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

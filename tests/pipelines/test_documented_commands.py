@@ -4,8 +4,6 @@
 reads the output of a command runs if jq is installed.
 """
 
-from __future__ import annotations
-
 import re
 import shlex
 import shutil

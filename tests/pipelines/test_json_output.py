@@ -1,7 +1,5 @@
 """With --json, standard output is only JSON, whatever libraries print in between, at exit or in child processes."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Takes, footage, cameras, exports with spaces, symbols and non-ASCII letters in their names, in a minimal locale."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """A new take: what is found in the footage, and what is chosen of it."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Outputs that exist are replaced only when asked, and only those of the same kind."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

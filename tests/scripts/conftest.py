@@ -1,7 +1,5 @@
 """A copy of the scripts, and a PATH whose programs can be replaced."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What `make lint` says of pip-audit's report."""
 
-from __future__ import annotations
-
 import importlib.util
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The published schemas are current; to update them, run scripts/result_schemas.py."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 from pathlib import Path

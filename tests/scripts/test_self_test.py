@@ -1,7 +1,5 @@
 """The self-test passes here, and reports what is missing."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

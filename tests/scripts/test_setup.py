@@ -1,8 +1,6 @@
 """The set-up of .venv: what it installs, when it does nothing, and how it recovers. pip is replaced by a program that
 writes down its arguments."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Small synthetic footage."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Files from outside of the program, and JSON and TOML, within bounds."""
 
-from __future__ import annotations
-
 import json
 import os
 import tomllib

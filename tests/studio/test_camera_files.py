@@ -1,7 +1,5 @@
 """Camera files compared with COLMAP's reader and writer and with files written by hand; damaged files."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

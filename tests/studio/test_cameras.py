@@ -1,7 +1,5 @@
 """Cameras, rigs, and intersections of rays."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Chroma subsampling, against worked examples and against FFmpeg."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

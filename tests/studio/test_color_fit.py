@@ -1,7 +1,5 @@
 """The color fit against NumPy's least squares and the closed form of ridge regression."""
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 

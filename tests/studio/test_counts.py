@@ -1,7 +1,5 @@
 """Printed results fit a line, whatever their arrays hold."""
 
-from __future__ import annotations
-
 from dataclasses import fields, is_dataclass
 
 import numpy as np

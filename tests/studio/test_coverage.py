@@ -1,7 +1,5 @@
 """Coverage of rings and arcs of cameras, whose gaps are known."""
 
-from __future__ import annotations
-
 import json
 import math
 

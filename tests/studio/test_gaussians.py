@@ -1,7 +1,5 @@
 """The dilation of Gaussians: every way of making splats from others keeps it, and no other one is drawn by mistake."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

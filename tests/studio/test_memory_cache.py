@@ -1,7 +1,5 @@
 """The cache in memory: what it keeps, and that values are made once."""
 
-from __future__ import annotations
-
 import math
 import threading
 from concurrent.futures import ThreadPoolExecutor

@@ -1,7 +1,5 @@
 """PSNR and SSIM against closed forms and OpenCV's Gaussian filter."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """LPIPS against NumPy and against the authors' package, with random weights: tests do not download the real ones."""
 
-from __future__ import annotations
-
 import hashlib
 import urllib.error
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What libraries do to this process."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import subprocess

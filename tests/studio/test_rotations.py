@@ -1,7 +1,5 @@
 """NumPy rotations against SciPy's and against rotations known by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

@@ -1,7 +1,5 @@
 """The settings models: each setting is declared once, with documentation, bounds and the results that it affects."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Torch rotations against SciPy's."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

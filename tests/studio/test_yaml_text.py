@@ -1,7 +1,5 @@
 """YAML: what plain values mean, errors with their line, and that what is written is read as the same."""
 
-from __future__ import annotations
-
 import datetime
 import math
 

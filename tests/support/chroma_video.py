@@ -1,7 +1,5 @@
 """Lossless videos with subsampled chroma."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import av

@@ -1,7 +1,5 @@
 """Images of a ColorChecker Classic, drawn in perspective with known colors."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 

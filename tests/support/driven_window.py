@@ -5,8 +5,6 @@
 PATHS is a JSON list of folders and files; a JSON line per path is appended to RESULTS, as `Shown` describes it.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import sys

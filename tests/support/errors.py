@@ -1,7 +1,5 @@
 """Assertions on the code and fields of an error instead of its text."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Events in what a command prints."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from pipelines.events import Event, Finished, parse_event, read_line

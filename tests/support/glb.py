@@ -1,7 +1,5 @@
 """A GLB file, written by the specification of glTF 2.0."""
 
-from __future__ import annotations
-
 import json
 import struct
 from pathlib import Path

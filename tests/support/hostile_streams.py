@@ -4,8 +4,6 @@ Each mutation changes the manifest, a side file (compressed, or its content), a 
 profile `motion` without pages, and then updates all sizes and checksums. Mutation N is always the same.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json

@@ -1,7 +1,5 @@
 """Waiting while the window's loop runs, as it does at each tick of the window."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from gui.models.loop import LOOP, Signal

@@ -1,7 +1,5 @@
 """An S3 server (moto) in this process, which counts requests and can be made slow, unreliable or full."""
 
-from __future__ import annotations
-
 import itertools
 import random
 import threading

@@ -1,7 +1,5 @@
 """Splats like trained ones, and how much of each attribute a stream loses."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

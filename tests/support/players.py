@@ -1,7 +1,5 @@
 """Players for tests."""
 
-from __future__ import annotations
-
 from gui.models.playback.player import PlayerPresenter
 from tests.support.waiting import wait_until
 

@@ -1,7 +1,5 @@
 """Cameras for tests: single cameras that look at a point, and rings around it. Up is world z unless specified."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

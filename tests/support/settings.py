@@ -1,7 +1,5 @@
 """Assertions on the setting that a model rejects."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Iterator
 

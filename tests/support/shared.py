@@ -1,7 +1,5 @@
 """Folders that are made once for all processes of a parallel run (the recipe of pytest-xdist's documentation)."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Sounds for tests: clicks at known times."""
 
-from __future__ import annotations
-
 import wave
 from collections.abc import Callable, Sequence
 from fractions import Fraction

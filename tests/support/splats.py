@@ -1,7 +1,5 @@
 """Splats of the files in tests/data/splats, checks of splats, and the file of a trained group."""
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 

@@ -1,7 +1,5 @@
 """Streams for tests: baked from numbered frames, changed and signed again, damaged."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """A capture small enough to go through the whole pipeline in seconds: a moving textured ball."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

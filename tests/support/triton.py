@@ -1,7 +1,5 @@
 """Triton kernels in tests: interpreted on the CPU, and compiled for GPUs that are not there."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import re

@@ -1,7 +1,5 @@
 """Waiting for a state instead of sleeping, and a clock set by hand, so that tests pass on a busy machine."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 

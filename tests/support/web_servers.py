@@ -1,7 +1,5 @@
 """Web servers in this process for tests of `v3studio serve`, and requests to them."""
 
-from __future__ import annotations
-
 import http.client
 import threading
 from collections.abc import Iterator

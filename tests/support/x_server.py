@@ -1,7 +1,5 @@
 """A private X server, for programs with a window."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 from collections.abc import Iterator

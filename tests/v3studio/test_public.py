@@ -1,7 +1,5 @@
 """The public interface that scripts may rely on."""
 
-from __future__ import annotations
-
 import ast
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """A browser, the built player on a test server, and small streams to play."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import shutil

@@ -3,8 +3,6 @@
 If modules move, this is the only file to change.
 """
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The page can be read, touched, and operated with keys alone: contrast, sizes, focus, and what screen readers find."""
 
-from __future__ import annotations
-
 import io
 
 import numpy as np

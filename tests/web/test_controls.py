@@ -1,7 +1,5 @@
 """Touch, mouse, keyboard and buttons; links; the web component and its messages; accessibility."""
 
-from __future__ import annotations
-
 import json
 import shutil
 

@@ -1,7 +1,5 @@
 """`<v3-player>` in another page behaves like `<video>` there."""
 
-from __future__ import annotations
-
 import shutil
 
 import pytest

@@ -2,8 +2,6 @@
 it must not hang, use more memory than the manifest specifies, or crash.
 """
 
-from __future__ import annotations
-
 import shutil
 
 import pytest

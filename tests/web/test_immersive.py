@@ -1,7 +1,5 @@
 """VR and AR sessions, with an emulated headset (the npm package iwer)."""
 
-from __future__ import annotations
-
 import base64
 import os
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Renditions, pages of the index, checks of the decoder."""
 
-from __future__ import annotations
-
 import shutil
 
 import pytest

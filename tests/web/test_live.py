@@ -1,7 +1,5 @@
 """One file, live streams, and better renditions after a slow beginning."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

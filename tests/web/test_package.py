@@ -1,7 +1,5 @@
 """The npm package: what is in it, its decoder without a page, and its adapters with the real engines."""
 
-from __future__ import annotations
-
 import io
 import json
 import os

@@ -1,7 +1,5 @@
 """The player's picture matches the rasterizer, and its values match the Python decoder."""
 
-from __future__ import annotations
-
 import base64
 import functools
 import shutil

@@ -1,7 +1,5 @@
 """Playing, seeking and looping; failures of the network and the device."""
 
-from __future__ import annotations
-
 import itertools
 import shutil
 

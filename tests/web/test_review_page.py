@@ -1,7 +1,5 @@
 """A client reviews a take in a browser: curves, the wipe with footage, marks and their views, and links."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

@@ -1,7 +1,5 @@
 """What `v3studio serve` and `v3studio share` give plays in a browser, also from a plain web server and the disk."""
 
-from __future__ import annotations
-
 import functools
 import http.server
 import shutil

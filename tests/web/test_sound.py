@@ -1,7 +1,5 @@
 """The frames follow the sound; it is exact in time, and off until the viewer wants it if the browser says so."""
 
-from __future__ import annotations
-
 import base64
 import itertools
 import shutil

@@ -3,8 +3,6 @@
 PYTHONPATH=. python tests/web/write_fixtures.py FOLDER
 """
 
-from __future__ import annotations
-
 import json
 import random
 import shutil

@@ -1,7 +1,5 @@
 """Keys that are held."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 

@@ -1,7 +1,5 @@
 """What the buttons of the edits do that need a dialog."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace

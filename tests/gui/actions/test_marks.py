@@ -1,7 +1,5 @@
 """Marks that two people change at the same time, and undo."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace

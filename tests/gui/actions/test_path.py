@@ -1,7 +1,5 @@
 """A camera path from a file, in the window's editor."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace

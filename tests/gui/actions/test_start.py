@@ -1,7 +1,5 @@
 """What is pasted on the start page, and the menu while it is shown."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any

@@ -1,7 +1,5 @@
 """Text, rectangles and images on a canvas: which pixels change."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Pictures compared: wipe, side by side, heat map; and the visible part of a camera's image."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The image of new footage: what is where in it, and what is dark because it is not used."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from gui.drawing.footage_sheet import FootageSheet

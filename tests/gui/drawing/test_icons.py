@@ -1,7 +1,5 @@
 """The icons of buttons."""
 
-from __future__ import annotations
-
 from PIL import Image, ImageDraw, ImageFont
 
 from gui.drawing.icons import CODES, FONT

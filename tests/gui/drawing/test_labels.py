@@ -1,7 +1,5 @@
 """Names beside what they name."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

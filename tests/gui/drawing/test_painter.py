@@ -1,7 +1,5 @@
 """Points, lines and pictures in 3D: against the pinhole formula."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

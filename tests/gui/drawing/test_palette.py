@@ -1,7 +1,5 @@
 """Contrast of the window's texts."""
 
-from __future__ import annotations
-
 import pytest
 
 from gui.drawing import palette

@@ -1,7 +1,5 @@
 """Line plots: where values are drawn, and which numbers stand at the axis."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The editor of the camera path: its views are moved, timed, undone and kept."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Notices: passing ones go by themselves, failures stay until they are dismissed."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

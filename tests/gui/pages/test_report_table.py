@@ -1,7 +1,5 @@
 """The table of the calibration report: sorting by its titles, and its text."""
 
-from __future__ import annotations
-
 import pytest
 
 from gui.pages.report_table import Sorting, table_text

@@ -1,7 +1,5 @@
 """The stage views on a real take; settings, preferences and new takes."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import threading

@@ -1,7 +1,5 @@
 """The clipboard between two programs."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 

@@ -1,7 +1,5 @@
 """Folders and pages are shown by the desktop, or it is told why not."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The size of the window for a screen."""
 
-from __future__ import annotations
-
 import pytest
 
 from gui.platform import screen

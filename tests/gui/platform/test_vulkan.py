@@ -1,7 +1,5 @@
 """The Vulkan probe: its error messages, and its result if there is a driver."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

@@ -1,7 +1,5 @@
 """Commands are found by typing part of them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

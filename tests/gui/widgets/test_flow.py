@@ -1,7 +1,5 @@
 """Rows of buttons that wrap."""
 
-from __future__ import annotations
-
 from gui.widgets.flow import flow_lines
 
 

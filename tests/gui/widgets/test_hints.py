@@ -1,7 +1,5 @@
 """Hints: when they come, and where they lie."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import pytest

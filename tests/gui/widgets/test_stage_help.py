@@ -1,7 +1,5 @@
 """Every stage says what to look for, with two different real pictures."""
 
-from __future__ import annotations
-
 from gui.models.stage_rows import TITLES
 from gui.widgets.stage_help import HELP, KINDS, PICTURES
 

@@ -1,7 +1,5 @@
 """The queue of takes: its file, its commands, and working through it."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import shutil

@@ -1,7 +1,5 @@
 """The ablation: Bjontegaard figures of curves with a known distance, and a run on a tiny capture."""
 
-from __future__ import annotations
-
 import filecmp
 import json
 import math

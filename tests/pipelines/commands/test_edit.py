@@ -1,7 +1,5 @@
 """`v3studio edit`, and what stages and exports make of edits."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

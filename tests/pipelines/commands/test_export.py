@@ -1,7 +1,5 @@
 """`v3studio export` and `v3studio import` on a take and its stream."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import signal

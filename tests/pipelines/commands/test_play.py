@@ -1,7 +1,5 @@
 """`v3studio play --render`: images of the size that a stream says, within bounds."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

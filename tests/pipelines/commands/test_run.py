@@ -1,7 +1,5 @@
 """What a run begins from: footage, settings or a take; and what comes before a run."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`v3studio serve` and `v3studio play http://...`, over real local connections."""
 
-from __future__ import annotations
-
 import gzip
 import json
 import os

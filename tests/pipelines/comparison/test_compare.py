@@ -1,7 +1,5 @@
 """`v3studio compare` on the tiny capture."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import signal

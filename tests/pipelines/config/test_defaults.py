@@ -4,8 +4,6 @@ A changed default changes what users get from the same configuration, and makes 
 tests/data/default_settings.json as well, and describe it in CHANGELOG.md.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Presets: valid, complete, and compared with settings."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

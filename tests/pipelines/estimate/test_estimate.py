@@ -1,7 +1,5 @@
 """Estimates: what is counted, and a rehearsal on the tiny capture."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Following a log that grows, and that a new run replaces."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from pipelines.events import Log

@@ -1,7 +1,5 @@
 """Pauses do not count as work: the clock alone, and a run that is actually suspended."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """The calibration report and its warnings."""
 
-from __future__ import annotations
-
 from html.parser import HTMLParser
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Images of reports, read back by another library."""
 
-from __future__ import annotations
-
 import io
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What `v3studio serve --review` gives to browsers, over real local connections."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import shutil

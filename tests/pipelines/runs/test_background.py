@@ -1,7 +1,5 @@
 """Runs that continue without their terminal: started with --detach, shown by status, cancelled from anywhere."""
 
-from __future__ import annotations
-
 import pytest
 
 from pipelines.events import Finished, Metrics

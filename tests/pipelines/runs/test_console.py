@@ -1,7 +1,5 @@
 """What a run prints for people."""
 
-from __future__ import annotations
-
 import pytest
 
 from pipelines.events import Finished, Log, StageFinished, Warned

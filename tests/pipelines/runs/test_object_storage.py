@@ -1,8 +1,6 @@
 """Runs with footage in an S3 store that fails and is slow: the results of a local run, and no footage is
 fetched twice by a machine."""
 
-from __future__ import annotations
-
 import signal
 from pathlib import Path
 

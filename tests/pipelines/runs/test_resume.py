@@ -1,7 +1,5 @@
 """kill -9 and SIGTERM during a run, then `run` again: the same stream as from an uninterrupted run."""
 
-from __future__ import annotations
-
 import json
 import signal
 

@@ -1,7 +1,5 @@
 """`v3studio work`: one group at a time, in any process, with the results of a local run."""
 
-from __future__ import annotations
-
 import json
 import shlex
 import signal

@@ -1,7 +1,5 @@
 """Addresses of this machine, QR codes of them, and certificates."""
 
-from __future__ import annotations
-
 import hashlib
 import socket
 import ssl

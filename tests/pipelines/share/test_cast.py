@@ -1,7 +1,5 @@
 """`v3studio share` of a cast: one page with several streams and static splats, and the documents that are refused."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What the window shows of a cast: everything where the document, and so the page, puts it."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

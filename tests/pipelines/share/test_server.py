@@ -1,7 +1,5 @@
 """The server's limits: connections, slow and silent clients, names, ranges, logs."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import socket

@@ -1,7 +1,5 @@
 """`serve` for scripts: its addresses answer until it is closed, and those without the secret part never."""
 
-from __future__ import annotations
-
 import ssl
 from pathlib import Path
 from urllib.error import HTTPError, URLError

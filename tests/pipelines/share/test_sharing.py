@@ -1,7 +1,5 @@
 """`v3studio share`: a folder or one HTML file with all that the page needs; what is refused; nothing half written."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import json

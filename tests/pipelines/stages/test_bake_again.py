@@ -1,7 +1,5 @@
 """Streams that are read while they are baked again: frames of one bake, or a sentence that says so."""
 
-from __future__ import annotations
-
 import hashlib
 import shutil
 import threading

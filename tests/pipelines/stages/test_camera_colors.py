@@ -1,7 +1,5 @@
 """The colors of cameras in a take: fitted once, the same from any worker."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The refined cameras of a take: made once, used by all frames, the same from any worker."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Calibration from footage takes more frames until they are enough."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A limit to the loss of each frame: the evaluation finds no larger one, or a warning says where."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Groups in parallel: how threads are distributed, what happens if one fails, and that the stream stays the same."""
 
-from __future__ import annotations
-
 import shutil
 import threading
 import time

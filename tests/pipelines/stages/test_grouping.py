@@ -1,7 +1,5 @@
 """Groups that begin where the performer's appearance has changed."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Known cameras, focal lengths and distances: from settings to arguments."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """LPIPS in evaluation, report, table and ablation, with a substitute for the network."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

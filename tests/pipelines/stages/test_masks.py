@@ -1,7 +1,5 @@
 """Takes with generated masks: by a matting model, and by keying."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Numbers on the command line: errors are clear and use the unit of the option."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """The time left on a simulated run: long keyframes, noisy frames, one that hangs."""
 
-from __future__ import annotations
-
 import random
 from itertools import chain
 

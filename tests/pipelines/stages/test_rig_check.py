@@ -1,7 +1,5 @@
 """Initialize stops if cameras, images and masks contradict each other."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

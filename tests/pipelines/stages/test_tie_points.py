@@ -1,7 +1,5 @@
 """The stage calibrate from tie points: the cameras, and the record that staleness is judged by."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

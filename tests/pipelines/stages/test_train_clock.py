@@ -1,7 +1,5 @@
 """The clock's first guess against times that were measured (docs/measurements/training.md)."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

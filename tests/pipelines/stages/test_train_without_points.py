@@ -1,7 +1,5 @@
 """Frames are never trained under keys that leave their initial points out."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Views of a frame for training, with details at the size of the footage."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What training takes from the footage."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any, cast
 

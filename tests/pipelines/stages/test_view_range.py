@@ -1,7 +1,5 @@
 """Few cameras: a warning, and what the stream says about views that were not filmed."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What each camera is used for, from and to the settings."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

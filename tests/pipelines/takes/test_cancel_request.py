@@ -1,7 +1,5 @@
 """Requests to cancel a run."""
 
-from __future__ import annotations
-
 import json
 import os
 import socket

@@ -1,7 +1,5 @@
 """What is known about the cameras of a take, from the files of three stages."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from pipelines.takes.atomic_files import write_model

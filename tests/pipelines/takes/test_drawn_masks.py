@@ -1,7 +1,5 @@
 """Names of garbage masks in a take."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from pipelines.config import Config

@@ -1,7 +1,5 @@
 """edits.json: changes, undo and redo, and files that are not what they should be."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Numbers by which people know frames, and marks that stay with the footage."""
 
-from __future__ import annotations
-
 import pytest
 
 from pipelines.takes.frame_numbers import FrameNumbers

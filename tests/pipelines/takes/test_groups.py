@@ -1,7 +1,5 @@
 """Where groups of frames are cut, and the order in which they are trained."""
 
-from __future__ import annotations
-
 import pytest
 
 from pipelines.takes.groups import Group, cut_into_groups

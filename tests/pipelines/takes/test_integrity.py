@@ -1,7 +1,5 @@
 """Damage on disk is found, named, and repaired by running again."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

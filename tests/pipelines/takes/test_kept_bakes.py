@@ -1,7 +1,5 @@
 """Bakes that are kept: a bake of another QP does not lose them, and they are takes."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """marks.json: what other programs and people may have written there."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

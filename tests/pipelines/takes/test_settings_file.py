@@ -1,7 +1,5 @@
 """Changing a value in a settings file: comments and order are kept, malicious files are refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

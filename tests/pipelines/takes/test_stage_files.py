@@ -1,7 +1,5 @@
 """calibrate/report.json: written and read by the same models."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Similarity transforms and reprojection reports against closed forms."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Calibration reports compared with values computed by hand; the floor of a synthetic scene."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

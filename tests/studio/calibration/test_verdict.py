@@ -1,7 +1,5 @@
 """Verdicts on rigs that are right, and on rigs that are wrong in known ways."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import combinations

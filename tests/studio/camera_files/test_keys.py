@@ -1,7 +1,5 @@
 """Camera files of many programs, in which keys are renamed, added and dropped: the same cameras, or an error."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Camera files of other programs, as written by them or as documented; then damaged in many ways."""
 
-from __future__ import annotations
-
 import json
 import re
 import struct

@@ -1,7 +1,5 @@
 """Values that are not numbers, in every format: one error with file, camera and value, without Python's messages."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Change of a performer between two images: independent of position and size, sensitive to appearance."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

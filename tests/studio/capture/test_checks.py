@@ -1,7 +1,5 @@
 """Colors of the set that change during a take."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The chroma grid that is read from a video's own stream."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Colors of cameras from a chart, drawn in perspective with known color matrices and noise."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Every setting of the footage and its masks changes something: none is read by nobody."""
 
-from __future__ import annotations
-
 import hashlib
 import shutil
 import wave

@@ -1,7 +1,5 @@
 """Layouts that no table lists: the camera and the frame are found in the names."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace

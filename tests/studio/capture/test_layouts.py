@@ -1,7 +1,5 @@
 """Layouts of published data sets, each as a tiny capture: footage, masks and cameras are found without settings."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Offsets between cameras, from motion and sound with known offsets."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import av

@@ -1,7 +1,5 @@
 """Start timecodes: labels counted one by one, and offsets of videos that FFmpeg wrote with a tmcd track."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path

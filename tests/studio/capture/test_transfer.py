@@ -1,7 +1,5 @@
 """Transfer functions against published points, and image files of more than 8 bits that are written by FFmpeg."""
 
-from __future__ import annotations
-
 import struct
 from fractions import Fraction
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`evaluate`: PSNR in the box, compared with NumPy."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Flicker of views whose boxes differ."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Measures against OpenCV and NumPy, and the protocols."""
 
-from __future__ import annotations
-
 import math
 
 import cv2

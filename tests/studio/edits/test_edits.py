@@ -1,7 +1,5 @@
 """Edits of splats: what is removed, and where the rest goes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 

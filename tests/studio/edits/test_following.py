@@ -1,7 +1,5 @@
 """Balls that are followed through groups of splats whose motion is known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from pydantic import ValidationError

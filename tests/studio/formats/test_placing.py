@@ -1,7 +1,5 @@
 """Exports appear complete or not at all: on a full disk, and where two write to the same place."""
 
-from __future__ import annotations
-
 import resource
 from collections.abc import Callable
 from dataclasses import replace

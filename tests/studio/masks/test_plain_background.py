@@ -1,7 +1,5 @@
 """Performers cut out on a plain color."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

@@ -1,7 +1,5 @@
 """Scenes whose silhouettes are known in closed form."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Every setting of the initial points changes them: none is read by nobody."""
 
-from __future__ import annotations
-
 import functools
 import hashlib
 from collections.abc import Callable

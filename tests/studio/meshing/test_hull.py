@@ -1,7 +1,5 @@
 """Visual hulls: of balls with known geometry, with bad masks, and of the sample capture with its known mesh."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The thread that follows a live stream tells what it found."""
 
-from __future__ import annotations
-
 import threading
 from typing import Any, cast
 

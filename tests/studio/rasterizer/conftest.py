@@ -1,7 +1,5 @@
 """Scenes, and the comparison of a backend with the reference implementation."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

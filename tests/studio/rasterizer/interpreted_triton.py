@@ -1,7 +1,5 @@
 """The Triton backend against the reference, on the CPU. `test_triton.py` runs this file with TRITON_INTERPRET=1."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

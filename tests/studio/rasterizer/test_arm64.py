@@ -3,8 +3,6 @@
 Needs `apt install g++-aarch64-linux-gnu qemu-user-static`: arm64 machines are not among those that run the tests.
 """
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The CPU kernels against the reference, on ordinary scenes and on corner cases."""
 
-from __future__ import annotations
-
 import math
 import os
 import threading

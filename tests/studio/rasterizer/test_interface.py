@@ -1,7 +1,5 @@
 """Selection of the backend, and invalid arguments."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

@@ -1,7 +1,5 @@
 """The CPU kernels against the reference on scenes drawn by hypothesis."""
 
-from __future__ import annotations
-
 import torch
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st

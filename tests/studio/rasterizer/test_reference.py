@@ -1,7 +1,5 @@
 """The reference implementation against closed forms, sampling and finite differences."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

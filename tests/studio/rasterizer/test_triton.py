@@ -1,7 +1,5 @@
 """The Triton backend: on the CPU in Triton's interpreter, compiled for GPUs, and, where there is one, on a GPU."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

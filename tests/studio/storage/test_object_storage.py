@@ -1,7 +1,5 @@
 """Footage in a real S3 store: what is fetched, how often, and what goes wrong."""
 
-from __future__ import annotations
-
 import os
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path

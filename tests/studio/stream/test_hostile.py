@@ -1,7 +1,5 @@
 """Mutated streams whose sizes and checksums fit: each is rejected with a sentence, or its frames are finite."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings

@@ -1,7 +1,5 @@
 """Every damaged file of a stream is found and named, whatever the stream is kept in."""
 
-from __future__ import annotations
-
 import pytest
 
 from pipelines.cli import execute

@@ -1,7 +1,5 @@
 """A manifest's metadata: written and read alike; whatever else stands there is left out."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 After a change that is meant to alter them: `python -m tests.studio.stream.test_rate_and_quality --record`.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import sys

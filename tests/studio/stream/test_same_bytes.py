@@ -1,7 +1,5 @@
 """The same splats give the same bytes, whichever kernels OpenBLAS and PyTorch choose for the processor."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import platform

@@ -1,7 +1,5 @@
 """The first view of a stream."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

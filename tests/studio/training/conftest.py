@@ -1,7 +1,5 @@
 """Runs a test with each instruction set that this machine supports."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pytest

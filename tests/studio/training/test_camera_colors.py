@@ -1,7 +1,5 @@
 """Colors of cameras: a rig whose cameras differ by known matrices."""
 
-from __future__ import annotations
-
 import pytest
 import torch
 

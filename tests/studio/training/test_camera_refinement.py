@@ -1,7 +1,5 @@
 """Refined cameras: a rig that is off by known amounts."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

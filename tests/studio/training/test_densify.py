@@ -1,7 +1,5 @@
 """Density control: which splats are split and removed, and at which steps."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

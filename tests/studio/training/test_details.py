@@ -1,7 +1,5 @@
 """Details: boxes against points on the ball, the loss against weights of pixels, and where splats go."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

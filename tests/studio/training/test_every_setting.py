@@ -1,7 +1,5 @@
 """Every setting of training changes something: none is read by nobody."""
 
-from __future__ import annotations
-
 import functools
 import hashlib
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Splats at the initial points: color, size and place, from their definitions."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Joint training of a group, on a textured ball that moves."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The fused photometric loss against its definition in torch."""
 
-from __future__ import annotations
-
 import pytest
 import torch
 

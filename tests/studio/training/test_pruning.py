@@ -1,7 +1,5 @@
 """Rounds of pruning: how many there are, and what each removes."""
 
-from __future__ import annotations
-
 import pytest
 import torch
 

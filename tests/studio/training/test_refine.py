@@ -1,7 +1,5 @@
 """Masks refined from the splats, on a ball whose exact masks are known."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Relocation: copies of a splat together look like the original."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

@@ -1,7 +1,5 @@
 """The strip of pictures shows frames where the timeline has them, and keeps them when it is panned or zoomed."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator
 from pathlib import Path

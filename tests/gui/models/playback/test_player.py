@@ -1,7 +1,5 @@
 """The playback presenter without a window: opening, frames in order, views, bad input."""
 
-from __future__ import annotations
-
 import itertools
 import shutil
 import threading

@@ -1,7 +1,5 @@
 """The presenters of the review on a real take: figures, footage, marks, timeline plots."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Pictures of the player at full resolution once the view rests, unless they would take long; labels of one size."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Figures of a span of frames."""
 
-from __future__ import annotations
-
 from gui.models.playback.span import span_rows
 
 

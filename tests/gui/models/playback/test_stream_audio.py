@@ -1,7 +1,5 @@
 """The window's sound: the transport follows it, and the timeline shows its waveform."""
 
-from __future__ import annotations
-
 import shutil
 import threading
 from collections.abc import Iterator

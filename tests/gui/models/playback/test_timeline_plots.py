@@ -1,7 +1,5 @@
 """The plots above the timeline: what bars and lines are in proportion to, and the values under the pointer."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

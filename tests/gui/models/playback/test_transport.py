@@ -1,7 +1,5 @@
 """Playback with a clock that the test controls."""
 
-from __future__ import annotations
-
 import pytest
 
 from gui.models.playback.timeline import Timeline

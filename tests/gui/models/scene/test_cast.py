@@ -1,7 +1,5 @@
 """The window's scene of a cast: models hide splats, and splats hide models."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

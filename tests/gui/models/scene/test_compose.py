@@ -1,7 +1,5 @@
 """Splats, surfaces and lines by depth, against blending by hand, pixel by pixel."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

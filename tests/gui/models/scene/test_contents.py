@@ -1,7 +1,5 @@
 """Grid, axes, box, the view axes in the corner, and when a view rests."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

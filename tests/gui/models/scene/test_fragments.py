@@ -1,7 +1,5 @@
 """Lines, points and images as pixels with depths, against the camera's own projection and against ray casting."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from gui.models.scene.contents import Lines

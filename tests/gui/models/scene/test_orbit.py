@@ -1,7 +1,5 @@
 """The orbit camera, compared with projections of `studio.cameras.Camera`."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

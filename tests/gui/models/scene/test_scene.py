@@ -1,7 +1,5 @@
 """The scene of a real take: what is in it, resolution at rest, clicks on cameras and on the view axes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

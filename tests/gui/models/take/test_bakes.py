@@ -1,7 +1,5 @@
 """Bakes in the window: kept on a thread, and compared with what is open at the same times."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

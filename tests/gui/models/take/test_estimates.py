@@ -1,7 +1,5 @@
 """Estimates of presets: measured in a child process, kept for the take on this machine."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

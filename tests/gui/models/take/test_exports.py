@@ -1,7 +1,5 @@
 """Exports from the window: child processes with progress, error messages, camera paths from collected views."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Groups of a run on several machines: kept by stage, and drawn."""
 
-from __future__ import annotations
-
 from gui.models.take.run_state import RunState
 from pipelines.events import GroupState, StageStarted
 

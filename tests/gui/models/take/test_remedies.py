@@ -1,7 +1,5 @@
 """Warnings lead to the setting that fixes them, and all of these settings exist."""
 
-from __future__ import annotations
-
 import ast
 import functools
 from pathlib import Path

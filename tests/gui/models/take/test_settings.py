@@ -1,7 +1,5 @@
 """The settings in the left panel: headings, distinct labels, and the filter."""
 
-from __future__ import annotations
-
 import itertools
 from pathlib import Path
 from typing import Any

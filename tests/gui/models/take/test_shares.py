@@ -1,7 +1,5 @@
 """Shares from the window: what was chosen becomes the command line; serving starts, tells its address and ends."""
 
-from __future__ import annotations
-
 import hashlib
 import ssl
 import sys

@@ -1,7 +1,5 @@
 """The queue as the window shows and changes it."""
 
-from __future__ import annotations
-
 import itertools
 import os
 import signal

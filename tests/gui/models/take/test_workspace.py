@@ -1,7 +1,5 @@
 """Following runs: collected events, child processes, crashes, growing logs; and the workspace on a real take."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

@@ -1,7 +1,5 @@
 """Calibrate, report: the grade of the cameras, and what each was checked with."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

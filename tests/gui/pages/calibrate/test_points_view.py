@@ -1,7 +1,5 @@
 """Marking points by hand: the view with clicks, keys and the file, and the window with a real mouse."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

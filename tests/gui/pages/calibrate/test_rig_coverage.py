@@ -1,7 +1,5 @@
 """How well a rig covers the performer, as the window draws and tells it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

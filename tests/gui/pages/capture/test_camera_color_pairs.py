@@ -1,7 +1,5 @@
 """Train, camera colors: images as filmed and corrected."""
 
-from __future__ import annotations
-
 import shutil
 from itertools import pairwise
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Garbage masks drawn in Capture: clicks in, polygons, masks and settings out."""
 
-from __future__ import annotations
-
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """What Capture keeps in memory: small pictures of one take, up to a limit."""
 
-from __future__ import annotations
-
 import gc
 from pathlib import Path
 

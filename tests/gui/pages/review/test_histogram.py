@@ -1,7 +1,5 @@
 """The histogram of opacities and the limit that is dragged in it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

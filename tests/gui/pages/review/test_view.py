@@ -1,7 +1,5 @@
 """Edits in the window without a window: handles, lassos, picked points, trims, undo, and numbers in fields."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Cards of the start page, against the files of takes and `v3studio status`."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

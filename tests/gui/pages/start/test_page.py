@@ -1,7 +1,5 @@
 """The start page: what it reads, and where the arrow keys go."""
 
-from __future__ import annotations
-
 import itertools
 import shutil
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Dialogs: the list of folders, the Enter key, and missing entries in the recent list."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

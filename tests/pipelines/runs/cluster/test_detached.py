@@ -1,7 +1,5 @@
 """Starting a run on the head node, without a cluster: the actor's method is called in this process."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """The examples of clusters: their commands have options that Ray knows, and what they name is there."""
 
-from __future__ import annotations
-
 import json
 import re
 import shlex

@@ -1,7 +1,5 @@
 """What the executor does when workers are lost, nodes are unfit or a run is cancelled, on a Ray that does as told."""
 
-from __future__ import annotations
-
 import itertools
 import shutil
 from collections.abc import Callable

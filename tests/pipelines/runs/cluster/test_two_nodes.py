@@ -1,7 +1,5 @@
 """A run on a Ray cluster of two nodes, one of which is killed: the take of a local run."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Calibration from tie points against synthetic rigs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Work in a child process: progress arrives, it can be stopped, and crashes are reported."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

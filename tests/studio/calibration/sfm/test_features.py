@@ -1,7 +1,5 @@
 """Features are detected in every image."""
 
-from __future__ import annotations
-
 import sqlite3
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The mapper on COLMAP's synthetic rigs with known ground truth; sync frames merged into one image per camera."""
 
-from __future__ import annotations
-
 import json
 import sqlite3
 import threading

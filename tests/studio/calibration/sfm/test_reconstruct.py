@@ -1,7 +1,5 @@
 """Structure from motion on rendered images of a textured scene with known cameras."""
 
-from __future__ import annotations
-
 import contextlib
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Calibration targets: rendered images with known corners, and synthetic rigs."""
 
-from __future__ import annotations
-
 import re
 import zlib
 from dataclasses import replace

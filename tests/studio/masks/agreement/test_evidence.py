@@ -1,7 +1,5 @@
 """Evidence of single images, on scenes with exact masks."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

@@ -1,7 +1,5 @@
 """Masks that cameras agree on, in a synthetic capture without plates, compared with exact ones."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

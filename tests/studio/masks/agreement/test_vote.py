@@ -1,7 +1,5 @@
 """What cameras hear from each other about a ball whose silhouettes are known exactly."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Frames of the profile `motion` are the same by the C++ kernel as by their definition in NumPy."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Servers that drip bytes, never end or break the rules, and redirects: no read outlasts its deadlines."""
 
-from __future__ import annotations
-
 import socket
 import threading
 from collections.abc import Iterator

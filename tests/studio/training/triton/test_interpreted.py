@@ -1,7 +1,5 @@
 """All Triton kernels of training in Triton's interpreter, on the CPU."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The Triton kernels of training: compiled for GPUs, chosen on one, and, where there is one, run on it."""
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
