@@ -35,4 +35,4 @@ def x_server(size: str = "1400x900") -> Iterator[str]:
         yield f":{number}"
     finally:
         server.terminate()
-        server.wait(10)
+        server.wait(120)

@@ -325,6 +325,6 @@ def test_ctrl_c_stops_within_two_seconds_and_leaves_nothing(start, take, tmp_pat
     while '"done": 0' in process.stdout.readline():
         pass
     process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(30)
+    _, errors = process.communicate(120)
     assert process.returncode == 130, errors
     assert list(tmp_path.iterdir()) == []

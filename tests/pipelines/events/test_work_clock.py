@@ -93,7 +93,7 @@ def test_a_process_that_is_halted_knows_it_afterwards() -> None:
         child.stdin.write("\n")
         child.stdin.flush()
         assert json.loads(child.stdout.readline()) > 2
-        assert child.wait(30) == 0
+        assert child.wait(120) == 0
     finally:
         child.kill()
 

@@ -5,6 +5,7 @@ import pytest
 from pipelines.events import Finished, Metrics
 from pipelines.runs.launch import Launched
 from tests.support.events import events_in, result_of
+from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.long
 
@@ -23,9 +24,10 @@ def test_a_detached_run_is_shown_and_cancelled_and_continues(project, cli, here)
     assert "another run is in progress" in refused.stderr
 
     here("cancel", take).ok()
-    last = events_in((take / ".v3studio" / "events.jsonl").read_text())[-1]
-    assert isinstance(last, Finished)
-    assert last.outcome == "cancelled"
+    log = take / ".v3studio" / "events.jsonl"
+    # the take is free a moment before the last event is written
+    wait_until("its last event", lambda: isinstance(events_in(log.read_text())[-1], Finished))
+    assert events_in(log.read_text())[-1].outcome == "cancelled"
     assert "run in progress" not in here("status", take).stdout
     none = here("cancel", take)
     assert none.returncode == 1

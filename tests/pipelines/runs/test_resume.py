@@ -21,7 +21,7 @@ def stop_when(process, condition, number) -> list:
     else:
         raise AssertionError(f"the run ended before it could be stopped: {process.stderr.read()}")
     events += events_in(process.stdout.read())
-    process.wait(timeout=20)
+    process.wait(timeout=120)
     return events
 
 

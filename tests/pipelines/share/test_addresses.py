@@ -74,7 +74,7 @@ def presented(certificate: Certificate, name: str, trusted: ssl.SSLContext) -> b
         ):
             secure.sendall(b"x")
             found = secure.getpeercert(binary_form=True)
-        thread.join(10)
+        thread.join(120)
     assert found is not None
     return found
 

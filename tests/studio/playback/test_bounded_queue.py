@@ -21,7 +21,7 @@ def test_put_waits_for_room():
     thread.start()
     assert not done.wait(0.05)
     assert queue.get() == "a"
-    assert done.wait(5)
+    assert done.wait(60)
     assert queue.get() == "b"
     thread.join()
 
@@ -57,7 +57,7 @@ def test_abort_lets_everybody_go():
     full.abort()
     empty.abort()
     for thread in threads:
-        thread.join(5)
+        thread.join(60)
     assert results == [None, None, None]
     assert full.get() is None
     assert full.over
