@@ -37,7 +37,7 @@ def number(values: Mapping[str, Any], key: str, camera: str, default: float | No
     except (TypeError, ValueError, OverflowError):
         raise _not_a_number(f"'{key}'", value, camera, key) from None
     if not np.isfinite(result):
-        raise _not_finite(f"'{key}'", result, camera, key)
+        raise _not_a_number(f"'{key}'", result, camera, key, code="camera.not_finite")
     return result
 
 
@@ -86,7 +86,9 @@ def check_finite(value: np.ndarray, key: str, camera: str) -> None:
     broken = np.argwhere(~np.isfinite(value))
     if len(broken):
         index = "".join(f"[{i}]" for i in broken[0]) if value.size > 1 else ""
-        raise _not_finite(f"{key}{index}", float(value[tuple(broken[0])]), camera, key, index)
+        raise _not_a_number(
+            f"{key}{index}", float(value[tuple(broken[0])]), camera, key, index, code="camera.not_finite"
+        )
 
 
 def missing_key(key: str, camera: str) -> StudioError:
@@ -94,23 +96,13 @@ def missing_key(key: str, camera: str) -> StudioError:
     return camera_error("camera.missing_key", camera, f"the key '{key}' is missing", key=key)
 
 
-def _not_a_number(what: str, value: Any, camera: str, key: str, index: str = "") -> StudioError:
+def _not_a_number(
+    what: str, value: Any, camera: str, key: str, index: str = "", code: str = "camera.not_a_number"
+) -> StudioError:
     return camera_error(
-        "camera.not_a_number",
+        code,
         camera,
-        f"{what} is {_shown(value)}, not a number",
-        value=value,
-        fix="Correct it in the camera file.",
-        key=key,
-        index=index,
-    )
-
-
-def _not_finite(what: str, value: float, camera: str, key: str, index: str = "") -> StudioError:
-    return camera_error(
-        "camera.not_finite",
-        camera,
-        f"{what} is {value}, not a finite number",
+        f"{what} is {_shown(value)}, not a {'finite ' if code == 'camera.not_finite' else ''}number",
         value=value,
         fix="Correct it in the camera file.",
         key=key,

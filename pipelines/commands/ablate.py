@@ -19,7 +19,6 @@ Run it again to resume after a cancellation. Every variant is trained in full; t
 
 
 def register(commands: Any) -> None:
-    """Add the command to the parser."""
     from pipelines.ablation.variants import OPTIONS, QPS, VARIANTS
 
     names = ", ".join(variant.name for variant in VARIANTS)

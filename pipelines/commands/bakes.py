@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
 
 def register(commands: Any) -> None:
-    """Add the commands to the command line."""
     listing = _command(commands, "list", "list the bakes that a take keeps, with size and quality", _list)
     add_json(listing)
     keep = _command(

@@ -11,7 +11,6 @@ from pipelines.commands.common.source import add_source, read_settings
 
 
 def register(commands: Any) -> None:
-    """Add the commands to the command line."""
     _add_board(commands)
     _add_sync(commands)
 

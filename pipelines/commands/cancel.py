@@ -14,7 +14,6 @@ _STOP_SECONDS = 60.0
 
 
 def register(commands: Any) -> None:
-    """Add the command to the command line."""
     text = "stop the run in progress on a take, on any machine"
     parser = add_command(commands, "cancel", text, _cancel, "Finished work is kept.")
     parser.add_argument("take", type=Path, metavar="TAKE", help="folder of the take")

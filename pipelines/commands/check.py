@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
 
 def register(commands: Any) -> None:
-    """Add the command to the command line."""
     command = commands.add_parser(
         "check",
         help="find damaged files of a take, a stream or footage",

@@ -9,7 +9,6 @@ from pipelines.commands.common.source import add_source, read_settings
 
 
 def register(commands: Any) -> None:
-    """Add the command to the command line."""
     command = commands.add_parser(
         "colors",
         help="compare the cameras' colors on a ColorChecker",

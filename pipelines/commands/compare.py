@@ -24,7 +24,6 @@ DIR/.comparing until then.
 
 
 def register(commands: Any) -> None:
-    """Add the command to the parser."""
     parser = add_command(
         commands,
         "compare",

@@ -13,7 +13,6 @@ SECTIONS = ("capture", "calibrate", "initialize", "train", "bake", "evaluate", "
 
 
 def register(commands: Any) -> None:
-    """Add the command to the command line."""
     config = commands.add_parser(
         "config",
         help="print settings with their documentation",

@@ -36,7 +36,6 @@ _MANY = {"region": "regions", "detail": "details"}
 
 
 def register(commands: Any) -> None:
-    """Add the command and its subcommands to the command line."""
     command = commands.add_parser(
         "edit",
         help="trim a take, crop it, remove floaters, place its world, mark details; with undo",

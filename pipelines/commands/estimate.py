@@ -27,7 +27,6 @@ the calibration itself is not estimated. Times assume the current load of the ma
 
 
 def register(commands: Any) -> None:
-    """Add the command to the parser."""
     parser = add_command(
         commands,
         "estimate",

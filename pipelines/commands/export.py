@@ -44,7 +44,6 @@ _TURNTABLE_SECONDS = 6.0  # shortest turn; a faster one is hard to watch
 
 
 def register(commands: Any) -> None:
-    """Add the command to the command line."""
     export = commands.add_parser(
         "export",
         help="export frames as PLY, SPZ, GLB, USD, VideoGS or EXR, or as a movie",

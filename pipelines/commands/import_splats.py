@@ -13,7 +13,6 @@ from studio.counts import counted
 
 
 def register(commands: Any) -> None:
-    """Add the command to the command line."""
     parser = commands.add_parser(
         "import",
         help="bake splat files from other programs into a stream: PLY, SPZ, SOG, .splat, .ksplat, USD, VideoGS",

@@ -16,7 +16,6 @@ _SHOWN = ("capture.root", "capture.images", "capture.rig", "capture.masks", "cap
 
 
 def register(commands: Any) -> None:
-    """Add the command to the command line."""
     parser = commands.add_parser(
         "init",
         help="write a commented configuration for footage",

@@ -10,7 +10,6 @@ from pipelines.commands.common.arguments import add_command, add_json
 
 
 def register(pairs: Any) -> None:
-    """Add the commands to the pairs of words."""
     add_json(add_command(pairs, "models list", "list the matting models that can be downloaded", _list))
     get = pairs.add_parser(
         "models get",

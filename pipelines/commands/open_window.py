@@ -9,7 +9,6 @@ from typing import Any
 
 
 def register(commands: Any) -> None:
-    """Add the command to the command line."""
     parser = commands.add_parser(
         "open",
         help="open the window on a take, a stream or a cast",

@@ -23,7 +23,6 @@ _MOST_PIXELS = 1 << 26
 
 
 def register(commands: Any) -> None:
-    """Add the command to the command line."""
     play = commands.add_parser(
         "play",
         help="decode a stream and measure the time and size of each frame",

@@ -13,7 +13,6 @@ from studio.counts import counted
 
 
 def register(commands: Any) -> None:
-    """Add the command to the command line."""
     command = commands.add_parser(
         "publish",
         help="copy a stream to a web folder or an object store",

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
 
 def register(commands: Any) -> None:
-    """Add the command and its subcommands to the command line."""
     command = commands.add_parser(
         "queue",
         help="queue takes, and run them one after the other",

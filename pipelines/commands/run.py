@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 
 def register(commands: Any) -> None:
-    """Add the commands to the command line."""
     run = _stage_parser(commands, "run", "run all stages that are not up to date")
     run.add_argument(
         "--until",

@@ -31,7 +31,6 @@ HTTP_NOTE = (
 
 
 def register(commands: Any) -> None:
-    """Add the command to the command line."""
     serve = commands.add_parser(
         "serve",
         help="serve streams and the browser player",

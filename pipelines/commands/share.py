@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
 
 def register(commands: Any) -> None:
-    """Add the command to the command line."""
     share = commands.add_parser(
         "share",
         help="write a web page that plays a stream, for any web server or as one file",

@@ -10,7 +10,6 @@ from pipelines.commands.common.arguments import add_json
 
 
 def register(commands: Any) -> None:
-    """Add the command to the command line."""
     status = commands.add_parser(
         "status",
         help="show which stages of a take are up to date, and why others are not",

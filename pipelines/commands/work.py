@@ -23,7 +23,6 @@ Then `v3studio run TAKE` puts the groups together, does what is missing, and eva
 
 
 def register(commands: Any) -> None:
-    """Add the command to the parser."""
     parser = commands.add_parser(
         "work",
         help="process one group of a take, or print the commands for all groups",

@@ -97,15 +97,12 @@ class StageCode(Protocol):
 
     def params(self, inputs: Inputs) -> Params:
         """Settings and inputs that affect the results; the runner adds the results of `Stage.dependencies`."""
-        ...
 
     def results(self, inputs: Inputs) -> list[Path]:
         """Files that the stage writes; later stages depend on their content."""
-        ...
 
     def units(self, inputs: Inputs) -> tuple[int, int, str] | None:
         """Number of finished valid units, number of all units, their name ("frames"); None if it has no units."""
-        ...
 
     def run(self, inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> Result:
         """Write the results; finished units are kept.
@@ -121,7 +118,6 @@ class StageCode(Protocol):
             StudioError: bad input.
             Cancelled: the run was cancelled.
         """
-        ...
 
 
 class GroupStageCode(StageCode, Protocol):
@@ -129,15 +125,12 @@ class GroupStageCode(StageCode, Protocol):
 
     def group_key(self, inputs: Inputs, group: Group) -> str:
         """Digest of everything that the group's results are made from."""
-        ...
 
     def group_done(self, inputs: Inputs, group: Group) -> bool:
         """Whether the group's results are there and up to date."""
-        ...
 
     def run_group(self, inputs: Inputs, group: Group, reporter: StageReporter) -> None:
         """Make the group's results; continues from the last finished frame or checkpoint."""
-        ...
 
 
 class Executor(Protocol):
@@ -163,4 +156,3 @@ class Executor(Protocol):
             StudioError: a group failed; the others are cancelled.
             Cancelled: the run was cancelled.
         """
-        ...

@@ -26,7 +26,6 @@ class Pcm(Protocol):
 
     def read(self, first: int, count: int) -> np.ndarray:
         """(count, channels) float32, -1 to 1, from sample `first` on; silence outside of the sound."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -61,6 +61,18 @@ def unreadable(path: Path, error: OSError) -> StudioError:
     )
 
 
+def need_both(folder: Path, names: tuple[str, str], program: str) -> None:
+    """Raise StudioError (camera_file.missing) unless both files of a program are in a folder."""
+    for name in names:
+        if not (folder / name).is_file():
+            raise StudioError(
+                "camera_file.missing",
+                "camera file not found",
+                file=folder / name,
+                fix=f"{program} cameras need both {names[0]} and {names[1]} in one folder.",
+            )
+
+
 def no_cameras(problem: str, file: Path | None = None) -> StudioError:
     """The error for a file without any camera (camera_file.no_cameras)."""
     return StudioError("camera_file.no_cameras", problem, file=file, fix="Export the cameras again.")

@@ -12,12 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.camera_files.common import no_cameras, write_atomic
+from studio.camera_files.common import need_both, no_cameras, write_atomic
 from studio.camera_files.keyed import KeyedForm, keyed_rig, normal_key
 from studio.camera_files.nearby import size_nearby
 from studio.camera_files.opencv_storage import read_storage
 from studio.cameras import Rig
-from studio.errors import StudioError
 from studio.json_types import JsonObject
 
 INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"
@@ -27,14 +26,7 @@ _LOWER_CASE = {"t": "time", "v": "view", "n": "near", "f": "far", "bounds": "bou
 
 def read_easymocap(folder: Path) -> Rig:
     """Read both files of a folder."""
-    for name in (INTRINSICS, EXTRINSICS):
-        if not (folder / name).is_file():
-            raise StudioError(
-                "camera_file.missing",
-                "camera file not found",
-                file=folder / name,
-                fix=f"EasyMocap cameras need both {INTRINSICS} and {EXTRINSICS} in one folder.",
-            )
+    need_both(folder, (INTRINSICS, EXTRINSICS), "EasyMocap")
     files = [read_storage(folder / name) for name in (INTRINSICS, EXTRINSICS)]
     names = files[0].get("names")
     if not isinstance(names, list) or not names:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.camera_files.common import naming, read_text, rigid_inverse
+from studio.camera_files.common import naming, need_both, read_text, rigid_inverse
 from studio.camera_files.keyed import NO_DISTORTION
 from studio.camera_files.nearby import size_nearby
 from studio.cameras import Camera, Rig
@@ -25,14 +25,7 @@ POSES, INTRINSICS = "CamPose.inf", "Intrinsic.inf"
 
 def read_rerf(folder: Path) -> Rig:
     """Read both files of a folder; image sizes come from the footage in image/."""
-    for name in (POSES, INTRINSICS):
-        if not (folder / name).is_file():
-            raise StudioError(
-                "camera_file.missing",
-                "camera file not found",
-                file=folder / name,
-                fix=f"ReRF cameras need both {POSES} and {INTRINSICS} in one folder.",
-            )
+    need_both(folder, (POSES, INTRINSICS), "ReRF")
     poses, intrinsics = _poses(folder / POSES), _intrinsics(folder / INTRINSICS)
     if len(poses) != len(intrinsics):
         raise StudioError(

@@ -47,11 +47,9 @@ class FrameSource(Protocol):
         Raises:
             StudioError: there is no such frame, or its file cannot be read.
         """
-        ...
 
     def files(self, frames: Iterable[int] | None = None) -> list[Path]:
         """The files that contain the given frames (None: all)."""
-        ...
 
     @property
     def chroma(self) -> ChromaSampling | None:

@@ -38,11 +38,9 @@ class MaskSource(Protocol):
         Raises:
             StudioError: no mask can be computed.
         """
-        ...
 
     def files(self) -> list[Path]:
         """The files that the masks depend on, excluding the footage."""
-        ...
 
 
 @runtime_checkable
@@ -51,7 +49,6 @@ class Recolors(Protocol):
 
     def recolored(self, camera: str, image: np.ndarray, mask: np.ndarray) -> np.ndarray:
         """The corrected (H, W, 3) uint8 RGB of a raw `image` (H, W, 3) uint8 with the `mask` (H, W) uint8."""
-        ...
 
 
 @runtime_checkable
@@ -61,7 +58,6 @@ class ShowsSet(Protocol):
     def plate(self, camera: str) -> np.ndarray:
         """(H, W, 3) uint8 raw image of the empty set; (H, W, 4) if parts of it are not reliable, where the fourth
         channel is 0 instead of 255."""
-        ...
 
 
 @runtime_checkable
@@ -71,7 +67,6 @@ class OfSomeCameras(Protocol):
     @property
     def cameras(self) -> Collection[str] | None:
         """Names of the cameras with masks, which may include unused ones; None: all."""
-        ...
 
 
 def masked_cameras(source: MaskSource, names: Sequence[str]) -> tuple[str, ...]:
@@ -85,11 +80,9 @@ class GarbageMasks(Protocol):
 
     def inside(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray | None:
         """(H, W) bool, where the performer may be in the raw `image` (H, W, ...); None: everywhere."""
-        ...
 
     def files(self) -> list[Path]:
         """The files from which they are read."""
-        ...
 
 
 @dataclass(frozen=True)

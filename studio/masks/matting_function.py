@@ -28,7 +28,6 @@ class MaskFunction(Protocol):
             camera: the camera's name.
             frame: the frame number.
         """
-        ...
 
 
 class FunctionMaskSource:

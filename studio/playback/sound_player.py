@@ -33,15 +33,12 @@ class Output(Protocol):
         Raises:
             StudioError: there is no device (`sound.unavailable`).
         """
-        ...
 
     def stop(self) -> None:
         """Release the device; no call of `fill` is in progress afterwards."""
-        ...
 
     def now(self) -> float:
         """A clock in seconds that never runs backward."""
-        ...
 
 
 class Leader(Protocol):
@@ -49,15 +46,12 @@ class Leader(Protocol):
 
     def play(self, seconds: float, loop: bool) -> None:
         """Play from a time of the stream on; times beyond its end are in a later loop."""
-        ...
 
     def stop(self) -> None:
         """Stop playing."""
-        ...
 
     def position(self) -> float | None:
         """Time of the stream that is played now, in seconds, counted on through loops; None if it cannot play."""
-        ...
 
 
 class SoundPlayer:

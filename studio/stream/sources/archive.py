@@ -32,7 +32,6 @@ class Ranges(Protocol):
     @property
     def name(self) -> str:
         """For messages."""
-        ...
 
     def read_at(self, offset: int, count: int) -> tuple[bytes, int]:
         """At most `count` bytes from `offset` on, and the size of the file. Fewer only at its end.
@@ -40,11 +39,9 @@ class Ranges(Protocol):
         Raises:
             StudioError: the file is missing or cannot be read.
         """
-        ...
 
     def close(self) -> None:
         """Abort reads in progress."""
-        ...
 
 
 class FileRanges:

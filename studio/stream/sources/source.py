@@ -38,7 +38,6 @@ class Source(Protocol):
     @property
     def name(self) -> str:
         """The stream in messages: a folder or a URL."""
-        ...
 
     def read(self, path: str, limit: int) -> bytes:
         """The whole file. Never holds more than about `limit` bytes.
@@ -47,7 +46,6 @@ class Source(Protocol):
             StudioError: the file is missing, unreadable or longer than `limit`.
             SourceUnavailable: the server cannot be reached at present.
         """
-        ...
 
 
 class FolderSource:

@@ -29,12 +29,10 @@ class Coded(Protocol):
     @property
     def attribute_of_channel(self) -> Tensor:
         """(C,) int32."""
-        ...
 
     @property
     def channels_of_attribute(self) -> Tensor:
         """(attributes, C) float64."""
-        ...
 
 
 class _Fused(torch.autograd.Function):
