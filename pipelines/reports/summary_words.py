@@ -70,9 +70,11 @@ def _bake(rest: dict[str, JsonData]) -> list[str]:
     several = isinstance(renditions, int) and renditions > 1
     size = "" if not isinstance(total, int | float) else size_words(total)
     rate = "" if not isinstance(per_frame, int | float) else f"{size_words(per_frame)} per frame"
+    qps, psnr = rest.pop("qps", None), rest.pop("psnr_to_trained", None)
+    quality = [f"QP {_span(qps)}" if qps else "", f"{psnr:.1f} dB to trained" if isinstance(psnr, float) else ""]
     if several:
-        return [length, size and f"{size} in {renditions} renditions", rate and f"{rate} to play the best one"]
-    return [length, size, rate]
+        size, rate = size and f"{size} in {renditions} renditions", rate and f"{rate} to play the best one"
+    return [length, size, rate, *quality]
 
 
 def _evaluate(rest: dict[str, JsonData]) -> list[str]:

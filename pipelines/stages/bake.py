@@ -11,7 +11,7 @@ from pathlib import Path
 
 from pipelines.stages import Executor, stage_named
 from pipelines.stages.baking.encode import encode, encode_once
-from pipelines.stages.baking.plan import BakePlan, compared_footage
+from pipelines.stages.baking.plan import BakePlan
 from pipelines.stages.baking.publish import publish
 from pipelines.stages.baking.rungs import finetuned_rungs, finetuning_params
 from pipelines.stages.inputs import Inputs
@@ -32,7 +32,6 @@ def params(inputs: Inputs) -> Params:
     sound = inputs.footage.raw.sound
     return {
         **(finetuning_params(inputs) if finetuned_rungs(inputs.config) else {}),
-        **compared_footage(inputs),
         **settings_affecting(inputs.config, "videos", "manifest", "sound"),
         "frames a second": float(inputs.footage.raw.fps),
         **({} if sound is None else {"sound": digest_files(sound.path.parent, [sound.path])}),
@@ -63,12 +62,13 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> B
         if todo:
             executor.run(STAGE, inputs, todo, reporter)
     plan.folder.mkdir(parents=True, exist_ok=True)
-    notes = []
+    notes, best = [], []
     for position, part in enumerate(plan.parts):
         start, stop = position / len(plan.parts), (position + 1) / len(plan.parts)
         note = plan.baked(part) or encode_once(plan, part, reporter, start, stop)
         notes.append(note)
         entry = GroupEntry.from_dict(note.entry)
+        best.append(entry.best)
         for message in beyond_hardware(entry, float(inputs.footage.raw.fps), settings.codec):
             reporter.warn(message)
         figures = {"splats": entry.best.splats, "bytes": entry.best.bytes, "frames": entry.frame_count}
@@ -78,12 +78,15 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> B
     remove(plan.folder)
     for path in plan.leftover_notes():
         remove(path)
+    psnrs = [one.psnr_to_trained for one in best if one.psnr_to_trained is not None]
     return BakeSummary(
         groups=len(plan.parts),
         frames=manifest.frame_count,
         renditions=max(1, len(settings.ladder)),
         bytes=manifest.total_bytes,
         bytes_per_frame=round(manifest.played_bytes() / manifest.frame_count),
+        qps=tuple(one.qp for one in best),
+        psnr_to_trained=min(psnrs, default=None),
     )
 
 

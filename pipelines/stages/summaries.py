@@ -70,3 +70,9 @@ class BakeSummary(Result):
 
     bytes_per_frame: int
     """Bytes that playing the best rendition takes, with sound and manifest, divided by the number of frames."""
+
+    qps: tuple[int, ...]
+    """Of each group's best rendition."""
+
+    psnr_to_trained: float | None = None
+    """Of the group with the lowest, dB; None if it was not measured."""

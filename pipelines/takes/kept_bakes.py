@@ -62,6 +62,18 @@ class KeptBake:
         return float(value) if isinstance(value, int | float) else 0.0
 
     @property
+    def qps(self) -> list[int]:
+        """QP of each group."""
+        values = self.record.summary.get("qps")
+        return [value for value in values if isinstance(value, int)] if isinstance(values, list) else []
+
+    @property
+    def psnr_to_trained(self) -> float | None:
+        """PSNR of its group with the lowest, against the trained frames, dB; None if it was not measured."""
+        value = self.record.summary.get("psnr_to_trained")
+        return float(value) if isinstance(value, int | float) else None
+
+    @property
     def psnr(self) -> float | None:
         """Mean PSNR of its decoded frames, dB, from its evaluation; None if it was not measured."""
         try:
@@ -76,8 +88,14 @@ class KeptBake:
 
     @property
     def quality(self) -> str:
-        """`bake.quality` that it was made with."""
-        return str(self.settings.get("bake.quality", ""))
+        """`bake.quality` that it was made with, with the QPs and the PSNR that a level or a size led to."""
+        asked, qps = self.settings.get("bake.quality", ""), self.qps
+        if not isinstance(asked, str) or not qps:
+            return str(asked)
+        psnr = self.psnr_to_trained
+        reached = "" if psnr is None else f", {psnr:.1f} dB"
+        span = " to ".join(str(qp) for qp in sorted({min(qps), max(qps)}))
+        return f"{asked} (QP {span}{reached})"
 
     def to_json(self) -> JsonObject:
         """A row of `v3studio bake list --json`."""
@@ -91,6 +109,8 @@ class KeptBake:
             "bytes": self.bytes,
             "bytes_per_frame": self.bytes_per_frame,
             "psnr_decoded": self.psnr,
+            "psnr_to_trained": self.psnr_to_trained,
+            "qps": self.qps,
             "settings": self.settings,
         }
 

@@ -27,10 +27,8 @@ class Codec:
         lossless: for QP 0; None if not supported.
         tag: FourCC in the MP4, if players expect another one than FFmpeg writes.
         takes_b_frames: whether it takes {b}.
-        takes_offsets: whether single images can have a lower QP (`video.PlaneEncoder`).
         qp_max: largest QP on its own scale.
         presets: its own names of some of `PRESETS`, where they differ.
-        first: QPs by which its I frames are better than P frames.
     """
 
     encoder: str
@@ -39,10 +37,8 @@ class Codec:
     lossless: str | None
     tag: str | None = None
     takes_b_frames: bool = False
-    takes_offsets: bool = False
     qp_max: int = QP_MAX
     presets: tuple[str, ...] = PRESETS
-    first: int = 0
 
     def own_qp(self, qp: int) -> int:
         """A QP of the H.264 scale on the codec's own."""
@@ -63,7 +59,7 @@ _X265_TILES = (
 )
 
 CODECS: dict[str, Codec] = {
-    "h264": Codec("libx264", "x264-params", _X264_TILES, _X264_TILES, takes_b_frames=True, takes_offsets=True),
+    "h264": Codec("libx264", "x264-params", _X264_TILES, _X264_TILES, takes_b_frames=True),
     "hevc": Codec(
         "libx265", "x265-params", f"qp={{qp}}:{_X265_TILES}", f"lossless=1:{_X265_TILES}", "hvc1", takes_b_frames=True
     ),
@@ -78,5 +74,5 @@ CODECS: dict[str, Codec] = {
 }
 """Codecs of images of many tiles (profile `motion`), by their names in the manifest."""
 
-PLANE_CODEC = Codec("libx264", "x264-params", _X264, _X264, takes_offsets=True, first=3)
+PLANE_CODEC = Codec("libx264", "x264-params", _X264, _X264)
 """H.264 for single planes (profile `planes`, VideoGS): with deblocking, and a finer I frame (ipratio 1.4)."""

@@ -16,11 +16,13 @@ QP_KNEE = 22
 """Above this QP the paper keeps color, scale and rotation at it ("Compression QP Setting")."""
 
 QP = Annotated[int, Field(ge=0, le=QP_MAX)]
-LOSS_QP = 28
-"""QP of frames that lose no more than the limit of a quality such as "0.4 dB loss"."""
 
-_QUALITY = re.compile(r"(\d+(?:\.\d+)?) ?(KB|dB|dB loss)")
-_MOST = {"KB": 1e6, "dB": 100.0, "dB loss": 10.0}
+LEVELS = {"draft": 36.0, "good": 39.0, "fine": 42.0, "transparent": 45.0}
+"""PSNR that levels of quality promise, dB: of decoded frames rendered from training cameras, against the trained ones.
+Each halves the squared error of the one before (docs/measurements/stream.md)."""
+
+_QUALITY = re.compile(r"(\d+(?:\.\d+)?) ?(KB|dB)")
+_MOST = {"KB": 1e6, "dB": 100.0}
 
 
 def _quality(value: Any) -> int | str:
@@ -29,11 +31,13 @@ def _quality(value: Any) -> int | str:
         value = int(value)
     if isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= QP_MAX:
         return value
+    if isinstance(value, str) and value.strip() in LEVELS:
+        return value.strip()
     found = _QUALITY.fullmatch(value.strip()) if isinstance(value, str) else None
     if found is None or not 0 < float(found[1]) <= _MOST[found[2]]:
         raise Conflict(
-            f"must be a QP from 0 to {QP_MAX}, a PSNR such as 42 dB, a size such as 40 KB, or a limit such as 0.4 dB "
-            "loss"
+            f"must be a level ({', '.join(LEVELS)}), a PSNR such as 41 dB, a size such as 40 KB, or a QP from 0 to "
+            f"{QP_MAX}"
         )
     return f"{float(found[1]):g} {found[2]}"
 
@@ -41,7 +45,7 @@ def _quality(value: Any) -> int | str:
 Quality = Annotated[
     int | str,
     BeforeValidator(_quality),
-    Unbounded("a QP, a PSNR, a size and a limit have different ranges, which the validator checks"),
+    Unbounded("a level, a PSNR, a size and a QP have different ranges, which the validator checks"),
 ]
 
 
@@ -113,11 +117,11 @@ class BakeSettings(Settings):
     component."""
 
     quality: Quality = 22
-    """One of four ways to choose between size and quality. A number from 0 to 51: the quantization parameter (QP); 0
-    is lossless, higher values are smaller and coarser. 42 dB: per group, the highest QP whose decoded frames, rendered
-    from a few cameras, reach this PSNR against the trained frames. 40 KB: per group, the lowest QP whose files take at
-    most this many kilobytes (1000 bytes) per frame. 0.4 dB loss: QP 28, and a lower one for frames in which encoding
-    costs more PSNR than this, measured as in the evaluation (codec h264 only)."""
+    """One of three ways to choose between size and quality. draft, good, fine or transparent: per group, the highest
+    QP whose decoded frames, rendered from training cameras, have a PSNR of 36, 39, 42 or 45 dB against the trained
+    ones; a number such as 41 dB is a level of your own. 40 KB: per group, the lowest QP whose files take less than this
+    many kilobytes (1000 bytes) per frame. A number from 0 to 51: the quantization parameter (QP); 0 is lossless, higher
+    values are smaller and coarser."""
 
     codec: Annotated[CodecName, Heading("Encoding")] = "h264"
     """h264 plays on every device. hevc and av1 require profile motion."""
@@ -135,8 +139,8 @@ class BakeSettings(Settings):
 
     smooth_paths: bool | None = None
     """Profile motion: smooth each splat's position, rotation, size, opacity and color over the group, as strongly as
-    its own path shows jitter (docs/STREAM.md). null: yes, but not with a quality of 0 or a PSNR, which ask for
-    the trained frames as they are."""
+    its own path shows jitter (docs/STREAM.md). null: yes, but not with a quality of 0, nor in groups that only reach
+    their level without."""
 
     mirror_low_bytes: bool = True
     """Profile planes: reverse the low bytes of the means where the high byte is odd, so that they do not jump from 255
@@ -170,13 +174,6 @@ class BakeSettings(Settings):
         if codec.lossless is None and any(rung.qp == 0 for rung in self.ladder):
             problem = f"qp 0 (lossless) is not available with codec {self.codec}"
             raise Conflict(problem, "Raise the rung's qp to 1.", "codec", "ladder")
-        if self.max_loss is not None and not codec.takes_offsets:
-            raise Conflict(
-                f"quality {self.quality} requires codec h264: the other encoders do not take the QP of single frames",
-                "Set another quality, or codec to h264.",
-                "quality",
-                "codec",
-            )
         if self.b_frames and (self.profile == "planes" or not codec.takes_b_frames):
             raise Conflict(
                 "b_frames require profile motion with codec h264 or hevc",
@@ -214,9 +211,7 @@ class BakeSettings(Settings):
     @property
     def qp(self) -> int:
         """The QP of `quality`, or the one from which encoding starts."""
-        if isinstance(self.quality, int):
-            return self.quality
-        return LOSS_QP if self.max_loss is not None else type(self)().qp
+        return self.quality if isinstance(self.quality, int) else type(self)().qp
 
     @property
     def target_kb_per_frame(self) -> float | None:
@@ -225,13 +220,8 @@ class BakeSettings(Settings):
 
     @property
     def target_psnr(self) -> float | None:
-        """Least PSNR against the trained frames, dB, if `quality` is a PSNR."""
-        return self._goal("dB")
-
-    @property
-    def max_loss(self) -> float | None:
-        """The most PSNR that encoding may cost any frame, dB, if `quality` is a limit."""
-        return self._goal("dB loss")
+        """Least PSNR against the trained frames, dB, if `quality` is a level or a PSNR."""
+        return LEVELS.get(str(self.quality)) or self._goal("dB")
 
     def _goal(self, unit: str) -> float | None:
         if isinstance(self.quality, int):
@@ -268,9 +258,7 @@ class BakeSettings(Settings):
     @property
     def smooths_paths(self) -> bool:
         """Whether paths are smoothed, by the settings or by default."""
-        if self.smooth_paths is not None:
-            return self.smooth_paths
-        return self.qp > 0 and self.target_psnr is None
+        return self.qp > 0 if self.smooth_paths is None else self.smooth_paths
 
     def at_qp(self, qp: int) -> BakeSettings:
         """The same with a QP as the quality."""
@@ -289,7 +277,6 @@ class BakeSettings(Settings):
             "attribute_qps": dict(sorted(self.attribute_qps.items())),
             "target_kb_per_frame": self.target_kb_per_frame,
             "target_psnr": self.target_psnr,
-            **({"max_loss": self.max_loss} if self.max_loss is not None else {}),
             "codec": self.codec,
             "preset": self.preset,
             "mirror_low_bytes": self.mirror_low_bytes,

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import itertools
 import os
 import threading
 from fractions import Fraction
@@ -22,7 +21,7 @@ from studio.stream.codecs import CODECS, PLANE_CODEC
 from studio.stream.sources.source import damaged
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator
 
     import av
     from av.container import InputContainer
@@ -44,23 +43,6 @@ def _bytes_of(plane: Any) -> np.ndarray:
 _B_FRAMES = ":b-adapt=0:pbratio=1.3"
 
 
-def _x264_zones(qp: int, offsets: Sequence[int], first: int) -> str:
-    """Parameters of x264 that lower the QP of single images: `offsets`, at most 0.
-
-    x264 keeps constant QPs between those of its I, P and B images. So the QP of I frames becomes the lowest that is
-    wanted, and the only I frame, the first, is raised to `first` below `qp` again.
-    """
-    lowest = max(-min(offsets), first)
-    parts = [f"0,0,q={qp + lowest - first + offsets[0]}"]
-    start = 1
-    for offset, run in itertools.groupby(offsets[1:]):
-        end = start + sum(1 for _ in run)
-        if offset:
-            parts.append(f"{start},{end - 1},q={qp + offset}")
-        start = end
-    return f":ipratio={2 ** (lowest / 6):.6f}:zones={'/'.join(parts)}"
-
-
 class PlaneEncoder:
     """Encodes images of numbers: one I frame, then P, with B between them if wanted; constant QP; one thread, so
     that the bytes are reproducible.
@@ -78,8 +60,6 @@ class PlaneEncoder:
             that are not defined, which MP4 does not take.
         fps: frames per second that the level is chosen for; the file then also has a `colr` box. None, for VideoGS: the
             level for `NOMINAL_FPS`, and no such box.
-        offsets: what is added to the QP of each image, at most 0; the QP stays at least 1. Empty: nothing. H.264
-            only; without effect where `qp` is 0.
     """
 
     def __init__(
@@ -91,7 +71,6 @@ class PlaneEncoder:
         tiles: str | None = None,
         b_frames: int = 0,
         fps: float | None = None,
-        offsets: Sequence[int] = (),
     ) -> None:
         import av
 
@@ -101,9 +80,6 @@ class PlaneEncoder:
         assert b_frames == 0 or codec.takes_b_frames
         if b_frames > 0:
             parameters += _B_FRAMES
-        if qp > 0 and any(offsets):
-            assert codec.takes_offsets
-            parameters += _x264_zones(qp, [max(offset, 1 - qp) for offset in offsets], codec.first)
         if tiles == "av1":
             os.environ.setdefault("SVT_LOG", "1")  # errors only: the library ignores FFmpeg's log level
         self._width = size[0]

@@ -172,8 +172,8 @@ def test_status_answers_without_torch(finished):
 
 
 def test_bake_to_a_target(here, finished, tmp_path):
-    """Smaller for a lower PSNR, never above the requested kilobytes; a new target replaces the one stored in the
-    take."""
+    """Levels are kept and listed; files are never above the requested kilobytes; a new target replaces the one stored
+    in the take."""
     take = tmp_path / "take"
     shutil.copytree(finished / "take", take)
 
@@ -182,9 +182,13 @@ def test_bake_to_a_target(here, finished, tmp_path):
         with StreamReader.open(take / "stream") as reader:
             return reader.groups
 
-    high, low = (baked("--bake.quality", goal) for goal in ("45 dB", "32 dB"))
+    high, low = (baked("--bake.quality", goal, "--keep", name) for goal, name in (("fine", "one"), ("30.5 dB", "two")))
     assert sum(group.bytes for group in low) < sum(group.bytes for group in high)
-    assert [group.video.qp for group in low] > [group.video.qp for group in high]
+    listed = result_of(here("bake", "list", take, "--json").stdout)["bakes"]
+    for groups, promise, row in zip((high, low), (42, 30.5), listed, strict=True):
+        assert row["qps"] == [group.qp for group in groups]
+        assert row["psnr_to_trained"] == min(group.psnr_to_trained for group in groups) >= promise
+    assert "30.5 dB (QP " in here("bake", "list", take).stdout
     target = high[0].bytes / high[0].frame_count / 1000 * 0.9
     small = baked("--bake.quality", f"{target:.3f} KB")
     for group in small:

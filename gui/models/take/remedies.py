@@ -42,7 +42,6 @@ def _always(value: JsonData) -> Value:
 
 REMEDIES: Mapping[str, Remedy] = {
     "bake.beyond_hardware": Remedy("train.max_splats"),
-    "bake.loss_above_limit": Remedy("bake.quality"),
     "bake.short_sound": Remedy("capture.audio_offset"),
     "calibration.focal_length": Remedy("calibrate.shared_intrinsics"),
     "calibration.match_inlier_ratio": Remedy("calibrate.frame_count"),

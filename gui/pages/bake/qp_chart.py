@@ -1,15 +1,16 @@
-"""The chart of the QP trial: PSNR over size, one point per QP, and a table beside it."""
+"""The chart of the QP trial: PSNR over size, one point per QP, the levels of quality, and a table beside it."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from gui.drawing.canvas import Canvas, line_height
-from gui.drawing.palette import ACCENT, DIM, GROUND, PANEL, RAISED, TEXT
+from gui.drawing.palette import ACCENT, DIM, GROUND, RAISED, TEXT
 from gui.drawing.plots import Axes, limits
 from gui.models.stages import Trial
 from gui.pages.bake.qp_trial import TRIED_QPS, QpTrial
 from gui.pages.stage_view import Size
+from studio.stream.settings import LEVELS
 
 TITLES = ("QP", "KB per frame", "Mbit/s", "PSNR, dB")
 
@@ -20,23 +21,23 @@ class QpChart:
     Args:
         size: of the image.
         trial: its results so far.
-        current: the QP that is set.
+        current: the QP or level that is set.
         done: what the last click did; "" if there was none.
 
     Attributes:
         canvas: the image.
-        points: center of each QP's point, pixels.
+        points: center of each QP's point, and of each level's name, pixels.
         cells: the table as words: titles, then a row for each QP with results.
     """
 
-    def __init__(self, size: Size, em: float, trial: QpTrial, current: int, done: str) -> None:
+    def __init__(self, size: Size, em: float, trial: QpTrial, current: int | str, done: str) -> None:
         self.canvas, self._em, self._current = Canvas(*size, GROUND), em, current
-        self.points: dict[int, tuple[float, float]] = {}
+        self.points: dict[int | str, tuple[float, float]] = {}
         results, running = dict(sorted(trial.results.items())), trial.running
         self.cells = [list(TITLES), *(_words(qp, found, trial.fps) for qp, found in results.items())]
         canvas = self.canvas
         canvas.text(em, 0.8 * em, trial.words, round(em), TEXT, width=size[0] - 2 * em)
-        note = done or "Click a point to set its QP, then run Bake. Lower QPs look better and take more bytes."
+        note = done or "Click a point or a level to set it, then run Bake. Lower QPs look better and take more bytes."
         canvas.text(em, 2.3 * em, note, self._small, ACCENT if done else DIM, width=size[0] - 2 * em)
         table = 21 * em
         beside = size[0] > 2 * table
@@ -79,12 +80,12 @@ class QpChart:
         canvas.text(x, y - 1.4 * em, "PSNR, dB", small, DIM)
         canvas.text(left + wide, y + high + 1.4 * em, "KB per frame", small, DIM, align="right")
         if not results:
-            canvas.rect(left, y, wide, high, PANEL)
             canvas.text(left + wide / 2, y + high / 2, "baking the first QP", small, DIM, align="middle")
             return
         sizes = np.array([found.bytes_per_frame / 1000 for found in results.values()])
         psnrs = np.array([found.psnr for found in results.values()])
-        axes = Axes(left, y, wide, high, (0.0, 1.1 * float(sizes.max())), limits(psnrs, 0.12, 0.5))
+        shown = np.append(psnrs, list(LEVELS.values()))
+        axes = Axes(left, y, wide, high, (0.0, 1.1 * float(sizes.max())), limits(shown, 0.05, 0.5))
         axes.draw(canvas, small, columns=True)
         places = axes.places(sizes, psnrs)
         self.points = {qp: (float(x), float(y)) for qp, (x, y) in zip(results, places, strict=True)}
@@ -93,6 +94,12 @@ class QpChart:
             now = qp == self._current
             canvas.dot(across, down, 0.42 * em if now else 0.3 * em, TEXT if now else ACCENT)
             canvas.text(across + 0.5 * em, down + 0.3 * em, f"QP {qp}", small, TEXT if now else DIM)
+        for level, psnr in LEVELS.items():
+            row = float(axes.places([0.0], [psnr])[0, 1])
+            color = ACCENT if level == self._current else DIM
+            canvas.rect(left, row, wide, 1, color)
+            canvas.text(left + 0.4 * em, row - 1.4 * small, level, small, color)
+            self.points[level] = (left + 2 * em, row - 0.7 * small)
 
 
 def _words(qp: int, found: Trial, fps: float) -> list[str]:

@@ -81,7 +81,7 @@ class BakeView(StageView):
 
     Attributes:
         trial: sizes and quality at other QPs.
-        points: where the chart of the trial shows each QP, pixels.
+        points: where the chart of the trial shows each QP and level, pixels.
         numbers: of the take's frames.
     """
 
@@ -91,17 +91,17 @@ class BakeView(StageView):
         super().__init__(workspace)
         self.trial = QpTrial()
         self.numbers = FrameNumbers()
-        self.points: dict[int, tuple[float, float]] = {}
+        self.points: dict[int | str, tuple[float, float]] = {}
         self._done = ""
         self._cells: list[list[str]] = []
 
     def state(self) -> Hashable:
-        """The stream on disk, the results of the QP trial and the chosen QP."""
+        """The stream on disk, the results of the QP trial and the chosen quality."""
         take = self.workspace.take
         stamp = modified(take.stream / "manifest.json") if take is not None else 0
         config = self.workspace.config
-        qp = config.bake.qp if config is not None else 0
-        return (take, stamp, self.mode, self.trial.changes, qp, self._done, self.numbers, self.em)
+        quality = config.bake.quality if config is not None else 0
+        return (take, stamp, self.mode, self.trial.changes, quality, self._done, self.numbers, self.em)
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
         self._cells = []  # no table of another mode or take, also if this one cannot be drawn
@@ -168,20 +168,20 @@ class BakeView(StageView):
     def _rates(self, size: Size) -> np.ndarray:
         config = self.workspace.config
         assert config is not None
-        chart = QpChart(size, self.em, self.trial, config.bake.qp, self._done)
+        chart = QpChart(size, self.em, self.trial, config.bake.quality, self._done)
         self.points = chart.points
         self._cells = chart.cells
         return chart.canvas.pixels
 
     def click(self, x: float, y: float) -> None:
-        """In "try other QPs", a click on a point of the curve makes its QP the setting."""
+        """In "try other QPs", a click on a point of the curve or on a level makes it the setting."""
         if self.mode != "try other QPs" or not self.points:
             return
-        qp, (left, top) = min(self.points.items(), key=lambda item: math.hypot(item[1][0] - x, item[1][1] - y))
+        quality, (left, top) = min(self.points.items(), key=lambda item: math.hypot(item[1][0] - x, item[1][1] - y))
         if math.hypot(left - x, top - y) > 1.5 * self.em:
             return
-        refusal = self.workspace.change_setting("bake.quality", qp)
-        self._done = f"QP {qp} is set. Run Bake to use it." if refusal is None else str(refusal)
+        refusal = self.workspace.change_setting("bake.quality", quality)
+        self._done = f"Quality {quality} is set. Run Bake to use it." if refusal is None else str(refusal)
 
     @property
     def table_text(self) -> str:

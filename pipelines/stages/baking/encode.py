@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
 
-from pipelines.stages.baking.measures import FilmedError, RenderedError, rendered_contribution
+from pipelines.stages.baking.measures import RenderedError, rendered_contribution
 from pipelines.stages.baking.plan import BakePlan, Part, stream_cameras
 from pipelines.stages.baking.rungs import FinetunedFrames, finetuned_rungs
 from pipelines.stages.reporter import StageReporter
 from pipelines.takes.atomic_files import digest_of_file, remove, write_model
 from pipelines.takes.edited import EditedFrames, EditedGroup
 from pipelines.takes.stage_files import BakedGroupNote
-from studio.counts import counted
-from studio.errors import Message
 
 
 def encode_once(plan: BakePlan, part: Part, reporter: StageReporter, start: float, stop: float) -> BakedGroupNote:
@@ -37,10 +34,6 @@ def encode(plan: BakePlan, part: Part, reporter: StageReporter, start: float, st
     frames = EditedFrames(edited, part.indices)
     cameras, background = stream_cameras(inputs), inputs.config.evaluate.background
     finetuned, start = _finetuned(plan, part, edited, reporter, start, stop)
-    error = None
-    if settings.max_loss is not None:
-        numbers = [inputs.footage.raw.frames[index] for index in part.indices]
-        error = FilmedError(inputs, frames, numbers, reporter.check)
     rendered = RenderedError(frames, cameras, background, inputs.device)
     entry = bake_group(
         frames,
@@ -54,10 +47,10 @@ def encode(plan: BakePlan, part: Part, reporter: StageReporter, start: float, st
         fps=float(inputs.footage.raw.fps),
         contribution=partial(rendered_contribution, frames, cameras, inputs.device, reporter.check),
         finetuned=lambda rung: finetuned[rung.kind],
-        error=error,
     )
-    if error is not None and settings.max_loss is not None:
-        _report_losses(part, error.losses, settings.max_loss, reporter)
+    if settings.target_psnr is not None:
+        reached = f"QP {entry.best.qp} has {entry.best.psnr_to_trained:.2f} of {settings.target_psnr:g} dB"
+        reporter.log(f"group {part.index}: {reached}")
     seen = seen_box(frames[index] for index in sorted({0, len(frames) // 2, len(frames) - 1}))
     files = {file.path: plan.folder / file.path for file in entry.files}
     note = BakedGroupNote(
@@ -86,24 +79,3 @@ def _finetuned(
         found[rung.kind] = FinetunedFrames(edited, part.indices, offsets)
         start = end
     return found, start
-
-
-def _report_losses(part: Part, losses: Mapping[int, float], limit: float, reporter: StageReporter) -> None:
-    """Warn of frames that lose more than the limit in spite of lower QPs."""
-    if not losses:
-        return  # lossless, or a first rung with fewer splats
-    worst = max(losses, key=lambda index: losses[index])
-    text = f"frame {part.indices[worst]} loses most to encoding, {losses[worst]:.2f} dB"
-    over = sum(value > limit for value in losses.values())
-    if not over:
-        reporter.log(f"group {part.index}: {text}")
-        return
-    reporter.warn(
-        Message(
-            "bake.loss_above_limit",
-            f"group {part.index}: {counted(over, 'frame')} above the limit of {limit:g} dB: {text}",
-            value=round(losses[worst], 3),
-            fix="Set bake.quality to a lower QP or a larger loss.",
-            fields={"setting": "bake.quality", "group": part.index},
-        )
-    )

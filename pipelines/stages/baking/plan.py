@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING
 from pipelines.stages import stage_named
 from pipelines.stages.baking.rungs import RungTraining, finetuned_rungs
 from pipelines.stages.inputs import Inputs
-from pipelines.stages.params import Params, key_of, settings_affecting
+from pipelines.stages.params import key_of, settings_affecting
 from pipelines.takes.atomic_files import digest_of_file, read_model
 from pipelines.takes.edited import edits_of_group
 from pipelines.takes.edits import edit_params, no_frames_left
 from pipelines.takes.frame_numbers import FrameNumbers
 from pipelines.takes.groups import Group
-from pipelines.takes.records import result_of
 from pipelines.takes.stage_files import BakedGroupNote
 from pipelines.takes.take import group_name
 from studio.edits.edit_list import Trim
@@ -89,14 +88,6 @@ def stream_cameras(inputs: Inputs) -> list[Camera]:
     return cameras if world.is_identity else [world.camera(camera) for camera in cameras]
 
 
-def compared_footage(inputs: Inputs) -> Params:
-    """The footage with which decoded frames are compared; nothing without a limit to the loss of each frame."""
-    if inputs.config.bake.max_loss is None:
-        return {}
-    result = result_of(inputs.take, "calibrate")
-    return {"compared": inputs.footage.digest, **settings_affecting(inputs.config, "evaluation"), "cameras": result}
-
-
 class BakePlan:
     """The parts of a stream, and the work folder in which they are baked.
 
@@ -157,7 +148,7 @@ class BakePlan:
         settings = settings_affecting(inputs.config, "videos")
         settings["frames a second"] = float(inputs.footage.raw.fps)  # the level of the video depends on it
         finetuned = [self.training.key(trained, rung) for rung in finetuned_rungs(inputs.config)]
-        more = [one for one in (finetuned, compared_footage(inputs), edited) if one]
+        more = [one for one in (finetuned, edited) if one]
         return key_of(STAGE.name, STAGE.version, settings, part.index, part.first, content, *more)
 
     def leftover_notes(self) -> Iterator[Path]:

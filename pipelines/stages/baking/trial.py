@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import tempfile
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pipelines.stages.baking.measures import RenderedError, rendered_contribution
@@ -17,9 +15,6 @@ from studio.errors import StudioError
 if TYPE_CHECKING:
     from studio.stream.settings import BakeSettings
 
-MEASURED_FRAMES = 3
-"""Frames of the group whose error is measured: the keyframe, one in the middle, the last."""
-
 
 @dataclass(frozen=True)
 class Trial:
@@ -27,8 +22,7 @@ class Trial:
 
     Attributes:
         bytes_per_frame: bytes of the group divided by its frames.
-        psnr: dB, of the decoded splats' images against those of the trained ones, measured as for
-            a target PSNR; mean over the measured frames.
+        psnr: dB, of the decoded splats' images against those of the trained ones, measured as for levels of quality.
     """
 
     bytes_per_frame: float
@@ -45,36 +39,29 @@ def longest_part(context: Inputs) -> Part:
 
 
 def measure(context: Inputs, part: Part, settings: BakeSettings) -> Trial:
-    """Bake a group into a temporary folder and compare some of its decoded frames with the trained ones.
+    """Bake a group into a temporary folder, and compare it with the trained frames.
 
     Args:
         context: of the take; its footage gives the cameras that frames are compared from.
         settings: with the QP to try, without targets.
     """
     from pipelines.takes.edited import EditedFrames, EditedGroup
-    from studio.stream import StreamReader, bake_group, write_manifest
+    from studio.stream import bake_group
 
     frames = EditedFrames(EditedGroup(context.take, part.trained, context.edits), part.indices)
     cameras, background = stream_cameras(context), context.config.evaluate.background
-    error = RenderedError(frames, cameras, background, context.device)
-    fps = float(context.footage.raw.fps)
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name) / "stream"
         entry = bake_group(
             frames,
-            folder,
+            name,
             0,
             0,
             settings,
+            quality=RenderedError(frames, cameras, background, context.device),
             threads=1,
-            fps=fps,
+            fps=float(context.footage.raw.fps),
             contribution=lambda: rendered_contribution(frames, cameras, context.device, lambda: None),
         )
-        write_manifest(folder, [entry], fps, settings, {})
-        last = len(part.indices) - 1
-        measured = sorted({round(last * step / (MEASURED_FRAMES - 1)) for step in range(MEASURED_FRAMES)})
-        with StreamReader.open(folder) as reader:
-            errors = [error(index, reader.gaussians(index)) for index in measured]
-    mean = sum(errors) / len(errors)
-    psnr = min(-10 * math.log10(mean), HIGHEST_PSNR) if mean > 0 else HIGHEST_PSNR
-    return Trial(entry.best.bytes / entry.frame_count, psnr)
+    psnr = entry.best.psnr_to_trained
+    assert psnr is not None
+    return Trial(entry.best.bytes / entry.frame_count, min(psnr, HIGHEST_PSNR))

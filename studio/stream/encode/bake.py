@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import os
 import shutil
 import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from studio.stream.codecs import CODECS, QP_MAX
 from studio.stream.encode.files import content_name
 from studio.stream.encode.motion import MotionBake
 from studio.stream.encode.planes import PlanesBake
-from studio.stream.encode.quality import FilmedErrorFn, QualityFn, filmed_errors, limited_offsets, psnr_of, search_qp
+from studio.stream.encode.quality import QP_BEST, QualityFn, highest_qp, psnr_of
 from studio.stream.manifest import (
     FILES,
     MAX_SPLATS,
@@ -37,6 +38,9 @@ from studio.stream.manifest import (
 )
 from studio.stream.settings import BakeSettings, Rung
 from studio.stream.video import NOMINAL_FPS, PlaneDecoder
+
+_QPS_PER_HALF = 8
+"""About as many QPs more halve the bytes."""
 
 ContributionFn = Callable[[], np.ndarray]
 """(N,) float, at least 0: what each splat of the group adds to the images that cameras see."""
@@ -57,12 +61,11 @@ def bake_group(
     fps: float | None = None,
     contribution: ContributionFn | None = None,
     finetuned: FinetunedFn | None = None,
-    error: FilmedErrorFn | None = None,
 ) -> GroupEntry:
     """Bake one group into files in `directory/files` that are named by their content.
 
-    The same input gives the same bytes. With a target in the settings, the group is baked several times, at the QPs of
-    a bisection; with a ladder, once per rung.
+    The same input gives the same bytes. With a target in the settings, the group is baked a few times, to find its
+    QP; with a ladder, once per rung.
 
     Args:
         frames: frames of the group in their order, with the same splats in each. The profile `planes` reads a sequence
@@ -73,19 +76,18 @@ def bake_group(
         settings: profile, QPs, targets and so on.
         progress: called with (frames encoded, frames), over all rungs.
         threads: CPU threads; 0: one per core. Does not change the bytes.
-        quality: error of a decoded frame against the trained one; required for a target PSNR. The renditions'
-            `psnr_to_trained` is measured with it.
+        quality: error of a decoded frame against the trained one; required for a level or a target PSNR. The
+            renditions' `psnr_to_trained` is measured with it.
         fps: frames per second of the stream, which the level of its videos is chosen for; None: 30.
         contribution: what each splat adds to the images; required for rungs that keep fewer splats as they are.
         finetuned: frames of rungs that keep fewer splats and are trained further; required for these.
-        error: errors of a decoded and of the trained frame against the footage; required for a limit to the loss.
 
     Returns:
         The group's entry for the manifest.
 
     Raises:
         StudioError: no frames, differing splat counts, values that are not finite, a target that no QP reaches, no
-            `contribution`, `finetuned` or `error` where it is needed, or the folder cannot be written.
+            `contribution`, `finetuned` or `quality` where it is needed, or the folder cannot be written.
     """
     directory = Path(directory)
     frames = frames if isinstance(frames, Sequence) else list(frames)
@@ -127,12 +129,12 @@ def bake_group(
             prepared = (PlanesBake if settings.profile == "planes" else MotionBake)(part, progress)
             for rung in same:
                 own = settings.replace(ladder=())
-                if settings.ladder and (settings.max_loss is None or rung != rungs[0] or rung.pruned):
-                    own = own.replace(quality=rung.qp)  # the limit is for the first rung; others are for lower rates
+                if settings.ladder:
+                    own = own.replace(quality=rung.qp)
                 steps = _Steps(progress, len(made), len(rungs))
                 values = _identity(rung, group, first_frame, len(frames), single=not settings.ladder)
-                job = _Job(prepared, partial, values, own, rung.qp, steps, threads, fps or NOMINAL_FPS, quality, error)
-                made[rung.id] = _stored(job.encode(), partial, directory, quality, own)
+                job = _Job(prepared, partial, values, own, rung.qp, steps, threads, fps or NOMINAL_FPS, quality)
+                made[rung.id] = _stored(*job.encode(), partial, directory, own)
             del prepared
         return GroupEntry(
             index=group,
@@ -174,14 +176,13 @@ def _identity(rung: Rung, group: int, first_frame: int, frame_count: int, single
 
 @dataclass
 class _Job:
-    """Encodes one rendition of a group at one QP, at the QP that reaches a target, or with a limit to what each frame
-    loses.
+    """Encodes one rendition of a group at one QP, or at the QP that reaches a target.
 
     Attributes:
         folder: for the files, replaced by each encoding.
         identity: values of the rendition that the encoder does not know.
         qp: of the rung, from which encoding starts.
-        settings, progress, threads, fps, quality, error: as for `bake_group`.
+        settings, progress, threads, fps, quality: as for `bake_group`.
     """
 
     prepared: MotionBake | PlanesBake
@@ -193,61 +194,72 @@ class _Job:
     threads: int
     fps: float
     quality: QualityFn | None
-    error: FilmedErrorFn | None
+    _written: dict[int, tuple[AnyRendition, float | None]] = field(default_factory=dict, init=False)
 
-    def encode(self) -> AnyRendition:
-        """The rendition, without checks and figures; its files are in `folder`."""
-        settings, frames = self.settings, self.identity["frame_count"]
-        what = f"group {self.identity['index']}"
-        written: dict[int, AnyRendition] = {}  # only one set of files is on disk
+    def encode(self) -> tuple[AnyRendition, float | None]:
+        """The rendition, without checks and figures, and its PSNR if there is `quality`; its files are in `folder`."""
+        size, psnr = self.settings.target_kb_per_frame, self.settings.target_psnr
+        if size is not None:
+            return self._smaller_than(size)
+        if psnr is not None:
+            return self._as_good_as(psnr)
+        return self._at(self.qp)
 
-        def write(qp: int, offsets: Sequence[int] = ()) -> AnyRendition:
-            written.clear()
-            written[qp] = self._write(qp, offsets)
-            return written[qp]
+    def _smaller_than(self, target: float) -> tuple[AnyRendition, float | None]:
+        def kb(qp: int) -> float:
+            return self._at(qp)[0].bytes / self.identity["frame_count"] / 1000
 
-        qp = self.qp
-        if settings.max_loss is not None and qp > 0:
-            error = self.error
-            if error is None:
-                raise StudioError(
-                    "bake.no_footage",
-                    f"quality {settings.quality} requires a function that compares frames with the footage (error)",
-                    fix="Bake a take, pass error, or set quality to a QP.",
-                    setting="bake.quality",
-                )
+        qp = 1 + highest_qp(lambda qp: _QPS_PER_HALF * math.log2(kb(qp) / target), self.qp)
+        if qp > QP_MAX:
+            raise self._missed(target, kb(QP_MAX), "KB per frame", QP_MAX, "Raise it, or train fewer splats.")
+        return self._at(qp)
 
-            def filmed(offsets: Sequence[int]) -> list[tuple[float, float]]:
-                return filmed_errors(draft := write(qp, offsets), self._contents(draft), error, settings.codec)
-
-            limited_offsets(filmed, frames, qp, settings.max_loss)
-        elif settings.target_kb_per_frame is not None:
-            target = settings.target_kb_per_frame
-            qp = search_qp(lambda qp: write(qp).bytes / frames / 1000, target, what, "KB per frame", at_most=True)
-        elif settings.target_psnr is not None:
-            quality = self.quality
-            if quality is None:
+    def _as_good_as(self, target: float) -> tuple[AnyRendition, float | None]:
+        def psnr(qp: int) -> float:
+            found = self._at(qp)[1]
+            if found is None:
                 raise StudioError(
                     "bake.no_renderer",
-                    f"quality {settings.quality} requires a function that renders decoded frames (quality)",
+                    f"quality {self.settings.quality} requires a function that renders decoded frames (quality)",
                     fix="Pass quality, or set a QP instead.",
                     setting="bake.quality",
                 )
+            return found
 
-            def psnr(qp: int) -> float:
-                return psnr_of(draft := write(qp), self._contents(draft), quality, settings.codec)
+        qp = highest_qp(lambda qp: psnr(qp) - target, self.qp)
+        if qp < QP_BEST and self.settings.smooth_paths is None and self.settings.profile == "motion":
+            self.settings = self.settings.replace(smooth_paths=False)
+            self._written.clear()
+            qp = highest_qp(lambda qp: psnr(qp) - target, self.qp)
+        if qp < QP_BEST:
+            raise self._missed(target, psnr(QP_BEST), "dB", QP_BEST, "Set a lower level.")
+        return self._at(qp)
 
-            qp = search_qp(psnr, settings.target_psnr, what, "dB", at_most=False)
-        return written.get(qp) or write(qp)
+    def _missed(self, target: float, value: float, unit: str, qp: int, fix: str) -> StudioError:
+        group = self.identity["index"]
+        return StudioError(
+            "bake.target_missed",
+            f"group {group} has {value:.4g} {unit} at QP {qp}, which misses the target of {target:.4g}",
+            value=value,
+            fix=fix,
+            setting="bake.quality",
+            qp=qp,
+            expected=target,
+            group=group,
+        )
 
-    def _write(self, qp: int, offsets: Sequence[int]) -> AnyRendition:
-        shutil.rmtree(self.folder, ignore_errors=True)
-        self.folder.mkdir(parents=True)
-        settings = self.settings.at_qp(qp)
-        return self.prepared.write(self.folder, self.identity, settings, self.progress, self.threads, self.fps, offsets)
-
-    def _contents(self, draft: Rendition) -> dict[str, bytes]:
-        return _contents(draft, self.folder)
+    def _at(self, qp: int) -> tuple[AnyRendition, float | None]:
+        """The rendition at a QP; of several QPs, only the files of the last are on disk."""
+        if qp not in self._written:
+            self._written.clear()
+            shutil.rmtree(self.folder, ignore_errors=True)
+            self.folder.mkdir(parents=True)
+            settings = self.settings.at_qp(qp)
+            draft = self.prepared.write(self.folder, self.identity, settings, self.progress, self.threads, self.fps)
+            files = _contents(draft, self.folder)
+            psnr = None if self.quality is None else psnr_of(draft, files, self.quality, settings.codec)
+            self._written[qp] = draft, psnr
+        return self._written[qp]
 
 
 def _contents(draft: Rendition, folder: Path) -> dict[str, bytes]:
@@ -256,13 +268,12 @@ def _contents(draft: Rendition, folder: Path) -> dict[str, bytes]:
 
 
 def _stored(
-    draft: AnyRendition, folder: Path, directory: Path, quality: QualityFn | None, settings: BakeSettings
+    draft: AnyRendition, psnr: float | None, folder: Path, directory: Path, settings: BakeSettings
 ) -> AnyRendition:
     """The complete rendition, with its files moved from `folder` to their place."""
     codec, files = settings.codec, _contents(draft, folder)
     values = draft.model_dump()
-    if quality is not None:
-        values["psnr_to_trained"] = round(psnr_of(draft, files, quality, codec), 3)
+    values["psnr_to_trained"] = None if psnr is None else round(psnr, 3)
     for video, entry in zip(draft.videos, _video_values(values), strict=True):
         entry["checks"] = luma_checks(files[video.path], draft.size, codec, draft.frame_count)
     qp = max(video.qp for video in draft.videos)

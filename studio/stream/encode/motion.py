@@ -109,7 +109,6 @@ class MotionBake:
         progress: ProgressFn,
         threads: int,
         fps: float,
-        offsets: Sequence[int] = (),
     ) -> MotionRendition:
         """Write side file and video into `folder`, under the names of their content.
 
@@ -161,7 +160,7 @@ class MotionBake:
         side = Side(codes, self._labels, classes, affine, self._turns, Escapes(channel_, splat_, frame_, code_))
         data, raw_bytes = compress(side, bits)
         (folder / "motion.bin").write_bytes(data)
-        self._encode(pictures, folder / "video.mp4", settings, progress, fps, offsets)
+        self._encode(pictures, folder / "video.mp4", settings, progress, fps)
         side_entry = SideEntry(**named_by_content(folder / "motion.bin"), raw_bytes=raw_bytes)
         facts = named_by_content(folder / "video.mp4")
         video = VideoEntry.model_construct(**facts, qp=CODECS[settings.codec].own_qp(settings.qp), checks=())
@@ -200,13 +199,10 @@ class MotionBake:
         settings: BakeSettings,
         progress: ProgressFn,
         fps: float,
-        offsets: Sequence[int],
     ) -> None:
         size = (pictures.shape[2], pictures.shape[1])
         b_frames = min(settings.b_frame_count, max(self._count - 2, 0))
-        encoder = PlaneEncoder(
-            path, size, settings.qp, settings.preset, settings.codec, b_frames=b_frames, fps=fps, offsets=offsets
-        )
+        encoder = PlaneEncoder(path, size, settings.qp, settings.preset, settings.codec, b_frames=b_frames, fps=fps)
         try:
             for number, picture in enumerate(pictures):
                 encoder.add(picture)

@@ -53,13 +53,12 @@ class PlanesBake:
         progress: ProgressFn,
         threads: int,
         fps: float,
-        offsets: Sequence[int] = (),
     ) -> PlanesRendition:
         """Write the videos into `folder`, under the names of their content; see `MotionBake.write`."""
         keyframe, low, high = self._frames[0], self._low, self._high
         planes = _planes(keyframe.sh_degree, settings)
         values = component_frames(self._frames, self._order)
-        _encode(values, folder, planes, low, high, settings, len(self._frames), progress, threads, fps, offsets)
+        _encode(values, folder, planes, low, high, settings, len(self._frames), progress, threads, fps)
         entries: dict[int, list[PlaneEntry]] = {}
         for row, component, part, qp in planes:
             facts = named_by_content(folder / _file_name(component, part))
@@ -140,7 +139,6 @@ def _encode(
     progress: ProgressFn,
     threads: int,
     fps: float,
-    offsets: Sequence[int],
 ) -> None:
     encoders: list[PlaneEncoder] = []
 
@@ -158,7 +156,7 @@ def _encode(
                     side = plane_side(frame.shape[1])
                     for _, component, part, qp in planes:
                         path = folder / _file_name(component, part)
-                        encoders.append(PlaneEncoder(path, (side, side), qp, settings.preset, fps=fps, offsets=offsets))
+                        encoders.append(PlaneEncoder(path, (side, side), qp, settings.preset, fps=fps))
                 list(pool.map(encode, range(len(planes)), repeat(frame)))
                 progress(number + 1, frame_count)
             list(pool.map(PlaneEncoder.close, encoders))

@@ -38,6 +38,7 @@ from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.similarity import Similarity
 from studio.stream import StreamReader
+from studio.stream.settings import LEVELS
 from tests.support.errors import refuses
 from tests.support.looping import heard, wait_in_loop
 from tests.support.object_store import ObjectStore
@@ -508,7 +509,7 @@ def test_qps_are_tried_on_a_whole_group_and_chosen_by_a_click(views: StageViews,
     views.choose("try other QPs")
     bake = views.stage_views["bake"]
     assert isinstance(bake, BakeView)
-    wait_until("all QPs", lambda: shown(views) is not None and len(bake.points) == len(TRIED_QPS))
+    wait_until("all QPs", lambda: shown(views) is not None and len(bake.trial.results) == len(TRIED_QPS))
     with StreamReader.open(take_copy / "stream") as reader:
         longest = max(reader.groups, key=lambda group: group.frame_count)
     assert bake.trial.results[22].bytes_per_frame == longest.bytes / longest.frame_count, "what the bake gave"
@@ -525,3 +526,8 @@ def test_qps_are_tried_on_a_whole_group_and_chosen_by_a_click(views: StageViews,
     wait_in_loop("the new setting", lambda: views.workspace.config.bake.quality == 30)
     views.click(1.0, 1.0)
     assert load_config(take_copy / "config.yaml").bake.quality == 30, "not a point"
+    assert set(bake.points) == {*bake.trial.results, *LEVELS}
+    down = [bake.points[name][1] for name in LEVELS]
+    assert down == sorted(down, reverse=True), "the best on top"
+    views.click(*bake.points["good"])
+    assert load_config(take_copy / "config.yaml").bake.quality == "good"

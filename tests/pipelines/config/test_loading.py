@@ -107,7 +107,7 @@ def test_unknown_setting_names_the_file_and_the_nearest(tmp_path, text, name, ne
 @pytest.mark.parametrize(
     ("text", "setting", "value", "hint"),
     [
-        ("bake: {quality: 80}", "bake.quality", 80, "a limit such as 0.4 dB loss"),
+        ("bake: {quality: 80}", "bake.quality", 80, "a size such as 40 KB"),
         ("train: {max_splats: many}", "train.max_splats", "many", "a whole number. The default is 100000."),
         ("train: {background: green}", "train.background", "green", "random, black or white"),
         ("evaluate: {background: [0, 0, 2]}", "evaluate.background", 2, "background.2 = 2 must be at most 1"),
