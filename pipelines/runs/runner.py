@@ -35,7 +35,7 @@ from pipelines.takes.atomic_files import disk_errors, remove, write_text
 from pipelines.takes.cancel_request import cancelled_on_request
 from pipelines.takes.integrity import refuse_damage
 from pipelines.takes.kept_bakes import free_name, keep_bake, note_evaluation
-from pipelines.takes.records import read_record, write_failure
+from pipelines.takes.records import StageRecord, read_record, write_failure
 from pipelines.takes.settings_file import save_config
 from pipelines.takes.take import Take
 from pipelines.version import program_version
@@ -99,12 +99,17 @@ def run(
 
 
 def result_of(take: Take) -> Mapping[str, JsonData]:
-    """The result of a run for programs: the take, and the main figures of its finished stages."""
-    records = {name: read_record(take, name) for name in STAGE_NAMES}
-    return {
-        "take": str(take.root),
-        "stages": {name: record.summary for name, record in records.items() if record is not None},
-    }
+    """The result of a run for programs: the take, and the main figures of its finished stages. Those that finished
+    before a stage that they depend on, such as an evaluation of an earlier bake, are left out."""
+    current: dict[str, StageRecord] = {}
+    for name in STAGE_NAMES:
+        record = read_record(take, name)
+        if record is not None and all(
+            needed in current and record.params.get(f"result of {needed}") == current[needed].result
+            for needed in stage_named(name).dependencies
+        ):
+            current[name] = record
+    return {"take": str(take.root), "stages": {name: record.summary for name, record in current.items()}}
 
 
 def _known(stages: str | Iterable[str]) -> list[str]:

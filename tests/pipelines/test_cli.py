@@ -194,6 +194,8 @@ def test_bake_to_a_target(here, finished, tmp_path):
     for group in small:
         assert group.bytes <= 1000 * target * group.frame_count
     assert {group.video.qp for group in baked("--bake.quality", "40")} == {40}, "the target is replaced, too"
+    stages = result_of(here("bake", "--take", take, "--json").stdout)["stages"]
+    assert list(stages) == ["calibrate", "initialize", "train", "bake"], "nothing measured this bake yet"
 
 
 def test_typos_are_answered_with_what_is_similar(here):
