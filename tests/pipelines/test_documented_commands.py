@@ -14,8 +14,12 @@ from pathlib import Path
 
 import pytest
 
+from pipelines.config.presets import PRESETS
 from pipelines.events.cancellation import EXIT_CANCELLED
+from studio.formats import EXPORTS
+from studio.masks.sources import SOURCES
 from studio.stream import StreamReader
+from studio.stream.codecs import CODECS
 from tests.test_commands import ROOT, blocks
 
 NOT_HERE = {
@@ -129,6 +133,13 @@ def test_the_detail_of_the_guide_is_in_its_crop_box() -> None:
         return [float(number) for number in found.groups()]
 
     assert all(low < at < high for low, at, high in zip(three("--min"), three("--at"), three("--max"), strict=True))
+
+
+def test_the_guides_list_what_the_program_has() -> None:
+    sources = [source.name for source in SOURCES]
+    for page, names in (("masks", sources), ("export-import", EXPORTS), ("bake", CODECS), ("training", PRESETS)):
+        text = (ROOT / "docs" / "guides" / f"{page}.md").read_text(encoding="utf-8")
+        assert [name for name in names if not re.search(rf"[`*]{name}[`*]", text)] == [], page
 
 
 def test_the_size_of_the_demo_is_that_of_its_stream() -> None:

@@ -6,7 +6,7 @@ import signal
 from pipelines.events import Event, Finished, Log, Metrics, StageStarted
 from pipelines.stages import train_group
 from studio.errors import Cancelled
-from tests.support.events import events_in
+from tests.support.events import events_in, result_of
 from tests.support.streams import contents
 
 
@@ -99,6 +99,8 @@ def test_stopped_inside_a_keyframe_continues_from_its_checkpoint(project, here, 
         patched.setattr(train_group, "write_tensors", stops)
         assert run("stopped").returncode == 130
     assert checkpoint.exists()
+    stages = result_of(here("status", project / "stopped", "--json").stdout)["stages"]
+    assert stages["train"]["state"] == "partial", "it is neither missing nor done"
     frames = [project / name / "train" / "group_000" / "frame_000001.safetensors" for name in ("unbroken", "stopped")]
     assert not frames[1].exists()
     again = run("stopped")
