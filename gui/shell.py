@@ -182,11 +182,6 @@ class Layout:
         self.figures = not self.shows_figures
         self._panels.window.set_needs_layout()
 
-    def show_figures(self) -> None:
-        """Show the right panel."""
-        if not self.shows_figures:
-            self.toggle_figures()
-
     def toggle_log(self) -> None:
         """Show the log over the view, or in its panel again; not in fullscreen, which has no log."""
         if not self.fullscreen:

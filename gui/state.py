@@ -40,6 +40,7 @@ def state_of(window: Shell) -> JsonObject:
         "error": stages.error.text,  # in the left panel
         "error_setting": stages.error_setting,
         "frame": transport.frame,
+        "number": transport.number(transport.frame),  # of this frame in the footage
         "frames": transport.frame_count,
         "playing": transport.playing,
         "loop": transport.loop,

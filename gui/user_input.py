@@ -28,7 +28,6 @@ class UserInput:
         self.buttons = 0
         self._pointer: tuple[int, int] | None = None
         window.input.wanted = self._pointed
-        window.hints.bar = self._free_bar
 
     @property
     def control_held(self) -> bool:
@@ -159,8 +158,3 @@ class UserInput:
     def covered(self) -> bool:
         """Whether a dialog or a menu is open, as far as is known."""
         return bool(self._window.dialogs.name or self._window.camera_menu.camera or self._menu_bar.opened)
-
-    def _free_bar(self) -> tuple[int, int, int, int]:
-        """Left, top, width and height of the menu bar without its titles, pixels; no height while it is hidden."""
-        area, left = self._window.window.content_rect, self._menu_bar.empty[0]
-        return left, 0, area.x + area.width - left, area.y

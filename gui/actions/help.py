@@ -9,6 +9,7 @@ from open3d.visualization import gui
 from gui.actions.menus import MENUS
 from gui.drawing.key_list import key_list
 from gui.models.stage_rows import TITLES
+from gui.models.take.page_words import setting_words
 from gui.models.take.remedies import Fix
 from gui.shell import Shell
 from gui.widgets.dialogs.base import BUTTON_PADDING
@@ -69,7 +70,7 @@ class HelpActions:
         row.add_child(lowered(dialogs.label("If it looks bad:"), down))
         for setting in HELP[stage].settings:
             action = dialogs.closing(partial(self._show, setting))
-            row.add_child(dialogs.button(f"setting {setting}", setting, action))
+            row.add_child(dialogs.button(f"setting {setting}", setting_words(setting), action))
         row.add_stretch()
         answers = [("close", "Close", dialogs.close)]
         dialogs.show("help", f"{TITLES[stage]}: what to look for", [image, row], answers, 40, dialogs.close)
@@ -94,7 +95,7 @@ class HelpActions:
             refusal = window.workspace.change_settings({fix.setting: fix.value})
             if not window.notices.outcome("setting", str(refusal or "")):
                 return
-            window.notices.show(f"{fix.setting} changed. Run again to use it; Ctrl+Z changes it back.")
+            window.notices.show(f"{setting_words(fix.setting)} changed. Run again to use it; Ctrl+Z changes it back.")
         self._show(fix.setting)
 
     def _show(self, setting: str) -> None:

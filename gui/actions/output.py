@@ -81,6 +81,7 @@ class OutputActions:
         length = window.player.transport.frame_count / window.player.transport.fps
         request.seconds = f"{max(length, LEAST_SECONDS):g}"
         request.ranges = self._ranges()
+        request.frames = [*request.ranges][-1] if window.player.transport.span is not None else ALL_FRAMES
         self._ask_export(request, sources)
 
     @property
@@ -139,7 +140,7 @@ class OutputActions:
         if sources:
             stale = ", which does not have the last changes" if self._stale else ""
             source = f"decoded: as played back from the stream{stale}.\ntrained: before baking."
-        words = (source, "Seconds, size and background are for movies.", "Existing files are never overwritten.")
+        words = (source, "Seconds and background: movies. Size: also plates.", "Existing files are never overwritten.")
         parts = [form.grid, *map(dialogs.label, words)]
         form.show("export", "Export", parts, ("save", "Export", start), 90, error, "line")
 

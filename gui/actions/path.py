@@ -48,7 +48,8 @@ class PathActions:
         window.path_panel.shown = not window.path_panel.shown
         if window.path_panel.shown:
             window.select("review")
-            window.layout.show_figures()
+            if not window.layout.shows_figures:
+                window.layout.toggle_figures()
         window.window.set_needs_layout()
 
     def add(self) -> None:

@@ -75,7 +75,8 @@ class NewestImage:
         if words == self._words:
             return None
         self._words = words
-        return waiting(self._pixels, "" if message else words, em)
+        last = np.full_like(self._pixels, GROUND) if message and wanted != self._shown else self._pixels
+        return waiting(last, "" if message else words, em)
 
     def _empty(self, finished: bool, message: str, size: tuple[int, int], em: float) -> np.ndarray | None:
         """An empty image with a word while the very first one is being rendered; without it if there will be none."""

@@ -11,6 +11,7 @@ from gui.drawing.canvas import Canvas, line_height, shortened
 from gui.drawing.palette import DIM, GROUND, TEXT
 from gui.models.scene.orbit import OrbitCamera
 from gui.models.take.inspector import Block
+from gui.models.take.page_words import in_page_words
 from gui.models.take.workspace import Workspace
 from gui.models.worker import LatestWorker
 from studio.errors import StudioError
@@ -19,7 +20,7 @@ PICK_MARGIN = 3.0
 """Pixels by which a click may miss a camera: frustums far away are small."""
 
 Size = tuple[int, int]
-_Request = tuple[Size, str, Hashable]
+_Request = tuple[Size, str, Hashable, bool]
 
 
 class StageView:
@@ -72,7 +73,7 @@ class StageView:
 
     def poll(self, size: Size) -> np.ndarray | None:
         """Return a new image if there is one, and request one if anything has changed. Never blocks."""
-        request = (size, self.mode, self.state())
+        request = (size, self.mode, self.state(), self.workspace.busy)
         if request != self._asked:
             self._asked = request
             self._worker.ask(request)
@@ -83,7 +84,9 @@ class StageView:
             return done.result
         error = done.error
         words = str(error) if isinstance(error, StudioError) else f"{type(error).__name__}: {error}"
-        return sentence(size, words, self.em)
+        if self.workspace.busy and isinstance(error, StudioError) and error.fix.startswith("Run "):
+            words = error.problem  # the run may be about to make it
+        return sentence(size, in_page_words(words), self.em)
 
     def show_again(self) -> None:
         """Request the image again at the next poll, because the viewport has shown something else."""
@@ -96,7 +99,7 @@ class StageView:
         return self._worker.idle
 
     def _work(self, request: _Request) -> np.ndarray:
-        size, _, state = request
+        size, _, state, _ = request
         return self.draw(size, state)
 
     # Gestures; ignored by default

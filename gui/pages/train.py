@@ -18,10 +18,10 @@ from gui.models.stages import performer_over
 from gui.models.take.run_state import Curve
 from gui.models.take.workspace import Workspace
 from gui.pages.capture.camera_color_pairs import CameraColorPairs
-from gui.pages.stage_view import Size, StageView
+from gui.pages.stage_view import Size, StageView, sentence
 from pipelines.runs.staleness import MISSING
 from pipelines.takes.frame_files import read_frame
-from pipelines.takes.frame_numbers import trained_numbers
+from pipelines.takes.frame_numbers import FrameNumbers, frames_so_far
 from studio.errors import StudioError
 
 CURVES = (
@@ -56,7 +56,18 @@ class TrainView(StageView):
         preview = max((event.time for event in run.previews.values()), default=0.0)
         points = sum(len(line.positions) for lines in list(run.curves.values()) for line in list(lines.values()))
         lanes = tuple(run.lanes.get("train", {}).values())
-        return (take, run.results, preview, points, run.stage, run.outcome, lanes, self.nothing, self.em)
+        return (
+            take,
+            self.workspace.problem,
+            run.results,
+            preview,
+            points,
+            run.stage,
+            run.outcome,
+            lanes,
+            self.nothing,
+            self.em,
+        )
 
     @property
     def nothing(self) -> str:
@@ -70,6 +81,8 @@ class TrainView(StageView):
             self.places = self._pairs.places
             return picture
         self.places = []
+        if self.workspace.context is None:
+            return sentence(size, self.workspace.without_settings, self.em)
         canvas = Canvas(*size, GROUND)
         run, em = self.workspace.run, self.em
         share = 0.44 * size[1]
@@ -143,7 +156,7 @@ class TrainView(StageView):
             raise StudioError(
                 "take.no_cameras",
                 "no trained frames and no cameras yet",
-                fix="Run Train: it runs earlier stages first.",
+                fix="They appear here as Train and the stages before it run.",
             )
         footage = context.footage.trained
         held_out = footage.measured_cameras
@@ -156,18 +169,16 @@ class TrainView(StageView):
                 render = np.ascontiguousarray(pixels[..., ::-1])
                 words = f"{_kind(preview.camera, held_out)}, frame {preview.frame}{step}"
                 return words, render, self._footage(preview.camera, preview.frame)
-        files, _ = take.trained_files()
+        files, groups = frames_so_far(take)
         if not files:
-            raise StudioError(
-                "take.not_trained", "no trained frames yet", fix="Run Train. Renders appear here as it progresses."
-            )
+            raise StudioError("take.not_trained", "no trained frames yet", fix="They appear here as Train runs.")
         camera = (*held_out, *footage.train_cameras)[0]
-        index = len(files) - 1
+        index = max(files)
         view = footage.rig[camera]
         view = view.scaled(min(1.0, 640 / view.width))
         background = context.config.evaluate.background
         render = draw(read_frame(files[index]), view, background)
-        number = trained_numbers(take).number(index)
+        number = FrameNumbers.of(groups).number(index)
         return f"{_kind(camera, held_out)}, frame {number}", render, self._footage(camera, number)
 
     def _footage(self, camera: str, frame: int) -> np.ndarray | None:

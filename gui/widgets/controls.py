@@ -133,16 +133,12 @@ class ControlsPanel:
             self._hint(self._volume, tooltip)
         return changed
 
-    def _labels(self) -> dict[str, str]:
-        """What the list says of each camera."""
-        held_out = self._player.held_out
-        return {name: f"{name}, held out" if name in held_out else name for name in self._player.camera_names}
-
     def update(self) -> tuple[bool, bool]:
         """Show the state of the player; return (whether a widget changed, whether a layout is due)."""
         player, transport = self._player, self._player.transport
         speed = next((name for name, value in SPEEDS.items() if value == transport.speed), "1x")
-        labels = self._labels()
+        held_out = player.held_out
+        labels = {name: f"{name}, held out" if name in held_out else name for name in player.camera_names}
         layout = list(labels.items()) != list(self._cameras.items())
         if layout:
             self._cameras = labels

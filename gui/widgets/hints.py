@@ -17,10 +17,6 @@ DELAY = 0.4
 WIDEST = 0.6
 """Widest hint over the view, as a part of its width; longer text wraps."""
 
-LEAST_WINDOW = 32
-"""Pixels: the toolkit takes the mouse in at least so many rows from the top of a widget on (`WindowMinSize` of Dear
-ImGui)."""
-
 STEP = 8
 """Widths of hints are multiples of this, pixels, because the toolkit keeps a texture of each size."""
 
@@ -40,7 +36,6 @@ class Hints:
         picture: the hint; its widget is to be added to the window.
         text: what it says; "" if there is none.
         listing: whether a list is open, as far as is known: the toolkit does not report it, and a hint closes it.
-        bar: tells what is free of the menu bar.
     """
 
     def __init__(self, follows: bool, em: float, now: Callable[[], float] = time.monotonic) -> None:
@@ -52,7 +47,6 @@ class Hints:
         self._since = 0.0
         self.text = ""
         self.listing = False
-        self.bar: Callable[[], Box] = lambda: (0, 0, 0, 0)
         self.picture = ImagePanel()
         self.picture.widget.visible = False
 
@@ -102,23 +96,18 @@ class Hints:
         self.text, self._over, self.picture.widget.visible = "", None, False
 
     def _at(self, x: int, y: int) -> tuple[gui.Widget, gui.Widget, str] | None:
-        return next((one for one in self._texts if one[2] and _shown(one) and holds(one[0], x, y)), None)
+        shown = (one for one in self._texts if one[2] and one[0].visible and one[1].visible)
+        return next((one for one in shown if holds(one[0], x, y)), None)
 
     def place(self, view: Box) -> None:
-        """Place the hint where it covers nothing if there is room: in the menu bar, for the row below it, or beside the
-        buttons of its row; else over the view (pixels), as near to its widget as that allows."""
+        """Place the hint beside the buttons of its row if there is room, which covers nothing; else over the view
+        (pixels), as near to its widget as that allows."""
         if self._over is None or self._row is None or not self.text:
             return
         em, frame = self._em, self._over.frame
         size, pad, gap = round(0.88 * em), round(0.4 * em), round(0.5 * em)
         high = round(1.4 * em)
         wide = _stepped(text_width(self.text, size) + 2 * pad)
-        bar_x, bar_y, bar_width, bar_height = self.bar()
-        if bar_height >= high and wide <= bar_width and self._row.frame.y < bar_y + bar_height + em:
-            x = min(max(frame.x, bar_x), bar_x + bar_width - wide)
-            above = max(high, LEAST_WINDOW)  # it must not take the mouse from the buttons; the rest is off the window
-            self._draw([self.text], x, bar_y + bar_height - above, wide, above, above - high)
-            return
         rooms = [(left, right) for left, right in self._gaps(gap) if right - left >= wide]
         if rooms:
             left, right = min(rooms, key=lambda room: max(room[0] - frame.x, frame.x - room[1], 0))
@@ -148,19 +137,14 @@ class Hints:
                 left = max(left, frame.x + frame.width + gap)
         return [*found, (left, row.x + row.width)]
 
-    def _draw(self, lines: list[str], x: int, y: int, wide: int, high: int, top: int = 0) -> None:
-        """Draw the text `top` pixels below the top of the image."""
+    def _draw(self, lines: list[str], x: int, y: int, wide: int, high: int) -> None:
         em = self._em
         size, step = round(0.88 * em), line_height(round(0.88 * em))
         canvas = Canvas(wide, high, LINE)
-        text_top = top + (high - top - len(lines) * step) / 2 + (step - 1.2 * size) / 2
+        text_top = (high - len(lines) * step) / 2 + (step - 1.2 * size) / 2
         canvas.lines(round(0.4 * em), text_top, lines, size, TEXT)
         self.picture.show(canvas.pixels)
         self.picture.place(x, y, wide, high)
-
-
-def _shown(one: tuple[gui.Widget, gui.Widget, str]) -> bool:
-    return bool(one[0].visible and one[1].visible)
 
 
 def _stepped(width: float) -> int:

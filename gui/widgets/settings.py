@@ -218,7 +218,7 @@ class SettingsList:
         """A row: label in a column of `room` pixels, or above the field; field; tick that resets it."""
         em = self._em
         label = gui.Label(field.label.replace(" ", "\u00a0"))
-        label.tooltip = broken(field.documentation)
+        label.tooltip = "\n".join(textwrap.wrap(field.documentation, 70))  # the toolkit shows one line otherwise
         head = lowered(label)
         editor = make_editor(field, self._actions.set_value, self._actions.pick)
         if not self.edited or not isinstance(editor.widget, gui.TextEdit):
@@ -280,8 +280,3 @@ def _below(field: SettingField, em: float) -> bool:
     if field.kind == "choice":
         return max(text_room(choice, em) for choice in field.choices) > WIDEST_BESIDE * em
     return field.name in FOLDERS | FILES | TEMPLATES or bool(field.kind_of_list)
-
-
-def broken(text: str) -> str:
-    """Wrap a tooltip; the toolkit shows it as one line otherwise."""
-    return "\n".join(textwrap.wrap(text, 70))

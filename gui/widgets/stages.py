@@ -9,6 +9,7 @@ from open3d.visualization import gui
 from gui.drawing.palette import ACCENT_DARK, BAD, DIM, PANEL, RAISED
 from gui.models.stage_rows import TITLES
 from gui.models.take.estimates import Estimates
+from gui.models.take.page_words import in_page_words, setting_words
 from gui.models.take.settings import SettingField, stage_of
 from gui.models.take.workspace import Workspace
 from gui.widgets import stage_list
@@ -189,7 +190,7 @@ class StagesPanel:
 
     def _refuse(self, refusal: Message | None, edited: str = "") -> None:
         """Show why a setting was refused; None clears it."""
-        text = "" if refusal is None else str(refusal)
+        text = "" if refusal is None else in_page_words(str(refusal))
         setting = "" if refusal is None else str(refusal.fields.get("setting", ""))
         self._refused_setting = setting if setting != edited else ""  # the edited one is already on screen
         self._error_in = self._circumstances
@@ -257,7 +258,7 @@ class StagesPanel:
             self._refuse(None)
         row = self._workspace.row(self.selected)
         config, setting = self._workspace.config, self.error_setting
-        link = f"Go to {setting}" if setting else ""
+        link = f"Go to {setting_words(setting)}" if setting else ""
         layout = put(self.detail, text=row.detail, visible=bool(row.detail)) | put(
             self.link, text=link, visible=bool(link)
         )
@@ -294,7 +295,7 @@ class StagesPanel:
     def _update_buttons(self, state: str) -> bool:
         changed = False
         busy = self._workspace.busy
-        there = self._workspace.take is not None
+        there = self._workspace.config is not None
         text = "Check" if self.selected == "capture" else "Run again" if state == "done" else "Run"
         if put(self.buttons["run"], text=text):
             # only what is to be done next stands out

@@ -33,7 +33,7 @@ EDIT_WORDS = {
     "crop": "the crop box",
     "ground": "the ground plane",
     "floaters": "the limits of floaters",
-    "regions": "the removed regions",
+    "regions": "the regions to remove",
     "world": "the placement of the world",
     "details": "the marked details",
 }

@@ -6,6 +6,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 
 from pipelines.takes.atomic_files import read_model
 from pipelines.takes.groups import Group
@@ -63,6 +64,27 @@ def trained_groups(take: Take) -> list[Group]:
         frames = read_model(take.train_group(index) / "group.json", TrainedGroup).frames
         found.append(Group(index, start, frames[: end - start]))
     return found
+
+
+def frames_so_far(take: Take) -> tuple[dict[int, Path], list[Group]]:
+    """Files of all trained frames by index in the take, ascending, and their groups with all frames. Training begins in
+    the middle of a group, so the first frames of one may be missing.
+
+    Raises:
+        StudioError: a group's file is missing or damaged (`take.file_not_found`, `take.damaged`).
+    """
+    files: dict[int, Path] = {}
+    groups: list[Group] = []
+    first = 0
+    while (described := (folder := take.train_group(len(groups))) / "group.json").is_file() or any(
+        folder.glob("frame_*.safetensors")
+    ):
+        group = Group(len(groups), first, read_model(described, TrainedGroup).frames)
+        paths = {index: take.trained_frame(group.index, index) for index in group.indices}
+        files |= {index: path for index, path in paths.items() if path.is_file()}
+        groups.append(group)
+        first += len(group.frames)
+    return files, groups
 
 
 def trained_numbers(take: Take) -> FrameNumbers:

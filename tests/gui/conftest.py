@@ -56,19 +56,20 @@ def body(frame: int, splats: int = 600) -> Gaussians:
     )
 
 
+def write_stream(folder: Path, made: Callable[[int], Gaussians] = body) -> None:
+    """Bake a stream of 12 frames in two groups, whose splats `made` returns."""
+    settings = BakeSettings(quality=10, preset="ultrafast")
+    groups = [
+        bake_group([made(frame) for frame in range(first, first + count)], folder, index, first, settings)
+        for index, (first, count) in enumerate(GROUPS)
+    ]
+    write_manifest(folder, groups, FPS, settings, {})
+
+
 @pytest.fixture(scope="session")
 def stream_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A baked stream of 12 frames in two groups."""
-
-    def make(folder: Path) -> None:
-        settings = BakeSettings(quality=10, preset="ultrafast")
-        groups = [
-            bake_group([body(frame) for frame in range(first, first + count)], folder, index, first, settings)
-            for index, (first, count) in enumerate(GROUPS)
-        ]
-        write_manifest(folder, groups, FPS, settings, {})
-
-    return made_once(tmp_path_factory, "walking stream", make)
+    """Of `write_stream`."""
+    return made_once(tmp_path_factory, "walking stream", write_stream)
 
 
 @pytest.fixture(scope="session")

@@ -85,4 +85,19 @@ def test_input_that_is_faster_than_the_window(open_window: Callable[..., Running
     window.wait_for("the take", lambda s: "footage" in s["widgets"])
     window.ticks(60)
     assert window.states()[-1]["what"] == state["what"], "Footage, which came to the place of Done, was not chosen"
+
+    # a take whose folder is removed is no bug, and nothing is said that holds no more
+    take_copy.rename(take_copy.with_name("moved"))
+    gone = window.wait_for("a message", lambda s: "folder of this take is gone" in s["message"])
+    assert gone["message"].startswith(f"{take_copy}: ")
+    for name in ("capture", "train", "bake"):
+        window.click("stages", 0.3, (list(gone["stages"]).index(name) + 0.5) / len(gone["stages"]))
+        state = window.wait_for(name, lambda s, name=name: s["stage"] == name and s["settled"])
+        assert (state["message"], state["notice"]) == (gone["message"], "")
+    window.click("all")
+    window.ticks(30)
+    assert (window.states()[-1]["notice"], window.states()[-1]["busy"]) == ("", False)
+    take_copy.with_name("moved").rename(take_copy)
+    window.wait_for("the take", lambda s: s["message"] == "" and s["stages"]["bake"][0] == "done")
+    assert "Traceback" not in window.stderr.read_text()
     assert window.close() == 0, window.stderr.read_text()[-2000:]

@@ -6,6 +6,7 @@ from pathlib import Path
 from pipelines.config.loading import load_config
 from pipelines.events import Warned
 from pipelines.takes.evaluation import read_evaluation
+from pipelines.takes.settings_file import save_config
 from pipelines.takes.take import Take
 from tests.gui.conftest import RunningWindow
 
@@ -37,7 +38,7 @@ def test_settings_help_a_fix_and_a_span(open_window: Callable[..., RunningWindow
     window.click("dialog setting train.max_splats")
     window.wait_for("the setting", lambda s: not s["dialog"] and "setting train.max_splats" in s["widgets"])
 
-    words = "Set capture.scale to 0.5"
+    words = "Set 'scale of images' in Capture to 0.5"
     switch = "warnings only (1)"
     fixes = window.wait_for("the switch", lambda s: switch in s["fixes"])["fixes"]
     window.click("log", *fixes[switch])
@@ -45,7 +46,9 @@ def test_settings_help_a_fix_and_a_span(open_window: Callable[..., RunningWindow
     # the only line of the log moves to its top
     fixes = window.wait_for("the button", lambda s: words in s["fixes"] and s["fixes"][words][1] < 0.5)["fixes"]
     window.click("log", *fixes[words])
-    window.wait_for("another button", lambda s: "capture.scale is 0.5 now" in s["fixes"] and s["stage"] == "capture")
+    window.wait_for(
+        "another button", lambda s: "'scale of images' in Capture is 0.5 now" in s["fixes"] and s["stage"] == "capture"
+    )
     assert load_config(take.config).capture.scale == 0.5
     window.chord("z")
     window.wait_for("the button again", lambda s: words in s["fixes"])
@@ -74,7 +77,7 @@ def test_settings_help_a_fix_and_a_span(open_window: Callable[..., RunningWindow
     place = window.wait_for("the field", lambda s: s["widgets"][FOUND[0]][2] > 0)["widgets"][FOUND[0]]
     window.retype(FOUND[0], "nope")
     window.key("Return")
-    state = window.wait_for("a refusal", lambda s: "train.rates.opacity" in s["error"])
+    state = window.wait_for("a refusal", lambda s: "'rates: opacity' in Train" in s["error"])
     assert state["widgets"][FOUND[0]] == place, "fields stay where they are when a message appears"
     x, y = window.point(FOUND[0])
     window.press(x, y + 120)  # below it, where no field has the focus
@@ -88,10 +91,37 @@ def test_settings_help_a_fix_and_a_span(open_window: Callable[..., RunningWindow
     window.wait_for("the usual value", lambda s: s["texts"][FOUND[0]] == "0.05" and s["stages"]["train"][0] == "done")
     window.chord("z")
     window.wait_for("the change", lambda s: s["texts"][FOUND[0]] == "0.025")
+    undone = "Undone: the change of 'rates: opacity' in Train from 0.025 to 0.05."
+    window.saw("what was undone", lambda s: s["notice"] == undone)
     window.chord("z", "Shift_L")
     window.wait_for("no change", lambda s: s["texts"][FOUND[0]] == "0.05")
     window.saw("a notice", lambda s: "Redone" in s["notice"])
     assert load_config(take.root / "config.yaml").train.rates.opacity == 0.05
+
+    # one change is one reason, in the words of the pages; a marked frame stays that of the footage
+    window.stage("review")
+    for key in ("Home", "Right", "Right", "m"):
+        window.key(key)
+    window.wait_for("the question", lambda s: s["dialog"] == "mark" and s["typing"])
+    window.key("Return")
+    window.wait_for("the mark", lambda s: list(s["marks"]) == ["2"] and not s["dialog"])
+    config = load_config(take.config, [("train.max_splats", 300)])
+    save_config(take.config, config)
+    rows = window.wait_for("a stale bake", lambda s: s["stages"]["bake"][0] == "stale")["stages"]
+    assert rows["train"][2] == "'most splats' in Train changed from 400 to 300"
+    assert rows["bake"][2].startswith("Train must run")
+    assert rows["review"][2].startswith("Train and Bake must run")
+    save_config(take.config, load_config(take.config, [("capture.frames", "1:5"), ("train.max_splats", 400)]))
+    window.stage("capture")
+    window.wait_for("fewer frames", lambda s: s["frames"] == 4)
+    for key, number in (("Home", 1), ("period", 2)):
+        window.key(key)
+        window.wait_for(f"frame {number}", lambda s, number=number: (s["number"], s["frame"]) == (number, number - 1))
+    window.stage("review")
+    window.key("Home")
+    window.key("period")
+    window.wait_for("the marked frame", lambda s: s["number"] == 2 and s["shown"] == 2 and s["settled"])
+    window.stage("train")
     before = window.states()[-1]["widgets"]["stages"][2]
     window.drag("stages", (0.99, 0.5), (1.25, 0.5))
     state = window.wait_for("a wider panel", lambda s: s["widgets"]["stages"][2] > before + 40)

@@ -1,14 +1,16 @@
 """A stream in the window: played, turned, shared and served, with a command that fails on the way."""
 
-import shutil
 import urllib.request
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
+import torch
 
-from tests.gui.conftest import RunningWindow
+from studio.gaussians import Gaussians
+from tests.gui.conftest import RunningWindow, body, write_stream
 from tests.support.waiting import wait_until
 
 FAILING = """
@@ -28,10 +30,10 @@ LIST = ("the list", lambda s: s["dialog"] == "commands" and s["typing"])
 
 def test_a_stream_is_played_shared_and_served(
     open_window: Callable[..., RunningWindow],
-    stream_folder: Path,
     tmp_path: Path,
 ) -> None:
-    folder = Path(shutil.copytree(stream_folder, tmp_path / "walk"))
+    folder = tmp_path / "walk"
+    write_stream(folder, two_bodies)
     window = open_window(str(folder), program=("-c", FAILING), plays=True)
     first = window.wait_for("a picture, playing", lambda s: s["shown"] is not None and s["playing"])
     assert first["frames"] == 12
@@ -66,9 +68,15 @@ def test_a_stream_is_played_shared_and_served(
     window.drag("timeline", (window.across_frame(1), 0.6), (window.across_frame(10), 0.6))
     window.wait_for("frame 10 by a drag", lambda s: s["frame"] == 10 and s["shown"] == 10)
 
-    # the screen shows the colors of the body, and orbiting changes them
-    wait_until("on the screen", lambda: colored(window.pixels("viewport")) > 5000)
+    # the screen shows both bodies, at eye level, and orbiting changes their colors
+    wait_until("on the screen", lambda: colored(window.pixels("viewport")).sum() > 5000)
     one = window.pixels("viewport")
+    high, wide = one.shape[:2]
+    rows, columns = np.nonzero(colored(one))
+    assert 0.02 * wide < columns.min() < 0.4 * wide
+    assert 0.6 * wide < columns.max() < 0.98 * wide
+    assert 0.02 * high < rows.min() < rows.max() < 0.98 * high
+    assert abs(before["orbit"][1]) < 0.3, "radians"
     window.drag("viewport", (0.4, 0.5), (0.6, 0.4))
     turned = window.wait_for("another view", lambda s: s["orbit"] != before["orbit"] and s["settled"])
     assert turned["orbit"][0] != before["orbit"][0]
@@ -196,9 +204,16 @@ def test_a_stream_is_played_shared_and_served(
     assert window.close() == 0
 
 
-def colored(pixels: np.ndarray) -> int:
-    """Number of pixels that are not gray."""
-    return int(((pixels.max(-1).astype(int) - pixels.min(-1)) > 60).sum())
+def two_bodies(frame: int) -> Gaussians:
+    """Two performers, far apart."""
+    one = body(frame)
+    return Gaussians.cat(*(replace(one, means=one.means + torch.tensor([0.0, y, 0.0])) for y in (-1.2, 1.2)))
+
+
+def colored(pixels: np.ndarray) -> np.ndarray:
+    """(H, W) bool: pixels that are not gray."""
+    found: np.ndarray = (pixels.max(-1).astype(int) - pixels.min(-1)) > 60
+    return found
 
 
 def read_code(window: RunningWindow) -> str:

@@ -39,7 +39,8 @@ def test_from_footage_to_a_wipe_and_a_run_that_outlives_the_window(
     window.drag("dialog sheet", (0.05, 0.9), (0.95, 0.9))
     window.wait_for("the frames", lambda s: s["texts"]["dialog frames"] == "0 to 4")
     window.click("dialog create")
-    window.wait_for("the footage", lambda s: s["stages"]["capture"][0] == "done" and s["stage"] == "capture")
+    state = window.wait_for("the footage", lambda s: s["stages"]["capture"][0] == "done" and s["stage"] == "capture")
+    assert {state["stages"][stage][1] for stage in STAGES[1:]} == {"not run"}
     assert "frames: 0:5\n" in (tmp_path / "take" / "config.yaml").read_text()
     window.wait_for("thumbnails", lambda s: s["settled"])
 
@@ -47,7 +48,7 @@ def test_from_footage_to_a_wipe_and_a_run_that_outlives_the_window(
     window.stage("bake")
     window.retype("setting bake.quality", "77w")
     window.key("Return")
-    state = window.wait_for("a refusal", lambda s: "bake.quality" in s["error"])
+    state = window.wait_for("a refusal", lambda s: "'quality' in Bake" in s["error"])
     assert state["compare"] == "single"
     window.retype("setting bake.quality", "24")
     window.key("Return")

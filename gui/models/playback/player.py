@@ -27,12 +27,11 @@ from gui.models.scene.splats import draw
 from gui.models.worker import Done, LatestWorker
 from pipelines.share.cast_frames import CastFrames
 from pipelines.takes.videos import FALLBACK_FPS
-from studio.counts import counted
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.playback import Output, SoundDevice
 
-NOTHING_TO_SHOW = "Nothing trained or baked yet. Run the stages on the left."
+NOTHING_TO_SHOW = "Nothing trained or baked yet. Frames appear here as Train and Bake run."
 
 LONGEST_SHARP = 1.0
 """Seconds that an image at full resolution may take to draw; the next change waits for it."""
@@ -455,21 +454,14 @@ class PlayerPresenter(Viewpoint):
 
     @property
     def status(self) -> str:
-        """Status line for the newest image."""
+        """Status line for the newest image: what neither the panels nor the pressed buttons say."""
         if self.picture is None or self.source is None:
             return ""
-        picture = self.picture
-        frame, current, number = self.frame, self.current, self.transport.number
-        parts = [
-            self._shown_label() if self.mode == "single" else self.mode,
-            f"frame {number(frame)} ({number(0)} to {number(self.transport.last)})",
-            f"{frame / self.transport.fps:.2f} s",
-            self.camera or "free view",
-        ]
-        if not current:
+        other, parts = self.other, []
+        if self.what == OTHER and self.mode == "single" and other is not None:
+            parts.append(other.label)
+        if not self.current:
             parts.append("not shown" if self.settled else "rendering")
-        elif picture.splats:
-            parts.append(counted(picture.splats, "splat"))
         count = len(self.left_out)
         if count:
             parts.append(f"{count} damaged group{'s' * (count != 1)} skipped")
@@ -478,10 +470,6 @@ class PlayerPresenter(Viewpoint):
         if self.notice:
             parts.append(self.notice)
         return "   ".join(parts)
-
-    def _shown_label(self) -> str:
-        other = self.other
-        return other.label if self.what == OTHER and other is not None else self.what
 
     def close(self) -> bool:
         """End the thread and close files. Returns whether the thread ended in time."""

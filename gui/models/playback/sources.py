@@ -18,11 +18,11 @@ from pipelines.share.cast_frames import CastFrames
 from pipelines.takes.edited import EditedGroup
 from pipelines.takes.edits import read_edits
 from pipelines.takes.frame_files import read_frame
-from pipelines.takes.frame_numbers import FrameNumbers, trained_groups, trained_numbers
+from pipelines.takes.frame_numbers import FrameNumbers, frames_so_far
 from pipelines.takes.take import Take
 from pipelines.takes.videos import FALLBACK_FPS
 from studio.cameras import Camera, Rig
-from studio.edits.edit_list import Trim
+from studio.edits.edit_list import EditList, Trim
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 
@@ -98,32 +98,34 @@ class Opened:
 
 
 class TrainedSource:
-    """A take's trained frames, from frame 0 up to the first gap, without the splats that its edits remove.
+    """A take's trained frames, without the splats that its edits remove from complete groups.
 
     Raises:
-        StudioError: `take.not_trained`, or the edits cannot be read (`take.edits_*`).
+        StudioError: `take.not_trained`, a group's file is damaged, or the edits cannot be read (`take.edits_*`).
     """
 
     name = "trained"
 
     def __init__(self, take: Take, fps: float) -> None:
         self.fps = fps
-        self._files, starts = take.trained_files()
-        self.group_starts: Sequence[int] = starts
+        self._files, groups = frames_so_far(take)
         if not self._files:
             raise StudioError("take.not_trained", "no trained frames yet", file=take.root / "train", fix="Run Train.")
-        self.frame_count = len(self._files)
+        self.group_starts: Sequence[int] = tuple(
+            next((index for index in group.indices if index in self._files), group.first) for group in groups
+        )
+        self.frame_count = max(self._files) + 1
+        self.numbers = FrameNumbers.of(groups)
         edits = read_edits(take.edits)
-        self._groups = [EditedGroup(take, group, edits) for group in trained_groups(take)]
+        self._groups = [
+            EditedGroup(take, group, edits if self._files.keys() >= set(group.indices) else EditList())
+            for group in groups
+        ]
         self._cache = frame_cache()
 
     def gaussians(self, frame: int) -> Gaussians:
-        if frame >= self.frame_count:
-            raise StudioError(
-                "take.frame_not_trained",
-                f"frame {frame} is not trained yet; trained frames are 0 to {self.frame_count - 1}",
-                frame=frame,
-            )
+        if frame not in self._files:
+            raise StudioError("take.frame_not_trained", "not trained yet", frame=frame)
         held = self._cache.get(frame)
         if held is None:
             held = self._groups[bisect_right(self.group_starts, frame) - 1].cut(read_frame(self._files[frame]))
@@ -134,9 +136,10 @@ class TrainedSource:
         """(N, 3): where the performer is in frames spread over the take, world coordinates; damaged ones are left
         out."""
         found = [np.zeros((0, 3))]
-        for frame in sorted({round(x) for x in np.linspace(0, self.frame_count - 1, REACH_FRAMES)}):
+        files = list(self._files.values())
+        for at in sorted({round(x) for x in np.linspace(0, len(files) - 1, REACH_FRAMES)}):
             with contextlib.suppress(StudioError):
-                found.append(thinned(body_of(read_frame(self._files[frame]))))
+                found.append(thinned(body_of(read_frame(files[at]))))
         return np.concatenate(found)
 
     def close(self) -> None:
@@ -224,12 +227,12 @@ def _open_take(path: Path) -> Opened:
             opened.sources[decoded.name] = decoded
         except StudioError as error:  # trained frames can still be shown
             problems.append(str(error))
-    if take.trained_files()[0]:
-        try:
-            trained = TrainedSource(take, _fps(take, opened))
-            opened.numbers = trained_numbers(take)
-            opened.sources[trained.name] = trained
-        except StudioError as error:
+    try:
+        trained = TrainedSource(take, _fps(take, opened))
+        opened.numbers = trained.numbers
+        opened.sources[trained.name] = trained
+    except StudioError as error:
+        if error.code != "take.not_trained":
             problems.append(str(error))
     opened.message = "\n".join(dict.fromkeys(problems))  # each once: trained frames need the edits, too
     return opened
@@ -261,6 +264,6 @@ def _fps(take: Take, opened: Opened) -> float:
 
 def take_contents(take: Take) -> tuple[object, ...]:
     """A cheap fingerprint that changes when frames are trained or a stream is baked."""
-    files, _ = take.trained_files()
+    files = sorted(take.root.glob("train/group_*/frame_*.safetensors"))
     paths = [take.stream / "manifest.json", take.rig, take.edits, *files[:1], *files[-1:]]
     return len(files), *(path.stat().st_mtime_ns if path.is_file() else 0 for path in paths)

@@ -407,9 +407,6 @@ class TimelinePlots:
         if isinstance(plot, Waveform):
             self._waveform(canvas, plot, y, height)
             return
-        if plot.range is None:
-            canvas.text(self.left + 8, y + height / 2 - size * 0.62, "not evaluated yet", size, DIM)
-            return
         for index, value in enumerate(plot.values[: self.frame_count]):
             if value is not None:
                 self._value(canvas, timeline, plot, index, value, y, height, _dimmed(plot.color))

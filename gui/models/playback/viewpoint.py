@@ -172,7 +172,8 @@ class Viewpoint:
     def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
         """Handle a drag in pixels, see `StageView`: orbiting leaves a capture camera, panning stays in its image."""
         if turn:
-            self._leave_camera()
+            if self.camera:
+                self.look_through("")
             self.orbit = self.orbit.orbit(dx, dy)
             return
         if self.camera and self.opened is not None and self.opened.rig is not None:
@@ -188,10 +189,6 @@ class Viewpoint:
             self.image_zoom = self.image_zoom.zoomed(notches)
             return
         self.orbit = self.orbit.zoom(notches)
-
-    def _leave_camera(self) -> None:
-        if self.camera:
-            self.look_through("")
 
     def view(self, size: tuple[int, int] | None = None) -> Camera | None:
         """The pinhole camera of the current view; None if nothing is open.

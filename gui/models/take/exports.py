@@ -11,6 +11,7 @@ from gui.models.camera_path import PathEditor
 from gui.models.loop import Signal
 from gui.models.playback.viewpoint import BACKGROUNDS
 from gui.models.take.jobs import ChildProcess, v3studio_command
+from gui.models.take.page_words import in_page_words
 from gui.models.take.shares import ShareRequest
 from gui.models.take.target import NamedTarget
 from pipelines.events import Finished, Log, Progress, read_line
@@ -244,7 +245,7 @@ class Exports:
         elif self._stopping or status == EXIT_CANCELLED:
             self.result, self.failed = f"{request.does} stopped. No files were left behind.", False
         else:
-            self.result = f"{request.does} failed: {last.removeprefix('error: ')}"
+            self.result = in_page_words(f"{request.does} failed: {last.removeprefix('error: ')}")
         self.finished.emit()
 
     def stop(self) -> None:

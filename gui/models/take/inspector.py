@@ -15,6 +15,7 @@ from gui.models.playback.player import PlayerPresenter
 from gui.models.playback.span import SPANNED, span_rows
 from gui.models.take.log_words import stage_name
 from gui.models.take.workspace import Workspace
+from pipelines.reports.summary_words import summary_words
 from pipelines.reports.terminal import duration
 from studio.comparison.metrics import EVALUATED
 from studio.errors import StudioError
@@ -62,13 +63,9 @@ def review_blocks(player: PlayerPresenter, evaluation: Evaluation, marks: Marks,
     row = evaluation.frames.get(frame)
     if row is not None:
         rows.append(("size", f"{row.bytes / 1000:.1f} KB"))
-    blocks.append(
-        Block(
-            f"Quality, {whose}" if whose else "Quality",
-            rows,
-            evaluation.error or ("" if rows else why_no_figures(player)),
-        )
-    )
+    note = evaluation.error or ("" if rows else why_no_figures(player))
+    if rows or note:
+        blocks.append(Block(f"Quality, {whose}" if whose else "Quality", rows, note))
     if transport.span is not None:
         blocks.append(span_block(player, evaluation, camera, *transport.span))
     if player.left_out:
@@ -77,9 +74,11 @@ def review_blocks(player: PlayerPresenter, evaluation: Evaluation, marks: Marks,
 
 
 def why_no_figures(player: PlayerPresenter) -> str:
-    """Why there are no figures of the current frame."""
+    """Why there are no figures of the current frame; "" without a take whose settings can be read."""
+    if player.context is None:
+        return ""
     try:
-        trim = player.context.edits.trim if player.context is not None else None
+        trim = player.context.edits.trim
     except StudioError:  # reported where the edits are shown
         trim = None
     number = player.transport.number(player.frame)
@@ -115,29 +114,25 @@ def run_blocks(workspace: Workspace, stage: str) -> list[Block]:
             total = progress.total_seconds_left
             rows.append(("entire run", f"{duration(total)} left" if total is not None else "estimating time left"))
         for name in ("loss", "psnr", "splats"):
-            value = progress.figures.get(name)
+            value, label = progress.figures.get(name), name.replace("psnr", "PSNR")
             if isinstance(value, float):
-                rows.append((name, f"{value:.4g}"))
+                rows.append((label, f"{value:.4g}"))
             elif isinstance(value, int):
-                rows.append((name, f"{value:,}"))
+                rows.append((label, f"{value:,}"))
                 most = workspace.config.train.max_splats if workspace.config is not None else value
                 if name == "splats" and progress.stage == "train" and value > most:
                     rows.append(("after pruning", f"{most:,} at most"))
         blocks.append(Block("Running", rows, progress.label))
-    if stage != "review":
+    if stage != "review" and workspace.context is not None:
         status = workspace.assessment.stages.get(stage)
         states = {"missing": "not run", "running": "paused" if workspace.paused else "running"}
         rows = [("state", states.get(row.state, row.state))]
         if status is not None and status.seconds is not None:
             rows.append(("time", duration(status.seconds)))
-        for name, value in (status.summary or {}).items() if status is not None else ():
-            # of one value per group, the lowest and the highest: a list of them would look like one long number
-            ends = sorted({min(value), max(value)}) if isinstance(value, list) and value else [value]
-            texts = [f"{one:,}" if isinstance(one, int) else str(one) for one in ends]
-            rows.append((name.replace("_", " "), " to ".join(texts)))
         if stage == "capture":
             rows.append(("footage", row.words))
-        blocks.append(Block(row.title, rows))
+        summary = status.summary if status is not None else None
+        blocks.append(Block(row.title, rows, summary_words(stage, summary) if summary else ""))
     return blocks
 
 

@@ -26,14 +26,10 @@ def metrics_words(event: Metrics) -> str:
     if event.stage == "evaluate" and event.frame is None:
         words = summary_words("evaluate", figures)
     else:
-        known = [part for part in _WORDS.get(event.stage, _none)(figures) if part]
+        known = [part for part in _WORDS.get(event.stage, lambda _figures: [])(figures) if part]
         words = ", ".join([*known, *_rest(figures)])
     where = f"frame {event.frame}" if event.frame is not None else f"group {event.group}"
     return f"{stage_name(event.stage)}{f', {where}' if event.group is not None else ''}: {words}"
-
-
-def _none(figures: Figures) -> list[str]:
-    return []
 
 
 def _calibrate(figures: Figures) -> list[str]:
@@ -62,7 +58,7 @@ def _initialize(figures: Figures) -> list[str]:
     return [
         _count(points, "point"),
         f"mesh of {_count(faces, 'triangle')}" if faces is not None else "",
-        f"masks differ from the hull by up to {found[worst]:.0%} ({worst})" if worst else "",
+        f"masks differ from the hull by up to {found[worst]:.0%} (camera {worst})" if worst else "",
     ]
 
 

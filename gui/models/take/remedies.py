@@ -8,6 +8,7 @@ from typing import cast
 
 from pydantic import JsonValue
 
+from gui.models.take.page_words import setting_words
 from gui.models.take.settings import stage_of
 from gui.models.take.workspace import setting_value
 from pipelines.config import Config
@@ -36,10 +37,6 @@ def _told(name: str) -> Value:
     return lambda fields: fields.get(name)
 
 
-def _always(value: JsonData) -> Value:
-    return lambda fields: value
-
-
 REMEDIES: Mapping[str, Remedy] = {
     "bake.beyond_hardware": Remedy("train.max_splats"),
     "bake.short_sound": Remedy("capture.audio_offset"),
@@ -48,7 +45,7 @@ REMEDIES: Mapping[str, Remedy] = {
     "calibration.reprojection_error": Remedy("calibrate.camera_model"),
     "cluster.no_node": Remedy("run.memory_per_group"),
     "cluster.out_of_memory": Remedy("run.memory_per_group"),
-    "coverage.gaps": Remedy("bake.view_range", _always("none")),
+    "coverage.gaps": Remedy("bake.view_range", lambda _fields: "none"),
     "evaluation.no_held_out": Remedy("capture.held_out"),
     "footage.few_frames": Remedy("calibrate.frame_count", _told("frames")),
     "hull.mask_mismatch": Remedy("capture.mask_sensitivity"),
@@ -85,8 +82,9 @@ class Fix:
     def words(self) -> str:
         """The button's label."""
         if self.done:
-            return f"{self.setting} is {inline_yaml(self.value)} now"
-        return f"Set {self.setting} to {inline_yaml(self.value)}" if self.sets else f"Show {self.setting}"
+            return f"{setting_words(self.setting)} is {inline_yaml(self.value)} now"
+        shown = setting_words(self.setting)
+        return f"Set {shown} to {inline_yaml(self.value)}" if self.sets else f"Show {shown}"
 
 
 def fix_of(notice: Notice | None, config: Config | None) -> Fix | None:

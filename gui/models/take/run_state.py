@@ -6,6 +6,7 @@ from collections import deque
 from dataclasses import dataclass, field, replace
 
 from gui.models.take.log_words import metrics_words, stage_name
+from gui.models.take.page_words import in_page_words
 from pipelines.events import (
     Event,
     Finished,
@@ -194,7 +195,7 @@ class RunState:
 
     def _say(self, text: str, kind: str = "", notice: Notice | None = None) -> None:
         self.begun = True
-        self.lines.append(LogLine(kind, text, self._now, notice))
+        self.lines.append(LogLine(kind, in_page_words(text), self._now, notice))
 
     def _metrics(self, event: Metrics) -> None:
         if event.stage in ("train", "bake", "initialize"):

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
+from gui.models.take.page_words import why_not_done
 from gui.models.take.target import NamedTarget
 from pipelines.reports.summary_words import size_words
 from pipelines.runs.staleness import StageStatus
@@ -119,5 +120,5 @@ def stale_words(bake: StageStatus | None, checked: bool = True, unreadable: bool
         return "Checking whether the stream is up to date ..."
     if bake is None or bake.state == "done":
         return ""
-    why = f": {bake.reason}" if bake.reason else ""
+    why = f": {why_not_done(bake)}".rstrip(" :.")
     return f"The stream is out of date{why}.\nTo share the take as it is set now, cancel and run Bake first."

@@ -19,6 +19,7 @@ from gui.models.loop import LOOP, Signal
 from gui.models.stage_rows import TITLES, Assessment, StageRow, assess, pipeline_name
 from gui.models.stages import Inputs
 from gui.models.take.jobs import Job, is_paused, pause_process, stop_process
+from gui.models.take.page_words import in_page_words, why_not_done
 from gui.models.take.run_state import RunState
 from gui.models.worker import Done, LatestWorker
 from pipelines.config import Config, load_config
@@ -265,10 +266,13 @@ class Workspace:
                 return StageRow(
                     key, "running", words, fraction=self.run.progress.fraction if self.run.progress else 0.0
                 )
-            if name in self.run.planned and name not in self.run.finished and name not in self.run.failed:
+            if name in self.run.finished:  # the assessment may be older
+                return StageRow(key, "done", "done")
+            if name in self.run.planned and name not in self.run.failed:
                 return StageRow(key, "waiting", "waiting")
         if name in self.run.failed and not self.busy and not (self.assessed and self._state(name) == "done"):
-            return StageRow(key, "failed", "failed", self.run.failed[name], self.run.failed_setting.get(name, ""))
+            why = in_page_words(self.run.failed[name])
+            return StageRow(key, "failed", "failed", why, self.run.failed_setting.get(name, ""))
         status = self.assessment.stages.get(name)
         if status is None:
             return StageRow(key, "missing", "" if self.assessed or self.context is None else "checking")
@@ -276,7 +280,7 @@ class Workspace:
         if status.state == "partial":
             words = f"{status.units_done} of {status.units} {status.unit}"
         # that it has not run, and that earlier stages have not either, is in the list already
-        return StageRow(key, status.state, words, "" if status.state == "missing" else status.reason)
+        return StageRow(key, status.state, words, "" if status.state == "missing" else why_not_done(status))
 
     def _state(self, name: str) -> str:
         status = self.assessment.stages.get(name)
@@ -288,7 +292,7 @@ class Workspace:
         if self.assessment.footage_error is not None:
             error = self.assessment.footage_error
             setting = str(error.fields.get("setting", ""))
-            return StageRow("capture", "failed", "cannot be opened", str(error), setting)
+            return StageRow("capture", "failed", "cannot be opened", in_page_words(str(error)), setting)
         if not self.assessed:
             return StageRow("capture", "missing", "checking")
         return StageRow("capture", "done", self.assessment.footage)
@@ -398,7 +402,7 @@ class Workspace:
             old = {name: setting_value(before, name) for name in values}
             new = {name: setting_value(self.context.config, name) for name in values}
             changes = [f"{name} from {inline_yaml(old[name])} to {inline_yaml(new[name])}" for name in new]
-            words = words or f"the change of {', '.join(changes)}"
+            words = words or f"the change of {in_page_words(', '.join(changes))}"
             write = self.write_settings
             self.history.add(Change(words, lambda: write(old), lambda: write(new)))
         return refusal

@@ -91,7 +91,7 @@ class RigCoverage:
         pixels, depth = view.project(places)
         near = ((view.center - places) * towards).sum(1) > 0
         for at in np.flatnonzero(~near & (depth > NEAR)):
-            canvas.dot(pixels[at, 0], pixels[at, 1], 0.6 * dot, _faded(colors[at]))
+            canvas.dot(pixels[at, 0], pixels[at, 1], 0.6 * dot, _rgb(0.3 * colors[at] + 0.7 * np.array(GROUND)))
         if len(self.points):
             draw_points(canvas, view, self.points, _COLORS[np.digitize(-self.facing, (-2.5, -1.5))], 2)
         for at in np.flatnonzero(near & (depth > NEAR)):
@@ -138,7 +138,3 @@ def _sphere(count: int) -> np.ndarray:
 def _rgb(color: np.ndarray) -> RGB:
     red, green, blue = (int(value) for value in color)
     return red, green, blue
-
-
-def _faded(color: np.ndarray) -> RGB:
-    return _rgb(0.3 * color + 0.7 * np.array(GROUND))

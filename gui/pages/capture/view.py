@@ -14,6 +14,7 @@ from gui.drawing.palette import ACCENT, BAD, DIM, GROUND, HELD_OUT, RAISED, TEXT
 from gui.models.held_out import held_out_first
 from gui.models.stages import Inputs
 from gui.models.take.inspector import Block
+from gui.models.take.page_words import in_page_words
 from gui.models.take.workspace import Workspace
 from gui.pages.capture.garbage_drawing import GarbageDrawing, Polygons, draw_garbage
 from gui.pages.stage_view import Size, StageView, rectangle, sentence
@@ -71,7 +72,7 @@ class CaptureView(StageView):
     @property
     def blocks(self) -> Sequence[Block]:
         """For the inspector: which files were found, and how they are read."""
-        return [] if self._reduced is None else [Block("Footage", [], self._reduced.footage.description)]
+        return [] if self._reduced is None else [Block("Footage", [], in_page_words(self._reduced.footage.description))]
 
     def state(self) -> Hashable:
         """The capture settings, the frame, the mode, the result of the check."""

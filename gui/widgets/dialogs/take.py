@@ -11,6 +11,7 @@ from open3d.visualization import gui
 from gui.drawing.canvas import text_width, wrapped
 from gui.drawing.footage_sheet import FootageSheet
 from gui.models.loop import LOOP
+from gui.models.take.page_words import in_page_words
 from gui.models.worker import Done, LatestWorker
 from gui.widgets.dialogs.base import Dialogs, filled
 from gui.widgets.dialogs.folder import ask_path
@@ -188,7 +189,7 @@ class NewTakeDialog:
         """Show what is known."""
         new, found, dialogs = self._new, self._found, self._dialogs
         inspection, widgets = found.inspection, dialogs.widgets
-        words = found.words
+        words = in_page_words(found.words)
         if found.uses.uses:
             others = [line for line in words.splitlines() if not any(part in line for part in SHOWN)]
             words = f"{uses_words(new.uses or found.uses)}. {HINT}\n{' '.join(others)}"

@@ -9,7 +9,6 @@ from gui.widgets.hints import DELAY, Hints
 from tests.support.waiting import HandClock
 
 EM = 16.0
-BAR = (360, 0, 900, 24)
 
 
 def button(x: int, y: int, width: int = 80, height: int = 24) -> gui.Button:
@@ -28,9 +27,7 @@ def row_of(hints: Hints, frame: tuple[int, int, int, int], buttons: Sequence[gui
 
 @pytest.fixture
 def hints(clock: HandClock) -> Hints:
-    hints = Hints(True, EM, clock)
-    hints.bar = lambda: BAR
-    return hints
+    return Hints(True, EM, clock)
 
 
 def rest(hints: Hints, clock: HandClock, at: tuple[int, int], hidden: bool = False) -> str:

@@ -54,7 +54,6 @@ def test_pictures_follow_the_transport_and_the_view(player: PlayerPresenter, str
     assert player.picture.frame == 7
     assert player.picture.image.shape == (200, 320, 3)
     assert (player.picture.image[5, 5] == 0).all()
-    assert "frame 7 (0 to 11)" in player.status
     before = player.orbit.eye
     player.drag(30, 0, True, 200)
     player.wheel(0, 0, 1)

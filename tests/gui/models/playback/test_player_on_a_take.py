@@ -1,6 +1,7 @@
 """The presenters of the review on a real take: figures, footage, marks, timeline plots."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -54,6 +55,23 @@ def test_footage_is_what_the_camera_filmed_and_splats_are_drawn_from_there(playe
     assert image(player).shape == (192, 256, 3)
     assert player.wipe_at(64)
     assert not player.wipe_at(180)
+
+
+def test_a_half_trained_group_shows_the_frames_that_are_there(take_copy: Path) -> None:
+    shutil.rmtree(take_copy / "stream")
+    for frame in (0, 2):
+        (take_copy / "train" / "group_000" / f"frame_{frame:06d}.safetensors").unlink()
+    player = PlayerPresenter()
+    assert player.open(take_copy), player.message
+    assert (player.transport.frame, player.transport.frame_count) == (1, 5), "the keyframe comes first"
+    assert image(player).any()
+    player.transport.seek(2)
+    settle(player)
+    assert "Frame 2: not trained yet" in player.message
+    player.transport.seek(4)
+    assert image(player).any()
+    assert player.message == ""
+    assert player.close()
 
 
 def test_comparing_without_a_camera_compares_decoded_with_trained(player: PlayerPresenter) -> None:

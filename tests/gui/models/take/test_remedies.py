@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from gui.models.take.log import grouped
+from gui.models.take.page_words import setting_words
 from gui.models.take.remedies import REMEDIES, Fix, fix_of
 from gui.models.take.run_state import LogLine, RunState
 from gui.models.take.settings import SECTIONS, fields_of, stage_of
@@ -123,7 +124,7 @@ def test_the_value_of_a_warning_is_valid(
     changed = load_config(footage_project / "ball.yaml", [(setting, value)])
     again = fix_of(warning, changed)
     assert again.done
-    assert again.words == f"{setting} is {value} now"
+    assert again.words == f"{setting_words(setting)} is {value} now"
 
 
 def test_without_a_known_value_the_setting_is_shown(footage_project: Path) -> None:

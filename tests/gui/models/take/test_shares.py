@@ -92,7 +92,7 @@ def test_a_stream_is_not_taken_for_up_to_date_before_it_is_checked(take_copy: Pa
         assert workspace.change_setting("bake.quality", config.bake.quality + 8) is None
         assert "Checking" in told(), "what was found before the change does not count"
         wait_in_loop("the check", lambda: workspace.checked)
-        assert "out of date: bake.quality changed" in told()
+        assert "out of date: 'quality' in Bake changed" in told()
         change_edits(take.edits, EditList(trim=Trim(first=1, last=2)), "trim")
         workspace.inputs_changed()
         assert "Checking" in told()

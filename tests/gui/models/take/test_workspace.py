@@ -201,7 +201,7 @@ def test_a_setting_makes_stages_stale_and_a_run_makes_them_done_again(workspace:
     assert workspace.change_setting("bake.quality", 33) is None
     wait(workspace, "stale", lambda: states(workspace)["bake"] == "stale")
     assert states(workspace)["train"] == "done"
-    assert "bake.quality changed from 22 to 33" in workspace.row("bake").detail
+    assert "'quality' in Bake changed from 22 to 33" in workspace.row("bake").detail
     ended = heard(workspace.run_ended)
     assert workspace.start("review")
     refused = heard(workspace.refused)

@@ -1,0 +1,37 @@
+"""Settings and stages in the words of the window's pages, instead of those of files and the command line."""
+
+from __future__ import annotations
+
+import re
+
+from gui.models.stage_rows import TITLES
+from gui.models.take.log_words import stage_name
+from gui.models.take.settings import SECTIONS, fields_of
+from pipelines.runs.staleness import StageStatus
+
+_SECTIONS = "|".join(section for sections in SECTIONS.values() for section in sections)
+_SETTING = re.compile(rf"(?<![\w./'])(?:{_SECTIONS})(?:\.[a-z_0-9]+)+")
+_COMMAND = re.compile(r"`v3studio (run|calibrate|initialize|train|bake|evaluate)\b([^`]*)`")
+
+
+def in_page_words(text: str) -> str:
+    """A message with what the window shows: "'quality' in Bake", "Run Initialize again"."""
+    return _COMMAND.sub(_stage, _SETTING.sub(lambda found: setting_words(found[0]), text))
+
+
+def setting_words(setting: str) -> str:
+    """A setting by its dotted name: "'quality' in Bake"; the name itself if no page has it."""
+    pages = {field.name: f"'{field.label}' in {TITLES[stage]}" for stage in SECTIONS for field in fields_of(stage)}
+    return pages.get(setting, setting)
+
+
+def why_not_done(status: StageStatus) -> str:
+    """Why a stage is not up to date; "" if it is."""
+    if status.needs:
+        return f"{' and '.join(map(stage_name, status.needs))} must run first."
+    return in_page_words(status.reason)
+
+
+def _stage(command: re.Match[str]) -> str:
+    name = "all stages" if command[1] == "run" else stage_name(command[1])
+    return f"{name} again" if "--force" in command[2] else name
