@@ -244,10 +244,9 @@ class MainWindow(Shell):
 
     # User actions
 
-    def _chosen(self, stage: str, key: str) -> None:
-        if self._guard.refuses():
+    def _chosen(self, row: str, key: str) -> None:
+        if self._guard.refuses() or row != self.views.row:  # a click that came late
             return
-        row = self.views.row
         self.views.choose(key)
         if self.views.row != row:
             self.window.set_needs_layout()
