@@ -34,7 +34,6 @@ class Metric:
 
     Attributes:
         unit: behind its values; may be empty.
-        higher_is_better: False: lower values are better.
         measure: its value for a pair of images; None if it is not measured. None for flicker, which compares frames.
         evaluated: the evaluation of a take measures it, of trained and of decoded frames; False: only `compare` does.
         words: the values from which an image is good, and from which its loss is visible rather than bad; None: the
@@ -45,7 +44,6 @@ class Metric:
     title: str
     unit: str
     digits: int
-    higher_is_better: bool
     measure: Callable[[ViewPair, Distance | None], float | None] | None
     evaluated: bool = True
     words: tuple[float, float] | None = None
@@ -109,12 +107,12 @@ def _tensor(image: np.ndarray) -> Any:
 
 
 METRICS = (
-    Metric("psnr", "PSNR", "dB", 2, True, _psnr, words=(31.0, 25.0)),
-    Metric("psnr_interior", "PSNR inside", "dB", 2, True, _psnr_interior),
-    Metric("psnr_outline", "PSNR outline", "dB", 2, True, _psnr_outline),
-    Metric("psnr_color_fit", "color fit", "dB", 2, True, _psnr_color_fit, evaluated=False),
-    Metric("ssim", "SSIM", "", 4, True, _ssim),
-    Metric("lpips", "LPIPS", "", 4, False, _lpips),
+    Metric("psnr", "PSNR", "dB", 2, _psnr, words=(31.0, 25.0)),
+    Metric("psnr_interior", "PSNR inside", "dB", 2, _psnr_interior),
+    Metric("psnr_outline", "PSNR outline", "dB", 2, _psnr_outline),
+    Metric("psnr_color_fit", "color fit", "dB", 2, _psnr_color_fit, evaluated=False),
+    Metric("ssim", "SSIM", "", 4, _ssim),
+    Metric("lpips", "LPIPS", "", 4, _lpips),
 )
 """Of a view, in the order in which they are shown. PSNR as filmed, in the box; of the performer more than 3 pixels from
 the mask's outline, where a ragged mask does not count; up to 3 pixels from it, on both sides; after the best 3x4 color
@@ -128,7 +126,7 @@ MAIN = METRICS[0]
 
 EVALUATED = tuple(metric for metric in METRICS if metric.evaluated)
 
-FLICKER = Metric("flicker", "flicker", "levels of 255", 2, False, None)
+FLICKER = Metric("flicker", "flicker", "levels of 255", 2, None)
 """Between consecutive frames; see `Residual`."""
 
 
