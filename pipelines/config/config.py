@@ -27,8 +27,8 @@ class GroupSettings(Settings):
     and before it follow. The paper uses 20, and begins with the keyframe."""
 
     grouping: Annotated[Literal["fixed", "motion"], Affects("grouping")] = "fixed"
-    """Where groups begin. fixed: every group_size frames. motion: earlier where the performer's appearance has
-    changed too much since the group's first frame, but after at least 4 frames."""
+    """Where groups begin. fixed: every group_size frames. motion: earlier where the performer would look too different
+    from the keyframe, but after at least 4 frames."""
 
 
 # Fields of the last base come first.

@@ -160,10 +160,7 @@ class FoundGroups(Result):
     """Digest of everything that the groups were found from."""
 
     starts: tuple[int, ...] = ()
-    """Indices of the keyframes in the take, counted from 0."""
-
-    changes: tuple[float, ...] = ()
-    """Per frame: change since its keyframe, mean over cameras."""
+    """Indices of the groups' first frames in the take, counted from 0."""
 
     cameras: tuple[str, ...] = ()
 
