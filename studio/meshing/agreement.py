@@ -105,18 +105,21 @@ class _Common:
 
     Attributes:
         inside, seen: (cameras, N) bool, see `_votes`.
+        accepting, views: (N,), their sums over the cameras.
         voxel: distance of the points, world units.
     """
 
     points: torch.Tensor
     inside: torch.Tensor
     seen: torch.Tensor
+    accepting: torch.Tensor
+    views: torch.Tensor
     voxel: float
 
     def without(self, index: int, least: int) -> torch.Tensor:
         """The points on which the cameras agree besides one."""
-        accepting = self.inside.sum(0) - self.inside[index].int()
-        return self.points[_agreed(accepting, self.seen.sum(0) - self.seen[index].int(), least)]
+        accepting = self.accepting - self.inside[index].int()
+        return self.points[_agreed(accepting, self.views - self.seen[index].int(), least)]
 
 
 def _common_volume(shapes: Silhouettes, least: int) -> _Common | None:
@@ -130,12 +133,13 @@ def _common_volume(shapes: Silhouettes, least: int) -> _Common | None:
         points = torch.cartesian_prod(axis, axis, axis) + torch.from_numpy(middle.astype(np.float32))
         slack = (0.5 if count == _FINE else 0.87) * voxel  # 0.87: half of a voxel's diagonal
         inside, seen = _votes(shapes, points, slack)
-        agreed = points[_agreed(inside.sum(0), seen.sum(0), least)]
+        accepting, views = inside.sum(0, dtype=torch.int32), seen.sum(0, dtype=torch.int32)
+        agreed = points[_agreed(accepting, views, least)]
         if not len(agreed):
             return None
         low, high = agreed.amin(0), agreed.amax(0)
         middle, half = ((low + high) / 2).numpy(), float((high - low).max() / 2) + 2 * voxel
-    return _Common(points, inside, seen, voxel)
+    return _Common(points, inside, seen, accepting, views, voxel)
 
 
 def contradicting(agreement: dict[str, MaskAgreement]) -> list[str]:
