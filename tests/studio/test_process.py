@@ -24,15 +24,6 @@ def run(code: str, **environment: str) -> str:
     return done.stdout.strip()
 
 
-def test_importing_changes_nothing() -> None:
-    code = (
-        "import os; before = dict(os.environ)\n"
-        "import studio, studio.capture, studio.stream, pipelines.cli, pipelines.events\n"
-        "print(before == dict(os.environ))"
-    )
-    assert run(code) == "True"
-
-
 def test_the_command_line_sets_it_but_not_over_the_users() -> None:
     code = (
         "import os, sys\nfrom pipelines import cli\nsys.argv = ['v3studio', '--version']\n"

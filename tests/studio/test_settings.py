@@ -3,20 +3,18 @@
 import ast
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Any
 
 import pytest
-from pydantic import Field
 from pydantic.fields import FieldInfo
 
 from pipelines.config import Config
 from pipelines.config.description import allowed_values
 from studio.calibration import CalibrationTarget
 from studio.errors import StudioError
-from studio.settings import RESULTS, Affects, Settings, Unbounded, affected, all_names, marker, submodel
+from studio.settings import RESULTS, Settings, Unbounded, affected, all_names, marker, submodel
 from studio.stream import BakeSettings
 from studio.training.settings import LearningRates
-from tests.support.errors import refuses
 
 
 def models(model: type[Settings] = Config) -> Iterator[type[Settings]]:
@@ -111,29 +109,6 @@ def test_what_settings_affect_is_said_at_the_field_the_section_or_the_class() ->
     assert set(found) == set(all_names(Config))
 
 
-class Example(Settings):
-    """An example."""
-
-    affects: ClassVar[Affects | None] = Affects("videos")
-
-    low: int = Field(default=1, ge=0)
-    """Low."""
-
-    high: Annotated[int, Affects()] = 3
-    """High."""
-
-
-def test_settings_are_frozen_strict_and_replaced_with_validation() -> None:
-    made = Example(low=2)
-    assert made.replace(high=5) == Example(low=2, high=5)
-    assert affected(Example, "x.") == {"x.low": ("videos",), "x.high": ()}
-    for change in ({"low": -1}, {"lo": 1}, {"low": float("nan")}):
-        with pytest.raises(StudioError):
-            made.replace(**change)
-    with refuses("settings.immutable", setting="low"):
-        made.low = 3  # type: ignore[misc]
-
-
 def test_a_replaced_target_forgets_what_was_computed() -> None:
     target = CalibrationTarget()
     assert target.corners.max() == pytest.approx(7 * 0.06)
@@ -157,21 +132,6 @@ def test_bad_values_in_python_raise_the_error_of_the_library(
     assert (caught.value.code, caught.value.fields["setting"]) == (code, setting)
     assert model.__name__ in str(caught.value)
     assert caught.value.fix
-
-
-def test_several_mistakes_are_one_error() -> None:
-    with pytest.raises(StudioError) as caught:
-        LearningRates(means=-1, opacity="much")  # type: ignore[arg-type]
-    assert [mistake["setting"] for mistake in caught.value.fields["mistakes"]] == ["means", "opacity"]
-
-
-def test_settings_that_contradict_each_other_are_named() -> None:
-    with pytest.raises(StudioError) as caught:
-        CalibrationTarget(square=0.04)
-    assert caught.value.fields["settings"] == ["marker", "square"]
-    with pytest.raises(StudioError) as caught:
-        Config(calibrate={"board": {"square": 0.04}})  # type: ignore[arg-type]
-    assert caught.value.fields["settings"] == ["calibrate.board.marker", "calibrate.board.square"]
 
 
 def test_dictionaries_are_opencvs() -> None:

@@ -3,7 +3,6 @@
 import ast
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 
 import pytest
@@ -31,11 +30,6 @@ def test_type_checkers_see_the_same_names() -> None:
     assert typed == set(v3studio.__all__) - {"__version__"}
 
 
-def test_the_version_is_that_of_the_package() -> None:
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    assert v3studio.__version__ == project["version"]
-
-
 def test_importing_it_is_light_and_leaves_the_environment_alone() -> None:
     code = (
         "import os, sys\nbefore = dict(os.environ)\nimport v3studio\nassert dict(os.environ) == before\n"
@@ -44,10 +38,6 @@ def test_importing_it_is_light_and_leaves_the_environment_alone() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
     assert (done.stdout, done.returncode) == ("[]\n", 0), done.stderr
-
-
-def test_it_is_typed() -> None:
-    assert (ROOT / "v3studio" / "py.typed").is_file()
 
 
 @pytest.mark.parametrize("script", EXAMPLES, ids=lambda path: path.stem)

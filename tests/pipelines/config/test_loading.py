@@ -38,15 +38,6 @@ def test_defaults_of_the_library_are_those_of_the_command_line():
         assert library.model_validate({name: getattr(section, name) for name in library.model_fields}) == library()
 
 
-def test_settings_keep_their_order():
-    """`v3studio config` uses this order, and digests of ablations depend on it."""
-    names = list(all_names(Config))
-    assert names[:4] == ["capture.root", "capture.images", "capture.rig", "capture.masks"]
-    assert names.index("train.grouping") + 1 == names.index("train.sh_degree")
-    assert names.index("capture.mask_components") + 1 == names.index("capture.key_color")
-    assert names.index("capture.mask_model") + 1 == names.index("capture.fps")
-
-
 @pytest.mark.parametrize("given", ["{camera}/video.avi", "'{camera}/video.avi'", '"{camera}/video.avi"'])
 def test_text_needs_no_quotes_on_the_command_line(given: str) -> None:
     assert parse_override(f"capture.images={given}") == ("capture.images", "{camera}/video.avi")

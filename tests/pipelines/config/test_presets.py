@@ -31,15 +31,6 @@ def test_final_has_the_defaults_and_standard_the_schedule_of_the_sample() -> Non
     }  # fmt: skip
 
 
-def test_the_demo_differs_from_the_quickstart_in_its_schedule_only() -> None:
-    quick, demo = (values_of(load_config(ROOT / "sample_configs" / f"{name}.yaml")) for name in ("quickstart", "demo"))
-    assert {name for name, value in demo.items() if quick[name] != value} == {
-        "initialize.points", "train.keyframe_iterations", "train.densify_until", "train.densify_max_splats",
-        "train.prune_finetune_iterations", "train.motion_views", "train.motion_acceleration",
-        "train.finetune_iterations", "bake.quality",
-    }  # fmt: skip
-
-
 def test_what_differs_has_the_values_of_the_preset() -> None:
     config = with_values(Config(), {**PRESETS["standard"], "train.max_splats": 7, "train.rates.opacity": 0.5})
     config = with_values(config, {"capture.scale": 0.5, "calibrate.floor": True})
