@@ -59,7 +59,6 @@ def parse_json(text: str | bytes, bounds: Bounds = BOUNDS, *, unique: bool = Fal
 
     Args:
         text: bytes are UTF-8, -16 or -32.
-        bounds: what it may hold.
         unique: an object may not have a key twice; otherwise the last value is returned.
 
     Raises:

@@ -30,7 +30,6 @@ class StageEstimate:
     """One stage.
 
     Attributes:
-        stage: its name.
         seconds: expected duration; None if it cannot be known.
         memory: expected peak memory of the process in bytes.
         bytes: expected bytes on disk; None if it cannot be known.

@@ -13,7 +13,6 @@ def summary_words(stage: str, summary: Mapping[str, JsonData]) -> str:
     """One line, for example "30 frames in 2 groups, 31,906 splats".
 
     Args:
-        stage: name of the stage.
         summary: as in the event `stage_finished` and in the stage's record; figures that are not known here are
             added with their names.
     """

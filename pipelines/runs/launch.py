@@ -25,7 +25,6 @@ class Launched:
     """A run that was started and has begun, or ended at once.
 
     Attributes:
-        host: name of the machine.
         code: exit code; None if it continues.
         error: if the exit code is not 0, why.
     """
@@ -41,7 +40,6 @@ def launch(words: Sequence[str], errors: Path, variables: Mapping[str, str] | No
 
     Args:
         words: arguments of `v3studio`.
-        variables: further variables of the environment.
     """
     path = os.pathsep.join(filter(None, [str(_ROOT), os.environ.get("PYTHONPATH")]))
     with errors.open("wb") as file:

@@ -147,7 +147,6 @@ class Executor(Protocol):
         """Run these groups; returns when the results of all are in the take.
 
         Args:
-            stage: their stage.
             groups: those that are not up to date.
             reporter: receives progress, figures, previews and warnings as in a local run.
             finished: called after each group, in this thread.

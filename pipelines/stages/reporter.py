@@ -73,7 +73,6 @@ class StageReporter:
     """Emits a stage's events: progress with time left, figures, previews, warnings. Thread-safe.
 
     Attributes:
-        stage: name of the stage.
         clock: work time in seconds; does not advance while the run is paused.
         own, later: expected weight of this stage and of all later ones in the run.
         before: seconds that the run took before this stage.

@@ -276,8 +276,6 @@ class Take:
         the same bytes.
 
         Args:
-            stage: its name.
-            group: number of the group.
             waiting: called every 0.2 s while another process holds the lock; may raise.
         """
         folder = self.private / "groups"

@@ -95,7 +95,6 @@ def _offset_notes(placed: list[str], scales: list[float]) -> tuple[str, ...]:
     """What was assumed of cameras that are placed from their masters.
 
     Args:
-        placed: their names.
         scales: of the chunk and its components; empty if masters and slaves are in the same place.
     """
     if not placed:

@@ -25,7 +25,6 @@ class FrameSource(Protocol):
     """Frames of one camera, as stored.
 
     Attributes:
-        camera: the camera's name.
         frames: sorted frame numbers, as in the files.
         width, height: size of every frame in pixels.
         has_alpha: whether frames have an alpha channel.

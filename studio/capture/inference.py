@@ -32,7 +32,6 @@ class Layout:
 
     Attributes:
         pattern: as in `CaptureSettings`.
-        cameras: their names.
         score: how likely it is, among candidates for the same files.
     """
 

@@ -25,10 +25,6 @@ def rig_of_footage(rig: Rig, spec: CaptureSettings, names: Sequence[str]) -> Rig
     file has other cameras that the footage lacks, since names may then differ or count from another number; if fewer
     than two cameras would remain; and if `spec.cameras` asks for these cameras.
 
-    Args:
-        rig: of the camera file.
-        names: cameras of the footage.
-
     Returns:
         the cameras with their names in the footage; `left_out` are those of the footage that are not used; `notes` also
         say which cameras of either are not used.
@@ -59,10 +55,6 @@ def rig_of_footage(rig: Rig, spec: CaptureSettings, names: Sequence[str]) -> Rig
 def match_rig(rig: Rig, names: Sequence[str]) -> dict[str, Camera]:
     """Match the cameras of a rig with those of the footage, by name, else by name without folder and extension, else by
     the number in the name if that is unambiguous and both have the same numbers.
-
-    Args:
-        rig: the calibrated cameras.
-        names: cameras of the footage.
 
     Returns:
         name in the footage to the camera of the rig, renamed to the name in the footage; without those that the rig's

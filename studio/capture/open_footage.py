@@ -214,8 +214,6 @@ def refuse_unknown_cameras(names: Sequence[str], known: Sequence[str], setting: 
     """Check that a setting names existing cameras.
 
     Args:
-        names: cameras named by the setting.
-        known: cameras of the footage.
         setting: full name of the setting, such as "capture.held_out".
 
     Raises:

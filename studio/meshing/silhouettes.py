@@ -159,7 +159,6 @@ class Silhouettes:
         """Signed distance of points to one camera's silhouette cone.
 
         Args:
-            index: index of the camera.
             points: (N, 3) float32 world coordinates.
 
         Returns:
@@ -179,7 +178,6 @@ class Silhouettes:
         """Conservative test of whether balls may touch one camera's silhouette cone.
 
         Args:
-            index: index of the camera.
             points: (N, 3) float32 centers in world coordinates.
             radius: radius of the balls in world units.
 

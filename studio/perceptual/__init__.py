@@ -34,7 +34,6 @@ class Network:
     """A classification network whose features LPIPS compares.
 
     Attributes:
-        title: display name.
         url: the weights published by torchvision as IMAGENET1K_V1.
         layers: (channels, kernel, stride, padding) of a convolution followed by a ReLU, or (kernel, stride) of a max
             pooling. Numbered as in torchvision, where each ReLU is a separate layer.

@@ -79,7 +79,6 @@ class Shared:
         """Group `number` in the rendition to play it in.
 
         Args:
-            number: of the group.
             buffered: seconds of frames that are fetched and not yet shown.
 
         Raises:

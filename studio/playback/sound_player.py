@@ -63,7 +63,6 @@ class SoundPlayer:
     Args:
         sound: sample 0 is heard with frame 0.
         seconds: duration of the frames, at which the sound starts over if it loops.
-        output: the device.
 
     Attributes:
         message: why nothing is heard; "" if it works, as far as known.

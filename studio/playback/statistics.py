@@ -17,7 +17,6 @@ class FrameStats:
 
     Attributes:
         frame: 0-based index in the stream.
-        group: index of its group.
         bytes: its share of the size of the group's files, which are fetched as a whole.
         fetch_ms: its share of the time to read the group's files and verify their SHA-256.
         decode_ms: time of video decoding; for a keyframe, including the time to open the files.
@@ -39,7 +38,6 @@ class SkippedGroup:
     """Frames that could not be played because their group is damaged, missing or unreachable.
 
     Attributes:
-        group: index of the group.
         first_frame, frame_count: the skipped frames, 0-based.
         cause: the error that made them unplayable.
     """

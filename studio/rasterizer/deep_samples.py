@@ -37,7 +37,6 @@ def deep_samples(
     """Samples whose "over" is the rendered image.
 
     Args:
-        rendered: the image of the splats.
         most: samples of a pixel, at least 1. Each is of the same number of splats of the image.
         linear: from (1, M, 4) premultiplied sRGB to the color space of the samples.
     """

@@ -25,7 +25,6 @@ class StreamSound:
 
     Args:
         data: the whole file, verified.
-        entry: its entry in the manifest.
         name: path or URL for messages.
 
     Attributes:

@@ -59,7 +59,6 @@ class GroupTask:
     Attributes:
         footage: the footage's folder, or its address in object storage.
         paths: `run.paths`: a folder and its paths on other machines.
-        stage: name of the stage.
         attempt: 1 at first.
         key: `GroupStageCode.group_key`, as the sender knows it.
         settings: values by dotted name that replace those of the take.

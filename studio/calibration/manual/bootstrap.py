@@ -26,7 +26,6 @@ class Observations:
     """The marks of all tie points.
 
     Attributes:
-        points: names of the points.
         world: (P, 3) measured positions, NaN for points without one.
         pixels: camera name to (P, 2), NaN where the point has no mark.
     """

@@ -24,7 +24,6 @@ class GroupDecoder(ABC):
     """Decodes the frames of one group in order.
 
     Attributes:
-        group: its entry in the manifest.
         next_frame: index in the stream of the frame that `read` returns next.
     """
 

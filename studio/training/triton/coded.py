@@ -86,7 +86,6 @@ def coded_loss_triton(owner: Coded, mu: Tensor, log_sigma: Tensor, now: Tensor, 
     """`CodedLoss.forward` for float32 on an NVIDIA GPU; with Triton's interpreter, on the CPU.
 
     Args:
-        owner: the loss.
         mu, log_sigma: (attributes,) its learned distributions.
         now, seed: as for `CodedLoss.forward`.
     """

@@ -29,7 +29,6 @@ class _Layer:
     """A layer of the MLP, and its place in the matrices of `field_kernels.py`.
 
     Attributes:
-        reads, gives: inputs and outputs.
         first: its first number among the parameters.
         inputs: column of `inputs` of the first one that it reads.
         slopes: column of `slopes` of the first one that it gives.
