@@ -33,8 +33,9 @@ def cameras_listed(names: Collection[str], noun: str = "camera") -> str:
 
 
 def short_repr(value: Any) -> str:
-    """One line for a dataclass; assign it to `__repr__` in the class."""
-    shown = ", ".join(f"{field.name}={_short(getattr(value, field.name))}" for field in fields(value))
+    """One line for a dataclass or a pydantic model; assign it to `__repr__` in the class."""
+    names = tuple(getattr(type(value), "model_fields", ())) or tuple(field.name for field in fields(value))
+    shown = ", ".join(f"{name}={_short(getattr(value, name))}" for name in names)
     return f"{type(value).__name__}({shown})"
 
 

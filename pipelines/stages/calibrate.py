@@ -56,7 +56,11 @@ def params(inputs: Inputs) -> Params:
     given = _given(inputs)
     config = inputs.config
     if given is not None:
-        return {"camera file": _digest(given), **settings_affecting(config, "cameras_from_file")}
+        return {
+            "camera file": _digest(given),
+            "cameras without calibration": _uncalibrated(inputs),
+            **settings_affecting(config, "cameras_from_file"),
+        }
     if config.calibrate.board_images:
         return {"board footage": target_digest(inputs), **settings_affecting(config, "cameras_from_target")}
     if config.calibrate.tie_points:
@@ -73,6 +77,18 @@ def params(inputs: Inputs) -> Params:
         **settings_affecting(config, "cameras_from_images", *(("calibration_masks",) if masked else ())),
         **_intrinsics_files(inputs),
     }
+
+
+def _uncalibrated(inputs: Inputs) -> list[str]:
+    """Cameras of the footage that the take does not have, such as those that got masks since. Cameras that the footage
+    has lost do not count: it may not be mounted."""
+    from studio.camera_files import read_rig
+
+    try:
+        known = read_rig(inputs.take.rig).names
+    except StudioError:  # not there yet, or damaged, which is found elsewhere
+        return []
+    return [name for name in inputs.footage.raw.camera_names if name not in known]
 
 
 def results(inputs: Inputs) -> list[Path]:

@@ -26,7 +26,7 @@ from pydantic import (
     model_validator,
 )
 
-from studio.counts import counted
+from studio.counts import counted, short_repr
 from studio.dilation import DILATION, MAX_DILATION, MIN_DILATION
 from studio.errors import StudioError, violation
 from studio.json_types import JsonObject
@@ -105,6 +105,8 @@ class Model(BaseModel):
     """Immutable, strict types, unknown keys ignored."""
 
     model_config = ConfigDict(frozen=True, extra="ignore", strict=True)
+
+    __repr__ = __str__ = short_repr
 
     def to_bytes(self) -> bytes:
         """JSON without spaces, with a final newline."""

@@ -1,6 +1,7 @@
 """Printed results fit a line, whatever their arrays hold."""
 
 from dataclasses import fields, is_dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,6 +9,8 @@ import torch
 
 import v3studio
 from studio.counts import short_repr
+
+ROOT = Path(__file__).parents[2]
 
 
 def test_arrays_print_as_types_and_shapes() -> None:
@@ -20,6 +23,13 @@ def test_arrays_print_as_types_and_shapes() -> None:
     assert f"mesh={mesh!r}" in text
     assert "disagreement=<6 items>" in text
     assert "\n" not in text
+
+
+def test_a_manifest_prints_as_a_line() -> None:
+    with v3studio.StreamReader.open(ROOT / "docs/assets/sample.v3s") as reader:
+        text = str(reader.manifest)
+    assert "frame_count=30" in text
+    assert len(text) < 1500
 
 
 @pytest.mark.parametrize("name", [name for name in v3studio.__all__ if is_dataclass(getattr(v3studio, name))])

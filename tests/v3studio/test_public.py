@@ -1,6 +1,7 @@
 """The public interface that scripts may rely on."""
 
 import ast
+import inspect
 import subprocess
 import sys
 from pathlib import Path
@@ -28,6 +29,17 @@ def test_type_checkers_see_the_same_names() -> None:
     stub = ast.parse((ROOT / "v3studio" / "__init__.pyi").read_text(encoding="utf-8"))
     typed = {alias.name for node in stub.body if isinstance(node, ast.ImportFrom) for alias in node.names}
     assert typed == set(v3studio.__all__) - {"__version__"}
+
+
+def test_every_path_argument_takes_text() -> None:
+    for name in v3studio.__all__:
+        value = getattr(v3studio, name)
+        methods = inspect.getmembers(value, inspect.isroutine) if isinstance(value, type) else [("", value)]
+        for method, function in methods:
+            if inspect.isfunction(inspect.unwrap(function)) and not method.startswith("_"):
+                for found in inspect.signature(function).parameters.values():
+                    kinds = str(found.annotation).replace("'", "").split(" | ")
+                    assert "Path" not in kinds or "str" in kinds, f"{name}.{method}: {found.name}"
 
 
 def test_importing_it_is_light_and_leaves_the_environment_alone() -> None:

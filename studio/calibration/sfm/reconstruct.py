@@ -39,7 +39,7 @@ def calibrate_from_images(
     images: Mapping[str, Pictures],
     masks: Mapping[str, Pictures] | None = None,
     *,
-    workdir: Path,
+    workdir: Path | str,
     known: Mapping[str, Camera] | None = None,
     poses: Rig | None = None,
     focal_lengths: Mapping[str, float] | None = None,
@@ -76,7 +76,7 @@ def calibrate_from_images(
             camera name to reason).
         Cancelled: from `progress`.
     """
-    settings = settings or CalibrateSettings()
+    settings, workdir = settings or CalibrateSettings(), Path(workdir)
     started = time.monotonic()
     names = list(images)
     if len(names) < 2:

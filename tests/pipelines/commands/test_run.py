@@ -44,6 +44,20 @@ def test_the_setting_of_the_footage_is_enough_for_a_new_take(here: Callable, pro
     assert (take / "calibrate" / "rig.json").is_file()
 
 
+def test_cameras_that_are_added_to_the_footage_are_calibrated(here: Callable, project: Path) -> None:
+    away = (project / "capture" / "images" / "cam5").rename(project / "cam5")
+    run = ("calibrate", project / "ball.yaml", "--take", project / "t")
+    here(*run).ok()
+    assert "cam5" not in (project / "t" / "calibrate" / "rig.json").read_text()
+    away.rename(project / "capture" / "images" / "cam5")
+    stages = result_of(here("status", project / "t", "--json").stdout)["stages"]
+    assert (stages["calibrate"]["state"], "cam5" in stages["calibrate"]["reason"]) == ("stale", True)
+    here(*run).ok()
+    assert "cam5" in (project / "t" / "calibrate" / "rig.json").read_text()
+    (project / "capture" / "images" / "cam5").rename(project / "cam5")
+    assert result_of(here("status", project / "t", "--json").stdout)["stages"]["calibrate"]["state"] == "done"
+
+
 def test_a_preset_comes_between_the_file_and_the_command_line(here: Callable, project: Path) -> None:
     here(
         "calibrate", project / "ball.yaml", "--take", project / "t", "--preset", "preview", "--train.max_splats", "7"
