@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 from studio.json_types import JsonObject
@@ -117,6 +118,17 @@ class StudioError(Exception):
     def __reduce__(self) -> tuple[Any, ...]:
         # errors are passed between processes, and Exception's own pickling drops keyword arguments
         return type(self).of, (self.message,)
+
+
+@contextmanager
+def naming(file: str | os.PathLike[str]) -> Iterator[None]:
+    """Errors of the block that name no file name this one."""
+    try:
+        yield
+    except StudioError as error:
+        if error.file is not None:
+            raise
+        raise StudioError.of(replace(error.message, file=file)) from None
 
 
 class Cancelled(Exception):

@@ -22,7 +22,7 @@ from pipelines.commands.common.arguments import (
 from pipelines.commands.common.working import json_output, say_note, working
 from pipelines.outputs import replacing
 from studio.counts import counted
-from studio.errors import StudioError
+from studio.errors import StudioError, naming
 from studio.formats import EXPORTS, USD_SUFFIXES
 
 if TYPE_CHECKING:
@@ -405,11 +405,13 @@ def _movie(video: SplatVideo, arguments: argparse.Namespace, size: tuple[int, in
         circling = turntable(video, *size, turns=arguments.turns, elevation=arguments.elevation)
         camera = lambda at: circling(at / seconds)  # noqa: E731
     else:
-        keys = _keys(video, arguments, size)
+        with naming(arguments.path):
+            keys = _keys(video, arguments, size)
         film = arguments.path.suffix.lower() in FILM_FORMATS and len(keys) > 1
         if film:  # its camera may move before and after the video
             keys = [key for key in keys if key.frame is not None and 0 <= key.frame < video.frame_count]
-        path = CameraPath(keys, *size)
+        with naming(arguments.path):
+            path = CameraPath(keys, *size)
         usual = (path.duration + 1 / video.fps if film else path.duration) or video.duration
         seconds = usual if arguments.seconds is None else arguments.seconds
         camera = path.camera
@@ -461,7 +463,11 @@ def _plates(video: SplatVideo, arguments: argparse.Namespace, size: tuple[int, i
         own = size if arguments.size else (chosen.width, chosen.height)
         label, path = chosen.name, CameraPath([Key(0.0, chosen)], *own)
     else:
-        label, path = arguments.camera or arguments.path.stem, CameraPath(_keys(video, arguments, size), *size)
+        label = arguments.camera or arguments.path.stem
+        with naming(arguments.path):
+            path = CameraPath(_keys(video, arguments, size), *size)
+            if path.has_frames:
+                path.seconds_of(0)  # raises if frames do not ascend
 
     def camera(index: float) -> Camera:
         seconds = path.seconds_of(index) if path.has_frames else index / video.fps

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from pipelines.version import program_version
 from studio.bounded_files import parse_json
-from studio.errors import StudioError
+from studio.errors import StudioError, naming
 from studio.formats.camera_path import FORMAT, VERSION, CameraPath
 from studio.stream.metadata import TEXTS, plain_text
 
@@ -190,7 +190,8 @@ def read_intro(path: Path, source: str) -> str:
             expected=MAX_INTRO_KEYS,
         )
     first = keys[0].camera
-    CameraPath(keys, first.width, first.height)  # raises what is wrong with the times and the sizes
+    with naming(path):
+        CameraPath(keys, first.width, first.height)  # raises what is wrong with the times and the sizes
     entries = []
     for key in keys:
         camera = key.camera.undistorted()

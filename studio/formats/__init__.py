@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from studio.counts import counted
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
@@ -186,7 +187,7 @@ def read_splats(path: Path | str, note: Note = ignore) -> Gaussians:
 
 def dropped(count: int) -> str:
     """The note on splats that cannot be rendered."""
-    return f"{count} splats dropped: a value that is not finite, an infinite scale or a zero quaternion"
+    return f"{counted(count, 'splat')} dropped: a value that is not finite, an infinite scale or a zero quaternion"
 
 
 def up_of(path: Path) -> Up:

@@ -87,7 +87,11 @@ class CameraPath:
         self._times = np.array([key.time for key in keys], np.float64)
         if not np.isfinite(self._times).all() or (np.diff(self._times) <= 0).any():
             times = self._times.tolist()
-            raise StudioError("camera_path.times", f"times must be ascending; found {times}", value=times)
+            problem, fix = (
+                f"times must be ascending; found {times}",
+                "Give each key a later time than the one before it.",
+            )
+            raise StudioError("camera_path.times", problem, value=times, fix=fix)
         frames = [key.frame for key in keys if key.frame is not None]
         if frames and len(frames) < len(keys):
             raise StudioError(

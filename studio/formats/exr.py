@@ -230,4 +230,5 @@ def _written(oiio: Any, path: Path, spec: Any, write: Callable[[Any], bool]) -> 
     out = oiio.ImageOutput.create(str(path))
     if not (out.open(str(path), spec) and write(out) and out.close()):
         reason = out.geterror().replace(f' to image file "{path}"', "")
-        raise StudioError("export.write_failed", f"cannot be written ({reason})", file=path)
+        fix = "Check the free space of the disk."
+        raise StudioError("export.write_failed", f"cannot be written ({reason})", file=path, fix=fix)

@@ -27,6 +27,7 @@ import torch
 
 from studio.audio.pcm import Pcm
 from studio.cameras import OPENGL_AXES, Camera
+from studio.counts import counted
 from studio.errors import StudioError
 from studio.formats import USD_SUFFIXES, ignore
 from studio.formats.checks import Note, to_arrays
@@ -291,7 +292,8 @@ def opened_stage(pxr: Any, path: Path) -> Any:
     try:
         return pxr.Usd.Stage.Open(str(path))
     except pxr.Tf.ErrorException as error:
-        problem = f"this is not a USD file ({str(error).strip().splitlines()[-1].strip()})"
+        reason = str(error).strip().splitlines()[-1].rsplit(" : ", 1)[-1].strip(" '")
+        problem = f"this is not a USD file ({reason})"
         raise StudioError("usd.unsupported", problem, file=path) from None
 
 
@@ -318,12 +320,16 @@ class UsdFrames:
         if not self._prims:
             raise self._error(f"there must be prims of the type {_SCHEMA}; it has {others or 'none'}")
         self.notes = [f"left out: prims of the type {others}"] if others else []
+        unknown = sorted({name for prim in self._prims for name in _unknown(prim)})
+        if unknown:
+            self.notes.append(f"attributes that splats do not have are ignored: {', '.join(unknown)}")
         times = self._time_codes()
         self.times = [time for time in times if self._visible(time)]
         if not self.times:
             raise self._error("there are no visible splats")
         if len(self.times) < len(times):
-            self.notes.append(f"left out: {len(times) - len(self.times)} time codes without visible splats")
+            hidden = counted(len(times) - len(self.times), "time code")
+            self.notes.append(f"left out: {hidden} without visible splats")
         self.fps = float(self._stage.GetTimeCodesPerSecond())
         if len(self.times) > 1:
             self.fps /= min(np.diff(self.times))
@@ -427,3 +433,10 @@ class UsdFrames:
         if not matrix[:3, 3].any():
             return placed
         return replace(placed.to(torch.float64), means=placed.means.double() + torch.from_numpy(matrix[:3, 3]))
+
+
+def _unknown(prim: Any) -> list[str]:
+    """Names of the attributes with values that are neither of its schemas nor a transform."""
+    known = set(prim.GetPrimDefinition().GetPropertyNames())
+    names = [attribute.GetName() for attribute in prim.GetAuthoredAttributes()]
+    return [name for name in names if name not in known and not name.startswith("xformOp:")]

@@ -98,7 +98,7 @@ def bake_group(
             "bake.too_many_splats",
             f"group {group} has {len(frames[0])} splats; the format supports up to {MAX_SPLATS}",
             value=len(frames[0]),
-            fix="Lower train.max_splats.",
+            fix="Lower train.max_splats, or import files with fewer splats.",
             group=group,
             expected=MAX_SPLATS,
             setting="train.max_splats",
