@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -231,7 +230,7 @@ def _from_footage(inputs: Inputs, reporter: StageReporter) -> tuple[Rig, Calibra
             setting="calibrate.look_at",
             other="capture.masks",
         )
-    known = _known_intrinsics(inputs, reporter)
+    known, of_target = _known_intrinsics(inputs, reporter)
     stop = 0.2 if section.intrinsics_images else 0.0
     for number, frames in enumerate(attempts):
         last = number == len(attempts) - 1
@@ -262,7 +261,7 @@ def _from_footage(inputs: Inputs, reporter: StageReporter) -> tuple[Rig, Calibra
             "frame": frames[0],
             "frames": frames,
             "verdict": verdict,
-            **_of_target(known.reports),
+            **of_target,
         }
     )
     if section.floor:
@@ -273,7 +272,9 @@ def _from_footage(inputs: Inputs, reporter: StageReporter) -> tuple[Rig, Calibra
     return rig.subset(names), report
 
 
-def _solved(inputs: Inputs, frames: Sequence[int], known: _KnownIntrinsics, progress: ProgressFn) -> CalibrationResult:
+def _solved(
+    inputs: Inputs, frames: Sequence[int], known: Mapping[str, Camera], progress: ProgressFn
+) -> CalibrationResult:
     """Structure from motion on some frames."""
     from studio.calibration import calibrate_from_images
 
@@ -291,9 +292,9 @@ def _solved(inputs: Inputs, frames: Sequence[int], known: _KnownIntrinsics, prog
         {camera: [partial(footage.raw_image, camera, frame) for frame in frames] for camera in names},
         masks,
         workdir=work,
-        known=known.cameras,
-        poses=known.before if section.known in ("poses", "initial_poses") else None,
-        focal_lengths={} if known.cameras else focal_lengths(footage, frames[0]),
+        known=known,
+        poses=known_cameras(section, footage) if section.known in ("poses", "initial_poses") else None,
+        focal_lengths={} if known else focal_lengths(footage, frames[0]),
         settings=section,
         threads=inputs.threads,
         seed=inputs.config.run.seed,
@@ -326,19 +327,19 @@ def _from_tie_points(inputs: Inputs, reporter: StageReporter) -> tuple[Rig, Cali
             camera=strange[0],
             found=list(names),
         )
-    known = _known_intrinsics(inputs, reporter)
+    known, of_target = _known_intrinsics(inputs, reporter)
     result = calibrate_from_tie_points(
         points,
         {name: footage.raw_size(name) for name in names},
-        known=known.cameras,
-        focal_lengths={} if known.cameras else focal_lengths(footage, footage.frames[0]),
+        known=known,
+        focal_lengths={} if known else focal_lengths(footage, footage.frames[0]),
         distance=known_distance(section, names),
         settings=section,
         seed=inputs.config.run.seed,
         progress=reporter.part("solving", 0.2 if section.intrinsics_images else 0.0, 1.0),
     )
     _keep_points(inputs.take, result.points, result.colors)
-    about = {"source": "tie points", "file": str(file), **_of_target(known.reports)}
+    about = {"source": "tie points", "file": str(file), **of_target}
     return result.rig, result.report.model_copy(update=about)
 
 
@@ -387,35 +388,18 @@ def _keep_points(take: Take, points: np.ndarray, colors: np.ndarray) -> None:
         write_points(temporary, points, None, colors, doubles=True)
 
 
-@dataclass(frozen=True)
-class _KnownIntrinsics:
-    """What is known about the cameras before they are calibrated.
-
-    Attributes:
-        cameras: those with known intrinsics, at the footage's size.
-        reports: on the intrinsics from images of the target.
-    """
-
-    cameras: dict[str, Camera]
-    before: Rig | None
-    reports: dict[str, IntrinsicsReport]
-
-
-def _known_intrinsics(inputs: Inputs, reporter: StageReporter) -> _KnownIntrinsics:
+def _known_intrinsics(
+    inputs: Inputs, reporter: StageReporter
+) -> tuple[dict[str, Camera], dict[str, dict[str, IntrinsicsReport]]]:
+    """Cameras with known intrinsics, at the footage's size, and the report's entry on images of the target, if any."""
     known: dict[str, Camera] = {}
-    reports: dict[str, IntrinsicsReport] = {}
+    entry: dict[str, dict[str, IntrinsicsReport]] = {}
     if inputs.config.calibrate.intrinsics_images:
         known, reports = intrinsics_from_target(inputs, reporter, 0.0, 0.2)
         known = {name: at_footage_size(camera, inputs.footage.raw) for name, camera in known.items()}
-    before = known_cameras(inputs.config.calibrate, inputs.footage.raw)
-    if before is not None:
-        known = {camera.name: camera for camera in before} | known
-    return _KnownIntrinsics(known, before, reports)
-
-
-def _of_target(reports: dict[str, IntrinsicsReport]) -> dict[str, dict[str, IntrinsicsReport]]:
-    """The entry of the calibration report; none without images of the target."""
-    return {"intrinsics": reports} if reports else {}
+        entry = {"intrinsics": reports}
+    before = known_cameras(inputs.config.calibrate, inputs.footage.raw) or ()
+    return {camera.name: camera for camera in before} | known, entry
 
 
 def _where_to_look(footage: Footage, camera: str, frame: int, room: bool) -> np.ndarray:
