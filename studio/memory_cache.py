@@ -20,12 +20,15 @@ class MemoryCache(Generic[Key, Value]):
         limit: total size of all values; larger values are not cached. By default the number of values.
         size_of: size of a value, in the unit of `limit`.
         least: number of values that are kept whatever their size.
+
+    Attributes:
+        used: total size of the cached values.
     """
 
     def __init__(self, limit: float, size_of: Callable[[Value], int] = lambda value: 1, least: int = 0) -> None:
         self.limit, self.size_of, self._least = limit, size_of, least
         self._values: OrderedDict[Key, Value] = OrderedDict()
-        self._used = 0
+        self.used = 0
         self._lock = threading.Lock()
         self._making: dict[Key, threading.Lock] = {}
 
@@ -33,11 +36,6 @@ class MemoryCache(Generic[Key, Value]):
         """Whether `key` is cached; does not count as a use."""
         with self._lock:
             return key in self._values
-
-    @property
-    def used(self) -> int:
-        """Total size of the cached values."""
-        return self._used
 
     def __iter__(self) -> Iterator[Key]:
         """Keys of the cached values, the least recently used first."""
@@ -58,10 +56,10 @@ class MemoryCache(Generic[Key, Value]):
             self._drop(key)
             if size > self.limit and not self._least:
                 return
-            while self._used + size > self.limit and len(self._values) >= max(self._least, 1):
+            while self.used + size > self.limit and len(self._values) >= max(self._least, 1):
                 self._drop(next(iter(self._values)))
             self._values[key] = value
-            self._used += size
+            self.used += size
 
     def get_or_make(self, key: Key, make: Callable[[Key], Value]) -> Value:
         """The value cached under `key`; if there is none, what `make` returns, which is then cached.
@@ -89,11 +87,11 @@ class MemoryCache(Generic[Key, Value]):
         """Remove everything."""
         with self._lock:
             self._values.clear()
-            self._used = 0
+            self.used = 0
 
     def _drop(self, key: Key) -> None:
         if key in self._values:
-            self._used -= self.size_of(self._values.pop(key))
+            self.used -= self.size_of(self._values.pop(key))
 
 
 ImageCache: TypeAlias = MemoryCache[Hashable, tuple[np.ndarray, ...]]

@@ -55,6 +55,7 @@ class Footage:
         frames: frame numbers as in the files, after start, stop and step.
         fps: frames per second of these frames: the footage's rate divided by step.
         description: the files that were found and how they are read, one sentence per line.
+        mask_source: the source of the masks.
         problems: problems with the set of files; empty unless the footage was opened with strict=False.
         sound: the sound of the footage; None without `spec.audio`.
     """
@@ -86,7 +87,7 @@ class Footage:
         self.problems = problems
         self.sound = sound
         self._sources = dict(sources)
-        self._mask_source = mask_source
+        self.mask_source = mask_source
         self._exact_mask_source = exact_mask_source
         self._garbage = garbage
         self._warps = dict(warps) if warps is not None else None
@@ -127,13 +128,13 @@ class Footage:
     @property
     def warnings(self) -> list[Message]:
         """What is unlikely about the mask files: see `FileMaskSource.warnings`."""
-        sources = [self._mask_source, self._exact_mask_source]
+        sources = [self.mask_source, self._exact_mask_source]
         return [warning for each in sources if isinstance(each, FileMaskSource) for warning in each.warnings]
 
     @property
     def unmasked_cameras(self) -> tuple[str, ...]:
         """Held-out cameras without masks."""
-        masked = masked_cameras(self._mask_source, self.held_out_cameras)
+        masked = masked_cameras(self.mask_source, self.held_out_cameras)
         return tuple(name for name in self.held_out_cameras if name not in masked)
 
     @property
@@ -141,11 +142,6 @@ class Footage:
         """The held-out cameras on which quality can be measured: those that have masks."""
         unmasked = self.unmasked_cameras if self._exact_mask_source is None else ()
         return tuple(name for name in self.held_out_cameras if name not in unmasked)
-
-    @property
-    def mask_source(self) -> MaskSource:
-        """The source of the masks."""
-        return self._mask_source
 
     def raw_size(self, camera: str) -> tuple[int, int]:
         """(width, height) of the camera's stored frames in pixels."""
@@ -193,7 +189,7 @@ class Footage:
         Raises:
             StudioError: as `image`, or the mask source fails (code `mask.*`).
         """
-        return self._mask(camera, frame, self._mask_source, "mask").copy()
+        return self._mask(camera, frame, self.mask_source, "mask").copy()
 
     def evaluation_mask(self, camera: str, frame: int) -> np.ndarray:
         """The exact mask if the footage was opened with such masks and they are of this camera, else `mask`: those of
@@ -224,8 +220,8 @@ class Footage:
         maps = self._maps(camera, warp)
         raw, mask = np.ascontiguousarray(self._raw(camera, frame)[:, :, :3]), self._raw_mask(camera, frame)
         self._cache.put(("raw mask", camera, frame), (mask,))
-        if isinstance(self._mask_source, Recolors):
-            raw = self._mask_source.recolored(camera, raw, mask)
+        if isinstance(self.mask_source, Recolors):
+            raw = self.mask_source.recolored(camera, raw, mask)
         plate = self._raw_plate(camera)
         if plate is not None:
             plate = warp.apply(plate, maps, smooth=True)
@@ -272,7 +268,7 @@ class Footage:
     def files(self) -> list[Path]:
         """All files that images and masks depend on."""
         paths = [path for source in self._sources.values() for path in source.files(self.frames)]
-        paths += self._mask_source.files()
+        paths += self.mask_source.files()
         if self._exact_mask_source is not None:
             paths += self._exact_mask_source.files()
         return paths if self._garbage is None else paths + self._garbage.files()
@@ -302,7 +298,7 @@ class Footage:
         return source
 
     def _raw_plate(self, camera: str) -> np.ndarray | None:
-        return self._mask_source.plate(camera) if isinstance(self._mask_source, ShowsSet) else None
+        return self.mask_source.plate(camera) if isinstance(self.mask_source, ShowsSet) else None
 
     def _raw(self, camera: str, frame: int) -> np.ndarray:
         key = ("raw", camera, frame)
@@ -315,14 +311,14 @@ class Footage:
 
     def _image(self, camera: str, frame: int) -> np.ndarray:
         warp = self._warp(camera)
-        if warp.is_identity and not isinstance(self._mask_source, Recolors):
+        if warp.is_identity and not isinstance(self.mask_source, Recolors):
             return np.ascontiguousarray(self._raw(camera, frame)[:, :, :3])
         key = ("image", camera, frame)
         cached = self._cache.get(key)
         if cached is None:
             image = np.ascontiguousarray(self._raw(camera, frame)[:, :, :3])
-            if isinstance(self._mask_source, Recolors):
-                image = self._mask_source.recolored(camera, image, self._raw_mask(camera, frame))
+            if isinstance(self.mask_source, Recolors):
+                image = self.mask_source.recolored(camera, image, self._raw_mask(camera, frame))
             if not warp.is_identity:
                 image = warp.apply(image, self._maps(camera, warp), smooth=True)
             cached = (image,)
@@ -336,10 +332,10 @@ class Footage:
         cached = self._cache.get(key)
         if cached is None:
             raw = self._raw(camera, frame)
-            mask = self._mask_source.mask(camera, frame, raw)
+            mask = self.mask_source.mask(camera, frame, raw)
             inside = self._garbage.inside(camera, frame, raw) if self._garbage is not None else None
             cached = (mask if inside is None else np.where(inside, mask, 0).astype(np.uint8),)
-            if isinstance(self._mask_source, Recolors):
+            if isinstance(self.mask_source, Recolors):
                 self._cache.put(key, cached)
         return cached[0]
 
@@ -348,7 +344,7 @@ class Footage:
         cached = self._cache.get(key)
         if cached is None:
             warp = self._warp(camera)
-            if mask_source is self._mask_source:
+            if mask_source is self.mask_source:
                 raw = self._raw_mask(camera, frame)
             else:
                 raw = mask_source.mask(camera, frame, self._raw(camera, frame))

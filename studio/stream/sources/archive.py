@@ -70,15 +70,11 @@ class FileRanges:
 
 
 class HttpRanges:
-    """A file on a web server that answers range requests. `address`: its http(s) URL."""
+    """A file on a web server that answers range requests. `name` is its URL without credentials and query."""
 
     def __init__(self, address: str) -> None:
         self._source = HttpSource(address)
-
-    @property
-    def name(self) -> str:
-        """The URL without credentials and query."""
-        return self._source.name
+        self.name = self._source.name
 
     def read_at(self, offset: int, count: int) -> tuple[bytes, int]:
         return self._source.read_part(offset, count)
@@ -96,6 +92,7 @@ class ArchiveSource:
 
     def __init__(self, ranges: Ranges) -> None:
         self._ranges = ranges
+        self.name = ranges.name
         if isinstance(ranges, HttpRanges):
             self.parallel = HttpSource.parallel
         try:
@@ -130,11 +127,6 @@ class ArchiveSource:
             if entry.header_offset < 0 or end - entry.header_offset < _LOCAL_HEADER.size + entry.file_size:
                 raise self._damaged(f"the entry {entry.filename} overlaps another one")
             self._places[entry.filename] = (entry.header_offset, end, entry.file_size)
-
-    @property
-    def name(self) -> str:
-        """The archive's path or URL."""
-        return self._ranges.name
 
     def read(self, path: str, limit: int) -> bytes:
         name = f"{self.name}/{path}"
