@@ -1,5 +1,6 @@
 """Fixtures for all tests."""
 
+import gc
 import os
 import signal
 from collections.abc import Iterator
@@ -43,6 +44,17 @@ def pytest_configure(config: pytest.Config) -> None:
         "colmap: runs structure from motion with COLMAP",
     ):
         config.addinivalue_line("markers", line)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Iterator[None]:
+    """Modules and tests stay to the end: looking for garbage among them would take a quarter of the collection."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
+        gc.freeze()
 
 
 WINDOW_FIXTURES = {"window", "open_window", "display", "x_server"}

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from studio.cameras import Camera, Rig, look_at_pose, nearest_point_to_rays, orbit
+from studio.cameras import Camera, nearest_point_to_rays, orbit
 from tests.support.errors import refuses
 from tests.support.rigs import camera_at, ring
 
@@ -38,12 +38,6 @@ def test_pixels_that_are_not_known_stay_unknown(kind: str) -> None:
     assert np.isnan(found[1]).all()
     assert camera.normalized(np.full((1, 2), np.nan)).shape == (1, 2)
     assert camera.unproject(np.zeros((0, 2))).shape == (0, 3)
-
-
-def test_look_at() -> None:
-    """From +x toward the origin with z up: right is +y, down is -z."""
-    pose = look_at_pose(np.array([2.0, 0, 0]), np.zeros(3), np.array([0, 0, 5.0]))
-    np.testing.assert_allclose(pose, [[0, 1, 0, 0], [0, 0, -1, 0], [-1, 0, 0, 2], [0, 0, 0, 1]], atol=1e-15)
 
 
 def test_the_focus_of_a_ring_is_what_it_looks_at() -> None:
@@ -96,13 +90,3 @@ def test_an_orbit_is_a_circle_around_its_target() -> None:
     assert steps == pytest.approx(np.full(8, steps[0]))
     for camera in rig:
         assert camera.project(target[None])[0][0] == pytest.approx([32, 32])
-
-
-def test_a_rig_is_shown_with_a_line_per_camera() -> None:
-    rig = Rig(tuple(ring(3)))
-    lines = repr(rig).splitlines()
-    assert len(lines) == 4
-    for camera, line in zip(rig, lines[1:], strict=True):
-        assert camera.name in line
-        assert f"{camera.width}x{camera.height}" in line
-        assert len(line) < 140

@@ -5,12 +5,6 @@ from pathlib import Path
 from studio.errors import MAX_LENGTH, Message, StudioError
 
 
-def test_the_sentence_names_file_problem_and_fix() -> None:
-    error = StudioError("footage.missing", "no camera named cam9", file=Path("a/b.json"), value="cam9", fix="Remove it")
-    assert str(error) == "a/b.json: no camera named cam9. Remove it."
-    assert (error.code, error.value, error.fix) == ("footage.missing", "cam9", "Remove it")
-
-
 def test_errors_survive_pickling_with_their_fields() -> None:
     error = pickle.loads(pickle.dumps(StudioError("a.b", "wrong", file="f", value=3, camera="c1")))
     assert str(error) == "f: wrong."

@@ -269,6 +269,7 @@ if __name__ == "__main__":
     from studio.process import passive_openmp
 
     passive_openmp()
+    gc.disable()
     for _name in _LIBRARIES:
         import_module(_name)
     for _package in map(import_module, _PACKAGES):
@@ -276,6 +277,7 @@ if __name__ == "__main__":
             if "triton" not in _module.name:  # tests choose how Triton is imported, if it is there
                 import_module(_module.name)
     gc.collect()
+    gc.enable()
     gc.freeze()  # otherwise the first collection in each program copies all these pages
     with socket.socket(fileno=int(sys.argv[1])) as _connection:
         _arguments = _serve(_connection)
