@@ -59,7 +59,7 @@ def _train(rest: dict[str, JsonData]) -> list[str]:
     return [
         _length(rest),
         _span_words(rest.pop("splats", None)),
-        f"masks off the splats on {_span(off)}% of their outlines" if off else "",
+        f"masks and splats disagree along {_span(off)}% of the outlines" if off else "",
     ]
 
 

@@ -16,6 +16,7 @@ from gui.models.held_out import held_out_cameras, held_out_first
 from gui.models.scene.orbit import OrbitCamera
 from gui.models.scene.reader import MOST_THUMBNAILS, small_image
 from gui.models.take.inspector import Block
+from gui.models.take.page_words import in_page_words
 from gui.models.take.workspace import Workspace, modified
 from gui.pages.calibrate.rig_coverage import RigCoverage
 from gui.pages.report_table import CAMERA, Sorting, table_text
@@ -79,7 +80,7 @@ class CalibrateView(OrbitView):
         blocks = [Block("Are they right?", [], "\n".join(self._checked.sentences))] if report is not None else []
         blocks += [covered.block] if covered is not None else []
         if isinstance(report, CamerasFromFile) and report.notes:
-            blocks.append(Block("Camera file", [], "\n".join(report.notes)))
+            blocks.append(Block("Camera file", [], in_page_words("\n".join(report.notes))))
         return blocks
 
     def state(self) -> Hashable:
