@@ -96,12 +96,6 @@ function normalize(quats: Float32Array): void {
 }
 
 const SWEEPS = 3;
-/** Two axes, the component of a quaternion that turns one to the other, and its sign. */
-const PAIRS = [
-  [0, 1, 3, -1],
-  [0, 2, 2, 1],
-  [1, 2, 1, -1],
-] as const;
 
 /**
  * From shapes (xx, yy, zz at 1 to 3 of each quaternion, xy, xz, yz in the scales) to rotations and scales within the blocks:
@@ -118,14 +112,17 @@ function findAxes(quats: Float32Array, scales: Float32Array): void {
     }
     quat.fill(0);
     quat[0] = 1;
-    for (let sweep = 0; sweep < SWEEPS; sweep++)
-      for (const [a, b, around, sign] of PAIRS) rotate(shape, quat, a, b, around, sign);
-    quats.set(quat, q);
+    for (let sweep = 0; sweep < SWEEPS; sweep++) {
+      rotate(shape, quat, 0, 1, 3, -1);
+      rotate(shape, quat, 0, 2, 2, 1);
+      rotate(shape, quat, 1, 2, 1, -1);
+    }
+    for (let k = 0; k < 4; k++) quats[q + k] = quat[k]; // faster than `set`
     for (let k = 0; k < 3; k++) scales[i + k] = shape[k] * shape[k];
   }
 }
 
-/** One Jacobi rotation: makes the entry (a, b) zero. */
+/** One Jacobi rotation: makes the entry (a, b) zero. The quaternion turns about the component `around`. */
 function rotate(shape: Float64Array, quat: Float64Array, a: number, b: number, around: number, sign: number): void {
   const across = shape[2 + a + b];
   if (across === 0) return;
@@ -146,7 +143,10 @@ function rotate(shape: Float64Array, quat: Float64Array, a: number, b: number, a
   const turned = (sign * sine) / (2 * half);
   const next = (around % 3) + 1;
   const last = (next % 3) + 1;
-  const [w, x, y, z] = [quat[0], quat[around], quat[next], quat[last]];
+  const w = quat[0];
+  const x = quat[around];
+  const y = quat[next];
+  const z = quat[last];
   quat[0] = w * half - x * turned;
   quat[around] = w * turned + x * half;
   quat[next] = y * half + z * turned;
