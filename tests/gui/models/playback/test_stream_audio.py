@@ -1,5 +1,6 @@
 """The window's sound: the transport follows it, and the timeline shows its waveform."""
 
+import json
 import shutil
 import threading
 from collections.abc import Iterator
@@ -115,6 +116,20 @@ def test_the_sound_of_a_take_begins_at_its_in_point(stream: Path, device: Device
         player.transport.seek(12)
         device.frames(player, 2)
         assert player.transport.frame == 1, "looped after the last frame"
+    finally:
+        player.close()
+
+
+def test_a_cast_sounds_as_its_streams_begin(stream: Path, device: Device, tmp_path: Path) -> None:
+    items = [{"stream": str(stream), "start": start / FPS} for start in (0, 4)]
+    (tmp_path / "cast.json").write_text(json.dumps({"format": "v3studio-cast", "version": 1, "items": items}))
+    player = playing(tmp_path / "cast.json", device)
+    try:
+        player.transport.seek(4)
+        player.transport.play()
+        device.frames(player, 6)
+        assert player.transport.frame == 10
+        assert click_times(device.played[-1]) == pytest.approx([1.2 / FPS, 5.2 / FPS], abs=0.005)
     finally:
         player.close()
 
