@@ -1,6 +1,7 @@
 """Exports from the window: child processes with progress, error messages, camera paths from collected views."""
 
 import sys
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -128,6 +129,7 @@ def test_views_of_a_stream_become_those_of_its_exports(tmp_path: Path, monkeypat
     exports.path.add(views[0], 0)
     exports.path.add(views[1], 5)
     started: list[str] = []
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))  # nothing deletes the export's files, since it does not run
     monkeypatch.setattr(exports, "_run", lambda request, arguments, scratch: started.extend(arguments))
     exports.start(chosen)
     with open_reader(str(stream)) as reader:
