@@ -32,9 +32,8 @@ class QualityFigures:
         seen = (stamp, frames, self.camera, window.player.other)
         if self._seen != seen:
             self._seen = seen
-            window.evaluation = Evaluation()
-            if take is not None:
-                window.evaluation = Evaluation.read(take.evaluation, measured_earlier_bake(take))
+            none = Evaluation()
+            window.evaluation = none if take is None else Evaluation.read(take.evaluation, measured_earlier_bake(take))
             self._plot(frames)
         self._show_waveform()
 

@@ -107,16 +107,16 @@ def assess(stage: Stage, inputs: Inputs, upstream: dict[str, StageStatus]) -> St
     direct = [dependency for dependency in stage.dependencies if upstream[dependency].state != DONE]
     needed = {name for dependency in direct for name in (*upstream[dependency].needs, dependency)}
     waiting = [name for name in upstream if name in needed]
-    found = StageStatus(stage.name, STALE if record else MISSING, needs=tuple(waiting))
+    found, reason = StageStatus(stage.name, STALE if record else MISSING, needs=tuple(waiting)), ""
     if record:
         found = replace(found, seconds=record.seconds, summary=record.summary)
     try:
         reason = _why_not_done(stage, inputs, record, waiting)
         units = stage.code.units(inputs) if reason and not waiting else None
     except StudioError as error:
-        if record and not waiting and not error.code.startswith("take.edits_"):
+        if record and not waiting and not reason and not error.code.startswith("take.edits_"):
             return replace(found, state=DONE, reason=f"not checked against the footage: {error}")
-        return replace(found, reason=str(error))
+        return replace(found, reason=reason if record and reason else str(error))
     if not reason:
         return replace(found, state=DONE)
     if units is not None:

@@ -74,14 +74,6 @@ def open_footage(
     """
     cache_folder = None if cache_folder is None else Path(cache_folder)
     spec = on_this_machine(spec)
-    if not spec.root.is_dir():
-        raise StudioError(
-            "footage.folder_missing",
-            "capture folder not found",
-            file=spec.root,
-            fix="Set capture.root to the folder of the capture.",
-            setting="capture.root",
-        )
     pattern, matches = _find_images(spec)
     matches = _chosen(spec, matches)
     found = tuple(dict.fromkeys(match.camera for match in matches))
@@ -186,6 +178,14 @@ def on_this_machine(spec: CaptureSettings) -> CaptureSettings:
 
 
 def _find_images(spec: CaptureSettings) -> tuple[str, list[Match]]:
+    if not spec.root.is_dir():
+        raise StudioError(
+            "footage.folder_missing",
+            "the folder of the footage was not found",
+            file=spec.root,
+            fix="Set capture.root to where it is.",
+            setting="capture.root",
+        )
     if spec.images == "auto":
         return detect_images(spec.root)
     matches = find_files(spec.root, spec.images)

@@ -457,9 +457,8 @@ class PlayerPresenter(Viewpoint):
         """Status line for the newest image: what neither the panels nor the pressed buttons say."""
         if self.picture is None or self.source is None:
             return ""
-        other, parts = self.other, []
-        if self.what == OTHER and self.mode == "single" and other is not None:
-            parts.append(other.label)
+        other = self.other
+        parts = [other.label] if self.what == OTHER and self.mode == "single" and other is not None else []
         if not self.current:
             parts.append("not shown" if self.settled else "rendering")
         count = len(self.left_out)

@@ -244,6 +244,9 @@ def test_a_lost_capture_leaves_finished_stages_done(project):
     states = project.states()
     assert states["train"] == "done"
     assert "not checked against the footage" in project.found["train"].reason
+    project.take.trained_frame(0, 0).unlink()
+    assert project.states()["train"] == "stale"
+    assert "frame_000000" in project.found["train"].reason
     project.take.rig.unlink()
     assert project.states()["calibrate"] == "stale"
     assert "calibrate/rig.json" in project.found["calibrate"].reason

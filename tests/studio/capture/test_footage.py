@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from studio.cameras import Camera, Rig
-from studio.capture import CaptureSettings, frame_sources, open_footage
+from studio.capture import CaptureSettings, find_cameras, frame_sources, open_footage
 from studio.yaml_text import parse_yaml
 from tests.support.errors import refuses
 from tests.support.settings import refuses_setting
@@ -284,6 +284,8 @@ def test_spec_refuses_impossible_values(tmp_path: Path) -> None:
             CaptureSettings(root=tmp_path, **values)  # type: ignore[arg-type]
     with refuses("footage.folder_missing", file=tmp_path / "none", setting="capture.root"):
         open_footage(CaptureSettings(root=tmp_path / "none"))
+    with refuses("footage.folder_missing", file=tmp_path / "none", setting="capture.root"):
+        find_cameras(CaptureSettings(root=tmp_path / "none"))
 
 
 def test_only_selected_frames_need_masks(image_folders: Path) -> None:
