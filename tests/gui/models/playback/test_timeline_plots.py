@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gui.drawing.palette import BAD, FAIR, PANEL, RAISED
+from gui.drawing.palette import BAD, FAIR, PANEL, RAISED, TEXT
 from gui.models.playback.timeline_plots import LEAST_SPAN, RULER, TimelinePlots, plots_of
 from gui.models.playback.timeline_zoom import LEAST_FRAMES, TimelineZoom
 
@@ -43,6 +43,18 @@ def test_numbered_frames_are_apart_and_above_their_frames(count: int, first: flo
     columns = np.flatnonzero(words[:, view.left :].any(axis=0)) + view.left
     runs = np.split(columns, np.flatnonzero(np.diff(columns) > 12) + 1)
     assert [view.frame_at(run.mean()) // 1 for run in runs] == pytest.approx(numbered, abs=max(count * 0.03, 1))
+
+
+def test_values_under_the_pointer() -> None:
+    plots = plots_of({"psnr_trained": [30.0, 31.0, 32.0, 33.0]})
+    base = VIEW.base(plots)
+    without, hovered = VIEW.with_head(base, 0, plots), VIEW.with_head(base, 0, plots, hover=2)
+    column = VIEW.left + sum(VIEW.timeline.span(2)) // 2
+    changed = np.flatnonzero((without != hovered).any(axis=(0, 2)))
+    assert column - 1 <= changed.min() <= column
+    assert (hovered[10, changed.min()] == TEXT).all(), "the line"
+    assert changed.max() > column + 20, "the values beside it"
+    assert changed.max() < VIEW.left + VIEW.timeline.span(3)[1]
 
 
 def test_only_what_was_measured_has_a_row() -> None:
