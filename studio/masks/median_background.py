@@ -41,12 +41,14 @@ class Background:
             plate may show the performer standing still; None: nowhere.
         colors: (B, B, B) float32, log ratio of a color's density on the performer to that on the set (see
             `color_table`); None if the performer's colors were not learned.
+        agreed: (H, W) bool, where all cameras agree that the plate shows the set; None: they were not compared.
     """
 
     plate: np.ndarray
     known: np.ndarray | None = None
     doubtful: np.ndarray | None = None
     colors: np.ndarray | None = None
+    agreed: np.ndarray | None = None
 
 
 def median_plate(images: Callable[[int], np.ndarray], count: int, samples: int = 15) -> np.ndarray:
@@ -245,6 +247,6 @@ def cached_background(folder: Path | None, key: str, make: Callable[[], Backgrou
         pass  # missing or truncated: recomputed
     made = make()
     with atomic_path(path) as temporary, temporary.open("wb") as file:
-        parts = {"plate": made.plate, "known": made.known, "doubtful": made.doubtful, "colors": made.colors}
+        parts = {name: getattr(made, name) for name in Background.__dataclass_fields__}
         np.savez_compressed(file, allow_pickle=False, **{n: part for n, part in parts.items() if part is not None})
     return made

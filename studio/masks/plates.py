@@ -72,18 +72,24 @@ class PlateMaskSource:
         return difference_mask(image, behind.plate, self._settings, behind.known, behind.doubtful, behind.colors)
 
     def plate(self, camera: str) -> np.ndarray:
-        behind = self.background(camera)
-        if behind.known is None and behind.doubtful is None:
-            return behind.plate
-        reliable = np.full(behind.plate.shape[:2], 255, np.uint8)
-        if behind.known is not None:
-            reliable[~behind.known] = 0
-        if behind.doubtful is not None:
-            reliable[behind.doubtful] = 0
-        return np.dstack([behind.plate, reliable])
+        return shown(self.background(camera))
 
     def files(self) -> list[Path]:
         return list(self._files)
+
+
+def shown(behind: Background) -> np.ndarray:
+    """A background as `ShowsSet` returns it."""
+    if behind.agreed is not None:
+        return np.dstack([behind.plate, np.where(behind.agreed, np.uint8(255), np.uint8(0))])
+    if behind.known is None and behind.doubtful is None:
+        return behind.plate
+    reliable = np.full(behind.plate.shape[:2], 255, np.uint8)
+    if behind.known is not None:
+        reliable[~behind.known] = 0
+    if behind.doubtful is not None:
+        reliable[behind.doubtful] = 0
+    return np.dstack([behind.plate, reliable])
 
 
 def plates_from_files(

@@ -15,6 +15,8 @@ _SHARED = 3000
 """Samples of the performer's colors from all cameras, at least, for each camera."""
 _NEAR = 20
 """Pixels around the performer where colors of the set count more."""
+_TELLING = 0.5
+"""Median of `color_odds` on the performer, below which colors say nothing about outlines."""
 _FEWEST = 50
 """Pixels of performer and set, below which there is nothing to learn colors from."""
 
@@ -48,15 +50,16 @@ def color_odds(images: Mapping[str, np.ndarray], odds: Mapping[str, np.ndarray])
     return result
 
 
-def cut(image: np.ndarray, odds: np.ndarray) -> np.ndarray:
+def cut(image: np.ndarray, odds: np.ndarray, colors: np.ndarray) -> np.ndarray:
     """GrabCut (Rother, Kolmogorov and Blake, SIGGRAPH 2004) that starts from log-odds.
 
     Args:
         image: (H, W, 3) uint8 RGB.
         odds: (H, W) float32 log-odds of the performer.
+        colors: (H, W) float32, what `color_odds` says of them.
 
     Returns:
-        (H, W) bool.
+        (H, W) bool; where the log-odds are positive if the performer has the colors of the set.
     """
     import cv2
 
@@ -67,7 +70,7 @@ def cut(image: np.ndarray, odds: np.ndarray) -> np.ndarray:
     columns = slice(max(0, left - _NEAR), left + width + _NEAR)
     part = np.ascontiguousarray(labels[rows, columns])
     inside = int((part & 1).sum())
-    if inside < _FEWEST or part.size - inside < _FEWEST:
+    if inside < _FEWEST or part.size - inside < _FEWEST or np.median(colors[odds > 0]) < _TELLING:
         return odds > 0
     pixels = np.ascontiguousarray(image[rows, columns])
     cv2.setRNGSeed(0)

@@ -7,12 +7,16 @@ For each frame, with all cameras at once and at reduced size:
    from set: the one at which votes and evidence agree best.
 3. Both, and `outlines.color_odds`, give new log-odds. Steps 2 and 3 are repeated; GrabCut finds the outlines in the
    last rounds. The next votes are mainly from the evidence, and only the last ones from what was found.
+
+A set that was estimated from the footage is first estimated again, outside of the masks of a few frames (`empty_set`),
+which are found in the same way at half the size.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -23,6 +27,7 @@ from studio.cameras import Camera
 from studio.capture.digest import digest_files
 from studio.capture.settings import DifferenceSettings, ModelSettings
 from studio.errors import StudioError
+from studio.masks.agreement.empty_set import cover, uncovered
 from studio.masks.agreement.evidence import LIMIT, evidence_of, smoothed
 from studio.masks.agreement.outlines import color_odds, cut
 from studio.masks.agreement.vote import heard
@@ -30,21 +35,25 @@ from studio.masks.clean_plate import match_exposure, solve_edges
 from studio.masks.filters import keep_components
 from studio.masks.mask_cache import MaskCache
 from studio.masks.mask_source import MaskInputs, MaskSource
-from studio.masks.median_background import Background
+from studio.masks.median_background import Background, cached_background
 from studio.masks.onnx_model import open_model
-from studio.masks.plates import PlateMaskSource, open_clean_plate, open_median_background
+from studio.masks.plates import PlateMaskSource, open_clean_plate, open_median_background, shown
 from studio.memory_cache import MemoryCache
 
 FEWEST_CAMERAS = 6
 """Fewer cannot outvote one."""
-_WORK_SIDE = 640
-"""Longest side of the images at which cameras are compared."""
+_WORK_SIDE, _COARSE_SIDE = 640, 320
+"""Longest side of the images at which cameras are compared, and where the set is estimated again."""
+_SET_FRAMES, _SET_PASSES = 5, 2
+"""Frames outside of whose masks the set is estimated again, and how often."""
 _NEIGHBORS = (-8, -4, 4, 8)
 """Frames in which motion is searched, relative to a frame."""
-_ROUNDS, _CUT_FROM = 5, 2
-"""Rounds of votes, and the first one after which outlines are cut."""
+_ROUNDS, _COARSE_ROUNDS, _CUT_FROM = 5, 4, 2
+"""Rounds of votes, also at half the size, and the first one after which outlines are cut."""
 _HEARD, _COLORS = 2.0, 0.5
 """Weights of the votes and of colors, against the evidence."""
+_IN_COLOR = 1.5
+"""Weight of colors that occur in the set only, in the lowest log-odds of a camera's own evidence."""
 _CUT, _UNCUT = 1.5, 0.5
 """Log-odds of an outline's two sides, and weight of what it was cut from, in the next votes."""
 _LEARNED = 0.3
@@ -57,7 +66,7 @@ _MODEL, _MODEL_CLIP = 0.5, 0.02
 _KEPT_FRAMES = 4
 _KEPT_BYTES = 256 << 20
 _SMALLEST = 1e-4  # component, in fractions of the image
-_VERSION = 2  # of the algorithm; part of the names of cached files
+_VERSION = 3  # of the algorithm; part of the names of cached files
 
 
 class AgreedMaskSource:
@@ -68,7 +77,8 @@ class AgreedMaskSource:
         cameras: of the raw frames; None before calibration: each camera's mask is then that of its plate alone.
         plates: the empty set of each camera.
         model: computes masks that are part of the evidence; None: there is no model.
-        cache: returns a disk cache for a frame; None: memory only.
+        estimated: whether the plates were estimated from the footage.
+        cache: recipe of the masks and folder for a disk cache; None: memory only.
     """
 
     def __init__(
@@ -77,19 +87,31 @@ class AgreedMaskSource:
         cameras: Mapping[str, Camera] | None,
         plates: PlateMaskSource,
         model: MaskSource | None = None,
-        cache: Callable[[int], MaskCache] | None = None,
+        estimated: bool = False,
+        cache: tuple[str, Path] | None = None,
     ) -> None:
         self._inputs, self._cameras, self._plates, self._model, self._cache = inputs, cameras, plates, model, cache
+        common = sorted(set.intersection(*(set(source.frames) for source in inputs.sources.values())))
+        spread = sorted({round(at) for at in np.linspace(0, len(common) - 1, _SET_FRAMES)}) if common else []
+        self._set_frames = [common[at] for at in spread]
+        self._estimated = estimated and cameras is not None and bool(common)
         self._voters = frozenset(inputs.names) - frozenset(inputs.held_out)
-        self._small: MemoryCache[tuple[str, int], np.ndarray] = MemoryCache(_KEPT_BYTES, lambda image: image.nbytes)
+        self._small: MemoryCache[tuple[str, int, int], np.ndarray] = MemoryCache(
+            _KEPT_BYTES, lambda image: image.nbytes
+        )
         self._agreed: MemoryCache[int, dict[str, np.ndarray]] = MemoryCache(_KEPT_FRAMES)
+        self._sets: MemoryCache[str, Background] = MemoryCache(math.inf)
+        self._covers: MemoryCache[None, list[dict[str, np.ndarray]]] = MemoryCache(math.inf)
 
     def mask(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
         """See `MaskSource`. Raises StudioError: a camera's image or plate cannot be read."""
         if self._cameras is None:
             return self._plates.mask(camera, frame, image)
         image = np.ascontiguousarray(image[:, :, :3])
-        cache = self._cache(frame) if self._cache is not None else None
+        cache = None
+        if self._cache is not None:
+            recipe, folder = self._cache
+            cache = MaskCache(folder / "masks", f"agreed {recipe} {frame}")
         found = cache.read(image) if cache is not None else None
         if found is None:
             solid = self._agreed.get_or_make(frame, self.agree)[camera]
@@ -102,28 +124,66 @@ class AgreedMaskSource:
         return self._plates.files() + (self._model.files() if self._model is not None else [])
 
     def plate(self, camera: str) -> np.ndarray:
-        return self._plates.plate(camera)
+        return shown(self.background(camera))
+
+    def background(self, camera: str) -> Background:
+        """The set of `camera`, in raw pixels; if it was estimated, from where the cameras agree that it is empty."""
+        if not self._estimated:
+            return self._plates.background(camera)
+        return self._sets.get_or_make(camera, self._emptied)
+
+    def _emptied(self, camera: str) -> Background:
+        recipe, folder = self._cache or ("", None)
+        key = hashlib.blake2b(f"{recipe}\0{camera}".encode(), digest_size=16).hexdigest()
+        return cached_background(
+            folder, key, lambda: self._uncovered(camera, self._covers.get_or_make(None, self._cover))
+        )
+
+    def _uncovered(self, camera: str, covers: Sequence[Mapping[str, np.ndarray]]) -> Background:
+        images = [self._inputs.image(camera, frame) for frame in self._set_frames]
+        return uncovered(self._plates.background(camera), images, [one[camera] for one in covers])
+
+    def _cover(self, _: None) -> list[dict[str, np.ndarray]]:
+        """By frame and camera: (h, w) bool, where the performer may be."""
+        names = self._inputs.names
+        sets = {name: self._plates.background(name) for name in names}
+        covers: list[dict[str, np.ndarray]] = []
+        for number in range(_SET_PASSES):
+            if number:
+                sets = {name: self._uncovered(name, covers) for name in names}
+            coarse = {name: _reduced_background(behind, _COARSE_SIDE) for name, behind in sets.items()}
+            covers = []
+            for frame in self._set_frames:
+                solid = self._vote(frame, coarse, _COARSE_SIDE, _COARSE_ROUNDS)
+                covers.append({name: cover(one) for name, one in solid.items()})
+        return covers
 
     def evidence(self, camera: str, frame: int) -> np.ndarray:
         """(h, w) float32 log-odds from this camera's images alone, at reduced size."""
+        return self._evidence(camera, frame, _reduced_background(self.background(camera)), _WORK_SIDE)
+
+    def _evidence(self, camera: str, frame: int, behind: Background, side: int) -> np.ndarray:
         known = self._inputs.sources[camera].frames
         near = [frame + step for step in _NEIGHBORS if frame + step in known]
-        image = self._image(camera, frame)
-        behind = _reduced_background(self._plates.background(camera))
-        odds = evidence_of(image, [self._image(camera, one) for one in near], behind, self._inputs.spec)
+        image = self._image(camera, frame, side)
+        odds = evidence_of(image, [self._image(camera, one, side) for one in near], behind, self._inputs.spec)
         garbage = self._inputs.garbage
         if self._model is None and garbage is None:
             return odds
         full = self._inputs.image(camera, frame)
         if self._model is not None:
             share = self._model.mask(camera, frame, full) / np.float32(255)
-            share = np.clip(_reduced(share), _MODEL_CLIP, 1 - _MODEL_CLIP)
+            share = np.clip(_reduced(share, side), _MODEL_CLIP, 1 - _MODEL_CLIP)
             odds = np.clip(odds + _MODEL * np.log(share / (1 - share)), -LIMIT, LIMIT)
         inside = garbage.inside(camera, frame, full) if garbage is not None else None
-        return odds if inside is None else np.where(_reduced(inside.astype(np.float32)) > 0.5, odds, -LIMIT)
+        return odds if inside is None else np.where(_reduced(inside.astype(np.float32), side) > 0.5, odds, -LIMIT)
 
     def agree(self, frame: int) -> dict[str, np.ndarray]:
         """By camera: (h, w) bool, where all cameras together see the performer, at reduced size; with cameras only."""
+        sets = {name: _reduced_background(self.background(name)) for name in self._inputs.names}
+        return self._vote(frame, sets, _WORK_SIDE, _ROUNDS)
+
+    def _vote(self, frame: int, sets: Mapping[str, Background], side: int, rounds: int) -> dict[str, np.ndarray]:
         rig = self._cameras
         assert rig is not None
         with ThreadPoolExecutor(self._inputs.threads or None, thread_name_prefix="masks") as pool:
@@ -133,32 +193,38 @@ class AgreedMaskSource:
                 return dict(zip(names, pool.map(function, *arguments), strict=True))
 
             names = self._inputs.names
-            images = each(lambda name: self._image(name, frame), {name: name for name in names})
-            own = each(lambda name: self.evidence(name, frame), {name: name for name in names})
+            own_name = {name: name for name in names}
+            images = each(lambda name: self._image(name, frame, side), own_name)
+            own = each(lambda name, behind: self._evidence(name, frame, behind, side), own_name, sets)
             cameras = {name: rig[name].resized(image.shape[1], image.shape[0]) for name, image in images.items()}
             voting, colors = own, {name: np.zeros_like(one) for name, one in own.items()}
             solid: dict[str, np.ndarray] = {}
-            for turn in range(_ROUNDS):
+            agreed = any(behind.agreed is not None for behind in sets.values())
+            for turn in range(rounds):
                 votes = heard(voting, cameras, self._voters)
                 threshold = best_threshold(votes, voting)
                 others = {name: _HEARD * (votes[name] - threshold) + _COLORS * colors[name] for name in names}
-                odds = each(lambda image, mine, theirs: smoothed(image, mine + theirs), images, own, others)
+                alone = each(_in_color, own, colors) if agreed else own
+                odds = each(lambda image, mine, theirs: smoothed(image, mine + theirs), images, alone, others)
                 if turn >= _CUT_FROM:
-                    solid = each(cut, images, odds)
+                    solid = each(cut, images, odds, colors)
                     odds = each(_after_cut, odds, solid)
                 colors = color_odds(images, odds)
-                voting = odds if turn == _ROUNDS - 2 else each(_next_vote, own, odds)
+                voting = odds if turn == rounds - 2 else each(_next_vote, own, odds)
         return solid
 
-    def _image(self, camera: str, frame: int) -> np.ndarray:
-        return self._small.get_or_make((camera, frame), lambda key: _reduced(self._inputs.image(*key)))
+    def _image(self, camera: str, frame: int, side: int) -> np.ndarray:
+        def load(key: tuple[str, int, int]) -> np.ndarray:
+            return _reduced(self._inputs.image(*key[:2]), side)
+
+        return self._small.get_or_make((camera, frame, side), load)
 
     def _outlined(self, camera: str, image: np.ndarray, solid: np.ndarray) -> np.ndarray:
         """The mask at full size with soft edges."""
         import cv2
 
         height, width = image.shape[:2]
-        behind = self._plates.background(camera)
+        behind = self.background(camera)
         larger = cv2.resize(solid.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR) > 0.5
         kept = keep_components(larger, self._inputs.spec.mask_components, int(_SMALLEST * larger.size))
         if not kept.any():
@@ -178,6 +244,11 @@ def best_threshold(votes: Mapping[str, np.ndarray], odds: Mapping[str, np.ndarra
     return float(candidates[int(np.argmax(overlap))])
 
 
+def _in_color(own: np.ndarray, colors: np.ndarray) -> np.ndarray:
+    """A camera's own evidence; where a pixel has a color of the performer, the others can outvote it."""
+    return np.maximum(own, _IN_COLOR * np.minimum(colors, 0.0))
+
+
 def _next_vote(own: np.ndarray, found: np.ndarray) -> np.ndarray:
     alone, together = np.clip(own, -_VOTE_LIMIT, _VOTE_LIMIT), np.clip(found, -_VOTE_LIMIT, _VOTE_LIMIT)
     return np.asarray((1 - _LEARNED) * alone + _LEARNED * together)
@@ -187,22 +258,24 @@ def _after_cut(odds: np.ndarray, solid: np.ndarray) -> np.ndarray:
     return _UNCUT * np.clip(odds, -2.0, 2.0) + np.where(solid, np.float32(_CUT), np.float32(-_CUT))
 
 
-def _reduced(values: np.ndarray) -> np.ndarray:
+def _reduced(values: np.ndarray, side: int = _WORK_SIDE) -> np.ndarray:
     import cv2
 
     height, width = values.shape[:2]
-    shrink = min(1.0, _WORK_SIDE / max(height, width))
+    shrink = min(1.0, side / max(height, width))
     if shrink == 1.0:
         return values
     size = (max(1, round(width * shrink)), max(1, round(height * shrink)))
     return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA))
 
 
-def _reduced_background(behind: Background) -> Background:
+def _reduced_background(behind: Background, side: int = _WORK_SIDE) -> Background:
     def area(where: np.ndarray | None) -> np.ndarray | None:
-        return None if where is None else _reduced(where.astype(np.float32)) > 0.5
+        return None if where is None else _reduced(where.astype(np.float32), side) > 0.5
 
-    return Background(_reduced(behind.plate), area(behind.known), area(behind.doubtful), behind.colors)
+    return Background(
+        _reduced(behind.plate, side), area(behind.known), area(behind.doubtful), behind.colors, area(behind.agreed)
+    )
 
 
 def open_agreed(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | None:
@@ -219,7 +292,8 @@ def open_agreed(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | 
             expected=FEWEST_CAMERAS,
             setting="capture.masks",
         )
-    found = open_clean_plate(inputs, False) or open_median_background(inputs, required)
+    clean = open_clean_plate(inputs, False)
+    found = clean or open_median_background(inputs, required)
     if found is None:
         return None
     plates, phrase = found
@@ -228,13 +302,13 @@ def open_agreed(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | 
     if inputs.cameras is None:
         words = f"those of each camera alone until the cameras are calibrated, {phrase}"
         return AgreedMaskSource(inputs, None, plates, model), words
-    source = AgreedMaskSource(inputs, inputs.cameras(), plates, model, _disk_cache(inputs, plates, model))
+    recipe = _recipe(inputs, plates, model)
+    source = AgreedMaskSource(inputs, inputs.cameras(), plates, model, clean is None, recipe)
     return source, f"agreed by {voters} cameras, from the {phrase}{' and a matting model' if model else ''}"
 
 
-def _disk_cache(
-    inputs: MaskInputs, plates: PlateMaskSource, model: MaskSource | None
-) -> Callable[[int], MaskCache] | None:
+def _recipe(inputs: MaskInputs, plates: PlateMaskSource, model: MaskSource | None) -> tuple[str, Path] | None:
+    """Everything that the masks depend on, and the folder of the cache."""
     spec, folder = inputs.spec, inputs.cache_folder
     if folder is None or inputs.cameras is None:
         return None
@@ -246,5 +320,4 @@ def _disk_cache(
         spec.model_dump_json(include={"color_matrix", "transfer", "held_out"}),
         *(f"{camera.to_dict()}" for camera in inputs.cameras().values()),
     ]
-    recipe = hashlib.blake2b("\0".join(parts).encode(), digest_size=16).hexdigest()
-    return lambda frame: MaskCache(folder / "masks", f"agreed {recipe} {frame}")
+    return hashlib.blake2b("\0".join(parts).encode(), digest_size=16).hexdigest(), folder

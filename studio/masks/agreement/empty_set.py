@@ -1,0 +1,67 @@
+"""The empty set again, once cameras agree where the performer is.
+
+A set that one camera estimates from its footage shows a performer who stands still, and looks reliable there. The masks
+on which all cameras agree have the performer nevertheless: outside of these masks in several frames, there is the set.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from studio.masks.median_background import Background
+
+_CLOSED, _GROWN = 1 / 40, 1 / 160
+"""Radii by which masks are closed and grown, as fractions of the longer side: missing parts are near others."""
+_COVERED = 999
+
+
+def cover(solid: np.ndarray) -> np.ndarray:
+    """(h, w) bool: where the performer may be, from his mask (h, w) bool."""
+    import cv2
+
+    longer = max(solid.shape)
+    closed, grown = (
+        cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
+        for radius in (max(1, round(part * longer)) for part in (_CLOSED, _GROWN))
+    )
+    margin = longer // 8
+    framed = cv2.copyMakeBorder(solid.astype(np.uint8), margin, margin, margin, margin, cv2.BORDER_REPLICATE)
+    framed = cv2.dilate(cv2.morphologyEx(framed, cv2.MORPH_CLOSE, closed), grown)
+    return framed[margin:-margin, margin:-margin] > 0
+
+
+def uncovered(behind: Background, images: Sequence[np.ndarray], covers: Sequence[np.ndarray]) -> Background:
+    """The set, estimated again where the performer was in some of the frames.
+
+    Args:
+        behind: the first estimate; it stays where no frame is covered, or all are.
+        images: (H, W, 3) uint8 RGB of several frames.
+        covers: (h, w) bool per frame, where the performer may be.
+
+    Returns:
+        the set; cameras do not agree on it where all frames are covered.
+    """
+    import cv2
+
+    height, width = behind.plate.shape[:2]
+    hidden = np.stack(
+        [cv2.resize(one.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0 for one in covers]
+    )
+    count = (~hidden).sum(0)
+    samples = np.where(hidden[..., None], np.int16(_COVERED), np.stack(images))
+    samples.sort(axis=0)
+    median = np.take_along_axis(samples, np.maximum((count - 1) // 2, 0)[None, :, :, None], 0)[0]
+    some = count > 0
+    again = some & (count < len(images))
+    known = np.ones_like(some) if behind.known is None else behind.known
+    doubtful = np.zeros_like(some) if behind.doubtful is None else behind.doubtful
+    return replace(
+        behind,
+        plate=np.where(again[..., None], median, behind.plate).astype(np.uint8),
+        known=known | again,
+        doubtful=(doubtful | ~some) & ~again,
+        agreed=some & (known | again),
+    )
