@@ -183,7 +183,7 @@ def test_several_steps_are_those_of_single_calls(plate: bool) -> None:
         found.append((steps, means.grad, torch.rand(1, generator=generator)))
     assert [step.view for step in found[0][0]] == [step.view for step in found[1][0]]
     assert all(torch.equal(one.image, other.image) for one, other in zip(found[0][0], found[1][0], strict=True))
-    assert len({float(step.loss) for step in found[0][0]}) == 5, "no two steps are alike"
+    assert len({step.loss.item() for step in found[0][0]}) == 5, "no two steps are alike"
     assert torch.equal(found[0][1], found[1][1])  # type: ignore[arg-type]
     assert torch.equal(found[0][2], found[1][2])
 
