@@ -108,7 +108,7 @@ def _tensor(image: np.ndarray) -> Any:
 
 METRICS = (
     Metric("psnr", "PSNR", "dB", 2, _psnr, words=(31.0, 25.0)),
-    Metric("psnr_interior", "PSNR inside", "dB", 2, _psnr_interior),
+    Metric("psnr_interior", "PSNR interior", "dB", 2, _psnr_interior),
     Metric("psnr_outline", "PSNR outline", "dB", 2, _psnr_outline),
     Metric("psnr_color_fit", "color fit", "dB", 2, _psnr_color_fit, evaluated=False),
     Metric("ssim", "SSIM", "", 4, _ssim),

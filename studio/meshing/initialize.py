@@ -33,11 +33,11 @@ class InitResult:
         points: (N, 3) float32 points on the surface.
         normals: (N, 3) float32 unit normals.
         colors: (N, 3) float32 in 0..1.
-        disagreement: camera name to 1 - IoU of the hull's silhouette and the mask, 0..1. Above about 0.12, the mask or
-            the pose of that camera should be checked.
+        disagreement: camera name to 1 - IoU of the hull's silhouette and the mask, 0..1. Ragged masks and small images
+            raise it in all cameras.
         views_per_point: (N,) int32, number of cameras that see each point.
-        warnings: `hull.mask_mismatch` per camera whose disagreement is high and `hull.outlier_mask` per camera whose
-            mask was corrected, with the field `camera`.
+        warnings: `hull.mask_mismatch` per camera whose disagreement is above 0.12 and more than twice the median, and
+            `hull.outlier_mask` per camera whose mask was corrected, with the field `camera`.
     """
 
     mesh: Mesh
