@@ -18,15 +18,16 @@ import numpy as np
 import v3studio as v3
 
 SAMPLE = Path(__file__).resolve().parents[1] / "sample_captures" / "walk16"
+PLATES = SAMPLE / "clean_plates"
 
 
 @functools.cache
 def plate_of(camera: str) -> np.ndarray:
     """(H, W, 3) float32 RGB of the empty set."""
-    return cv2.imread(str(SAMPLE / "clean_plates" / f"{camera}.png"))[:, :, ::-1].astype(np.float32)
+    return cv2.imread(str(PLATES / f"{camera}.png"))[:, :, ::-1].astype(np.float32)
 
 
-@v3.FunctionMaskSource
+@v3.FunctionMaskSource(files=sorted(PLATES.glob("*.png")))  # if one changes, the stages that use masks run again
 def performer(image: np.ndarray, camera: str, frame: int) -> np.ndarray:
     """(H, W) floats from (H, W, 3) uint8 RGB. Called from several threads."""
     difference = np.abs(image.astype(np.float32) - plate_of(camera)).max(axis=2)

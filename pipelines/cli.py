@@ -139,10 +139,10 @@ def _run(known: argparse.Namespace) -> tuple[int, Message | None]:
 
 def _exit_code(error: StudioError) -> int:
     """2 for what is wrong with the arguments, also with settings among them; 1 for everything else."""
-    from studio.settings import COMMAND_LINE
+    from studio.settings import COMMAND_LINE, OVERRIDES
 
     places = {mistake.get("file") for mistake in error.fields.get("mistakes", ())} or {error.file}
-    return 2 if error.code.startswith("command.") or places == {COMMAND_LINE} else 1
+    return 2 if error.code.startswith("command.") or places <= {COMMAND_LINE, OVERRIDES} else 1
 
 
 def _print_end(

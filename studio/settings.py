@@ -23,7 +23,8 @@ from studio.errors import Message, StudioError, violation
 from studio.json_types import JsonObject
 
 COMMAND_LINE = "command line"
-"""Named in place of a file in errors about overrides."""
+OVERRIDES = "overrides"
+"""Named in place of a file in errors about what was given there; overrides come from a command or from Python."""
 
 RESULTS = {
     "cameras_from_file": "cameras read from the capture's calibration file",
@@ -294,9 +295,9 @@ def _mistake(
         (".".join(location[:n]) for n in range(len(location), 0, -1) if ".".join(location[:n]) in known), name
     )
     if setting in given or name in given:
-        where = COMMAND_LINE
-    elif where != COMMAND_LINE and any(one.startswith(f"{name}.") for one in given):  # a rule across several settings
-        where = f"{os.fspath(where)} and {COMMAND_LINE}"
+        where = OVERRIDES
+    elif where != OVERRIDES and any(one.startswith(f"{name}.") for one in given):  # a rule across several settings
+        where = f"{os.fspath(where)} and {OVERRIDES}"
     kind, found = problem["type"], problem.get("input")
     if kind == "extra_forbidden":
         fix = nearest_sentence(model, name)

@@ -14,7 +14,7 @@ from pipelines.config.config import Config
 from studio.bounded_files import need_utf8, read_bounded_text
 from studio.errors import StudioError, reason_of
 from studio.json_types import JsonObject
-from studio.settings import COMMAND_LINE, field_named, is_list_of_text, nearest_sentence, refused
+from studio.settings import COMMAND_LINE, OVERRIDES, field_named, is_list_of_text, nearest_sentence, refused
 from studio.storage import is_address
 from studio.yaml_text import YamlError, dump_yaml, parse_yaml
 
@@ -87,7 +87,7 @@ def load_config(path: Path | str | None, overrides: Iterable[tuple[str, Any]] = 
                 raise StudioError(
                     "settings.unknown",
                     f"unknown setting {name}: {section} is not a section",
-                    file=COMMAND_LINE,
+                    file=OVERRIDES,
                     value=value,
                     fix=nearest_sentence(Config, name),
                     setting=name,
@@ -96,11 +96,11 @@ def load_config(path: Path | str | None, overrides: Iterable[tuple[str, Any]] = 
         target[last] = value
         given.add(name)
         if name == "capture.root":
-            _anchor_root(values, Path.cwd(), COMMAND_LINE)
+            _anchor_root(values, Path.cwd(), OVERRIDES)
     try:
         return Config.model_validate(values)
     except ValidationError as error:
-        raise refused(error, Config, path or COMMAND_LINE, given) from None
+        raise refused(error, Config, path or OVERRIDES, given) from None
 
 
 def read_yaml(path: Path) -> JsonObject:

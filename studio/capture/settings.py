@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self, cast, get_args
 
@@ -20,11 +21,28 @@ MaskKind = Literal[
 ImportPath = Annotated[str, Field(pattern=r"^[\w.]+:\w+$")]
 """MODULE:NAME of a source of masks; see `studio.masks.imported`."""
 
+CameraName = Annotated[str, Field(coerce_numbers_to_str=True)]
+"""In Python, 8 is the camera '8'."""
+
 SizeRule = Literal["auto", "stretch", "crop", "letterbox"]
 
 ModelKind = Literal["u2net", "birefnet", "isnet", "modnet", "plain"]
 
 _DEFAULT = Affects("calibration_masks", "training_views", "evaluation")
+
+
+def import_path(source: object) -> str | None:
+    """MODULE:NAME of a source of masks, for `capture.masks`; None if it is not a global variable of a module.
+
+    In a script, the module is that of the script's file.
+    """
+    modules = sys.modules.copy()
+    for module in sorted(modules, key=lambda name: (name != source.__module__, name == "__main__")):
+        for name, value in list(getattr(modules[module], "__dict__", {}).items()):
+            if value is source:
+                script = Path(getattr(modules[module], "__file__", None) or "").stem
+                return f"{script if module == '__main__' else module}:{name}"
+    return None
 
 
 EVERY = re.compile(r"every (\d+)")
@@ -46,10 +64,11 @@ class FileSettings(Settings):
     @classmethod
     def _kind_or_import_path(cls, value: Any, check: ValidatorFunctionWrapHandler) -> Any:
         try:
-            return check(getattr(value, "import_path", value))
+            return check(import_path(value) if hasattr(value, "mask") else value)
         except ValidationError:  # one message instead of one per alternative type
             raise Conflict(
-                f"must be one of {', '.join(get_args(MaskKind))}, or MODULE:NAME of a source of your own"
+                f"must be one of {', '.join(get_args(MaskKind))}, MODULE:NAME of a source of your own, or such a "
+                "source that is a global variable of a module's file"
             ) from None
 
     @field_validator("root", mode="after")
@@ -212,7 +231,7 @@ class CaptureSettings(ModelSettings, ScreenSettings, DifferenceSettings, FileSet
     primaries are not converted. auto: EXR files are linear, everything else is srgb."""
 
     cameras: Annotated[
-        tuple[str, ...],
+        tuple[CameraName, ...],
         Heading("Cameras"),
         Affects(
             "cameras_from_file", "cameras_from_images", "cameras_from_target", "cameras_from_points", *_DEFAULT.results
@@ -220,7 +239,7 @@ class CaptureSettings(ModelSettings, ScreenSettings, DifferenceSettings, FileSet
     ] = ()
     """Names of the cameras to use. Empty: all."""
 
-    held_out: Annotated[tuple[str, ...], Affects("training_views", "evaluation", "manifest")] = ()
+    held_out: Annotated[tuple[CameraName, ...], Affects("training_views", "evaluation", "manifest")] = ()
     """Cameras that are excluded from training and used for evaluation. The entry "every 8" stands for every eighth
     camera by name (the 8th, 16th, ...)."""
 

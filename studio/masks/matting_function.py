@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import inspect
-import sys
 import traceback
 from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 
@@ -21,10 +20,10 @@ class MaskFunction(Protocol):
     """Computes the mask of a frame. May be called from several threads concurrently."""
 
     def __call__(self, image: np.ndarray, camera: str, frame: int, /) -> np.ndarray:
-        """(H, W) float in 0..1, 1 = performer.
+        """(H, W) float in 0..1, 1 = performer; or bool; or uint8 in 0..255.
 
         Args:
-            image: (H, W, 3) uint8 RGB, as filmed.
+            image: (H, W, 3) uint8 RGB, at full size, as filmed.
             camera: the camera's name.
             frame: the frame number.
         """
@@ -33,14 +32,14 @@ class MaskFunction(Protocol):
 class FunctionMaskSource:
     """A `MaskSource` that calls a `MaskFunction`.
 
-    As a decorator of a function in a module, it makes the function's name a source for `capture.masks: MODULE:NAME`,
-    with which all commands and `v3studio.run` work.
+    As a decorator of a function in a module, also with arguments (`@FunctionMaskSource(files=...)`), it makes the
+    function's name a source for `capture.masks: MODULE:NAME`, with which all commands and `v3studio.run` work.
 
     Args:
-        function: computes the masks.
+        function: computes the masks; None: the function that the source is then called with, as a decorator.
         name: name of the function in errors; None: its own.
-        files: files that the function depends on; a take becomes stale when they change. Errors name the first one.
-            None: the function's source file.
+        files: files that the function depends on besides its source file, such as those it reads; a take becomes stale
+            when they change.
         cache: disk cache of the masks; None: no cache.
         components: maximum number of connected components, largest first; None: no limit.
         garbage: where the performer may be; None: everywhere.
@@ -53,22 +52,31 @@ class FunctionMaskSource:
 
     def __init__(
         self,
-        function: MaskFunction,
+        function: MaskFunction | None = None,
         name: str | None = None,
         *,
-        files: Sequence[Path | str] | None = None,
+        files: Sequence[Path | str] = (),
         cache: MaskCache | None = None,
         components: int | None = None,
         garbage: GarbageMasks | None = None,
         cameras: Collection[str] | None = None,
     ) -> None:
         self.cameras = cameras
-        self._function = function
-        self._name = getattr(function, "__name__", "mask function") if name is None else name
-        self._files = _source_files(function) if files is None else [Path(file) for file in files]
+        self._name = name
+        self._files = [Path(file) for file in files]
         self._cache = cache
         self._components = components
         self._garbage = garbage
+        if function is not None:
+            self(function)
+
+    def __call__(self, function: MaskFunction) -> Self:
+        """Use this function: `@FunctionMaskSource(files=...)`."""
+        self._function = function
+        self._name = self._name or getattr(function, "__name__", "mask function")
+        self._files = _source_files(function) + self._files
+        self.__module__ = getattr(function, "__module__", self.__module__)  # the first place to look for its name
+        return self
 
     def mask(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
         """See `MaskSource`.
@@ -87,14 +95,6 @@ class FunctionMaskSource:
         if inside is not None:
             mask = mask * inside.astype(np.uint8)
         return _largest(mask, self._components) if self._components else mask
-
-    @property
-    def import_path(self) -> str:
-        """MODULE:NAME, the value of `capture.masks`. In a script, the module is that of the script's file."""
-        module = getattr(self._function, "__module__", "")
-        if module == "__main__":
-            module = Path(getattr(sys.modules["__main__"], "__file__", None) or "").stem
-        return f"{module}:{getattr(self._function, '__qualname__', '')}"
 
     def files(self) -> list[Path]:
         return self._files + (self._garbage.files() if self._garbage is not None else [])
@@ -117,12 +117,15 @@ class FunctionMaskSource:
             ) from error
         problem = ""
         found: object = None
-        if values.shape != image.shape[:2] or values.dtype.kind != "f":
+        if values.shape != image.shape[:2] or not (values.dtype.kind in "fb" or values.dtype == np.uint8):
             found = f"{values.shape} {values.dtype}"
-            problem = f"returned an array of {found}; expected floats of shape {image.shape[:2]}"
+            problem = f"returned an array of {found}; expected floats, bool or uint8 of shape {image.shape[:2]}"
+        elif values.dtype == np.uint8 and values.max() == 1:  # 1 of 255 is meant by nobody
+            found = 1
+            problem = "returned uint8 values of 0 and 1 only; expected 0 to 255. Return bool for 0 and 1"
         elif not np.isfinite(values).all():
             problem = "returned NaN or infinite values"
-        elif values.min() < -0.01 or values.max() > 1.01:
+        elif values.dtype.kind == "f" and (values.min() < -0.01 or values.max() > 1.01):
             low, high = float(values.min()), float(values.max())
             found = (low, high)
             problem = f"returned values from {low:.3g} to {high:.3g}; expected 0 to 1"
@@ -135,7 +138,7 @@ class FunctionMaskSource:
                 camera=camera,
                 frame=frame,
             )
-        return np.rint(255 * np.clip(values, 0.0, 1.0)).astype(np.uint8)
+        return values if values.dtype == np.uint8 else np.rint(255 * np.clip(values, 0.0, 1.0)).astype(np.uint8)
 
 
 def _source_files(function: object) -> list[Path]:

@@ -31,7 +31,7 @@ from pipelines.takes.cancel_request import request_cancel
 from pipelines.takes.settings_file import save_config
 from pipelines.takes.take import Take
 from studio.errors import Message, StudioError
-from studio.settings import COMMAND_LINE
+from studio.settings import OVERRIDES
 from studio.yaml_text import inline_yaml
 
 LOOK_EVERY = 0.5
@@ -420,7 +420,7 @@ class Workspace:
                 with disk_errors(self.take.root):
                     save_config(self.take.config, config)  # keeps comments
         except StudioError as error:
-            return replace(error.message, file=None) if error.file == COMMAND_LINE else error.message
+            return replace(error.message, file=None) if error.file == OVERRIDES else error.message
         if config != self.context.config:
             self.context = self._new_context(config)
             self._unchecked()

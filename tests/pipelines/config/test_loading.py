@@ -150,10 +150,10 @@ def test_two_mistakes_are_two_lines(tmp_path):
     assert sorted(codes) == ["settings.invalid", "settings.unknown"]
 
 
-def test_a_mistake_on_the_command_line_is_not_blamed_on_the_file(tmp_path):
-    with refuses("settings.invalid", file="command line", value=80, setting="bake.quality"):
+def test_a_mistake_in_an_override_is_not_blamed_on_the_file(tmp_path):
+    with refuses("settings.invalid", file="overrides", value=80, setting="bake.quality"):
         load(tmp_path, "", "bake.quality=80")
-    both = f"{tmp_path / 'run.yaml'} and command line"
+    both = f"{tmp_path / 'run.yaml'} and overrides"
     with refuses("settings.invalid", file=both, settings=["bake.codec", "bake.profile"]):
         load(tmp_path, "bake: {profile: planes}", "bake.codec=av1")
 
@@ -306,6 +306,8 @@ def test_names_that_look_like_numbers_stay_text(tmp_path: Path) -> None:
     path.write_text("capture: {held_out: [04, 1e4, true], cameras: '07, 08', offsets: {010: 2}, audio: 0123, fps: 25}")
     capture = load_config(path).capture
     assert capture.held_out == ("04", "1e4", "true")
+    given = load_config(None, [("capture.held_out", [8, 18])]).capture
+    assert given == CaptureSettings(held_out=(8, 18)) == CaptureSettings(held_out=("8", "18"))  # type: ignore[arg-type]
     assert capture.cameras == ("07", "08")
     assert capture.offsets == {"010": 2}
     assert (capture.audio, capture.fps) == ("0123", 25.0)

@@ -231,12 +231,13 @@ def test_a_function_that_fails_names_camera_frame_and_line() -> None:
 @pytest.mark.parametrize(
     ("function", "value", "text"),
     [
-        (lambda *_: np.zeros((4, 4)), "(4, 4) float64", "expected floats of shape (64, 96)"),
+        (lambda *_: np.zeros((4, 4)), "(4, 4) float64", "expected floats, bool or uint8 of shape (64, 96)"),
         (
-            lambda image, camera, frame: np.zeros(image.shape[:2], np.uint8),
-            "(64, 96) uint8",
-            "expected floats of shape (64, 96)",
+            lambda image, camera, frame: np.zeros(image.shape[:2], np.int64),
+            "(64, 96) int64",
+            "expected floats, bool or uint8 of shape (64, 96)",
         ),
+        (lambda image, camera, frame: np.eye(64, 96, dtype=np.uint8), 1, "0 and 1 only"),
         (lambda image, *_: np.full(image.shape[:2], np.nan), None, "NaN or infinite"),
         (
             lambda image, camera, frame: np.full(image.shape[:2], 255.0),
@@ -246,10 +247,17 @@ def test_a_function_that_fails_names_camera_frame_and_line() -> None:
     ],
 )
 def test_functions_that_do_not_return_a_mask(function: object, value: object, text: str) -> None:
-    with refuses("mask.function_output", file=None, value=value, camera="a", frame=3) as caught:
-        FunctionMaskSource(function, "my function", files=()).mask("a", 3, noisy())  # type: ignore[arg-type]
-    assert str(caught.value).startswith("my function, camera 'a', frame 3: returned ")
+    with refuses("mask.function_output", file=Path(__file__), value=value, camera="a", frame=3) as caught:
+        FunctionMaskSource(function, "my function").mask("a", 3, noisy())  # type: ignore[arg-type]
+    assert caught.value.problem.startswith("my function, camera 'a', frame 3: returned ")
     assert text in str(caught.value)
+
+
+@pytest.mark.parametrize("returned", [np.eye(64, 96), np.eye(64, 96, dtype=bool), np.eye(64, 96, dtype=np.uint8) * 255])
+def test_masks_are_floats_bool_or_uint8(returned: np.ndarray) -> None:
+    found = FunctionMaskSource(lambda image, camera, frame: returned).mask("a", 0, noisy())
+    assert found.dtype == np.uint8
+    assert np.array_equal(found, 255 * np.eye(64, 96))
 
 
 def test_only_the_largest_component_is_kept() -> None:
@@ -292,6 +300,25 @@ def of_some(image, camera, frame):
 
 of_some.cameras = ["cam1", "cam10", "another"]
 
+def _read(image, camera, frame):
+    return image.mean(axis=2) / 255
+
+by_call = v3.FunctionMaskSource(_read, "other name", files=[__file__ + ".txt"])
+
+@v3.FunctionMaskSource(files=[__file__ + ".txt"])
+def reads_a_file(image, camera, frame):
+    return image.mean(axis=2) / 255
+
+class Constant:
+    def mask(self, camera, frame, image):
+        return np.full(image.shape[:2], 255, np.uint8)
+
+    def files(self):
+        return []
+
+constant = Constant()
+in_no_module = [v3.FunctionMaskSource(_read)]
+
 @v3.FunctionMaskSource
 def of_none(image, camera, frame):
     return None
@@ -324,7 +351,11 @@ def test_a_source_by_import_path(three_videos: Path, tmp_path: Path, monkeypatch
     assert asked == {"cam1", "cam10"}, "the mask of frame 0 is empty; cam2 has none"
     with refuses("mask.no_camera", value="own_masks_of_a_test:of_none"):
         open_footage(settings.replace(masks="own_masks_of_a_test:of_none"))
-    source = importlib.import_module(module.stem).bright
-    assert CaptureSettings(masks=source).masks == settings.masks, "the object stands for its path"
+    own = importlib.import_module(module.stem)
+    for name in ("bright", "by_call", "reads_a_file", "constant"):  # the object stands for its path
+        assert CaptureSettings(masks=getattr(own, name)).masks == f"{module.stem}:{name}"
+    assert own.reads_a_file.files() == own.by_call.files() == [module, module.with_name(f"{module.name}.txt")]
+    with refuses("settings.invalid", setting="masks"):
+        CaptureSettings(masks=own.in_no_module[0])
     with refuses("mask.cannot_import"):
         open_footage(settings.replace(masks="no_such_module_here:bright"))
