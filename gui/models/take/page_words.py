@@ -28,7 +28,7 @@ def setting_words(setting: str) -> str:
 def why_not_done(status: StageStatus) -> str:
     """Why a stage is not up to date; "" if it is."""
     if status.needs:
-        return f"{' and '.join(map(stage_name, status.needs))} must run first."
+        return f"Run {' and '.join(map(stage_name, status.needs)).replace(' and ', ', ', len(status.needs) - 2)} first."
     return in_page_words(status.reason)
 
 

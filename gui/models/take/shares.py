@@ -120,5 +120,5 @@ def stale_words(bake: StageStatus | None, checked: bool = True, unreadable: bool
         return "Checking whether the stream is up to date ..."
     if bake is None or bake.state == "done":
         return ""
-    why = f": {why_not_done(bake)}".rstrip(" :.")
+    why = "" if bake.needs else f": {why_not_done(bake)}".rstrip(" :.")  # Bake runs what it needs
     return f"The stream is out of date{why}.\nTo share the take as it is set now, cancel and run Bake first."

@@ -2,7 +2,8 @@
 
 import pytest
 
-from gui.models.take.page_words import in_page_words
+from gui.models.take.page_words import in_page_words, why_not_done
+from pipelines.runs.staleness import StageStatus
 
 
 @pytest.mark.parametrize(
@@ -22,3 +23,15 @@ from gui.models.take.page_words import in_page_words
 )
 def test_settings_and_stages_have_the_names_on_screen(text: str, shown: str) -> None:
     assert in_page_words(text) == shown
+
+
+@pytest.mark.parametrize(
+    ("needs", "shown"),
+    [
+        (("train",), "Run Train first."),
+        (("train", "bake"), "Run Train and Bake first."),
+        (("initialize", "train", "bake"), "Run Initialize, Train and Bake first."),
+    ],
+)
+def test_stages_that_wait_for_others_say_so(needs: tuple[str, ...], shown: str) -> None:
+    assert why_not_done(StageStatus("evaluate", "stale", needs=needs)) == shown
