@@ -82,8 +82,11 @@ def inspect(capture: CaptureSettings, progress: ProgressFn | None = None) -> Ins
 
 
 def found_lines(footage: Footage) -> tuple[str, ...]:
-    """What footage is and which camera file it has, one sentence each."""
-    return (*footage.description.splitlines(), *camera_file_text(footage).splitlines())
+    """What footage is and which camera file it has, one sentence each. Cameras to hold out are suggested once."""
+    lines, cameras = footage.description.splitlines(), camera_file_text(footage).splitlines()
+    if any("capture.held_out: " in line for line in cameras):
+        lines = [line for line in lines if "capture.held_out: " not in line]
+    return (*lines, *cameras)
 
 
 def _found(capture: CaptureSettings, footage: Footage, progress: ProgressFn | None) -> Inspection:

@@ -331,6 +331,7 @@ class Rig:
         notes: what the reader of a camera file assumed or left out, one sentence each.
         left_out: names of cameras that the file lists without a pose, or as not to be used. Footage of them is not
             used.
+        for_evaluation: names of cameras that the file has for evaluation, not for training.
 
     Raises:
         StudioError: two cameras have the same name (camera.duplicate_name).
@@ -339,6 +340,7 @@ class Rig:
     cameras: tuple[Camera, ...]
     notes: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
+    for_evaluation: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cameras", tuple(self.cameras))
@@ -358,7 +360,7 @@ class Rig:
     def __iter__(self) -> Iterator[Camera]:
         return iter(self.cameras)
 
-    def __contains__(self, name: str) -> bool:
+    def __contains__(self, name: object) -> bool:
         return name in self.names
 
     def __getitem__(self, name: str) -> Camera:

@@ -16,7 +16,9 @@ def register(commands: Any) -> None:
         description="Show which stages of a take are up to date, and why the others are not.",
     )
     status.add_argument("take", type=Path, metavar="TAKE", help="folder of the take")
-    status.add_argument("--check", action="store_true", help="exit with 1 unless all stages are up to date")
+    status.add_argument(
+        "--check", action="store_true", help="exit with 1 unless all stages are up to date, and could be checked"
+    )
     add_json(status)
     status.set_defaults(command=_status)
 
@@ -33,5 +35,5 @@ def _status(arguments: argparse.Namespace) -> int:
     arguments.result = status_values(take, config)
     if not arguments.json:
         print_status(take, config)
-    done = all(stage["state"] == "done" for stage in arguments.result["stages"].values())
+    done = all(stage["state"] == "done" and not stage["reason"] for stage in arguments.result["stages"].values())
     return 1 if arguments.check and not done else 0

@@ -135,7 +135,7 @@ def _cameras(footage: TakeFootage, protocol: EvaluationProtocol, cameras: Sequen
         if not footage.calibrated.measured_cameras:
             raise StudioError(
                 "compare.no_held_out",
-                "no camera is held out, so nothing measures new views",
+                "no camera with masks is held out, so nothing measures new views",
                 file=footage.take.root,
                 fix="Name the cameras to measure with --cameras A,B.",
                 option="--cameras",

@@ -41,7 +41,7 @@ def print_evaluation(take: Take) -> None:
     table.add_section()
     table.add_row("mean", "", "", *metric_texts(summary, evaluation.metrics), f"{summary.bytes_per_frame / 1000:.1f}")
     screen.print(table)
-    which = "held-out cameras" if protocol.held_out else "TRAINING cameras (none held out):"
+    which = "held-out cameras" if protocol.held_out else f"{protocol.note} TRAINING cameras"
     screen.print(
         f"{left_out}{which} {', '.join(protocol.cameras)};  {protocol.crop}; background "
         f"{protocol.background}. * first frame of a group.\n"

@@ -6,7 +6,7 @@ import contextlib
 import os
 import time
 import traceback
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from pipelines.config import Config
@@ -81,9 +81,9 @@ def run(
         Cancelled: the run was cancelled.
     """
     cancellation = cancellation or Cancellation()
-    report = emit
+    report, verified = emit, set[str]()
     with (
-        finishing(lambda: report, cancellation, "Run again to resume.", lambda: result_of(take)) as clock,
+        finishing(lambda: report, cancellation, "Run again to resume.", lambda: result_of(take, verified)) as clock,
         disk_errors(take.root),
         take.locked(command),
         cancelled_on_request(take, cancellation.cancel),
@@ -92,18 +92,18 @@ def run(
         report = Logged(emit, take)
         if keep is not None:
             free_name(take, keep)
-        _Run(Inputs(take, config), report, cancellation, clock, force).go(names)
+        _Run(Inputs(take, config), report, cancellation, clock, force, verified).go(names)
         if keep is not None:
             kept = keep_bake(take, keep)
             report(Log(stage="bake", message=f"kept as '{kept.name}'"))
 
 
-def result_of(take: Take) -> Mapping[str, JsonData]:
-    """The result of a run for programs: the take, and the main figures of its finished stages. Those that finished
-    before a stage that they depend on, such as an evaluation of an earlier bake, are left out."""
+def result_of(take: Take, verified: Collection[str]) -> Mapping[str, JsonData]:
+    """The result of a run for programs: the take, and the main figures of the stages that it ran or found up to date.
+    Those that finished before a stage that they depend on, such as an evaluation of an earlier bake, are left out."""
     current: dict[str, StageRecord] = {}
     for name in STAGE_NAMES:
-        record = read_record(take, name)
+        record = read_record(take, name) if name in verified else None
         if record is not None and all(
             needed in current and record.params.get(f"result of {needed}") == current[needed].result
             for needed in stage_named(name).dependencies
@@ -150,13 +150,14 @@ class Logged:
 
 @dataclass
 class _Run:
-    """A run of a locked take. `clock`: work time in seconds."""
+    """A run of a locked take. `clock`: work time in seconds; `verified`: stages that are up to date."""
 
     inputs: Inputs
     emit: Emit
     cancellation: Cancellation
     clock: Callable[[], float]
     force: bool
+    verified: set[str]
 
     def go(self, names: Sequence[str]) -> None:
         """Run the stages that are not up to date."""
@@ -166,6 +167,7 @@ class _Run:
         # report unreadable footage and edits before anything else
         _ = inputs.footage.raw, inputs.footage.digest, inputs.edits
         found = assess_all(STAGES, inputs)
+        self.verified.update(name for name, one in found.items() if one.state == DONE)
         todo = [stage for stage in STAGES if stage.name in names and (self.force or found[stage.name].state != DONE)]
         _refuse_gaps(todo, found)
         self.emit(
@@ -198,6 +200,7 @@ class _Run:
             # earlier stages have run: if their results did not change, this one may be up to date after all
             now = assess(stage, self.inputs, assess_all(STAGES, self.inputs))
             if now.state == DONE and not self.force:
+                self.verified.add(stage.name)
                 continue
             reporter = StageReporter(
                 stage.name,
@@ -234,6 +237,7 @@ class _Run:
                 self.cancellation.check()
                 seconds = self.clock() - started
                 write_record(stage, inputs, seconds, summary)
+                self.verified.add(stage.name)
         except Cancelled:
             raise
         except Exception as error:

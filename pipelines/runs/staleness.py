@@ -51,7 +51,7 @@ class StageStatus:
         state: done, partial (begun, and not finished), stale (settings or inputs have changed), failed (the last
             attempt), missing (never run).
         reason: why it is not done ("never run", "bake.quality changed from 22 to 30", "last attempt: ...");
-            "" if done.
+            if it is done, "" or why that could not be checked.
         units_done, units, unit: finished units, all units, and their name ("frames"); 0, 0, "" if it has none.
         seconds: duration of the finished run.
         summary: main figures of the finished run.
@@ -197,6 +197,8 @@ def differences(before: Mapping[str, object], now: Mapping[str, object]) -> list
 def _difference(name: str, before: Mapping[str, object], now: Mapping[str, object]) -> str:
     if name.startswith("result of "):
         return f"the result of {name.removeprefix('result of ')} changed"
+    if name == "cameras without calibration" and now.get(name):
+        return f"{_short(now[name])} not calibrated; used since capture.held_out, capture.cameras or masks changed"
     if name in ("footage", "camera file"):
         return f"the {name} changed"
     if name.startswith(PREFIX):

@@ -103,13 +103,16 @@ def print_status(take: Take, config: Config) -> None:
     screen = console()
     table = table_of("stage", "status", "progress", "time", "reason", left=(0, 1, 4))
     now = running(take)
+    last = ""
     for name, state in status(take, config).items():
         if now is not None and name == now.stage:
             table.add_row(name, f"[{_COLORS['running']}]running[/]", *_running(now))
             continue
         units = f"{state.units_done}/{state.units} {state.unit}" if state.units else ""
         took = duration(state.seconds) if state.seconds is not None and state.state == "done" else ""
-        table.add_row(name, f"[{_COLORS[state.state]}]{state.state}[/]", units, took, escaped(state.reason))
+        reason = "the same" if state.reason and state.reason == last else escaped(state.reason)
+        table.add_row(name, f"[{_COLORS[state.state]}]{state.state}[/]", units, took, reason)
+        last = state.reason
     screen.print(table)
     for sentence in checked_cameras(take).sentences:
         screen.print(sentence, markup=False)

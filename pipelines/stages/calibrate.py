@@ -37,7 +37,7 @@ from pipelines.takes.stage_files import CamerasFromFile, CamerasReport
 from pipelines.takes.take import Take
 from studio.calibration.report import CalibrationReport
 from studio.calibration.settings import CalibrateSettings
-from studio.counts import counted
+from studio.counts import cameras_listed, counted
 from studio.errors import Message, StudioError
 from studio.progress import ProgressFn
 
@@ -149,10 +149,12 @@ def _from_file(inputs: Inputs, path: Path) -> tuple[Rig, CamerasFromFile]:
     from studio.own_frame import frame_sentence, own_frame
 
     footage = inputs.footage.raw
-    rig = rig_of_footage(read_rig(path), inputs.config.capture, footage.camera_names)
+    rig = rig_of_footage(read_rig(path), inputs.config.capture, footage.camera_names, footage.without_masks)
     check_sizes(rig, footage, path)
     framed = frame_sentence(own_frame(rig))
     notes = rig.notes if framed is None else (*rig.notes, framed)
+    if footage.without_masks:
+        notes = (f"Without masks, so not used: {cameras_listed(footage.without_masks)}.", *notes)
     return rig, CamerasFromFile(source="file", file=str(path), notes=notes)
 
 

@@ -80,7 +80,7 @@ def camera_file_text(footage: Footage) -> str:
         return "No camera file: Calibrate estimates the cameras."
     name = os.path.relpath(path, footage.spec.root)  # it may be beside the footage's folder
     try:
-        rig = rig_of_footage(read_rig(path), footage.spec, footage.camera_names)
+        rig = rig_of_footage(read_rig(path), footage.spec, footage.camera_names, footage.without_masks)
     except StudioError as error:
         return f"Camera file: {name}.\n{error}"
     return "\n".join([f"Camera file: {name}.", *rig.notes])

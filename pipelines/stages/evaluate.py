@@ -29,6 +29,7 @@ from studio.comparison import Residual, flicker_of, measure
 from studio.errors import Message, StudioError
 
 if TYPE_CHECKING:
+    from studio.capture import Footage
     from studio.gaussians import Gaussians
     from studio.perceptual import Lpips
     from studio.stream import StreamReader
@@ -86,9 +87,9 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> E
         reporter.warn(
             Message(
                 "evaluation.no_held_out",
-                "no camera is held out, so training cameras are measured: this shows how well the footage is "
+                f"{_why_none(footage)}, so training cameras are measured: this shows how well the footage is "
                 "reproduced, not the quality of new views",
-                fix="Hold out cameras with capture.held_out.",
+                fix="Hold out cameras with masks: capture.held_out.",
                 fields={"setting": "capture.held_out"},
             )
         )
@@ -142,7 +143,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> E
     protocol = Protocol(
         cameras=tuple(cameras),
         held_out=held_out,
-        note=_note(held_out, inputs.take.refined_rig.is_file()),
+        note=_note(footage, inputs.take.refined_rig.is_file()),
         resolution={name: (footage.rig[name].width, footage.rig[name].height) for name in cameras},
         crop=f"bounding box of the mask, padded by {inputs.config.evaluate.crop_padding} px",
         background=inputs.config.evaluate.background,
@@ -178,10 +179,17 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> E
     return summary
 
 
-def _note(held_out: bool, refined: bool) -> str:
+def _why_none(footage: Footage) -> str:
+    """Why no held-out camera is measured."""
+    names = footage.held_out_cameras
+    return f"held out {', '.join(names)} have no masks" if names else "no camera is held out"
+
+
+def _note(footage: Footage, refined: bool) -> str:
     """What the cameras have to do with training."""
-    if not held_out:
-        return "No camera was held out: these are the training cameras."
+    if not footage.measured_cameras:
+        why = _why_none(footage)
+        return f"{why[0].upper()}{why[1:]}: these are the training cameras."
     note = "The cameras were held out from training."
     if refined:
         note += " Training refined its cameras, and each of these was aligned to the splats of the first keyframe."

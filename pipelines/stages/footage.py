@@ -119,6 +119,7 @@ class TakeFootage:
         return open_footage(
             self.capture, rig, cache_folder=self.take.footage_cache, device=run.device, threads=run.thread_count,
             most_cached=self.most_cached, every_camera=True, evaluation_masks=self.config.evaluate.exact_masks,
+            without_masks=() if rig is None else self.raw.without_masks,
         )  # fmt: skip
 
 

@@ -83,7 +83,7 @@ class Protocol(Result):
     cameras: tuple[str, ...]
 
     held_out: bool
-    """False: no camera was held out, so training cameras were measured."""
+    """False: no camera with masks was held out, so training cameras were measured."""
 
     note: str
 

@@ -19,7 +19,6 @@ from studio.cameras import Rig
 from studio.errors import StudioError
 from studio.json_types import JsonObject
 from studio.validation import missing_key
-from studio.yaml_text import inline_yaml
 
 TRAIN, TEST = "train_meta.json", "test_meta.json"
 _LISTS = ("k", "w2c", "fn", "cam_id")
@@ -37,11 +36,9 @@ def read_meta(path: Path) -> Rig:
     files = [path.parent / name for name in names] if path.name in (TRAIN, TEST) else [path]
     rigs = [_cameras(file) for file in files]
     test = [camera.name for file, rig in zip(files, rigs, strict=True) if file.name == TEST for camera in rig]
-    notes = [NO_DISTORTION]
-    if test and len(rigs) > 1:
-        notes.append(f"In {TEST}, so for evaluation: capture.held_out: {inline_yaml(test)}.")
     with naming(path):
-        return Rig(tuple(camera for rig in rigs for camera in rig), tuple(notes))
+        cameras = tuple(camera for rig in rigs for camera in rig)
+        return Rig(cameras, (NO_DISTORTION,), for_evaluation=tuple(test) if len(rigs) > 1 else ())
 
 
 def _cameras(path: Path) -> Rig:

@@ -40,7 +40,6 @@ from studio.counts import listed
 from studio.errors import StudioError
 from studio.json_types import JsonObject
 from studio.validation import array, camera_error, missing_key, number
-from studio.yaml_text import inline_yaml
 
 _SUFFIXES = ("", ".png", ".jpg", ".jpeg", ".webp", ".exr")
 _SPLIT = re.compile(r"transforms_(train|val|test)\.json")
@@ -197,10 +196,8 @@ def rig_from_transforms(path: Path, values: JsonObject) -> Rig:
         training = {
             name for name, (file, *_) in zip(names, entries, strict=True) if file.name == "transforms_train.json"
         }
-        tested = [camera.name for camera in cameras if camera.name not in training]
-        if training and tested:
-            notes.append(f"Not in transforms_train.json, so for evaluation: capture.held_out: {inline_yaml(tested)}.")
-        return Rig(tuple(cameras), (*found.notes, *_overridden(files), *notes))
+        tested = tuple(camera.name for camera in cameras if training and camera.name not in training)
+        return Rig(tuple(cameras), (*found.notes, *_overridden(files), *notes), for_evaluation=tested)
 
 
 def _entries(path: Path, values: JsonObject) -> list[tuple[Path, str, JsonObject]]:

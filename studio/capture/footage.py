@@ -52,6 +52,7 @@ class Footage:
         spec: the settings it was opened with.
         camera_names: all cameras, in natural order (cam2 before cam10).
         train_cameras, held_out_cameras: the cameras to train on, and those used only for evaluation.
+        without_masks: other cameras of the footage, which are not used since they have no masks.
         frames: frame numbers as in the files, after start, stop and step.
         fps: frames per second of these frames: the footage's rate divided by step.
         description: the files that were found and how they are read, one sentence per line.
@@ -76,11 +77,13 @@ class Footage:
         problems: tuple[Message, ...] = (),
         sound: CaptureSound | None = None,
         garbage: GarbageMasks | None = None,
+        without_masks: tuple[str, ...] = (),
     ) -> None:
         self.spec = spec
         self.camera_names = tuple(sources)
         self.held_out_cameras = held_out
         self.train_cameras = tuple(name for name in sources if name not in held_out)
+        self.without_masks = without_masks
         self.frames = frames
         self.fps = fps
         self.description = description
@@ -282,7 +285,7 @@ class Footage:
         return Footage(
             self.spec, self._sources, self.frames, self.held_out_cameras, self.fps, mask_source,
             self._exact_mask_source, self._warps, self._pool, image_cache(self._cache.limit), self.description,
-            self.problems, self.sound, self._garbage,
+            self.problems, self.sound, self._garbage, self.without_masks,
         )  # fmt: skip
 
     def _source(self, camera: str) -> FrameSource:
@@ -332,6 +335,10 @@ class Footage:
         cached = self._cache.get(key)
         if cached is None:
             raw = self._raw(camera, frame)
+            if not masked_cameras(self.mask_source, (camera,)):
+                raise StudioError(
+                    "mask.missing", f"no masks of camera '{camera}'", camera=camera, frames=(frame,), kind="mask"
+                )
             mask = self.mask_source.mask(camera, frame, raw)
             inside = self._garbage.inside(camera, frame, raw) if self._garbage is not None else None
             cached = (mask if inside is None else np.where(inside, mask, 0).astype(np.uint8),)

@@ -18,12 +18,16 @@ _LEAST_CAMERAS = 2
 """A visual hull and triangulation need so many."""
 
 
-def rig_of_footage(rig: Rig, spec: CaptureSettings, names: Sequence[str]) -> Rig:
+def rig_of_footage(rig: Rig, spec: CaptureSettings, names: Sequence[str], without_masks: Sequence[str] = ()) -> Rig:
     """The cameras that the footage and a camera file share, matched as in `match_rig`.
 
     Footage of cameras that the file does not have, or has without a pose, is not used. The former is refused if the
     file has other cameras that the footage lacks, since names may then differ or count from another number; if fewer
     than two cameras would remain; and if `spec.cameras` asks for these cameras.
+
+    Args:
+        names: the cameras of the footage that are used.
+        without_masks: those that are not, since they have no masks. The file need not have them.
 
     Returns:
         the cameras with their names in the footage; `left_out` are those of the footage that are not used; `notes` also
@@ -32,13 +36,15 @@ def rig_of_footage(rig: Rig, spec: CaptureSettings, names: Sequence[str]) -> Rig
     Raises:
         StudioError: `calibration.camera_missing`.
     """
-    matched = _matched(rig, names)
-    posed = [name for name, own in matched.items() if own in rig]
+    matched = _matched(rig, (*names, *without_masks))
+    posed = [name for name in names if matched.get(name) in rig]
     unused = [name for name in rig.names if name not in matched.values()]
     absent = [name for name in names if name not in matched]
     if not unused and len(posed) >= _LEAST_CAMERAS and not spec.cameras:
-        names = list(matched)
-    cameras = tuple(match_rig(rig, names).values())
+        wanted = list(matched)
+    else:
+        wanted = [*names, *(name for name in without_masks if name in matched)]
+    cameras = tuple(camera for name, camera in match_rig(rig, wanted).items() if name in names)
     notes = list(rig.notes)
     if rig.left_out:
         notes.append(
@@ -48,6 +54,9 @@ def rig_of_footage(rig: Rig, spec: CaptureSettings, names: Sequence[str]) -> Rig
         notes.append(f"Not used, since they are not among the calibrated cameras: {cameras_listed(absent)}.")
     if unused and not spec.cameras:
         notes.append(f"{cameras_listed(unused, 'Camera')} of the calibration: not in the footage that is used.")
+    tested = [name for name in names if matched.get(name) in rig.for_evaluation]
+    if tested and not spec.held_out:
+        notes.append(f"In the camera file for evaluation: capture.held_out: {inline_yaml(tested)}.")
     left_out = [*(name for name, own in matched.items() if own not in rig), *absent]
     return Rig(cameras, tuple(notes), tuple(left_out))
 

@@ -43,6 +43,7 @@ def open_footage(
     most_cached: int | None = None,
     every_camera: bool = False,
     evaluation_masks: str | None = None,
+    without_masks: Sequence[str] = (),
 ) -> Footage:
     """Open a capture: find and open its files and read one frame per camera. Other frames are decoded on demand.
 
@@ -63,6 +64,8 @@ def open_footage(
             cameras are left out. With `spec.cameras`, they always are.
         evaluation_masks: pattern of exact masks for `Footage.evaluation_mask`, relative to `spec.root`; None: there are
             none.
+        without_masks: cameras that are known to have no masks, `Footage.without_masks` before calibration. They are not
+            expected in `rig`.
 
     Returns:
         the footage.
@@ -81,7 +84,7 @@ def open_footage(
         refuse_missing(rig, found)
     held_out = held_out_cameras(spec, found)
     if rig is not None:
-        rig = rig_of_footage(rig, spec, found)
+        rig = rig_of_footage(rig, spec, [name for name in found if name not in without_masks], without_masks)
         matches = [match for match in matches if match.camera in rig]
         held_out = tuple(name for name in held_out if name in rig)
     pool = DecoderPool(4)
@@ -111,7 +114,9 @@ def open_footage(
     notes.append(mask_note)
     masked_names = masked_cameras(mask_source, tuple(sources))
     unmasked = [name for name in sources if name not in masked_names]
-    sources = _with_masks(spec, sources, unmasked, held_out, notes)
+    sources = _with_masks(spec, sources, unmasked, held_out)
+    left_out = tuple(name for name in found if name not in sources and name in (*without_masks, *unmasked))
+    notes += _mask_notes(left_out, [name for name in unmasked if name in held_out])
     warps = _warps(spec, rig, sources, frames, notes) if rig is not None else None
     exact, exact_note = exact_masks(spec, evaluation_masks, held_out or tuple(sources), masked)
     notes.append(exact_note)
@@ -119,7 +124,7 @@ def open_footage(
     description = "\n".join(note for note in notes if note)
     return Footage(
         spec, sources, frames, held_out, rate / spec.frame_range[2], mask_source, exact, warps, pool, cache,
-        description, tuple(problems), sound, garbage,
+        description, tuple(problems), sound, garbage, left_out,
     )  # fmt: skip
 
 
@@ -146,7 +151,6 @@ def _with_masks(
     sources: Mapping[str, FrameSource],
     unmasked: Sequence[str],
     held_out: Sequence[str],
-    notes: list[str],
 ) -> dict[str, FrameSource]:
     """Without the cameras that need masks but have none: those that a source of one's own leaves out, and `auto` if
     others have mask files."""
@@ -161,15 +165,17 @@ def _with_masks(
             fix=f"Name some of them in the source's attribute `cameras`: {', '.join(left_out)}.",
             setting="capture.masks",
         )
+    return {name: source for name, source in sources.items() if name not in left_out}
+
+
+def _mask_notes(left_out: Sequence[str], unmeasured: Sequence[str]) -> list[str]:
+    """Which cameras have no masks, and what follows."""
+    notes = []
     if left_out:
-        notes.append(
-            f"Without masks, so not used: {cameras_listed(left_out)}. To use them, add masks, or list them in "
-            "capture.held_out."
-        )
-    unmeasured = [name for name in unmasked if name in held_out]
+        notes.append(f"Without masks, so not used: {cameras_listed(left_out)}. To use them, add masks.")
     if unmeasured:
         notes.append(f"Held out without masks, so no quality is measured there: {cameras_listed(unmeasured)}.")
-    return {name: source for name, source in sources.items() if name not in left_out}
+    return notes
 
 
 def on_this_machine(spec: CaptureSettings) -> CaptureSettings:

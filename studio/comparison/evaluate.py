@@ -30,7 +30,7 @@ def evaluate(
         gaussians: the splats of the frame.
         footage: opened with a rig, in the world of the splats.
         frame: its number in the footage.
-        cameras: names; empty: those that are held out, or all if none are.
+        cameras: names; empty: the held-out cameras that have masks; without any, the training cameras.
         padding: pixels around the bounding box of the performer's mask; None: the full frame. PSNR of the full frame
             is higher, since most of it is background: compare only figures with the same padding.
         background: RGB, 0 to 1, behind performer and splats.
@@ -44,7 +44,7 @@ def evaluate(
         StudioError: `footage.unknown_camera`, `footage.no_such_frame`, an unreadable image or mask.
     """
     found = {}
-    for camera in cameras or footage.held_out_cameras or footage.camera_names:
+    for camera in cameras or footage.measured_cameras or footage.train_cameras:
         mask = footage.evaluation_mask(camera, frame)
         box = None if padding is None else padded_box(mask, padding)
         if padding is None or box is not None:

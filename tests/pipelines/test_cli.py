@@ -11,6 +11,7 @@ import pytest
 from pipelines.cli import make_parser
 from pipelines.commands.common.arguments import frame_range
 from pipelines.events import Finished, StageFailed, parse_event
+from pipelines.takes.settings_file import set_settings
 from studio.stream import StreamReader
 from tests.support.events import result_of
 
@@ -119,6 +120,12 @@ def test_status_of_a_new_and_of_a_finished_take(here, project, finished):
     }  # fmt: skip
     text = here("status", finished / "take").stdout
     assert text.count("done") == 5
+    here("status", finished / "take", "--check").ok()
+    take = shutil.copytree(finished / "take", project / "copy")
+    set_settings(take / "config.yaml", {"capture.root": str(project / "gone")})
+    unchecked = here("status", take, "--check")
+    assert unchecked.returncode == 1
+    assert unchecked.stdout.count("the same") == 3, "only calibrate's reason differs"
     assert "not a take" in here("status", project / "capture").stderr
 
 

@@ -131,9 +131,23 @@ def test_cameras_without_masks_are_not_used(tmp_path: Path) -> None:
             Image.new("RGB" if folder == "ims" else "L", (32, 24), 200).save(
                 tmp_path / "shots" / folder / camera / "0.png"
             )
+    for name, cameras in (("train", "ac"), ("test", "b")):
+        count = len(cameras)
+        poses = [np.eye(4) + np.eye(4, k=3) * number for number in range(count)]
+        values = {"k": [[[[30, 0, 16], [0, 30, 12], [0, 0, 1]]] * count], "w2c": [[pose.tolist() for pose in poses]]}
+        values |= {"fn": [[f"{camera}/0.png" for camera in cameras]]}
+        (tmp_path / "shots" / f"{name}_meta.json").write_text(json.dumps({"w": 32, "h": 24, **values}))
     found = NewTake(str(tmp_path / "shots")).found()
+    lines = found.inspection.lines
+    (advice,) = (line for line in lines if "capture.held_out: " in line)
+    assert "capture.held_out: [c]" in advice, "b, which is for evaluation, has no masks"
+    assert all("masks" in line for line in lines if "'b'" in line)
     assert found.inspection.unmasked == ("b",)
     assert found.uses.uses == {"a": "training", "b": "not used", "c": "training"}
+    shutil.copytree(tmp_path / "shots" / "seg" / "a", tmp_path / "shots" / "seg" / "b")
+    lines = NewTake(str(tmp_path / "shots")).found().inspection.lines
+    (advice,) = (line for line in lines if "capture.held_out: " in line)
+    assert "capture.held_out: [b]" in advice
 
 
 @pytest.mark.parametrize("gpu", [False, True])

@@ -13,6 +13,7 @@ from pipelines.config import load_config, parse_override
 from pipelines.events import (
     Event,
     Finished,
+    Log,
     Metrics,
     Preview,
     Progress,
@@ -244,6 +245,9 @@ def test_a_lost_capture_leaves_finished_stages_done(project):
     states = project.states()
     assert states["train"] == "done"
     assert "not checked against the footage" in project.found["train"].reason
+    with refuses("footage.folder_missing"):
+        project.run()
+    assert project.events[-1].result["stages"] == {}, "nothing was verified"
     project.take.trained_frame(0, 0).unlink()
     assert project.states()["train"] == "stale"
     assert "frame_000000" in project.found["train"].reason
@@ -353,6 +357,33 @@ def test_without_held_out_cameras_the_evaluation_says_so(project):
     assert len(protocol["cameras"]) == 6
     assert any(getattr(event, "code", "") == "evaluation.no_held_out" for event in events)
     assert "these are the training cameras" in project.take.report.read_text()
+
+
+MASKS = """
+import numpy as np
+from studio.masks import FunctionMaskSource
+
+def bright(image, camera, frame):
+    return (image.max(axis=2) > 20).astype(np.float32)
+
+source = FunctionMaskSource(bright, cameras=("cam0", "cam1", "cam2", "cam3"))
+"""
+
+
+def test_cameras_without_masks_are_called_so_by_every_stage(project, tmp_path, monkeypatch):
+    (tmp_path / "masks_of_four_cameras.py").write_text(MASKS)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    events = project.run("capture.held_out=[cam4]", "capture.masks=masks_of_four_cameras:source",
+                         "train.keyframe_iterations=5", "train.motion_iterations=1", "train.finetune_iterations=1",
+                         "capture.frames=:2", force=True)  # fmt: skip
+    unused = [event for event in events if isinstance(event, Log) and "'cam5'" in event.message]
+    assert {event.stage for event in unused} == {"calibrate", "initialize"}
+    assert all("masks" in event.message for event in unused)
+    (warning,) = (event for event in events if getattr(event, "code", "") == "evaluation.no_held_out")
+    assert "cam4" in warning.message
+    protocol = json.loads(project.take.evaluation.read_text())["protocol"]
+    assert "cam4" in protocol["note"]
+    assert protocol["cameras"] == ["cam0", "cam1", "cam2", "cam3"]
 
 
 def test_an_empty_mask_in_a_later_frame_ends_training(project):

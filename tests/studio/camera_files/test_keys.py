@@ -382,7 +382,7 @@ def test_meta_of_dynamic_gaussians(tmp_path: Path) -> None:
     for given_path in (path, tmp_path):
         rig = read_rig(given_path)
         assert_projects(rig, [0.0] * 4, corner=True)
-    assert any("capture.held_out: [cam2]" in note for note in rig.notes)
+        assert rig.for_evaluation == ("cam2",)
     write("train_meta.json", (0, 1), turn=0.1)
     with refuses("camera.moves", file=path, camera="cam0"):
         read_rig(path)

@@ -648,7 +648,7 @@ def test_transforms_in_parts_for_training_and_test(tmp_path: Path) -> None:
     for part in (path, tmp_path, tmp_path / "transforms_test.json"):
         rig = read_rig(part)
         assert_same_images(rig, STRAIGHT)
-        assert any("capture.held_out: [cam02]" in note for note in rig.notes)
+        assert rig.for_evaluation == ("cam02",)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,10 @@ from studio.camera_files import read_rig
 from studio.capture import CaptureSettings, open_footage
 from studio.comparison import evaluate
 from studio.gaussians import Gaussians
+from studio.masks import FunctionMaskSource
 from tests.support.tiny_capture import write_capture
+
+NAMES = tuple(f"cam{number}" for number in range(6))
 
 
 def far_away() -> Gaussians:
@@ -41,3 +44,14 @@ def test_nothing_rendered_is_as_far_as_the_footage_is_from_black(padding: int | 
     both = evaluate(far_away(), footage, 1, cameras=("cam0", "cam4"), padding=padding)
     assert both["cam4"] == found["cam4"]
     assert both["cam0"] != found["cam4"]
+
+
+@pytest.mark.parametrize(
+    ("held_out", "measured"), [(("cam4", "cam5"), {"cam4"}), (("cam5",), {"cam0", "cam1", "cam2", "cam3", "cam4"})]
+)
+def test_cameras_without_masks_are_not_measured(held_out: tuple[str, ...], measured: set[str], tmp_path: Path) -> None:
+    write_capture(tmp_path, frames=1)
+    settings = CaptureSettings(root=tmp_path, images="images/{camera}/{frame:03d}.png", held_out=held_out)
+    source = FunctionMaskSource(lambda image, camera, frame: np.ones(image.shape[:2]), cameras=NAMES[:5])
+    footage = open_footage(settings, read_rig(str(tmp_path / "cameras.json"))).with_mask_source(source)
+    assert set(evaluate(far_away(), footage, 0)) == measured

@@ -349,6 +349,8 @@ def test_a_source_by_import_path(three_videos: Path, tmp_path: Path, monkeypatch
     assert (held_out.camera_names, held_out.measured_cameras) == (("cam1", "cam2", "cam10"), ("cam10",))
     asked = {problem.fields["camera"] for problem in check_footage(held_out)}
     assert asked == {"cam1", "cam10"}, "the mask of frame 0 is empty; cam2 has none"
+    with refuses("mask.missing", camera="cam2"):
+        held_out.mask("cam2", 6)
     with refuses("mask.no_camera", value="own_masks_of_a_test:of_none"):
         open_footage(settings.replace(masks="own_masks_of_a_test:of_none"))
     own = importlib.import_module(module.stem)
