@@ -169,7 +169,7 @@ def _export(arguments: argparse.Namespace) -> int:
         print(f"{arguments.out}: {written}")
     for note in filter(None, notes):
         say_note(arguments, note)
-    arguments.result = {"path": str(arguments.out), "format": arguments.format, "written": written}
+    arguments.result = {"path": str(arguments.out.absolute()), "format": arguments.format, "written": written}
     return 0
 
 
@@ -276,7 +276,7 @@ def _whole_stream(arguments: argparse.Namespace) -> int:
         frames = reader.frame_count
     if not arguments.json:
         print(f"{arguments.out}: {counted(frames, 'frame')}, {size:,} bytes")
-    arguments.result = {"path": str(arguments.out), "format": "v3", "frames": frames, "bytes": size}
+    arguments.result = {"path": str(arguments.out.absolute()), "format": "v3", "frames": frames, "bytes": size}
     return 0
 
 

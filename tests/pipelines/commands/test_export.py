@@ -197,13 +197,15 @@ def test_movies(here, take, tmp_path):
     assert done.stdout.endswith("rig.mp4: 5 frames of 48x32\n"), done.stderr  # as long as the video
 
 
-def test_plates_have_the_numbers_of_the_footage_and_the_world_of_the_usd_file(here, take, tmp_path):
+def test_plates_have_the_numbers_of_the_footage_and_the_world_of_the_usd_file(here, take, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     options = ("--format", "exr", "--shutter", "180", "--shutter-samples", "2", "--json")
-    done = here("export", take, *options, "--camera", "side", "--frames", "1:3", "--out", tmp_path / "side").ok()
+    done = here("export", take, *options, "--camera", "side", "--frames", "1:3", "--out", "side").ok()
     assert sorted(path.name for path in (tmp_path / "side").iterdir()) == ["plate.0001.exr", "plate.0002.exr"]
     *_, end = events_in(done.stdout)
     assert isinstance(end, Finished)
     assert "2 frames of 96x64" in end.result["written"]
+    assert end.result["path"] == str(tmp_path / "side")
     file = OpenEXR.File(str(tmp_path / "side" / "plate.0001.exr"))
     places = np.stack([file.channels()[f"P.{axis}"].pixels for axis in "XYZ"], -1)
     here("export", take, "--format", "usd", "--out", tmp_path / "a.usda", "--start-number", "1001").ok()
