@@ -91,8 +91,8 @@ class OnnxModel:
         external = [self.path.with_name(self.path.name + ending) for ending in ("_data", ".data")]
         return [self.path, *(path for path in external if path.is_file())]
 
-    def __call__(self, image: np.ndarray, /) -> np.ndarray:
-        """(H, W) float32 mask in 0..1 of (H, W, 3) uint8 RGB.
+    def __call__(self, image: np.ndarray, camera: str = "", frame: int = 0, /) -> np.ndarray:
+        """(H, W) float32 mask in 0..1 of (H, W, 3) uint8 RGB, whatever the camera and the frame.
 
         Raises:
             StudioError: `mask.model_unloadable`, `mask.model_inputs`, `mask.model_outputs`, `mask.model_values`,
@@ -307,7 +307,7 @@ def open_model(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str]:
         # the device is not part of the recipe, because masks do not depend on it
         cache = MaskCache(inputs.cache_folder / "masks", f"{digest_files(path.parent, files)} {kind}")
     source = FunctionMaskSource(
-        lambda image, camera, frame: model(image),
+        model,
         "matting model",
         files=files,
         cache=cache,

@@ -167,7 +167,7 @@ def test_masks_are_computed_once_per_model(capture: Path, monkeypatch: pytest.Mo
     made: list[int] = []
     compute = OnnxModel.__call__
 
-    def counted(self: OnnxModel, image: np.ndarray, /) -> np.ndarray:
+    def counted(self: OnnxModel, image: np.ndarray, /, *place: object) -> np.ndarray:
         made.append(1)
         return compute(self, image)
 
