@@ -40,6 +40,7 @@ OTHERS = {
     "a cluster or a farm": r"ray |(groups=\$\()?sbatch|cuecmd|deadlinecommand|parallel|printf|echo|ssh ",
     "an account at a store, or its variables": r"aws |gcloud |az |export ",
     "runs until it is stopped": "tail -f ",
+    "a program that may not be installed": "jq ",
     "a comment, or nothing": "#|$",
 }
 """Why lines that do not begin with `v3studio` do not run, and the pattern of such lines."""
