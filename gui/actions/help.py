@@ -34,7 +34,7 @@ KEYS: dict[str, dict[str, str]] = {
     },
     "Compare": {
         "1, 2, 3, 4": "Footage, trained, decoded, the other bake or take",
-        "B": "What comparisons are against, and back",
+        "B": "Switch between the stream and what it is compared with",
         "S, W, D": "Side by side; wipe (drag the line); difference heat map",
     },
     "Edit": {"- and +": "Size of the brush"},

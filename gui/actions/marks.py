@@ -33,7 +33,7 @@ class MarkActions:
         window.player.transport.pause()
         frame = window.player.transport.number(window.player.transport.frame)
         known = window.marks.marks.get(frame)
-        where = "" if window.marks.kept else " Marks on a stream are lost when it is closed."
+        where = "" if window.marks.kept else ". Marks on a stream are lost when it is closed."
         answers: list[tuple[str, str, Callable[[str], None]]] = [
             ("save", "Mark", lambda note: self._change(frame, note, known))
         ]
@@ -41,7 +41,7 @@ class MarkActions:
             answers.append(("remove", "Remove mark", lambda _: self._change(frame, None, known)))
         answers.append(("close", "Cancel", lambda _: None))
         note = "" if known is None else known.note
-        window.dialogs.line("mark", f"Mark frame {frame}", f"Note (optional).{where}", note, answers)
+        window.dialogs.line("mark", f"Mark frame {frame}", f"Note (optional){where}", note, answers)
 
     def _change(self, frame: int, note: str | None, known: Mark | None) -> None:
         """Mark a frame, or remove its mark (None); noted for undo."""

@@ -86,7 +86,7 @@ class InitializeView(OrbitView):
         group = int(folder.name.removeprefix("group_"))
         words = f"group {group}, frame {keyframe}: {counted(len(points), 'point')}"
         if self._mesh is not None:
-            words += f" on {counted(self._mesh.faces, 'face')}"
+            words += f" on {counted(self._mesh.faces, 'triangle')}"
         canvas.text(self.em, 0.7 * self.em, words, small, DIM)
         return canvas.pixels
 

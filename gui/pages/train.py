@@ -33,7 +33,7 @@ CURVES = (
 COLORS = "camera colors"
 """The mode in which the cameras' colors are compared."""
 
-NOT_RUN = "not run yet"
+NOT_RUN = "no values yet"
 
 _LANES = 0.6
 """Share of the width that the groups of a run on several machines take."""
@@ -204,4 +204,4 @@ def snapshot(line: Curve) -> tuple[list[float], list[float]]:
 
 
 def _kind(camera: str, held_out: tuple[str, ...]) -> str:
-    return f"{camera}, held out" if camera in held_out else f"{camera}, training camera"
+    return f"{'held-out' if camera in held_out else 'training'} camera {camera}"

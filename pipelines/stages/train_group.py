@@ -379,8 +379,8 @@ class GroupWork:
             done = "are refined" if refinement.refined else "stay as they are"
             siting = ", chroma is subsampled as in the footage" if refinement.chroma_shift is not None else ""
             self.reporter.log(
-                f"group {group.index}: {refinement.off:.1f}% of the masks' outlines are off the splats' by more than a "
-                f"pixel: masks {done}{siting}"
+                f"group {group.index}: {refinement.off:.1f}% of the mask outlines are more than a pixel from those of "
+                f"the splats: masks {done}{siting}"
             )
 
     def _progress(self, group: Group, position: int) -> ProgressFn:

@@ -14,6 +14,7 @@ from gui.models.marks import Marks
 from gui.models.playback.player import PlayerPresenter
 from gui.models.playback.span import SPANNED, span_rows
 from gui.models.take.log_words import stage_name
+from gui.models.take.run_state import percent
 from gui.models.take.workspace import Workspace
 from pipelines.reports.summary_words import summary_words
 from pipelines.reports.terminal import duration
@@ -108,8 +109,8 @@ def run_blocks(workspace: Workspace, stage: str) -> list[Block]:
     blocks = []
     progress = workspace.run.progress
     if workspace.busy and progress is not None:
-        words = "paused" if workspace.paused else workspace.run.stage_words()
-        rows = [("stage", stage_name(progress.stage)), ("done", words)]
+        done = percent(progress.fraction) if workspace.paused else workspace.run.stage_words()
+        rows = [("stage", stage_name(progress.stage)), ("done", done)]
         if not workspace.paused:
             total = progress.total_seconds_left
             rows.append(("entire run", f"{duration(total)} left" if total is not None else "estimating time left"))
@@ -122,10 +123,11 @@ def run_blocks(workspace: Workspace, stage: str) -> list[Block]:
                 most = workspace.config.train.max_splats if workspace.config is not None else value
                 if name == "splats" and progress.stage == "train" and value > most:
                     rows.append(("after pruning", f"{most:,} at most"))
-        blocks.append(Block("Running", rows, progress.label))
+        blocks.append(Block("Paused" if workspace.paused else "Running", rows, progress.label))
     if stage != "review" and workspace.context is not None:
         status = workspace.assessment.stages.get(stage)
-        states = {"missing": "not run", "running": "paused" if workspace.paused else "running"}
+        running = "paused" if workspace.paused else "running"
+        states = {"missing": "not run", "partial": "not finished", "running": running}
         rows = [("state", states.get(row.state, row.state))]
         if status is not None and status.seconds is not None:
             rows.append(("time", duration(status.seconds)))

@@ -17,6 +17,7 @@ from pipelines.config import Config
 from pipelines.config.description import allowed_values, bounds
 from pipelines.config.loading import parse_override
 from pipelines.takes.path_here import path_here
+from studio.capture.settings import CameraName
 from studio.settings import Heading, Settings, marker, submodel
 from studio.storage import is_address
 from studio.yaml_text import inline_yaml
@@ -238,7 +239,7 @@ def _kind_of_list(kind: Any) -> str:
         return "mapping"
     if get_origin(kind) not in (tuple, list):
         return ""
-    return "names" if get_args(kind)[0] is str else "list"
+    return "names" if get_args(kind)[0] in (str, CameraName) else "list"
 
 
 def _words(choice: str) -> str:

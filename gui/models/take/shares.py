@@ -21,7 +21,7 @@ FORMS: dict[str, tuple[str, str]] = {
 """Forms of a share: label, and what its name ends in."""
 
 PHONES = {
-    "folder": "Upload the folder to any web server; under any path.\n"
+    "folder": "Upload the folder to any web server, under any path.\n"
     "Phones decode fastest, and check what they receive, from https:// addresses.",
     "single-file": "Opens in a desktop browser from the disk. Phones seldom open HTML files\n"
     "that were sent to them: share a folder for phones, or serve it.",

@@ -218,7 +218,7 @@ class Workspace:
                 self._next_assess = 0.0
             self.holder = holder
             if holder is None and self.run.changes and not self.run.outcome and self.run.begun:
-                self.run.crashed("The last run was killed or crashed. Run again to continue.")
+                self.run.crashed("The run was killed or crashed. Run again to continue.")
         self.paused = self.pid is not None and not self._elsewhere and is_paused(self.pid)
         fingerprint = self._take_fingerprint()
         now = time.monotonic()

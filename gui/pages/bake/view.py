@@ -114,7 +114,7 @@ class BakeView(StageView):
             self.trial.start(self.workspace, self.numbers)
             return self._rates(size)
         if not (take.stream / "manifest.json").is_file():
-            raise StudioError("take.not_baked", "no stream yet", fix="Run Bake.")
+            raise StudioError("take.not_baked", "no stream yet", fix="Run all stages.")
         with StreamReader.open(take.stream) as reader:
             return self._bytes(size, reader)
 

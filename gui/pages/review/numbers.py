@@ -21,7 +21,7 @@ TITLES = {
     "world": ("World", "Of streams and exports. Points and directions in the world of the capture, x y z."),
     "details": (
         "Detail",
-        "The last one that was marked. Weight: how much more it counts in training. Empty: no such detail.",
+        "The detail marked last. Weight: how much more it counts in training. Leave empty for none.",
     ),
     "trim": ("Trim", "First and last frame to keep. Empty: all."),
 }

@@ -61,7 +61,7 @@ HINTS = {
     "origin": "Click the new origin.",
     "up": "Click a point, then one straight above it.",
     "scale": "Click two points whose distance you know.",
-    "detail": "Click a face or a hand, which training should give more splats. Drag a dot to change the size.",
+    "detail": "Click a face or a hand that training should give more splats. Drag a dot to change the size.",
 }
 
 _CUT = {"crop": "outside of the box", "ground": "below the plane"}

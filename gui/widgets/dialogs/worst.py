@@ -67,7 +67,7 @@ class WorstSheet:
             if picture is not None:
                 canvas.image(box.x, box.y, picture)
             label(canvas, box.x, box.y, MAIN.text(frame.value), size=small)
-            words = f"frame {self.number(frame.frame)}, {frame.camera}"
+            words = f"frame {self.number(frame.frame)}, camera {frame.camera}"
             color = HELD_OUT if held_out else TEXT
             label(canvas, box.x, box.y + box.height - 2 * step, words, color=color, size=small)
             label(canvas, box.x, box.y + box.height - step, _parts(frame), color=DIM, size=small)
