@@ -78,7 +78,7 @@ class MarkActions:
     def show_all(self) -> None:
         """Show the list of marks; choosing one goes to its frame and view."""
         window = self._window
-        lines = {f"{frame}: {note or '(no note)'}": frame for frame, note in sorted(window.marks.notes.items())}
+        lines = {f"frame {frame}: {note or '(no note)'}": frame for frame, note in sorted(window.marks.notes.items())}
         window.dialogs.choose("marks", "Marks", list(lines), lambda line: self._go_to(lines[line]), nothing=NO_MARKS)
 
     def _go_to(self, frame: int) -> None:
