@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from gui.models.loop import Signal
 from gui.models.worker import Done, LatestWorker
+from pipelines.reports.summary_words import size_words
 from pipelines.takes.atomic_files import disk_errors
 from pipelines.takes.kept_bakes import KeptBake, keep_bake, kept_bakes
 from pipelines.takes.take import Take
@@ -16,9 +17,9 @@ def bake_words(kept: KeptBake) -> str:
     """A kept bake in one line."""
     parts = [
         kept.name,
-        kept.quality,
-        f"{kept.bytes_per_frame / 1000:.1f} KB/frame",
-        f"{kept.bytes / 1e6:.2f} MB",
+        f"quality {kept.quality}",
+        f"{size_words(kept.bytes_per_frame)} per frame",
+        size_words(kept.bytes),
         "not evaluated" if kept.psnr is None else f"{kept.psnr:.2f} dB",
         "the take's stream" if kept.is_stream else "",
         "" if kept.current else "older training",
