@@ -24,20 +24,22 @@ def test_input_that_is_faster_than_the_window(open_window: Callable[..., Running
         window.wait_for(name, lambda s, name=name: s["compare"] == name)
 
     # text right after the click that opens the dialog: File > New take
+    corner = (slice(0, 60), slice(0, 150))
+    window.drawn()
+    before = window.pixels("stages")[corner]
     window.xdotool("mousemove", *titles["File"], *CLICK)
     window.drawn()
     window.xdotool("mousemove", left + 42, top + 21, *CLICK, "type", "--delay", "1", "typed at once")
     state = window.wait_for("what was typed", lambda s: s["texts"].get("dialog footage") == "typed at once")
     assert (state["dialog"], state["compare"]) == ("new take", "difference"), "no letter was a shortcut"
     window.click("dialog close")
-    window.wait_for("no dialog", lambda s: not s["dialog"])
+    wait_until("no shade", lambda: np.array_equal(window.pixels("stages")[corner], before))
 
     # one click goes from one open menu to another: Help > Shortcuts
     closed = {name: window.pixels(name) for name in ("stages", "viewport")}
 
     def covered(name: str) -> bool:
         """Whether a menu covers the upper left corner of a widget."""
-        corner = (slice(0, 60), slice(0, 150))
         return bool((window.pixels(name)[corner] != closed[name][corner]).any(axis=2).mean() > 0.5)
 
     window.xdotool("mousemove", *titles["File"], *CLICK)
