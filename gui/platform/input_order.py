@@ -236,11 +236,9 @@ class InputOrder:
         return found
 
     def click(self, x: int, y: int) -> None:
-        """Press and release the left button at a position in the window, as the user would. The pointer moves there,
-        since the toolkit asks where it is, and would click what is below it."""
+        """Press and release the left button in the window. The pointer moves there, since the toolkit asks for it."""
         if self._display:
             self._x.XWarpPointer(self._display, 0, self._window, 0, 0, 0, 0, x, y)
-            self._x.XSync(self._display, 0)
         for kind, number in (("move", 6), ("press", 4), ("release", 5)):
             event = InputEvent(type=number, x=x, y=y, x_root=x, y_root=y, same_screen=1)
             event.time = int(1000 * time.monotonic()) & 0xFFFFFFFF  # X servers count like this
