@@ -236,10 +236,10 @@ class InputOrder:
         return found
 
     def click(self, x: int, y: int) -> None:
-        """Press and release the left button in the window. The pointer moves there, since the toolkit asks for it."""
-        if self._display:
-            self._x.XWarpPointer(self._display, 0, self._window, 0, 0, 0, 0, x, y)
-        for kind, number in (("move", 6), ("press", 4), ("release", 5)):
+        """Press and release the left button at a position in the window, as the user would; the pointer comes back."""
+        there, back = (x, y), self.pointer or (x, y)
+        steps = (("move", 6, there), ("press", 4, there), ("release", 5, there), ("move", 6, back))
+        for kind, number, (x, y) in steps:
             event = InputEvent(type=number, x=x, y=y, x_root=x, y_root=y, same_screen=1)
             event.time = int(1000 * time.monotonic()) & 0xFFFFFFFF  # X servers count like this
             event.code = 1 if kind != "move" else 0

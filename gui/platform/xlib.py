@@ -42,7 +42,6 @@ _TYPES: dict[str, tuple[Any, ...]] = {
     "XCreateWindow": (
         _NUMBER, _POINTER, _NUMBER, _INT, _INT, _UINT, _UINT, _UINT, _INT, _UINT, _POINTER, _NUMBER, _POINTER,
     ),
-    "XWarpPointer": (_INT, _POINTER, _NUMBER, _NUMBER, _INT, _INT, _UINT, _UINT, _INT, _INT),
     "XMapRaised": (_INT, _POINTER, _NUMBER),
     "XSelectInput": (_INT, _POINTER, _NUMBER, _LONG),
     "XNextEvent": (_INT, _POINTER, _POINTER),
