@@ -122,13 +122,13 @@ class StudioError(Exception):
 
 @contextmanager
 def naming(file: str | os.PathLike[str]) -> Iterator[None]:
-    """Errors of the block that name no file name this one."""
+    """Context manager that adds the file to every StudioError raised inside it that does not have one."""
     try:
         yield
     except StudioError as error:
         if error.file is not None:
             raise
-        raise StudioError.of(replace(error.message, file=file)) from None
+        raise type(error).of(replace(error.message, file=file)) from None
 
 
 class Cancelled(Exception):

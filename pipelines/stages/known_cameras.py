@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from studio.calibration.settings import CalibrateSettings
-from studio.errors import StudioError
+from studio.errors import StudioError, naming
 from studio.storage import whole_file
 
 if TYPE_CHECKING:
@@ -74,7 +74,6 @@ def check_sizes(rig: Rig, footage: Footage, path: Path) -> None:
         rig: the cameras, with the footage's camera names.
         path: the file that they are from, for the error.
     """
-    from studio.camera_files.common import naming
 
     with naming(path):
         for camera in rig:

@@ -9,7 +9,7 @@ from studio.camera_files import annots_npy, dynamic_gaussians, easymocap, mvsnet
 from studio.camera_files.actorshq import COLUMNS as ACTORSHQ_COLUMNS
 from studio.camera_files.actorshq import read_actorshq, write_actorshq
 from studio.camera_files.colmap_model import numbered_models, read_colmap, write_colmap
-from studio.camera_files.common import naming, read_json_value, read_text
+from studio.camera_files.common import read_json_value, read_text
 from studio.camera_files.json_rigs import rig_from_json
 from studio.camera_files.metashape import rig_from_metashape
 from studio.camera_files.opencv_storage import read_opencv_cameras, read_storage, rig_from_mc_calib
@@ -20,7 +20,7 @@ from studio.camera_files.rig_json import check_format, write_rig_json
 from studio.camera_files.toml_rigs import read_toml, write_toml
 from studio.camera_files.transforms_json import rig_from_transforms, write_transforms
 from studio.cameras import Rig
-from studio.errors import StudioError
+from studio.errors import StudioError, naming
 
 __all__ = ["find_camera_files", "read_rig", "write_rig"]
 

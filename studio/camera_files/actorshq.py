@@ -11,9 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.camera_files.common import naming, read_csv, rigid_inverse, write_atomic
+from studio.camera_files.common import read_csv, rigid_inverse, write_atomic
 from studio.camera_files.keyed import NO_DISTORTION
 from studio.cameras import Camera, Rig
+from studio.errors import naming
 from studio.validation import camera_error, number
 
 COLUMNS = ("name", "w", "h", "rx", "ry", "rz", "tx", "ty", "tz", "fx", "fy", "px", "py")

@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from studio.camera_files.common import naming, no_cameras
+from studio.camera_files.common import no_cameras
 from studio.camera_files.nearby import size_nearby
 from studio.cameras import Camera, Rig
 from studio.counts import counted
-from studio.errors import StudioError
+from studio.errors import StudioError, naming
 from studio.json_types import JsonObject
 from studio.validation import array, check_finite, missing_key
 

@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from studio.bounded_files import read_bounded
-from studio.camera_files.common import camera_names, naming, read_text, unreadable, write_atomic
+from studio.camera_files.common import camera_names, read_text, unreadable, write_atomic
 from studio.cameras import Camera, Rig
-from studio.errors import StudioError
+from studio.errors import StudioError, naming
 from studio.rotations import matrices_to_quats, quats_to_matrices
 from studio.validation import camera_error
 

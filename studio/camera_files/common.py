@@ -1,12 +1,10 @@
-"""Code shared by the camera file readers: reading, errors with the file name, camera names from image paths."""
+"""Code shared by the camera file readers: reading, errors, camera names from image paths."""
 
 from __future__ import annotations
 
-import contextlib
 import csv
 import re
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -18,17 +16,6 @@ from studio.capture.patterns import without_extension
 from studio.errors import StudioError
 from studio.json_types import JsonObject
 from studio.validation import array, camera_error, check_finite
-
-
-@contextlib.contextmanager
-def naming(path: Path) -> Iterator[None]:
-    """Context manager that adds the file to every StudioError raised inside it that does not have one."""
-    try:
-        yield
-    except StudioError as error:
-        if error.file is not None:
-            raise
-        raise type(error).of(replace(error.message, file=path)) from None
 
 
 def read_text(path: Path) -> str:

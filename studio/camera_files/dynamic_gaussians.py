@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from studio.camera_files.common import naming, no_cameras, read_json
+from studio.camera_files.common import no_cameras, read_json
 from studio.camera_files.keyed import NO_DISTORTION, KeyedForm, keyed_rig
 from studio.cameras import Rig
-from studio.errors import StudioError
+from studio.errors import StudioError, naming
 from studio.json_types import JsonObject
 from studio.validation import missing_key
 

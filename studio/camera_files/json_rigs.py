@@ -19,10 +19,10 @@ from typing import Any
 
 import numpy as np
 
-from studio.camera_files.common import camera_names, matrix, naming, no_cameras, rigid_inverse
+from studio.camera_files.common import camera_names, matrix, no_cameras, rigid_inverse
 from studio.camera_files.keyed import KeyedForm, ignored_in_file, is_camera, keyed_rig
 from studio.cameras import Rig
-from studio.errors import StudioError
+from studio.errors import StudioError, naming
 from studio.json_types import JsonObject
 from studio.validation import array, missing_key, number, whole
 

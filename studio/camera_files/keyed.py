@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from studio.camera_files.common import check_pose, fisheye, naming, no_cameras, rigid_inverse, wrong_shape
+from studio.camera_files.common import check_pose, fisheye, no_cameras, rigid_inverse, wrong_shape
 from studio.camera_files.nearby import size_nearby
 from studio.cameras import Camera, Rig, duplicate_name
 from studio.counts import cameras_listed, listed
-from studio.errors import StudioError
+from studio.errors import StudioError, naming
 from studio.validation import array, camera_error, check_finite, missing_key, number, whole
 
 KEYS = {

@@ -18,11 +18,11 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from studio.camera_files.common import camera_names, check_pose, naming, rigid_inverse, wrong_shape
+from studio.camera_files.common import camera_names, check_pose, rigid_inverse, wrong_shape
 from studio.camera_files.lens_fit import fit_rational, reach_of
 from studio.cameras import Camera, Rig, focal_length_error
 from studio.counts import cameras_listed
-from studio.errors import StudioError
+from studio.errors import StudioError, naming
 from studio.validation import array, camera_error, check_finite, missing_key
 
 Element = ElementTree.Element

@@ -9,11 +9,11 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from studio.camera_files.common import naming, no_cameras, read_text
+from studio.camera_files.common import no_cameras, read_text
 from studio.camera_files.keyed import NO_DISTORTION
 from studio.camera_files.nearby import size_nearby
 from studio.cameras import Camera, Rig
-from studio.errors import StudioError
+from studio.errors import StudioError, naming
 from studio.validation import array, check_finite
 
 SUFFIX = "_cam.txt"

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.camera_files.common import naming, rigid_inverse
+from studio.camera_files.common import rigid_inverse
 from studio.camera_files.keyed import NO_DISTORTION
 from studio.cameras import Camera, Rig
 from studio.capture.patterns import IMAGE_EXTENSIONS, VIDEO_EXTENSIONS
-from studio.errors import StudioError
+from studio.errors import StudioError, naming
 from studio.validation import check_finite
 
 NAME = "poses_bounds.npy"

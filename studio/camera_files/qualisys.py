@@ -17,9 +17,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from studio.camera_files.common import naming, no_cameras
+from studio.camera_files.common import no_cameras
 from studio.camera_files.keyed import Found
 from studio.cameras import OPENGL_AXES, Camera, Rig
+from studio.errors import naming
 from studio.validation import missing_key, number
 
 _SUBPIXELS = 64.0

@@ -13,13 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.camera_files.common import camera_names, naming, read_csv, rigid_inverse
+from studio.camera_files.common import camera_names, read_csv, rigid_inverse
 from studio.camera_files.keyed import NO_DISTORTION
 from studio.camera_files.lens_fit import fit_rational, reach_of
 from studio.camera_files.nearby import size_nearby
 from studio.cameras import OPENGL_AXES, Camera, Rig, focal_length_error
 from studio.counts import cameras_listed
-from studio.errors import StudioError
+from studio.errors import StudioError, naming
 from studio.validation import camera_error, number
 
 COLUMNS = ("name", "x", "y", "alt", "heading", "pitch", "roll", "f")

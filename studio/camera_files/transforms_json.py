@@ -25,7 +25,6 @@ from studio.camera_files.common import (
     check_pose,
     fisheye,
     matrix,
-    naming,
     no_cameras,
     read_json,
     rigid_inverse,
@@ -37,7 +36,7 @@ from studio.cameras import OPENGL_AXES, Camera, Rig
 from studio.capture.images import image_size
 from studio.capture.patterns import without_extension
 from studio.counts import listed
-from studio.errors import StudioError
+from studio.errors import StudioError, naming
 from studio.json_types import JsonObject
 from studio.validation import array, camera_error, missing_key, number
 

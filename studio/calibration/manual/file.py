@@ -20,8 +20,8 @@ from pathlib import Path
 from typing import Any
 
 from studio.bounded_files import read_bounded
-from studio.camera_files.common import naming, write_atomic
-from studio.errors import StudioError
+from studio.camera_files.common import write_atomic
+from studio.errors import StudioError, naming
 from studio.json_types import JsonObject
 from studio.yaml_text import DuplicateKey, YamlError, dump_yaml, parse_yaml
 
