@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import cache
 
 from gui.models.stage_rows import TITLES
 from gui.models.take.log_words import stage_name
@@ -19,6 +20,7 @@ def in_page_words(text: str) -> str:
     return _COMMAND.sub(_stage, _SETTING.sub(lambda found: setting_words(found[0]), text))
 
 
+@cache
 def setting_words(setting: str) -> str:
     """A setting by its dotted name: "'quality' in Bake"; the name itself if no page has it."""
     pages = {field.name: f"'{field.label}' in {TITLES[stage]}" for stage in SECTIONS for field in fields_of(stage)}
