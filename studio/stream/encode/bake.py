@@ -194,46 +194,47 @@ class _Job:
     threads: int
     fps: float
     quality: QualityFn | None
-    _written: dict[int, tuple[AnyRendition, float | None]] = field(default_factory=dict, init=False)
+    _written: dict[int, AnyRendition] = field(default_factory=dict, init=False)
+    _psnrs: dict[int, float] = field(default_factory=dict, init=False)
 
     def encode(self) -> tuple[AnyRendition, float | None]:
         """The rendition, without checks and figures, and its PSNR if there is `quality`; its files are in `folder`."""
         size, psnr = self.settings.target_kb_per_frame, self.settings.target_psnr
         if size is not None:
-            return self._smaller_than(size)
-        if psnr is not None:
-            return self._as_good_as(psnr)
-        return self._at(self.qp)
+            qp = self._smaller_than(size)
+        elif psnr is not None:
+            qp = self._as_good_as(psnr)
+        else:
+            qp = self.qp
+        return self._at(qp), None if self.quality is None else self._psnr(qp, self.quality)
 
-    def _smaller_than(self, target: float) -> tuple[AnyRendition, float | None]:
+    def _smaller_than(self, target: float) -> int:
         def kb(qp: int) -> float:
-            return self._at(qp)[0].bytes / self.identity["frame_count"] / 1000
+            return self._at(qp).bytes / self.identity["frame_count"] / 1000
 
         qp = 1 + highest_qp(lambda qp: _QPS_PER_HALF * math.log2(kb(qp) / target), self.qp)
         if qp > QP_MAX:
             raise self._missed(target, kb(QP_MAX), "KB per frame", QP_MAX, "Raise it, or train fewer splats.")
-        return self._at(qp)
+        return qp
 
-    def _as_good_as(self, target: float) -> tuple[AnyRendition, float | None]:
-        def psnr(qp: int) -> float:
-            found = self._at(qp)[1]
-            if found is None:
-                raise StudioError(
-                    "bake.no_renderer",
-                    f"quality {self.settings.quality} requires a function that renders decoded frames (quality)",
-                    fix="Pass quality, or set a QP instead.",
-                    setting="bake.quality",
-                )
-            return found
-
-        qp = highest_qp(lambda qp: psnr(qp) - target, self.qp)
+    def _as_good_as(self, target: float) -> int:
+        quality = self.quality
+        if quality is None:
+            raise StudioError(
+                "bake.no_renderer",
+                f"quality {self.settings.quality} requires a function that renders decoded frames (quality)",
+                fix="Pass quality, or set a QP instead.",
+                setting="bake.quality",
+            )
+        qp = highest_qp(lambda qp: self._psnr(qp, quality) - target, self.qp)
         if qp < QP_BEST and self.settings.smooth_paths is None and self.settings.profile == "motion":
             self.settings = self.settings.replace(smooth_paths=False)
             self._written.clear()
-            qp = highest_qp(lambda qp: psnr(qp) - target, self.qp)
+            self._psnrs.clear()
+            qp = highest_qp(lambda qp: self._psnr(qp, quality) - target, self.qp)
         if qp < QP_BEST:
-            raise self._missed(target, psnr(QP_BEST), "dB", QP_BEST, "Set a lower level.")
-        return self._at(qp)
+            raise self._missed(target, self._psnr(QP_BEST, quality), "dB", QP_BEST, "Set a lower level.")
+        return qp
 
     def _missed(self, target: float, value: float, unit: str, qp: int, fix: str) -> StudioError:
         group = self.identity["index"]
@@ -248,18 +249,23 @@ class _Job:
             group=group,
         )
 
-    def _at(self, qp: int) -> tuple[AnyRendition, float | None]:
+    def _at(self, qp: int) -> AnyRendition:
         """The rendition at a QP; of several QPs, only the files of the last are on disk."""
         if qp not in self._written:
             self._written.clear()
             shutil.rmtree(self.folder, ignore_errors=True)
             self.folder.mkdir(parents=True)
             settings = self.settings.at_qp(qp)
-            draft = self.prepared.write(self.folder, self.identity, settings, self.progress, self.threads, self.fps)
-            files = _contents(draft, self.folder)
-            psnr = None if self.quality is None else psnr_of(draft, files, self.quality, settings.codec)
-            self._written[qp] = draft, psnr
+            self._written[qp] = self.prepared.write(
+                self.folder, self.identity, settings, self.progress, self.threads, self.fps
+            )
         return self._written[qp]
+
+    def _psnr(self, qp: int, quality: QualityFn) -> float:
+        if qp not in self._psnrs:
+            draft = self._at(qp)
+            self._psnrs[qp] = psnr_of(draft, _contents(draft, self.folder), quality, self.settings.codec)
+        return self._psnrs[qp]
 
 
 def _contents(draft: Rendition, folder: Path) -> dict[str, bytes]:

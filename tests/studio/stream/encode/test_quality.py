@@ -55,7 +55,12 @@ def test_kilobytes(tmp_path, turning_bodies):
         sizes[qp] = bake_group(frames, tmp_path / str(qp), 0, 0, settings).best.bytes / 3000
     target = (sizes[10] + sizes[40]) / 2
     settings = BakeSettings(quality=f"{target:.3f} KB", preset="ultrafast")
-    entry = bake_group(frames, tmp_path / "t", 0, 0, settings)
+    rendered = []
+    entry = bake_group(
+        frames, tmp_path / "t", 0, 0, settings, quality=lambda index, decoded: rendered.append(index) or 1e-4
+    )
+    assert rendered == [0, 1, 2], "only the last encoding's frames"
+    assert entry.best.psnr_to_trained == pytest.approx(40)
     assert 0.85 * target < entry.best.bytes / 3000 < target + 1e-3
     manifest = write_manifest(tmp_path / "t", [entry], 25, settings)
     assert manifest.settings["target_kb_per_frame"] == pytest.approx(target, abs=1e-3)
