@@ -128,8 +128,6 @@ def run_ticks(tick: Callable[[], bool], progress: Callable[[], object], report: 
 
     Args:
         tick: one tick; False once the window is closed.
-        progress: changes with every tick that the window completes.
-        report: shows an exception to the user; its traceback is on standard error.
 
     Returns:
         False if it was given up after `MOST_FAILURES` exceptions without progress.

@@ -25,11 +25,7 @@ MORE = "... (the log has the rest, J)"
 
 
 class Overlays:
-    """See the module.
-
-    Args:
-        actions: what keys do.
-    """
+    """See the module. `actions`: what keys do."""
 
     def __init__(self, window: Shell, actions: Actions, changed: Callable[[], None]) -> None:
         self._window, self._actions, self._changed = window, actions, changed
@@ -84,13 +80,7 @@ class Overlays:
         return changed
 
     def key(self, event: gui.KeyEvent, control: bool, shift: bool, again: bool) -> bool:
-        """Handle a key that is pressed while no dialog is open; returns whether it was for one of them.
-
-        Args:
-            event: the key.
-            control, shift: whether these are held.
-            again: whether the key is held, which only moves the focus on.
-        """
+        """Handle a key that is pressed while no dialog is open; returns whether it was for one of them."""
         window, actions, key = self._window, self._actions, gui.KeyName
         if again and (control or event.key in (key.ENTER, key.BACKSPACE, key.DELETE, key.H)):
             return window.start.shown or event.key == key.H
@@ -135,8 +125,6 @@ def window_title(name: str, workspace: Workspace, queued: tuple[str, str, float 
     """ "37% Train - NAME - V3 Studio" while a run is in progress, else "NAME - V3 Studio".
 
     Args:
-        name: of the open take or stream; "" if there is none.
-        workspace: its run.
         queued: name, stage and fraction of a take of the queue that runs; shown if the open take does not.
     """
     if workspace.busy and workspace.run.stage:

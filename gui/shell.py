@@ -57,11 +57,6 @@ PLAIN, SPARE, MOST_TALLER = 50.0, 0.12, 6.0
 class Shell:
     """What the window shows, and its panels; `gui.window.MainWindow` makes those that need actions, and runs all.
 
-    Args:
-        size: size of the window's content, pixels.
-        device: name of the Vulkan device, for Help > About.
-        titles: number of the font of titles.
-
     Attributes:
         pictures: number of images shown so far.
         numbers: the frames that the image, the figures and the timeline show.
@@ -141,12 +136,8 @@ class Shell:
 class Layout:
     """See the module.
 
-    Args:
-        panels: the window with its panels.
-
     Attributes:
         fullscreen: only the viewport is visible.
-        figures: whether the right panel is visible; None to decide by width.
         left: width of the left panel, em; at most a third of the window.
         view: x, y, width and height of the viewport, or of the start page, window pixels.
     """

@@ -121,9 +121,6 @@ class StateLog:
 
     FILE.ticks contains the number of ticks so far: a program that drives the window waits for a few of them to be sure
     that an input event has been processed.
-
-    Args:
-        path: the file; None for no log.
     """
 
     def __init__(self, path: Path | None) -> None:

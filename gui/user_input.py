@@ -14,13 +14,7 @@ from gui.widgets.picture import holds
 
 
 class UserInput:
-    """See the module.
-
-    Args:
-        actions: what keys and menus do.
-        overlays: get their keys first.
-        menu_bar: follows the mouse.
-    """
+    """See the module. `overlays`: get their keys first. `menu_bar`: follows the mouse."""
 
     def __init__(self, window: Shell, actions: Actions, overlays: Overlays, menu_bar: MenuBar) -> None:
         self._window, self._actions, self._overlays, self._menu_bar = window, actions, overlays, menu_bar

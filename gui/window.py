@@ -62,10 +62,7 @@ class MainWindow(Shell):
         ticks: completed ticks, without those at rest.
 
     Args:
-        size: size of the window's content, pixels.
         log: file to which a JSON line is appended whenever the state has changed; None for none.
-        device: name of the Vulkan device, for Help > About.
-        software: whether the CPU draws the window.
     """
 
     def __init__(

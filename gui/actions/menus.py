@@ -17,9 +17,7 @@ class Item:
     """An item of a menu.
 
     Attributes:
-        key: names its action.
         label: what it does; ends with "..." if it asks for more first.
-        shortcut: its keys; "" if it has none.
         needs: what must be open: "open" a take or a stream, "take" a take, "splats" one in which something is trained,
             "" nothing: only these act while the start page covers the open take or stream.
     """
@@ -144,11 +142,7 @@ def build(application: gui.Application) -> None:
 
 
 class MenuStates:
-    """Keeps items of the menu bar gray that are not possible now.
-
-    Args:
-        why_not: why an item is not possible now; "" if it is.
-    """
+    """Keeps items of the menu bar gray that are not possible now. `why_not`: why an item is not; "" if it is."""
 
     def __init__(self, why_not: Callable[[Item], str]) -> None:
         self._why_not = why_not

@@ -17,11 +17,7 @@ Loaded = tuple[Opened, Gaussians | None] | str
 
 
 class Opening:
-    """See the module.
-
-    Args:
-        ended: called once something is opened, or was not, with whether it was.
-    """
+    """See the module. `ended`: called once something is opened, or was not, with whether it was."""
 
     def __init__(self, window: Shell, ended: Callable[[bool], object]) -> None:
         self._window, self._ended = window, ended

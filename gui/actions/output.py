@@ -62,11 +62,7 @@ class OutputActions:
         )  # fmt: skip
 
     def export(self, kind: str = "") -> None:
-        """Ask for the options, then export.
-
-        Args:
-            kind: format to begin with, a key of `FORMATS`; by default the one that was exported last.
-        """
+        """Ask for the options, then export. `kind`: to begin with; by default the one that was exported last."""
         window = self._window
         opened = window.player.opened
         if opened is None or not opened.sources:
@@ -103,8 +99,6 @@ class OutputActions:
         """Ask for the format, the frames, the source, the options of a movie, and the output path.
 
         Args:
-            request: the defaults; modified while the dialog is open.
-            sources: "decoded" and "trained" as available; empty for a stream without a take.
             error: why the export was refused; the dialog keeps what was typed.
         """
         dialogs = self._window.dialogs

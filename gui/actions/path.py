@@ -19,11 +19,7 @@ from studio.formats.camera_path import CameraPath
 
 
 class PathActions:
-    """See the module.
-
-    Args:
-        export: asks for the options of the movie.
-    """
+    """See the module. `export`: asks for the options of the movie."""
 
     def __init__(self, window: Shell, export: Callable[[], None]) -> None:
         self._window, self._export = window, export

@@ -23,11 +23,7 @@ HINT = (
 
 
 class QueueActions:
-    """See the module.
-
-    Attributes:
-        queue: the queue.
-    """
+    """See the module."""
 
     def __init__(self, window: Shell) -> None:
         self._window = window

@@ -18,11 +18,7 @@ def opens_list(event: gui.KeyEvent, shift: bool) -> bool:
 
 
 class SearchActions:
-    """See the module.
-
-    Args:
-        actions: of the menus, by key.
-    """
+    """See the module. `actions`: of the menus, by key."""
 
     def __init__(self, window: Shell, actions: Callable[[], Mapping[str, Callable[[], object]]]) -> None:
         self._window = window

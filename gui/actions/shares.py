@@ -52,13 +52,7 @@ class ShareActions:
         self._ask(request, words)
 
     def _ask(self, request: ShareRequest, size: str, error: str = "") -> None:
-        """Ask for title, credits, license and output path.
-
-        Args:
-            request: the defaults; modified while the dialog is open.
-            size: what the share takes, a sentence.
-            error: why sharing was refused; the dialog keeps what was typed.
-        """
+        """Ask for title, credits, license and output path. `size`: what it takes; `error`: why it was refused."""
         dialogs = self._window.dialogs
 
         def again(error: str = "") -> None:

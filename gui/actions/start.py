@@ -23,8 +23,6 @@ class StartActions:
     """See the module.
 
     Args:
-        queue: the queue of takes.
-        clipboard: where a pasted path comes from.
         others: what "new", "open", "address" and "queue" do.
         new_take: asks for what is missing of a new take.
     """

@@ -11,11 +11,7 @@ T = TypeVar("T")
 
 
 class Areas(Generic[T]):
-    """See the module.
-
-    Attributes:
-        all: rectangles and what they stand for; later ones are in front.
-    """
+    """See the module. `all`: rectangles and what they stand for; later ones are in front."""
 
     def __init__(self) -> None:
         self.all: list[tuple[Box, T]] = []

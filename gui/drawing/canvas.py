@@ -124,11 +124,7 @@ def shortened(text: str, size: int, width: float, most: int, rest: str) -> list[
 
 
 class Canvas:
-    """An image to draw into. Coordinates are pixels from the upper left corner.
-
-    Attributes:
-        pixels: (height, width, 3) uint8 RGB.
-    """
+    """An image to draw into, (height, width, 3) uint8 RGB. Coordinates are pixels from the upper left corner."""
 
     def __init__(self, width: float, height: float, color: RGB = GROUND) -> None:
         self.pixels = np.empty((max(int(height), 1), max(int(width), 1), 3), np.uint8)
@@ -170,11 +166,8 @@ class Canvas:
         """Draw an antialiased rectangle with round corners.
 
         Args:
-            x, y, width, height: the rectangle.
-            radius: of its corners.
             color: what it is filled with; None for nothing.
             border: color of its outline, which is inside of it; None for none.
-            thick: width of the outline.
         """
         left, top, wide, high = round(x), round(y), max(round(width), 1), max(round(height), 1)
         rows, columns = np.mgrid[0:high, 0:wide] + 0.5
@@ -203,10 +196,7 @@ class Canvas:
         """Draw a button as the toolkit draws its own, with its words in the middle.
 
         Args:
-            x, y, width, height: its rectangle.
             words: what it says; shortened where there is no room.
-            size: of the words.
-            ground, color, border: of the button, the words and the outline.
         """
         self.rounded(x, y, width, height, ROUND * size, ground, border)
         top = y + (height - glyph_height(size)) / 2

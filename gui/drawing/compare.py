@@ -47,8 +47,6 @@ def boxes(size: tuple[int, int], count: int, shape: float) -> list[Box]:
     """A number of equal boxes in rows that fill an image, whose size is (width, height).
 
     Args:
-        size: of the image.
-        count: number of boxes.
         shape: width by height of what is shown in each, which is as large as possible.
     """
 
@@ -75,9 +73,6 @@ def side_by_side(
     """Draw images side by side, each with its label.
 
     Args:
-        size: (width, height) of the whole image.
-        where: the boxes of the images.
-        images, names: an image and its label for each box.
         text: size of labels, pixels.
         corner: column and row of each image where what is filmed begins: its label is there.
     """
@@ -102,8 +97,6 @@ def wipe(
 
     Args:
         at: position of the line, 0 to 1 across the box.
-        names: labels of the left and the right image.
-        text: size of labels, pixels.
     """
     canvas = Canvas(*size)
     column = round(min(max(at, 0.0), 1.0) * box.width)

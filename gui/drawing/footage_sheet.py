@@ -25,10 +25,6 @@ class FootageSheet:
     """See the module.
 
     Attributes:
-        size: (width, height), pixels.
-        em: the font size, pixels.
-        found: the footage.
-        uses: what each camera is used for.
         span: first and last frame that is used.
         words: what is being done, if there is nothing to show yet.
     """

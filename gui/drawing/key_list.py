@@ -14,12 +14,7 @@ KEYS = 0.36
 
 
 def key_list(sections: Mapping[str, Mapping[str, str]], width: int, em: float) -> np.ndarray:
-    """(height, width, 3) uint8, as high as needed.
-
-    Args:
-        sections: keys and what they do, by heading.
-        width: pixels.
-    """
+    """(height, width, 3) uint8, as high as needed. `sections`: keys and what they do, by heading."""
     size, gap = round(0.78 * em), round(1.5 * em)
     column = (width - gap) / 2
     step = line_height(size)

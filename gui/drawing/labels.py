@@ -67,13 +67,7 @@ def place_labels(
 def draw_labels(
     canvas: Canvas, names: Sequence[str], shapes: Sequence[np.ndarray], size: int, colors: Sequence[RGB] = ()
 ) -> list[bool]:
-    """Draw names beside shapes, on dark ground; returns which of them had room.
-
-    Args:
-        names, shapes: as in `place_labels`; earlier ones choose first.
-        size: font size, pixels.
-        colors: of each name; () for that of text.
-    """
+    """Draw names beside shapes, on dark ground, as `place_labels` does; returns which of them had room."""
     high = line_height(size)
     sizes = [(text_width(name, size) + 6, high) for name in names]
     places = place_labels(shapes, sizes, (canvas.width, canvas.height))

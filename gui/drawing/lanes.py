@@ -26,10 +26,8 @@ def draw_lanes(
     attempt, from the second one.
 
     Args:
-        canvas: to draw on.
         area: x, y, width and height in pixels.
         lanes: the latest state of each group, in any order.
-        em: font size.
     """
     x, y, width, height = area
     small = round(0.85 * em)

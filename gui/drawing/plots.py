@@ -36,7 +36,6 @@ class Axes:
     """The area of a plot, and how values become places in it.
 
     Attributes:
-        left, top, width, height: of the area, pixels of the canvas.
         x_limits, y_limits: values at its left and right, and at its lower and upper edge.
     """
 
@@ -91,11 +90,8 @@ def curve(
 
     Args:
         area: x, y, width, height in the canvas.
-        series: positions and values of each line.
         color: of the value above, and of a single line; several have those of `SERIES` (`legend` names them).
         x_words: labels below the left and right ends of the axis.
-        newest: the latest value.
-        nothing: shown instead of lines where there are none.
     """
     x, y, width, height = area
     size = round(0.82 * em)
@@ -129,11 +125,6 @@ def curve(
 def legend(canvas: Canvas, x: float, y: float, width: float, size: int, title: str, names: Sequence[str]) -> None:
     """Draw a title and names with dots in the colors of several lines of `curve`, as many as there is room for; an
     ellipsis stands for the rest.
-
-    Args:
-        x, y: upper left corner.
-        width: room, pixels.
-        size: of the text, pixels.
     """
     used = canvas.text(x, y, title, size, DIM, width=width) + 0.8 * size
     for number, name in enumerate(names):

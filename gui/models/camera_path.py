@@ -24,7 +24,6 @@ class PathKey:
     """A view of the camera path.
 
     Attributes:
-        camera: the view.
         frame: number of the frame shown (`FrameNumbers`).
         time: seconds in the movie.
         easing: how the camera moves to the next view, one of `EASINGS`.
@@ -124,11 +123,7 @@ class PathEditor:
         self.selected = to
 
     def set_time(self, index: int, seconds: float) -> None:
-        """Set when a view is reached; all later ones move by as much.
-
-        Raises:
-            StudioError: it is the first, or not after the view before it (`camera_path.times`).
-        """
+        """Set when a view is reached; later ones move by as much. Raises StudioError: not after the view before it."""
         least = self.keys[index - 1].time + LEAST_SECONDS if index else 0.0
         if index == 0 or not least <= seconds <= 3600:
             raise StudioError(
@@ -154,19 +149,11 @@ class PathEditor:
         self._with(index, replace(self.keys[index], easing=easing), "the easing of a view")
 
     def path(self, width: int, height: int) -> CameraPath:
-        """The path for a size of the movie.
-
-        Raises:
-            StudioError: there are no views (camera_path.no_keys), or as `fitted_keys`.
-        """
+        """The path for a size of the movie. Raises StudioError: there are no views, or as `fitted_keys`."""
         return CameraPath(self.fitted_keys(width, height), width, height)
 
     def fitted_keys(self, width: int, height: int) -> list[Key]:
-        """The keys for a size of the movie.
-
-        Raises:
-            StudioError: the take does not have the frame of a view (`camera_path.frame_missing`).
-        """
+        """The keys for a size of the movie. Raises StudioError: the take does not have the frame of a view."""
         found = []
         for number, (key, frame) in enumerate(zip(self.keys, self.frames, strict=True), 1):
             if frame is None:
@@ -183,12 +170,7 @@ class PathEditor:
         self._set([*self.keys[:index], key, *self.keys[index + 1 :]], words)
 
     def _set(self, keys: Sequence[PathKey], words: str) -> None:
-        """Write other keys, and note the change for undo.
-
-        Raises:
-            StudioError: the take's path is damaged.
-            OSError: it cannot be written.
-        """
+        """Write other keys, and note the change for undo. Raises StudioError: the take's path is damaged; OSError."""
         before, now = self.keys, tuple(keys)
         self._write(now)
 

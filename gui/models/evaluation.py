@@ -15,14 +15,7 @@ DECODED = f"{MAIN.name}_decoded"
 
 @dataclass(frozen=True)
 class WorstFrame:
-    """A decoded frame as a camera sees it.
-
-    Attributes:
-        value: the main metric.
-        frame: counted from 0.
-        camera: its name.
-        measures: all metrics by name.
-    """
+    """A decoded frame, counted from 0, as a camera sees it. `value`: the main metric; `measures`: all, by name."""
 
     value: float
     frame: int
@@ -36,7 +29,6 @@ class Evaluation:
 
     Attributes:
         frames: figures by frame, counted from 0.
-        cameras: the evaluated cameras, with their means.
         held_out: whether they were held out; if not, they are training cameras.
         error: message if the file is damaged; "" otherwise.
         stale: whether an earlier bake was evaluated, not the one that is there.
@@ -120,13 +112,7 @@ class Evaluation:
         )
 
     def series(self, name: str, frame_count: int, camera: str = "") -> list[float | None]:
-        """A metric, "bytes" or "flicker" (of all cameras), for every frame; None where not measured.
-
-        Args:
-            name: the metric.
-            frame_count: number of frames.
-            camera: an evaluated camera; "" for the mean.
-        """
+        """A metric, "bytes" or "flicker", for every frame, of a camera or ("") the mean; None where not measured."""
         found: list[float | None] = []
         for frame in range(frame_count):
             quality = self.frames.get(frame)

@@ -15,12 +15,7 @@ MOST_ENTRIES = 1000
 
 @dataclass(frozen=True)
 class Entry:
-    """A line of the list.
-
-    Attributes:
-        path: absolute.
-        kind: "folder", "take", "stream" or "file".
-    """
+    """A line of the list. `kind`: "folder", "take", "stream" or "file"."""
 
     path: Path
     kind: str
@@ -42,7 +37,6 @@ class FolderList:
         endings: extensions of files that can be chosen; none: all, if files are wanted.
 
     Attributes:
-        folder: the current folder.
         entries: its entries, folders first, in natural order (cam2 before cam10).
         message: why the last action failed; "" if it succeeded.
     """
@@ -72,12 +66,7 @@ class FolderList:
         self.enter(self.folder.parent)
 
     def choose(self, path: Path, twice: bool = False) -> Path | None:
-        """The path to open when an entry is chosen; None if that enters a folder or sets `message`.
-
-        Args:
-            path: path of an entry, `folder` itself, or a typed path.
-            twice: whether it was double-clicked, which enters folders.
-        """
+        """The path to open when an entry is chosen (`twice`: by a double click); None if that enters a folder."""
         path = path.expanduser()
         path = path if path.is_absolute() else self.folder / path
         if not path.exists():

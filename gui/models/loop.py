@@ -37,7 +37,6 @@ class Timer:
     """Calls a method every so often, as long as its object exists.
 
     Args:
-        seconds: the period.
         method: a bound method; only a weak reference is kept.
     """
 

@@ -58,8 +58,6 @@ class Marks:
         """Mark a frame, or change its note; returns whether there was anything to change.
 
         Args:
-            frame: its number.
-            note: the text; unchanged text keeps its author.
             replaces: the frame's mark when the change was begun.
             view: what is on screen; a mark that has a view keeps its own.
 

@@ -26,7 +26,6 @@ class Notice:
 
     Attributes:
         text: one or more sentences; may have line breaks.
-        bad: whether something failed.
         path: the file or folder that was written; None if none was.
         topic: what it is about; a later success of the same topic removes it.
     """

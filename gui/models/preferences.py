@@ -35,9 +35,6 @@ class Preferences:
 
     Attributes:
         picture_size: maximum resolution at which splats are rendered, a key of `PICTURE_SIZES`.
-        background: initial background, one of `BACKGROUND_NAMES`.
-        play_on_opening: whether playback starts when a take or stream is opened.
-        panel_width: width of the left panel, em.
         recent: folders, files and URLs, newest first.
         folder: where a file or a folder was chosen last; "" if none was.
         shares: what was last chosen in the dialog of a share, newest last, by its form and source.

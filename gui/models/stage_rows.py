@@ -27,12 +27,9 @@ class StageRow:
     """A line of the stage list.
 
     Attributes:
-        key: a key of `TITLES`.
         state: done, partial, stale, failed, missing, running, or waiting (later in the current run).
-        words: short text next to the title.
         detail: the reason, as a sentence; "" if there is none.
         setting: name of the setting that fixes the problem; "" if none does.
-        fraction: progress of a running stage, 0 to 1.
     """
 
     key: str
@@ -53,11 +50,8 @@ class Assessment:
     """Status of a take's stages and footage.
 
     Attributes:
-        stages: as printed by `v3studio status`.
-        footage: summary of the footage; "" if it cannot be opened.
         footage_error: why the footage cannot be opened; None if it can.
         numbers: frame numbers in the footage's files; empty if it cannot be opened.
-        fps, group_starts: frame rate and groups of the footage.
         camera_file: name of the calibration file that is used; "" if the cameras are calibrated from the footage.
     """
 

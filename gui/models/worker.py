@@ -32,7 +32,6 @@ class LatestWorker(Generic[Request, Result]):
 
     Args:
         work: called with a request on the worker's thread; an exception becomes the result's `error`.
-        name: the thread's name.
         done: called with each finished request on the window's thread; None to `take` them instead.
     """
 

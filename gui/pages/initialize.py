@@ -35,11 +35,7 @@ class Mesh(Protocol):
 
 
 class InitializeView(OrbitView):
-    """See the module.
-
-    Args:
-        read_mesh: reads a mesh file; an argument, so that this package does not import Open3D.
-    """
+    """See the module. `read_mesh`: reads a mesh file; an argument, so that this package does not import Open3D."""
 
     modes = ("mesh", "points")
 

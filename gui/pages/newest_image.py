@@ -50,12 +50,8 @@ class NewestImage:
         """The image to show, if it changes. Call at each tick.
 
         Args:
-            pixels: (height, width, 3) uint8, a new image; None if there is none.
-            wanted: what the chosen image shows.
             right_frame: whether the newest image shows the current frame.
             finished: whether no image is being rendered.
-            message: message over the view; "" for none.
-            size: (width, height) of the view, pixels.
         """
         before, self._updated = self._updated, self._now()
         if pixels is not None:

@@ -13,12 +13,7 @@ CAMERA = "camera"
 
 @dataclass(frozen=True)
 class Sorting:
-    """What a table is sorted by.
-
-    Attributes:
-        column: title of a column; "" for held-out cameras first.
-        descending: highest first.
-    """
+    """What a table is sorted by. `column`: title of a column; "" for held-out cameras first."""
 
     column: str = ""
     descending: bool = False
@@ -31,12 +26,7 @@ class Sorting:
         return Sorting(column, not first.descending) if self == first else Sorting()
 
     def order(self, names: Sequence[str], columns: Mapping[str, Sequence[str]]) -> list[int]:
-        """Indices of the rows in order; those without a figure come last, equal ones stay as they are.
-
-        Args:
-            names: of the cameras.
-            columns: words of each row by title, as they are shown.
-        """
+        """Indices of the rows in order; those without a figure come last, equal ones stay as they are."""
         rows = list(range(len(names)))
         if self.column == CAMERA:
             return sorted(rows, key=lambda row: natural_key(names[row]), reverse=self.descending)

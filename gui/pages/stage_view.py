@@ -29,9 +29,6 @@ class StageView:
     Attributes:
         modes: images to choose from; the first is the default.
         sharp: whether it is drawn at the resolution of the viewport once it rests, though it orbits.
-        mode: the selected image.
-        em: the window's font size, pixels.
-        frame: the transport's current frame.
         places: (camera, corners as (N, 2) pixels of the image) of what shows a camera, those in front last.
         camera: the marked camera; "" for none.
     """
@@ -59,11 +56,7 @@ class StageView:
         raise NotImplementedError
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
-        """(height, width, 3) uint8. Called on the view's thread.
-
-        Raises:
-            StudioError: shown as text instead of the image.
-        """
+        """(height, width, 3) uint8. Called on the view's thread. Raises StudioError: shown instead of the image."""
         raise NotImplementedError
 
     @property
@@ -142,12 +135,7 @@ class StageView:
 
 
 class OrbitView(StageView):
-    """A stage view of a 3D scene: drags orbit and pan, the wheel zooms.
-
-    Attributes:
-        orbit: the view; None for `home`.
-        home: the initial view, which `draw` sets.
-    """
+    """A stage view of a 3D scene: drags orbit and pan, the wheel zooms. `home`: the initial view, which `draw` sets."""
 
     def __init__(self, workspace: Workspace) -> None:
         super().__init__(workspace)
@@ -178,12 +166,7 @@ class OrbitView(StageView):
 
 
 def shown_at(places: Sequence[tuple[str, np.ndarray]], x: float, y: float) -> str:
-    """The name of what is at a pixel, the last one if there are several; "" if there is none.
-
-    Args:
-        places: names and (N, 2) pixels, whose convex hull counts.
-        x, y: pixel.
-    """
+    """The name of what is at a pixel, the last one if there are several; "" if there is none."""
     import cv2
 
     for name, corners in reversed(places):

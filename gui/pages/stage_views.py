@@ -35,12 +35,7 @@ EDIT_KEYS = frozenset(key for key, _, _ in EDIT_CHOICES if key)
 class StageViews:
     """The stage views, and which one is on screen.
 
-    Args:
-        player: the player.
-        read_mesh: see `InitializeView`.
-
     Attributes:
-        clicked: emitted at each click.
         camera_clicked, camera_menu: emitted with a camera's name after a click, a right click on it.
         dialog_wanted: emitted with the name of a dialog, "cameras" or "bakes".
         edit_dialog: emitted with the button of the edits that needs a dialog.
@@ -260,10 +255,6 @@ class StageViews:
         """Return a new image if there is one. Never blocks; call at each tick.
 
         An image is never left under another label: while the chosen one is being made, the old one is dimmed.
-
-        Args:
-            size: size of the viewport, pixels.
-            render_size: size of images rendered from splats.
         """
         pixels = self._poll(size, render_size, em)
         right_frame = not self.shows_player or self.player.opened is None or self.player.current

@@ -8,11 +8,7 @@ from pathlib import Path
 
 
 def show_folder(path: Path) -> str:
-    """Show the folder of a file, or a folder itself, in the file manager.
-
-    Returns:
-        "", or why that is not possible.
-    """
+    """Show the folder of a file, or a folder itself, in the file manager. Returns "", or why that is not possible."""
     folder = path if path.is_dir() else path.parent
     if not folder.is_dir():
         return f"{folder}: no such folder. It was moved or deleted."
@@ -27,11 +23,7 @@ class PageOpener:
         self._begun: dict[Path, subprocess.Popen[bytes]] = {}
 
     def open(self, page: Path) -> str:
-        """Open an HTML file.
-
-        Returns:
-            "", or why that is not possible; `failure` tells what turns out later.
-        """
+        """Open an HTML file. Returns "", or why that is not possible; `failure` tells what turns out later."""
         if not page.is_file():
             return f"{page}: no such file. It was moved or deleted."
         begun = _begin(page)

@@ -18,10 +18,6 @@ class CameraMenu:
 
     Args:
         changed: called when an item was chosen.
-
-    Attributes:
-        camera: the camera it is open for; "" while it is closed.
-        buttons: its items by key.
     """
 
     def __init__(self, em: float, changed: Callable[[], None]) -> None:
@@ -39,15 +35,7 @@ class CameraMenu:
     def open(
         self, at: tuple[float, float], camera: str, use: str, facts: Sequence[tuple[str, str]], items: Sequence[Item]
     ) -> None:
-        """Show the menu.
-
-        Args:
-            at: the pointer, window pixels.
-            camera: its title.
-            use: what the camera is used for.
-            facts: (name, value).
-            items: what can be done.
-        """
+        """Show the menu at the pointer, window pixels. `facts`: (name, value). `items`: what can be done."""
         em = self._em
         self.camera, self._at, self.buttons = camera, at, {}
         column = gui.Vert(round(0.3 * em))

@@ -16,15 +16,7 @@ ROWS = 12
 
 @dataclass(frozen=True)
 class Command:
-    """An item of a menu.
-
-    Attributes:
-        key: names its action.
-        menu: title of the menu.
-        words: what it does.
-        shortcut: its keys; "" if it has none.
-        reason: why it is not possible now; "" if it is.
-    """
+    """An item of a menu. `reason`: why it is not possible now; "" if it is."""
 
     key: str
     menu: str
@@ -52,13 +44,7 @@ def search(commands: Sequence[Command], typed: str) -> list[Command]:
 
 @dataclass(frozen=True)
 class CommandList:
-    """What is found, which one is selected, and which rows are in the image.
-
-    Attributes:
-        found: the commands.
-        at: the selected one.
-        first: the uppermost one in the image.
-    """
+    """What is found, which one is selected (`at`), and which rows are in the image, from `first`."""
 
     found: Sequence[Command]
     at: int = 0

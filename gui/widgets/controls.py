@@ -24,13 +24,6 @@ class ControlsPanel:
     """Buttons: start, back, play, forward, end; loop, speed, sound, capture camera, reset. Sound and
     cameras are shown if the open take or stream has them.
 
-    Args:
-        player: what the buttons act on.
-        reset: called to reset the view.
-        fit: called to show all frames on the timeline.
-        changed: called after each click.
-        hints: what the buttons do.
-
     Attributes:
         buttons: all of them, by key.
         lists: those that open a list.

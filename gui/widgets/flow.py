@@ -9,15 +9,7 @@ from open3d.visualization import gui
 
 
 class Flow:
-    """See the module. Open3D's rows clip what does not fit. Hidden widgets take no room.
-
-    Args:
-        gap: pixels between widgets, and between lines.
-        line: height of a line in pixels.
-
-    Attributes:
-        widget: the widget to add to the window.
-    """
+    """See the module. Open3D's rows clip what does not fit. Hidden widgets take no room."""
 
     def __init__(self, gap: float, line: float) -> None:
         self.widget = gui.Widget()
@@ -28,10 +20,8 @@ class Flow:
         """Append a widget.
 
         Args:
-            widget: the widget.
             before: extra pixels between it and the previous one; it begins a group, see `flow_lines`.
             right: right-align it and all later ones if there is room.
-            width: pixels; None for what the widget prefers.
         """
         self.widget.add_child(widget)
         self._items.append((widget, before, right, width))
@@ -82,10 +72,7 @@ def flow_lines(
     """Index and left end of what is in each line; at least one line.
 
     Args:
-        wides: width of each widget, at most `width`.
         befores: extra room before each. What has some begins a group, which is not divided if a line can hold it.
-        width: of a line.
-        gap: between neighbors.
     """
     lines: list[list[tuple[int, float]]] = [[]]
     x = 0.0

@@ -59,12 +59,7 @@ class Hints:
         self._texts.append((widget, row, text))
 
     def press(self, x: int, y: int, lists: Iterable[gui.Widget]) -> None:
-        """The left button is pressed at a position in the window, pixels.
-
-        Args:
-            x, y: the position.
-            lists: the widgets that open a list when they are clicked; a click elsewhere closes it.
-        """
+        """The left button is pressed at a window pixel. `lists`: the widgets that open a list when they are clicked."""
         found = self._at(x, y)
         self._clicked = found[0] if found is not None else None
         self.listing = not self.listing and any(widget.visible and holds(widget, x, y) for widget in lists)
@@ -74,7 +69,6 @@ class Hints:
 
         Args:
             pointer: its position in the window, pixels; None if it is not known.
-            hidden: whether a button is pressed, or something covers the panels.
         """
         found = self._at(*pointer) if pointer is not None else None
         if found is None or found[0] is not self._clicked:

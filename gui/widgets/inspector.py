@@ -47,13 +47,7 @@ STILL = 3
 class InspectorPanel:
     """See the module.
 
-    Args:
-        changed: called when the log is scrolled.
-        apply_fix: called with the fix whose button in the log was clicked.
-        laid_out: called when the window must be laid out again.
-
     Attributes:
-        frame: the frame whose figures are shown; None before the first.
         stage: the selected stage; Review has more figures than others, which leave more room to the log.
         large: whether the log covers the view.
         log_height: height of the log as dragged, em; None for what the figures leave.
@@ -109,12 +103,7 @@ class InspectorPanel:
     def place(
         self, x: float, y: float, width: float, height: float, over: tuple[float, float, float, float] | None = None
     ) -> None:
-        """Set the panel's rectangle in window pixels.
-
-        Args:
-            x, y, width, height: the rectangle.
-            over: x, y, width and height of the log while it is large; None for the whole panel.
-        """
+        """Set the panel's rectangle in window pixels; `over`: that of the log while it is large."""
         self._place = (x, y, width, height)
         self._over = over or self._place
         self._share()
@@ -148,10 +137,6 @@ class InspectorPanel:
     ) -> bool:
         """Redraw the figures if they have changed; return whether they did. They leave the rest to the log, so
         `update_log` comes afterwards.
-
-        Args:
-            of_stage: figures of the stage's view.
-            camera: whose quality is shown; "" for the mean.
         """
         of = (player.frame, player.what, player.mode, player.camera, stage, camera)  # shown everywhere in the same draw
         if time.monotonic() < self._next and of == self._of:

@@ -22,13 +22,7 @@ with no color of its own."""
 
 
 class ModesPanel:
-    """One set of buttons per stage; pressed ones are highlighted.
-
-    Args:
-        sets: choices by stage.
-        chosen: called with stage and key.
-        hints: what the buttons do.
-    """
+    """One set of buttons per stage; pressed ones are highlighted. `chosen`: called with stage and key."""
 
     def __init__(
         self, sets: Mapping[str, Sequence[Choice]], em: float, chosen: Callable[[str, str], None], hints: Hints

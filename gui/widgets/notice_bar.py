@@ -20,16 +20,7 @@ WIDEST, MOST_LINES = 48.0, 12
 
 
 class NoticeBar:
-    """See the module. A container, which the toolkit draws over images; it must not overlap other containers.
-
-    Args:
-        notices: what it shows.
-        clipboard: where copied text goes.
-        changed: called after a click.
-
-    Attributes:
-        buttons: by key.
-    """
+    """See the module. A container, which the toolkit draws over images; it must not overlap other containers."""
 
     def __init__(self, notices: Notices, em: float, clipboard: Clipboard, changed: Callable[[], None]) -> None:
         self._notices, self._em, self._clipboard, self._changed = notices, em, clipboard, changed
@@ -47,7 +38,6 @@ class NoticeBar:
         """Show the notice; returns whether anything changed, which needs a layout.
 
         Args:
-            room: width of the view, pixels.
             hidden: whether something else needs the place; a failure is shown nevertheless.
         """
         self._show_failure(self._pages.failure())

@@ -36,14 +36,7 @@ HINTS = {
 
 @dataclass
 class PathList:
-    """The image of the list, and its parts.
-
-    Attributes:
-        width, height: pixels.
-        em: font size, pixels.
-        down: pixels that the rows are scrolled down.
-        areas: what can be clicked: key of `HINTS`, and row, -1 for none.
-    """
+    """The image of the list, and its parts. `areas`: what can be clicked: key of `HINTS`, and row, -1 for none."""
 
     width: int
     height: int
@@ -78,15 +71,7 @@ class PathList:
         previewing: bool,
         message: str = "",
     ) -> np.ndarray:
-        """(height, width, 3) uint8: the list.
-
-        Args:
-            keys: the views.
-            thumbnails: one per view; None while it is being drawn.
-            selected: index of the selected view.
-            previewing: whether the path is being played.
-            message: shown instead of the list.
-        """
+        """(height, width, 3) uint8: the list. `message`: shown instead of it."""
         self.areas = Areas()
         canvas, em = Canvas(self.width, self.height, PANEL), self.em
         pad, normal = 0.6 * em, round(0.94 * em)

@@ -16,11 +16,7 @@ class PathPanel:
     """See the module.
 
     Args:
-        editor: the path.
         act: called with what was clicked, a key of `drawing.path_list.HINTS`, and the view's index (-1: none).
-
-    Attributes:
-        shown: whether it is to be seen; the layout shows it where there is room.
     """
 
     def __init__(
@@ -46,12 +42,7 @@ class PathPanel:
         return {f"{name} {row}" if row >= 0 else name: at for (name, row), at in middles.items()}
 
     def update(self, thumbnails: Sequence[np.ndarray | None], previewing: bool) -> bool:
-        """Draw what has changed; returns whether anything did.
-
-        Args:
-            thumbnails: one per view; None while it is being drawn.
-            previewing: whether the path is being played.
-        """
+        """Draw what has changed; returns whether anything did. `thumbnails`: None while one is being drawn."""
         if not self.picture.widget.visible:
             return False
         editor, size = self._editor, self.picture.size

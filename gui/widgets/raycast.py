@@ -13,14 +13,7 @@ from studio.errors import StudioError
 
 
 class RaycastMesh:
-    """A triangle mesh that can be rendered from any camera.
-
-    Args:
-        path: PLY file.
-
-    Raises:
-        StudioError: the file is missing, damaged or has no triangles (`mesh.unreadable`).
-    """
+    """A triangle mesh of a PLY file, rendered from any camera. Raises StudioError: `mesh.unreadable`."""
 
     def __init__(self, path: Path) -> None:
         mesh = o3d.t.io.read_triangle_mesh(str(path)) if path.is_file() else None

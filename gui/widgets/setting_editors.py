@@ -21,11 +21,8 @@ class Editor:
     """Widgets of a setting.
 
     Attributes:
-        widget: has the value.
-        put: shows a value.
         steps: buttons that make a number lower and higher; none if it has no close limits. Not a slider: the toolkit's
             prints the number once more, and covers it with its handle.
-        browse: opens a dialog for a path; None for others.
         grows: whether the widget takes all the room that there is.
     """
 
@@ -48,13 +45,7 @@ class Editor:
 
 
 def make_editor(setting: SettingField, set_value: SetValue, pick: Callable[[SettingField], None]) -> Editor:
-    """The widgets of a setting.
-
-    Args:
-        setting: the setting.
-        set_value: called with the setting and the new text.
-        pick: called when its path is to be chosen in a dialog.
-    """
+    """The widgets of a setting. `pick`: called when its path is to be chosen in a dialog."""
     if setting.kind == "switch":
         switch = gui.Checkbox("")
         switch.set_on_checked(lambda on: set_value(setting, "true" if on else "false"))

@@ -34,16 +34,7 @@ FILTER = "Show settings whose name, heading or documentation contains all of the
 
 @dataclass(frozen=True)
 class SettingActions:
-    """What the panel asks for.
-
-    Attributes:
-        set_value: called with the field and the new text.
-        reset: called with the names of settings to set as in the preset.
-        choose: called with a preset.
-        pick: called with a field whose file or folder is to be chosen in a dialog.
-        estimate: measures the presets.
-        changed: called when something must be drawn again.
-    """
+    """What the panel asks for. `estimate`: measures the presets."""
 
     set_value: Callable[[SettingField, str], None]
     reset: Callable[[list[str]], None]
@@ -55,11 +46,6 @@ class SettingActions:
 
 class SettingsList:
     """See the module.
-
-    Args:
-        stage: key of `TITLES`.
-        actions: what it asks for.
-        estimates: figures of the presets.
 
     Attributes:
         edited: whether the last press was on the fields, so that letters are meant for them.

@@ -22,13 +22,7 @@ KINDS = {"good": ("Good", GOOD), "bad": ("Bad", BAD)}
 
 @dataclass(frozen=True)
 class StageHelp:
-    """Help of a stage.
-
-    Attributes:
-        points: what to look for, a sentence or two each.
-        good, bad: what the images show.
-        settings: dotted names of settings to try if it looks bad.
-    """
+    """Help of a stage. `settings`: dotted names of settings to try if it looks bad."""
 
     points: Sequence[str]
     good: str

@@ -36,14 +36,11 @@ class StagesPanel:
     """See the module.
 
     Args:
-        select: called with a stage's key.
         run: called with a stage's key ("all" for all stages) and whether to rerun a finished stage.
-        changed: called after every user action.
         pick: called with a setting whose file or folder is to be chosen in a dialog.
         widen: called while the panel's right edge is dragged, with the column of the window and whether that was all.
         show_help: called when help on the selected stage is wanted.
         guard: notified when Run and Run all take turns with Pause and Cancel.
-        hints: what the buttons do.
     """
 
     def __init__(

@@ -25,14 +25,7 @@ STRIP = 3.5
 class TimelinePanel:
     """Shows the playhead, groups, quality and size per frame, and marks.
 
-    Args:
-        player: its transport is shown and controlled.
-        changed: called after each seek.
-
     Attributes:
-        plots: the rows above the track.
-        marks: marked frames.
-        frame: the frame drawn as current; None for none.
         zoom: the part of the frames that is shown; the wheel changes it, a right drag moves it.
         path_keys: frames of the views of the camera path, which can be dragged.
         moved_key: called with the index of such a view and its new frame.
@@ -127,12 +120,7 @@ class TimelinePanel:
         return True
 
     def look(self, pointer: tuple[int, int] | None, covered: bool) -> None:
-        """Hide the values under the pointer if it has left. Call before `update`.
-
-        Args:
-            pointer: its position in the window, pixels; None if it is not known.
-            covered: whether a dialog, a menu or a list is open, which may lie over the timeline.
-        """
+        """Hide the values under the pointer if it has left. Call before `update`. `covered`: by a dialog or a list."""
         self._covered = covered
         if covered or (pointer is not None and not holds(self.picture.widget, *pointer)):
             self._hover = None

@@ -61,16 +61,7 @@ class Gestures(Protocol):
 
 
 class Viewport:
-    """Shows images and turns mouse events into gestures.
-
-    Args:
-        gestures: returns the receiver for what is on screen.
-        changed: called after each gesture.
-
-    Attributes:
-        clicked_at: where the last click was, window pixels.
-        picture_size: (width, height) of the newest image, pixels.
-    """
+    """Shows images and turns mouse events into gestures. `gestures`: returns the receiver for what is on screen."""
 
     def __init__(self, gestures: Callable[[], Gestures], changed: Callable[[], None]) -> None:
         self._gestures = gestures

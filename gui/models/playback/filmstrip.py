@@ -27,7 +27,6 @@ class Slot:
     """A place in the strip.
 
     Attributes:
-        frame: what it shows.
         x: its left edge, pixels from the strip's left edge; may begin outside.
         width: up to the next one, pixels.
     """
@@ -52,13 +51,7 @@ def slots(timeline: Timeline, width: int) -> list[Slot]:
 
 
 def draw_strip(timeline: Timeline, size: Size, pictures: Mapping[int, np.ndarray | None]) -> np.ndarray:
-    """(height, timeline.width, 3) uint8.
-
-    Args:
-        timeline: maps frames to columns.
-        size: (width, height) of an image, pixels.
-        pictures: by frame; None or missing for those that are not drawn yet.
-    """
+    """(height, timeline.width, 3) uint8. `pictures`: by frame; None or missing for those that are not drawn yet."""
     canvas = Canvas(timeline.width, size[1], RAISED)
     for slot in slots(timeline, size[0]):
         picture = pictures.get(slot.frame)
@@ -93,8 +86,6 @@ class Filmstrip:
 
         Args:
             player: the open take or stream, and the view that it opens with.
-            frames: counted from 0.
-            size: (width, height) of an image, pixels.
             busy: whether a stage runs; it changes the take again and again, and needs the time.
         """
         opened = player.opened

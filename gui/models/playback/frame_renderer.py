@@ -39,15 +39,12 @@ class RenderRequest:
     """What to render.
 
     Attributes:
-        sources: Gaussians by name ("trained", "decoded", "other").
         frame: counted from 0.
         number: of the frame in the footage; None if that is not known: they are counted from 0, too.
         mode: one of `compare.MODES`.
         what: "footage", "trained", "decoded" or "other"; a comparison compares it with `reference`.
-        orbit: the free view.
         camera: name of the capture camera; "" for the free view.
         image_zoom: visible part of its image.
-        size: (width, height).
         background: RGB in 0 to 1.
         wipe: position of the wipe, 0 to 1.
         context: the take, for footage; None for a bare stream.
@@ -55,7 +52,6 @@ class RenderRequest:
         points: (N, 3) points of the performer, and the initial free view: side by side, the free view is reduced so
             that the narrow images contain the performer.
         scene: what mode "scene" shows.
-        em: font size, pixels of the image.
         shape: width by height of the performer, which images side by side are arranged for.
         place: the point of the world that the frame's mark is about; None for none.
     """
@@ -129,7 +125,6 @@ class Picture:
         source: "decoded", "trained" or "footage".
         splats: number of Gaussians drawn; 0 for footage.
         draw_seconds: total time to render the Gaussians of all parts.
-        mode: one of `compare.MODES`.
         box: rectangle of the (left) image in the image; the wipe moves within it.
         camera: the capture camera; "" for the free view.
         label: `RenderRequest.label`.
@@ -159,12 +154,7 @@ class _Part:
 
 @dataclass
 class FrameRenderer:
-    """Renders requests; caches the last few parts, so that moving the wipe renders nothing again.
-
-    Args:
-        draw: renders Gaussians.
-        scene: renders scenes.
-    """
+    """Renders requests; caches the last few parts, so that moving the wipe renders nothing again."""
 
     draw: DrawFn
     scene: SceneRenderer = field(default_factory=SceneRenderer)
@@ -172,11 +162,7 @@ class FrameRenderer:
     _reduced_of: tuple[object, float] = (None, 1.0)
 
     def __call__(self, request: RenderRequest) -> Picture:
-        """Render the image.
-
-        Raises:
-            StudioError: a missing or damaged frame or image.
-        """
+        """Render the image. Raises StudioError: a missing or damaged frame or image."""
         capture = capture_camera(request)
         if request.scene is not None:
             return self._scene(request, request.scene, capture)
@@ -282,11 +268,7 @@ class FrameRenderer:
 
 
 def capture_camera(request: RenderRequest) -> Camera | None:
-    """The selected capture camera, undistorted; None for the free view.
-
-    Raises:
-        StudioError: `playback.no_cameras`, or footage that cannot be opened.
-    """
+    """The selected capture camera, undistorted; None for the free view. Raises StudioError: it has none."""
     if not request.camera:
         return None
     if request.context is not None:
@@ -304,9 +286,7 @@ def ring(image: np.ndarray, box: Box, camera: Camera, place: tuple[float, float,
     """Draw a ring around a point of the world, if it is in the image.
 
     Args:
-        image: (H, W, 3) uint8; changed.
         box: the camera's part of the image.
-        place: the point.
         size: radius, pixels.
     """
     pixels, depth = camera.project(np.array([place]))
@@ -329,9 +309,7 @@ def faded(
     """The (H, W, 3) uint8 image, faded to the background where no camera filmed from near `camera`, with a word.
 
     Args:
-        image, camera, background: as drawn.
         covered: what the cameras filmed; None: not known.
-        text: size of the words, pixels.
     """
     seen = 1.0 if covered is None else covered.visibility(camera.center)
     if seen >= 1:

@@ -113,12 +113,7 @@ class ImageZoom:
 
     @classmethod
     def around(cls, points: np.ndarray, camera: Camera, width: int, height: int) -> ImageZoom:
-        """The part that contains the points, with a margin; those far from almost all others are ignored.
-
-        Args:
-            points: (N, 3) world coordinates.
-            width, height: size of the image, pixels.
-        """
+        """The part that contains points, (N, 3) world, with a margin; those far from almost all others are ignored."""
         pixels, depth = camera.project(points)
         pixels = pixels[depth > 1e-6]
         if len(pixels) == 0:

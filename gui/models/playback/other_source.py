@@ -22,12 +22,7 @@ MOST_BESIDE = 4
 
 
 def shown_beside(names: Sequence[str], camera: str) -> tuple[str, ...]:
-    """What side by side shows, of the sources that there are.
-
-    Args:
-        names: of the sources.
-        camera: the capture camera, of which there is footage; "" for the free view.
-    """
+    """What side by side shows, of the sources that there are. `camera`: the capture camera; "" for the free view."""
     others = tuple(name for name in OTHERS if name in names)
     own = tuple(name for name in ("trained", "decoded") if name in names)
     if others and (not camera or len(others) > 1):
@@ -39,11 +34,6 @@ def shown_beside(names: Sequence[str], camera: str) -> tuple[str, ...]:
 class OtherSource:
     """Frames of another source, by time: each frame of the open take or stream shows the other's frame of the same
     second, and after the other's end its last one.
-
-    Args:
-        source: the other frames.
-        label: what it is called on screen.
-        evaluation: its measured quality.
     """
 
     name = OTHER
@@ -65,12 +55,7 @@ class OtherSource:
         return self._source.gaussians(self.frame_of(frame))
 
     def series(self, name: str, camera: str = "") -> list[float | None]:
-        """A metric, or "bytes", for every frame of the open take or stream; None where it was not measured.
-
-        Args:
-            name: the metric.
-            camera: a camera; the mean if it was not evaluated there.
-        """
+        """A metric, or "bytes", for every frame of the open take or stream; None where it was not measured."""
         count = self._source.frame_count
         found = self._evaluation.series(name, count, camera if camera in self._evaluation.cameras else "")
         if name == "bytes" and not self._evaluation.frames:
@@ -92,8 +77,6 @@ def open_other(place: Path, label: str = "", evaluation: Path | None = None, in_
     """Open the folder of a stream or of a take to compare with.
 
     Args:
-        place: the folder.
-        label: what it is called; "" for its name.
         evaluation: its evaluation.json; None for that of a take.
         in_take: whether a stream has the frames and the world of the take that it was baked from, as the open one has
             if that is a take.

@@ -41,16 +41,12 @@ class PlayerPresenter(Viewpoint):
     """The open take or stream, the transport, the view, the comparison, and the newest image.
 
     Args:
-        draw_function: renders Gaussians; tests replace it.
-        output: makes the device that sound is played on.
         read_mesh: reads a mesh file; an argument, so that this package does not import Open3D.
 
     Attributes:
         filmed_groups: first frame of each group of the footage; empty if unknown.
         audio: the sound of the open stream; None if it has none.
         on_screen: whether the viewport shows the player.
-        still: whether the scene rests.
-        em: the window's font size, pixels.
         places: points of the world that marks are about, by frame counted from 0.
     """
 

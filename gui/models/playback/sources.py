@@ -52,13 +52,10 @@ class Opened:
     """An open take or stream.
 
     Attributes:
-        title: the folder's name.
         path: the folder, or the URL.
         sources: "decoded", "trained", in order of preference. A new take has none.
         take: None for a bare stream.
         message: errors about parts that could not be opened; "" if there are none.
-        rig: the capture cameras; None if unknown.
-        view: the initial camera; None if unknown.
         up: (3,) world up direction; z if no camera is known.
         trim: the frames that the take's edits keep; None for all.
         numbers: of the trained frames, as people know them.
@@ -89,7 +86,6 @@ class Opened:
         some, and `bake.first_group_size` divides one.
 
         Args:
-            frame: counted from 0 in the take.
             starts: first frame of each group of the footage; if empty, the groups that are trained are used.
         """
         trained = self.sources.get("trained")
@@ -164,15 +160,7 @@ def thinned(points: np.ndarray, most: int = 4000) -> np.ndarray:
 
 
 def open_path(place: Path | str, in_take: bool = False) -> Opened:
-    """Open the folder of a take or a stream, the URL of a stream, or the document of a cast.
-
-    Args:
-        place: the folder, the URL, or the document.
-        in_take: how a stream is opened, see `StreamSource`.
-
-    Raises:
-        StudioError: `gui.no_such_folder`, `gui.not_take_or_stream`, or a damaged take or stream.
-    """
+    """Open a folder of a take or a stream, the URL of a stream, or the document of a cast. Raises StudioError."""
     from studio.stream import is_address
 
     if isinstance(place, str) and is_address(place):

@@ -21,9 +21,7 @@ def span_rows(
 
     Args:
         series: values of every frame by name of `SPANNED`; None where nothing was measured.
-        first, last: frames, both inclusive.
         other: the same of what it is compared with, whose figures follow a slash.
-        number: gives the number by which people know a frame.
     """
     frames = slice(first, last + 1)
     measured = [(value, first + at) for at, value in enumerate(series.get(QUALITY, ())[frames]) if value is not None]

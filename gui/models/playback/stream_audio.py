@@ -23,10 +23,6 @@ PEAKS = 4096
 class StreamAudio:
     """See the module. Attributes are set by its thread, in one piece each.
 
-    Args:
-        source: the stream.
-        output: the device.
-
     Attributes:
         frame_count, fps: of the source: with the frames before a take's in point, which are silent.
         player: plays the sound; None until it is loaded.
@@ -91,11 +87,7 @@ class StreamAudio:
 
 
 def peaks_of(sound: Pcm, seconds: float, stop: threading.Event, parts: int = PEAKS) -> np.ndarray | None:
-    """The lowest and highest sample, over all channels, in equal parts of `seconds`; None if stopped.
-
-    Returns:
-        (N, 2) float32; N is `parts`, or fewer if there are fewer samples.
-    """
+    """The lowest and highest sample, (N, 2) float32, in at most `parts` equal parts of `seconds`; None if stopped."""
     total = max(round(seconds * sound.sample_rate), 1)
     edges = np.linspace(0, total, min(parts, total) + 1).astype(int)
     found = np.zeros((len(edges) - 1, 2), np.float32)

@@ -39,7 +39,6 @@ class StreamSource:
     decoded while one is drawn.
 
     Args:
-        place: the stream's folder or URL.
         in_take: whether frames are counted, and splats placed, as in the take that the stream was baked from, whose
             edits may have trimmed and moved it.
 
@@ -81,12 +80,7 @@ class StreamSource:
         self._thread.start()
 
     def gaussians(self, frame: int) -> Gaussians:
-        """See `FrameSource`.
-
-        Raises:
-            LeftOut: the frame's group is damaged; other groups can be played.
-            StudioError: `playback.nothing_playable`, `playback.closed`, or the server does not respond.
-        """
+        """See `FrameSource`. Raises LeftOut: the frame's group is damaged; other groups can be played."""
         if frame < self.first:
             raise LeftOut("playback.trimmed", "trimmed off: the stream does not have it", frame=frame)
         frame -= self.first

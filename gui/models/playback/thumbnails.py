@@ -60,11 +60,7 @@ class Thumbnails:
         there, the last one with other contents is returned.
 
         Args:
-            place: the open take or stream.
             contents: changes when its frames do.
-            camera: the view.
-            frame: counted from 0.
-            size: (width, height) of the image, pixels.
             ask: whether one that is not there, or has other contents, is drawn.
         """
         request = _Request(place, contents, camera, frame, size)

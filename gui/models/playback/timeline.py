@@ -23,8 +23,6 @@ class Timeline:
     """Frames side by side on a track `width` pixels wide; their widths differ by at most a pixel.
 
     Attributes:
-        width, height: size of the track, pixels.
-        frame_count: at least 1.
         group_starts: first frame of each group; groups alternate between two shades.
         first, shown: the part that is shown, see `TimelineZoom`.
         kept: the frames that are not trimmed off; None for all.

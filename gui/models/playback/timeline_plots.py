@@ -37,10 +37,6 @@ class Plot:
     """One row.
 
     Attributes:
-        title: shown to its left.
-        values: one per frame; None if not measured.
-        color: color of the curve.
-        unit: shown after the numbers.
         bars: whether values are bars that begin at zero; else a line on an axis with its own limits.
         other: values of the bake or take that it is compared with, a line; none if there is none.
         short: the title where there is less room.
@@ -74,11 +70,7 @@ class Plot:
 
 @dataclass(frozen=True, eq=False)
 class Waveform(Plot):
-    """The sound: a row without values.
-
-    Attributes:
-        peaks: (N, 2) lowest and highest sample, -1 to 1, of N equal parts of the frames' duration.
-    """
+    """The sound: a row without values. `peaks`: (N, 2) lowest and highest sample, -1 to 1, of N equal parts."""
 
     peaks: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), np.float32))
 
@@ -103,9 +95,7 @@ def plots_of(series: Series, whose: str = "mean", other: Series | None = None, s
     """The plots of a take that have values.
 
     Args:
-        series: values by name of `PLOTTED`.
         whose: the camera of the quality, or the cameras that it is the mean of, for the title.
-        other: values of the bake or take that it is compared with.
         short: `whose` in fewer words, where the other does not fit.
     """
     trained, decoded, size, flicker = ((series.get(name, ()), (other or {}).get(name, ())) for name in PLOTTED)
@@ -138,9 +128,6 @@ class TimelinePlots:
     """Plots above the track, on the same frame axis; clicking any of them seeks.
 
     Attributes:
-        width, height: pixels.
-        em: font size, pixels.
-        frame_count, group_starts, first, shown, kept: as in `Timeline`.
         strip: height of the strip of images above the plots, pixels; 0 for none.
         span: first and last frame of the selected span; None for none.
         fps: frame rate, for times beside the numbers of frames; 0 for none.
@@ -194,14 +181,7 @@ class TimelinePlots:
         keys: Iterable[int] = (),
         strip: np.ndarray | None = None,
     ) -> np.ndarray:
-        """(height, width, 3) uint8: everything that does not depend on the frame. Cache it: playback draws it often.
-
-        Args:
-            plots: the rows.
-            marks: marked frames.
-            keys: frames of the views of the camera path.
-            strip: from `draw_strip`; None for none.
-        """
+        """(height, width, 3) uint8: everything that does not depend on the frame. Cache it: playback draws it often."""
         canvas = Canvas(self.width, self.height, PANEL)
         timeline = self.timeline
         for number, plot in enumerate(plots):
@@ -234,9 +214,6 @@ class TimelinePlots:
         """A copy of `base` with the track, the playhead and the frame's values.
 
         Args:
-            base: from `base`.
-            frame: the current frame; None for none.
-            plots: as for `base`.
             hover: the frame under the pointer, whose values are shown beside it; None for none.
         """
         canvas = Canvas(1, 1)

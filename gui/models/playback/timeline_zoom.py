@@ -24,13 +24,7 @@ class TimelineZoom:
     shown: float | None = None
 
     def zoomed(self, notches: float, share: float, frame_count: int) -> TimelineZoom:
-        """Zoom in (positive) or out.
-
-        Args:
-            notches: of the wheel.
-            share: what stays where it is, 0 (left edge) to 1 (right edge).
-            frame_count: of all frames.
-        """
+        """Zoom in (positive) or out. `share`: what stays where it is, 0 (left edge) to 1 (right edge)."""
         before = self._shown(frame_count)
         shown = min(max(before * STEP**notches, LEAST_FRAMES), frame_count)
         if shown >= frame_count:

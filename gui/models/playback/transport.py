@@ -13,10 +13,7 @@ class Transport:
     """Which frame is current. Frames are counted from 0; `numbers` are those that people know them by.
 
     Args:
-        frame_count: number of frames, at least 1; valid frames are 0 to frame_count - 1.
-        fps: frames per second at speed 1, above 0.
         group_starts: first frame of each group, ascending, for jumps between groups.
-        now: a monotonic clock in seconds; tests replace it.
     """
 
     def __init__(

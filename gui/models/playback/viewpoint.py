@@ -26,14 +26,11 @@ class Viewpoint:
     """See the module.
 
     Attributes:
-        opened: the take or stream; None if none is open.
         context: the take with its footage; None for a bare stream.
         what: "footage", "trained", "decoded" or "other".
         mode: one of `compare.MODES`.
         camera: the capture camera; "" for the free view.
-        image_zoom: the visible part of its image.
         orbit, home: the current and the initial free view.
-        size: (width, height) of the image.
         background: one of `BACKGROUNDS`.
         refused: emitted with why something cannot be shown or done, as a sentence.
         scene_parts: what the scene shows, of `gui.models.scene.contents.PARTS`.
@@ -191,11 +188,7 @@ class Viewpoint:
         self.orbit = self.orbit.zoom(notches)
 
     def view(self, size: tuple[int, int] | None = None) -> Camera | None:
-        """The pinhole camera of the current view; None if nothing is open.
-
-        Args:
-            size: (width, height) of the image; `self.size` if None.
-        """
+        """The pinhole camera of the current view; None if nothing is open. `size`: (width, height)."""
         if self.opened is None:
             return None
         width, height = size or self.size

@@ -30,7 +30,6 @@ class SplatLayer:
 
     Attributes:
         image: (H, W, 3) float32 RGB over black.
-        alpha: (H, W) float32, 0 to 1.
         depth: (H, W) float32, world units along the viewing axis.
     """
 
@@ -40,15 +39,7 @@ class SplatLayer:
 
 
 class Surfaces:
-    """Opaque surfaces: the nearest one in each pixel.
-
-    Args:
-        width, height: pixels.
-
-    Attributes:
-        pixels: (H, W, 3) uint8.
-        depth: (H, W) float32; infinite where there is none.
-    """
+    """Opaque surfaces: the nearest one in each pixel, (H, W, 3) uint8, and its depth; infinite where there is none."""
 
     def __init__(self, width: int, height: int) -> None:
         self.pixels = np.zeros((height, width, 3), np.uint8)
@@ -62,14 +53,7 @@ class Surfaces:
 
 
 def compose(background: Color, splats: SplatLayer | None, surfaces: Surfaces, fragments: Fragments) -> np.ndarray:
-    """The image, (H, W, 3) uint8.
-
-    Args:
-        background: RGB in 0 to 1.
-        splats: None to leave them out.
-        surfaces: opaque ones.
-        fragments: of lines and points.
-    """
+    """The image, (H, W, 3) uint8. `fragments`: of lines and points."""
     height, width = surfaces.depth.shape
     solid_depth = surfaces.depth.reshape(-1)
     solid = surfaces.pixels.reshape(-1, 3).astype(np.float32) / 255

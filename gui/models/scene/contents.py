@@ -41,18 +41,10 @@ class SceneWanted:
     """What to show.
 
     Attributes:
-        take: the take; None for a bare stream.
-        context: for footage; None if there is none.
-        rig: the capture cameras; None if unknown.
         camera: the capture camera that one looks through; "" for the free view.
         group: the frame's group.
         parts: of `PARTS`.
-        up: (3,) world up direction.
-        points: (N, 3) points of the performer, world.
         still: whether the view rests: time for full resolution, and for the frame's images on the frusta.
-        em: font size, pixels.
-        not_trained_on: names of the held-out cameras.
-        number: of the frame in the footage; None if it is not known.
         cast: with models and a ground; None for none.
     """
 
@@ -87,13 +79,7 @@ class SceneWanted:
 
 @dataclass(frozen=True, eq=False)
 class SceneCamera:
-    """A capture camera.
-
-    Attributes:
-        camera: without distortion.
-        color: of its frustum.
-        image: (h, w, 3) uint8 of its frame, small; None if it is not known.
-    """
+    """A capture camera. `image`: (h, w, 3) uint8 of its frame, small; None if it is not known."""
 
     camera: Camera
     color: RGB
@@ -102,13 +88,7 @@ class SceneCamera:
 
 @dataclass(frozen=True, eq=False)
 class Lines:
-    """Straight lines in the world.
-
-    Attributes:
-        ends: (M, 2, 3).
-        colors: (M, 3) uint8.
-        width: pixels.
-    """
+    """Straight lines in the world. `ends`: (M, 2, 3). `colors`: (M, 3) uint8. `width`: pixels."""
 
     ends: np.ndarray
     colors: np.ndarray
@@ -126,12 +106,9 @@ class SceneContents:
     """See the module. World coordinates.
 
     Attributes:
-        cameras: the capture cameras.
         length: of their frusta.
         points: (N, 3), with `colors` (N, 3) uint8.
         surfaces: meshes and the ground, and where they are.
-        lines: grid, axes, box.
-        words: what is shown, in words.
     """
 
     cameras: tuple[SceneCamera, ...] = ()
@@ -164,9 +141,6 @@ def grid_lines(middle: np.ndarray, up: np.ndarray, height: float, reach: float) 
     """A grid on the ground.
 
     Args:
-        middle: (3,) the point above or below its middle.
-        up: (3,) unit normal.
-        height: of the plane along `up`.
         reach: size of the performer; the grid is about twice as wide.
 
     Returns:
@@ -188,13 +162,7 @@ def grid_lines(middle: np.ndarray, up: np.ndarray, height: float, reach: float) 
 
 
 def axis_lines(origin: np.ndarray, directions: np.ndarray, length: float) -> Lines:
-    """Three axes: x red, y green, z blue.
-
-    Args:
-        origin: (3,).
-        directions: (3, 3) unit vectors, one per row.
-        length: of an axis.
-    """
+    """Three axes: x red, y green, z blue. `directions`: (3, 3) unit vectors, one per row."""
     ends = np.stack([np.tile(origin, (3, 1)), origin + length * directions], axis=1)
     return Lines(ends, np.array(AXES, np.uint8), 3.0)
 

@@ -74,7 +74,6 @@ class OrbitCamera:
         """The view from a capture camera's position with its vertical field of view, orbiting a point on its axis.
 
         Args:
-            camera: the capture camera.
             target: (3,) the scene's center; the nearest point on the camera's axis becomes the target.
             up: (3,) world up direction; the capture camera's roll relative to it is lost.
         """
@@ -94,8 +93,6 @@ class OrbitCamera:
         browser player.
 
         Args:
-            points: (N, 3) world coordinates of everybody; see `around`.
-            up: (3,) world up direction.
             camera: gives the place, unless it is too near to show everybody; None: see `around`.
         """
         orbit = cls.around(points, up)
@@ -110,14 +107,7 @@ class OrbitCamera:
 
     @classmethod
     def from_to(cls, eye: np.ndarray, target: np.ndarray, up: np.ndarray, fov: float) -> OrbitCamera:
-        """The view from a point to another one, which it orbits.
-
-        Args:
-            eye: (3,) position of the viewer, world coordinates.
-            target: (3,), not at `eye`.
-            up: (3,) world up direction.
-            fov: vertical field of view, radians.
-        """
+        """The view from a point to another one, which it orbits. `fov`: vertical field of view, radians."""
         orbit = cls(target=target, up=up, distance=float(np.linalg.norm(target - eye)), fov=fov)
         return orbit._facing(target - eye)
 
@@ -174,13 +164,7 @@ class OrbitCamera:
         return replace(self, distance=float(np.clip(self.distance * _ZOOM_STEP**notches, 1e-4, 1e6)))
 
     def widened(self, points: np.ndarray, width: int, height: int) -> float:
-        """Factor, at most 1, by which an image of this size must be reduced to contain all of the points from left to
-        right.
-
-        Args:
-            points: (N, 3) world coordinates; those behind the view are ignored.
-            width, height: size of the image, pixels.
-        """
+        """Factor, at most 1, by which an image must be reduced to contain all points (N, 3) from left to right."""
         if len(points) == 0:
             return 1.0
         camera = self.camera(width, height)
@@ -189,12 +173,7 @@ class OrbitCamera:
         return min(1.0, 0.5 * 0.85 * width / max(float(across.max(initial=0.0)), 1e-6))
 
     def filling(self, points: np.ndarray, width: int, height: int) -> Camera:
-        """The pinhole camera that looks in this direction and whose image the points fill but for a small margin.
-
-        Args:
-            points: (N, 3) world coordinates; those behind the view are ignored.
-            width, height: size of the image, pixels.
-        """
+        """The pinhole camera that looks in this direction, its image filled by the points (N, 3) but for a margin."""
         camera = self.camera(width, height)
         if len(points) == 0:
             return camera

@@ -33,11 +33,7 @@ Content = TypeVar("Content")
 
 
 class SceneReader:
-    """See the module.
-
-    Args:
-        read_mesh: reads a mesh file.
-    """
+    """See the module. `read_mesh`: reads a mesh file."""
 
     def __init__(self, read_mesh: Callable[[Path], Surface]) -> None:
         self._read_mesh: Callable[[Path], Surface | None] = read_mesh
@@ -48,11 +44,7 @@ class SceneReader:
         self._context: object = None
 
     def read(self, wanted: SceneWanted, frame: int) -> SceneContents:
-        """What to show beside the splats.
-
-        Raises:
-            StudioError: a damaged file.
-        """
+        """What to show beside the splats. Raises StudioError: a damaged file."""
         edits = EditList()
         points: Points = np.zeros((0, 3)), np.zeros((0, 3))
         sparse, words = points, list[str]()

@@ -27,13 +27,7 @@ Place = tuple[str, np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class ScenePicture:
-    """An image of the scene.
-
-    Attributes:
-        image: (H, W, 3) uint8.
-        cameras: name and (N, 2) pixels of the frusta, those in front last.
-        ends: name and corners of the ends of the view axes, those in front last.
-    """
+    """An image of the scene. `cameras`, `ends`: name and pixels of frusta and of axes, those in front last."""
 
     image: np.ndarray
     cameras: tuple[Place, ...]
@@ -46,11 +40,7 @@ def no_mesh(path: Path) -> Surface:
 
 
 class SceneRenderer:
-    """See the module.
-
-    Args:
-        read_mesh: reads a mesh file.
-    """
+    """See the module. `read_mesh`: reads a mesh file."""
 
     def __init__(self, read_mesh: Callable[[Path], Surface] = no_mesh) -> None:
         self.reader = SceneReader(read_mesh)
@@ -58,18 +48,7 @@ class SceneRenderer:
     def __call__(
         self, gaussians: Gaussians, view: Camera, wanted: SceneWanted, frame: int, background: Color
     ) -> ScenePicture:
-        """Render a frame of the scene.
-
-        Args:
-            gaussians: the frame's splats.
-            view: pinhole camera.
-            wanted: what to show.
-            frame: counted from 0.
-            background: RGB in 0 to 1.
-
-        Raises:
-            StudioError: a damaged file.
-        """
+        """Render a frame (counted from 0) of the scene. Raises StudioError: a damaged file."""
         contents = self.reader.read(wanted, frame).seen_from(view.center)
         splats = draw_layer(gaussians, view) if "splats" in wanted.parts else None
         surfaces = Surfaces(view.width, view.height)

@@ -18,12 +18,7 @@ class Rest:
         self._since = 0.0
 
     def rests(self, view: Hashable, moving: bool) -> bool:
-        """Whether the view has been equal for `RESTS_AFTER`. Call at each tick.
-
-        Args:
-            view: everything that the image depends on.
-            moving: whether it moves without the user, as in playback.
-        """
+        """Whether the view has been equal for `RESTS_AFTER`. Call at each tick. `moving`: it moves on its own."""
         if moving or view != self._view:
             self._view, self._since = view, self._now()
         return self._now() - self._since >= RESTS_AFTER

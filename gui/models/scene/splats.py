@@ -11,19 +11,7 @@ from studio.gaussians import Gaussians
 
 
 def draw(gaussians: Gaussians, camera: Camera, background: tuple[float, float, float]) -> np.ndarray:
-    """Render with `studio.rasterizer`, on the GPU if there is one.
-
-    Args:
-        gaussians: the splats, on any device.
-        camera: pinhole view.
-        background: RGB in 0 to 1.
-
-    Returns:
-        (height, width, 3) uint8 RGB, C order.
-
-    Raises:
-        StudioError: the rasterizer rejects the splats or the camera.
-    """
+    """Render on the GPU if there is one: (height, width, 3) uint8 RGB, C order. Raises StudioError, see `rasterize`."""
     from studio.rasterizer import preferred_device, rasterize
 
     device = preferred_device()
@@ -36,15 +24,7 @@ def draw(gaussians: Gaussians, camera: Camera, background: tuple[float, float, f
 
 
 def draw_layer(gaussians: Gaussians, camera: Camera) -> SplatLayer:
-    """Render over black, with opacity and depth, on the GPU if there is one.
-
-    Args:
-        gaussians: the splats, on any device.
-        camera: pinhole view.
-
-    Raises:
-        StudioError: the rasterizer rejects the splats or the camera.
-    """
+    """Render over black, with opacity and depth, on the GPU if there is one. Raises StudioError, see `rasterize`."""
     from studio.rasterizer import preferred_device, rasterize
 
     device = preferred_device()

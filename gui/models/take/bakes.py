@@ -32,8 +32,6 @@ class Bakes:
     """See the module. Nothing here blocks, except for listing, which reads small files.
 
     Attributes:
-        rows: the kept bakes of the take.
-        message: what happened last.
         failed: whether it was refused.
         changed: emitted when a bake has been kept or refused.
     """

@@ -28,9 +28,6 @@ Figures = Mapping[str, tuple[float, int | None]]
 class Estimates:
     """See the module. One measurement at a time, in a child process that ends with the window.
 
-    Args:
-        command: program to run; tests replace it.
-
     Attributes:
         figures: of the presets; empty if unknown.
         failure: why the last measurement failed, to be shown once.

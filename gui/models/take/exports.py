@@ -49,12 +49,8 @@ class ExportRequest(NamedTarget):
 
     Attributes:
         kind: a key of `FORMATS`.
-        source: take, stream or URL.
-        title: name of the source; the default file name begins with it.
-        folder: default output folder.
         of: "decoded" or "trained"; "" for a bare stream.
         ranges: frames to choose from by label, as `v3studio export --frames` takes them; those of `ALL_FRAMES` are all.
-        frames: the chosen label.
         seconds, size, background: options of a movie, size of plates, too; from `MOVIE_SIZES` and `MOVIE_BACKGROUNDS`.
     """
 
@@ -92,11 +88,7 @@ class ExportRequest(NamedTarget):
         return None if self.kind in WHOLE else self.ranges[self.frames]
 
     def arguments(self) -> list[str]:
-        """Arguments of `v3studio export`, without the camera path.
-
-        Raises:
-            StudioError: `export.bad_seconds`, not a number above 0 and at most 3600.
-        """
+        """Arguments of `v3studio export`, without the camera path. Raises StudioError: `export.bad_seconds`."""
         found = [self.source, "--format", self.kind, "--out", str(self.path), "--json"]
         if self.of:
             found += ["--of", self.of]
@@ -126,14 +118,10 @@ class Exports:
     """Runs one export or share at a time.
 
     Attributes:
-        path: views of the camera path.
         request: the last one that was started; None before the first.
         progress: last report of progress; stays after the end.
         result: outcome of the last one; "" while one is running.
-        failed: whether the last one failed.
         written: what the last one wrote; None if it failed or was stopped.
-        changed: emitted with each progress.
-        finished: emitted at the end.
     """
 
     path: PathEditor = field(default_factory=PathEditor)
@@ -184,11 +172,7 @@ class Exports:
         self._run(request, arguments, scratch)
 
     def share(self, request: ShareRequest) -> None:
-        """Begin to share.
-
-        Raises:
-            StudioError: `export.running`.
-        """
+        """Begin to share. Raises StudioError: `export.running`."""
         self._check_idle()
         scratch = Path(tempfile.mkdtemp(prefix="v3studio-share-"))
         self._run(request, ["share", *request.arguments()], scratch)

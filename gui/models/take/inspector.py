@@ -26,13 +26,7 @@ Row = tuple[str, str]
 
 @dataclass(frozen=True)
 class Block:
-    """Figures under a heading.
-
-    Attributes:
-        title: the heading.
-        rows: (name, value).
-        note: a sentence below the rows; "" for none.
-    """
+    """Figures under a heading. `rows`: (name, value). `note`: a sentence below the rows; "" for none."""
 
     title: str
     rows: Sequence[Row]

@@ -36,9 +36,7 @@ class ChildProcess:
     """A child process in its own session, so that it can outlive the window.
 
     Args:
-        command: program and arguments.
         errors: file for its standard error.
-        folder: working directory.
         tied: give it a pipe as standard input, which ends with the window, even if that is killed.
 
     Attributes:
@@ -135,7 +133,6 @@ class Job(ChildProcess):
     Args:
         take: the take; output other than events goes to a file in its private folder.
         arguments: arguments of `v3studio`, without `--take` and `--json`, for example ("run", "--until", "train").
-        program: the program to start; tests replace it.
     """
 
     def __init__(self, take: Take, arguments: Sequence[str], program: Sequence[str] = ()) -> None:

@@ -38,8 +38,6 @@ class LogRow:
     """A row of the image.
 
     Attributes:
-        kind: "", "warning", "error" or "fix" (a button).
-        text: what it says.
         clock: time of day; "" in the rows that continue a line, and where it is not known.
         first: whether a line begins here.
         fix: what the button does; None for others.
@@ -125,9 +123,6 @@ class LogView:
     """Which rows are in the image.
 
     Attributes:
-        rows: from `log_rows`.
-        width, height: pixels.
-        em: font size, pixels.
         back: number of rows that it is scrolled back from the end.
         large: whether it covers the view.
         warnings: number of warnings and errors among all lines.

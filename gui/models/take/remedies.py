@@ -22,12 +22,7 @@ Value = Callable[[Mapping[str, JsonData]], JsonData]
 
 @dataclass(frozen=True)
 class Remedy:
-    """What to do about a warning.
-
-    Attributes:
-        setting: dotted name of the setting.
-        value: the value to set; None if people must choose it.
-    """
+    """What to do about a warning: the setting, and its value; None if people must choose it."""
 
     setting: str
     value: Value | None = None
@@ -67,8 +62,6 @@ class Fix:
     """A button below a warning in the log.
 
     Attributes:
-        setting: dotted name; the window's panels have it.
-        value: to set it to.
         sets: whether the button sets it; else it shows it.
         done: whether the setting has this value already.
     """
@@ -88,12 +81,7 @@ class Fix:
 
 
 def fix_of(notice: Notice | None, config: Config | None) -> Fix | None:
-    """The fix of a warning or an error; None if there is none, or no settings are open.
-
-    Args:
-        notice: None for another line of the log.
-        config: the take's settings.
-    """
+    """The fix of a warning or an error; None if there is none, or no settings are open."""
     if notice is None or config is None:
         return None
     remedy = REMEDIES.get(notice.code) or Remedy(str(notice.fields.get("setting", "")))

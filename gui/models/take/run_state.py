@@ -31,12 +31,7 @@ CURVE_POINTS = 4000
 
 @dataclass
 class Curve:
-    """A training metric over progress; every other point is dropped when there are CURVE_POINTS.
-
-    Attributes:
-        positions: progress of training, 0 to 1.
-        values: the metric.
-    """
+    """A training metric over progress (0 to 1); every other point is dropped when there are CURVE_POINTS."""
 
     positions: list[float] = field(default_factory=list)
     values: list[float] = field(default_factory=list)
@@ -54,8 +49,6 @@ class LogLine:
     """A line of the log.
 
     Attributes:
-        kind: "", "warning" or "error".
-        text: what it says.
         told: when it was reported, seconds since 1970; 0 if unknown.
         notice: the warning or error of this run that it tells; None for others.
     """
@@ -73,14 +66,10 @@ class RunState:
     Attributes:
         planned: stages that the run will execute, in order.
         stage: the current stage; "" before the first and after the last.
-        progress: its latest progress.
-        finished: stages finished in this run.
         failed: error message by stage.
         failed_setting: the setting that fixes the error, by stage, where there is one.
         outcome: "" during the run, then "done", "failed" or "cancelled".
-        message: text of the outcome.
         lines: the log, newest last, with that of earlier runs.
-        begun: whether this run has any lines.
         curves: loss, psnr, splats over the progress of training, one curve per group, since groups train in parallel.
         previews: latest image by camera.
         lanes: latest state by stage and group, of stages that ran on several machines.
@@ -182,13 +171,7 @@ class RunState:
         self._say(message, "error")
 
     def note(self, text: str, now: float, failed: bool = False) -> None:
-        """Add a line to the log that comes from no event.
-
-        Args:
-            text: the line.
-            now: seconds since 1970.
-            failed: whether it is an error.
-        """
+        """Add a line to the log that comes from no event. `now`: seconds since 1970."""
         self.changes += 1
         self._now = now
         self._say(text, "error" if failed else "")

@@ -18,8 +18,6 @@ class Serving:
     """One server at a time.
 
     Attributes:
-        source: what is served; "" if nothing is.
-        address: where; "" until the server has reported it.
         fingerprint: SHA-256 of its certificate; "" over http.
         started: emitted when the address is known.
         failed: emitted with the reason if the server ends before it is stopped.

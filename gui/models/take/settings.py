@@ -48,17 +48,14 @@ class SettingField:
 
     Attributes:
         name: dotted, as in train.max_splats.
-        heading: heading of its block of settings.
         label: displayed name; for a nested setting it begins with the section.
         kind: "switch", "choice" or "text"; a switch that can be null is a choice.
         choices: values of a choice, `empty` first if it can be null.
         text: whether the value is plain text (else it is parsed as YAML).
         nullable: whether it can be null; `empty`, an empty field and "null" all mean null.
-        documentation: description and bounds.
         empty: word for null, an empty list or an empty mapping; "" if it is never empty.
         kind_of_list: "list", "names" (of text) or "mapping" for those, shown without brackets; "" for others.
         limits: lowest and highest value of a number that can be stepped; None for others.
-        whole: whether it is a whole number.
     """
 
     name: str
@@ -97,11 +94,7 @@ class SettingField:
         return text[1:-1].strip() if flat else text
 
     def parsed(self, text: str) -> Any:
-        """Parse typed text.
-
-        Raises:
-            StudioError: not valid YAML.
-        """
+        """Parse typed text. Raises StudioError: not valid YAML."""
         text = text.strip()
         nothing = text in NULLS or (self.empty != "" and text.casefold() == self.empty.casefold())
         if self.nullable and nothing:
@@ -126,9 +119,6 @@ class SettingField:
         The step is 1 for whole numbers, else a twentieth of the range, rounded up to 1, 2 or 5 times a power of ten:
         0.05 from 0 to 1. From between two multiples, the first step leads to the next one.
 
-        Args:
-            text: the number.
-            count: steps, negative for lower ones.
 
         Returns:
             The number as text, `text` itself if it stays the same; None if there are no limits, or `text` is no number.

@@ -43,9 +43,6 @@ class ShareRequest(NamedTarget):
     """A share as chosen in the dialog, text as typed.
 
     Attributes:
-        form: of `FORMS`.
-        source: folder of a take or a stream.
-        name: its name; that of what is written begins with it.
         folder: where to write to at first.
         title, credits, license, address: as in `pipelines.share.page.PageText`; empty ones are the stream's own.
     """
@@ -107,13 +104,7 @@ def share_words(size: ShareSize, form: str) -> str:
 
 
 def stale_words(bake: StageStatus | None, checked: bool = True, unreadable: bool = False) -> str:
-    """What to tell of a take's stream that is shared; "" if it is up to date.
-
-    Args:
-        bake: the status of the stage Bake; None for a stream without a take.
-        checked: whether that is the status now.
-        unreadable: whether it cannot be read.
-    """
+    """What to tell of a take's stream that is shared; "" if it is up to date."""
     if unreadable:
         return "Whether the stream is up to date is not known: the take's settings or its status cannot be read."
     if not checked:

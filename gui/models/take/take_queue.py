@@ -47,13 +47,7 @@ class QueueRow:
 
 @dataclass(frozen=True)
 class QueueView:
-    """The queue at one moment.
-
-    Attributes:
-        rows: its takes in order.
-        is_run: whether a program works through it.
-        error: why it cannot be read; "" if it can.
-    """
+    """The queue at one moment. `is_run`: a program works through it. `error`: why it cannot be read; "" if it can."""
 
     rows: tuple[QueueRow, ...] = ()
     is_run: bool = False
@@ -85,12 +79,7 @@ def _killed(number: int) -> str:
 class TakeQueue:
     """See the module. Nothing here blocks.
 
-    Args:
-        queue: the file; None for the user's.
-        start: starts a program that works through the queue; tests replace it.
-
     Attributes:
-        view: the queue when it was last read.
         message: why the last change was refused, or why the program that ran the queue failed; "" if neither.
         watched: whether the queue is on screen, so that its file is read now and then.
         changed: emitted when `state` has changed.

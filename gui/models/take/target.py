@@ -10,10 +10,8 @@ class NamedTarget:
     """Base of the requests of dialogs with a field for the target.
 
     Attributes:
-        does: what writing it is called.
         done: what it is called afterwards.
         stays: whether the notice that it is done stays until it is dismissed.
-        folder: where to write to by default.
     """
 
     does: ClassVar[str] = "Export"

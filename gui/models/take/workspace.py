@@ -49,11 +49,9 @@ class Workspace:
     """See the module. Nothing here blocks.
 
     Attributes:
-        opening: name of what is being opened; "" if nothing is.
         history: changes of the take's settings and marks, for undo.
         assessed: whether `assessment` is of this take, maybe before the last change.
         checked: whether it is of the take as it is now, as far as is known.
-        changed: emitted when something visible has changed.
         new_results: emitted when the take has new results.
         run_ended: emitted with a sentence when a run of this window has ended well.
         refused: emitted with a sentence when a run cannot be started, paused or cancelled.
@@ -387,15 +385,7 @@ class Workspace:
         return self.change_settings({name: value})
 
     def change_settings(self, values: Mapping[str, object], words: str = "") -> Message | None:
-        """Write settings to the take's config.yaml as one change, which can be undone.
-
-        Args:
-            values: JSON-ready values by dotted name.
-            words: what the change is called; "" for names and values.
-
-        Returns:
-            None, or why it was refused.
-        """
+        """Write settings, by dotted name, to config.yaml as one change to undo; returns why it was refused."""
         before = self.context.config if self.context is not None else None
         refusal = self.write_settings(values)
         if refusal is None and before is not None and self.context is not None and self.context.config != before:

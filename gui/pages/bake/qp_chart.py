@@ -18,14 +18,7 @@ TITLES = ("QP", "KB per frame", "Mbit/s", "PSNR, dB")
 class QpChart:
     """See the module.
 
-    Args:
-        size: of the image.
-        trial: its results so far.
-        current: the QP or level that is set.
-        done: what the last click did; "" if there was none.
-
     Attributes:
-        canvas: the image.
         points: center of each QP's point, and of each level's name, pixels.
         cells: the table as words: titles, then a row for each QP with results.
     """

@@ -17,10 +17,7 @@ class QpTrial:
     """Bakes the longest group of the take at several QPs on a thread, exactly as the stage `bake` does.
 
     Attributes:
-        results: by QP.
         words: description, or the error.
-        fps: frame rate of the take.
-        changes: incremented with each result.
     """
 
     def __init__(self) -> None:
@@ -38,11 +35,7 @@ class QpTrial:
         return self._thread is not None and self._thread.is_alive()
 
     def start(self, workspace: Workspace, numbers: FrameNumbers) -> None:
-        """Start, unless these frames and settings have already been tried. `numbers` are those of the take's frames.
-
-        Raises:
-            StudioError: `take.not_trained`.
-        """
+        """Start, unless these frames and settings have been tried. Raises StudioError: `take.not_trained`."""
         take, context = workspace.take, workspace.context
         assert take is not None
         assert context is not None

@@ -77,13 +77,7 @@ COLUMNS = ("KB per frame", "share", "QP")
 
 
 class BakeView(StageView):
-    """See the module.
-
-    Attributes:
-        trial: sizes and quality at other QPs.
-        points: where the chart of the trial shows each QP and level, pixels.
-        numbers: of the take's frames.
-    """
+    """See the module. `points`: where the chart of the trial shows each QP and level, pixels."""
 
     modes = ("bytes", "try other QPs")
 

@@ -9,16 +9,7 @@ from gui.models.playback.image_zoom import ImageZoom
 
 
 class Magnifier:
-    """The part of an image that is on screen, and its magnification.
-
-    Args:
-        size: width and height of the image.
-
-    Attributes:
-        width, height: of the image.
-        view: the visible part.
-        rect: x, y, width and height on the screen, pixels.
-    """
+    """The part of an image that is on screen, its rectangle there in pixels, and its magnification."""
 
     def __init__(self, size: tuple[int, int]) -> None:
         self.width, self.height = size

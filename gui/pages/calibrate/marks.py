@@ -18,13 +18,8 @@ LEAST = 6
 class TieMarks:
     """The points of a file, which is saved after each change.
 
-    Args:
-        path: the file, which may not exist yet.
-
     Attributes:
         points: the points in list order; those without marks are not saved.
-        chosen: index of the selected point.
-        changes: incremented with each change.
 
     Raises:
         StudioError: the file cannot be read.
@@ -68,11 +63,7 @@ class TieMarks:
         self.choose(len(self.points) - 1)
 
     def mark(self, camera: str, x: float, y: float, frame: int) -> None:
-        """Mark the selected point (a new one if there is none) at this pixel of a camera's image.
-
-        Raises:
-            StudioError: the file cannot be written.
-        """
+        """Mark the selected point (or a new one) at a pixel of a camera's image. Raises StudioError: not writable."""
         if self.point is None:
             self.add()
         point = self.points[self.chosen]
@@ -138,14 +129,7 @@ class TieMarks:
 
 
 def advice(marks: TieMarks, names: Sequence[str], camera: str, frame: int | None) -> str:
-    """Status line: what a click does, and which cameras have too few marks.
-
-    Args:
-        marks: the points.
-        names: all cameras.
-        camera: the camera on screen.
-        frame: frame number in the footage of the frame on screen.
-    """
+    """Status line: what a click does, and which cameras have too few marks. `frame`: its number in the footage."""
     point = marks.point
     if point is None:
         words = "click to add a point"

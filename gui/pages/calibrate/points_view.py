@@ -30,8 +30,6 @@ class PointsView(StageView):
 
     Attributes:
         magnifiers: what is shown of each camera's image, and where; by camera.
-        described: emitted when the point is to be edited.
-        run: emitted when the take is to be calibrated.
     """
 
     modes = ("points by hand",)

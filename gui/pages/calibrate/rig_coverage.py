@@ -33,13 +33,10 @@ class RigCoverage:
 
     Attributes:
         range: from where views are good.
-        cameras: number of training cameras.
         outside: share of the horizontal directions outside of the range, 0 to 1.
         farthest: largest angle between such a direction and the nearest camera, degrees.
         points: (N, 3) on the surface, world units; none before the stage Initialize.
         facing: (N,) training cameras that see each point.
-        radius: of the sphere of directions, world units.
-        up: (3,).
     """
 
     range: ViewRange
@@ -58,13 +55,9 @@ class RigCoverage:
         """Measure a rig.
 
         Args:
-            rig: the cameras.
             names: of the training cameras; those that the rig lacks are left out.
             center: (3,) middle of the scene, if there is no surface.
             surface: points and normals, (N, 3) each; None before the stage Initialize.
-
-        Returns:
-            None without training cameras.
         """
         cameras = [camera for camera in rig if camera.name in names]
         points, normals = surface if surface is not None and len(surface[0]) else (np.zeros((0, 3)), np.zeros((0, 3)))

@@ -46,11 +46,7 @@ class _Pairs:
 
 
 class CameraColorPairs:
-    """Draws the pairs; images are read bit by bit, as `draw` is called again while `stamp` changes.
-
-    Attributes:
-        places: see `StageView`.
-    """
+    """Draws the pairs; images are read bit by bit, as `draw` is called again while `stamp` changes."""
 
     def __init__(self, workspace: Workspace) -> None:
         self.workspace = workspace
@@ -71,11 +67,7 @@ class CameraColorPairs:
         return (path, modified(path), context.config.train.camera_colors, context.config.capture)
 
     def draw(self, size: Size, em: float) -> np.ndarray:
-        """(height, width, 3) uint8.
-
-        Raises:
-            StudioError: the file of the colors is damaged, or the footage cannot be opened.
-        """
+        """(height, width, 3) uint8. Raises StudioError: the file of the colors is damaged, or there is no footage."""
         context = self.workspace.context
         self.places = []
         if context is None:
@@ -137,11 +129,7 @@ class CameraColorPairs:
 
 
 def pair(view: CapturedView, colors: CameraColors) -> tuple[np.ndarray, np.ndarray]:
-    """A camera's image and the image in the colors of the mean camera, (H, W, 3) uint8, cropped to the performer.
-
-    Raises:
-        StudioError: `mask.empty`: the camera does not see the performer.
-    """
+    """A camera's image and the image in the colors of the mean camera, (H, W, 3) uint8, cropped to the performer."""
     import cv2
     import torch
 

@@ -37,8 +37,6 @@ class GarbageDrawing:
 
     Attributes:
         corners: of the polygon that is being drawn, pixels of the footage.
-        refused: emitted with the reason when a change is refused.
-        written: emitted when a change is made.
     """
 
     def __init__(self, workspace: Workspace) -> None:
@@ -49,11 +47,7 @@ class GarbageDrawing:
         self._corners_of: object = None
 
     def polygons(self) -> Polygons:
-        """The polygons in use, by camera.
-
-        Raises:
-            StudioError: the garbage masks are images, or the file cannot be read.
-        """
+        """The polygons in use, by camera. Raises StudioError: they are images, or the file cannot be read."""
         context = self._workspace.context
         if context is None or not context.config.capture.garbage_masks:
             return {}
@@ -74,14 +68,7 @@ class GarbageDrawing:
             return None
 
     def click(self, camera: str, at: Point, size: tuple[int, int], reach: float) -> None:
-        """Add a corner; close the polygon if it is the first one.
-
-        Args:
-            camera: whose image was clicked.
-            at: pixels of the footage.
-            size: (width, height) of the image.
-            reach: distance in pixels within which the first corner is meant.
-        """
+        """Add a corner; close the polygon if it is within `reach` of the first one. In pixels of the footage."""
         of = (camera, self._workspace.take and self._workspace.take.root)
         if of != self._corners_of:  # another camera, or another take
             self.corners, self._corners_of = (), of
@@ -218,10 +205,7 @@ def draw_garbage(
     """Draw a camera's polygons over its image.
 
     Args:
-        canvas: with the image.
         shown: from pixels (N, 2) of the image to those of the canvas.
-        polygons: of the camera; None: none.
-        size: (width, height) of the image.
         corners: of a polygon that is not closed.
     """
     import cv2

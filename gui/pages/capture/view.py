@@ -53,7 +53,6 @@ class CaptureView(StageView):
     drawn on one camera.
 
     Attributes:
-        garbage: the garbage masks.
         footage_check: decodes all of the footage.
         image_at: where the image of the camera that is shown alone is; None without one.
     """
@@ -324,12 +323,7 @@ def grid(count: int, width: int, height: float, aspect: float, label: int) -> tu
 
 
 class FootageCheck:
-    """Runs `Footage.check` on a thread.
-
-    Attributes:
-        words: progress or outcome; "" before the first check.
-        problems: the problems found.
-    """
+    """Runs `Footage.check` on a thread. `words`: progress or outcome; "" before the first check."""
 
     def __init__(self) -> None:
         self.words = ""

@@ -28,13 +28,6 @@ _CIRCLE = 48
 def marked(take: Take, frame: int, view: Camera, means: np.ndarray, x: float, y: float) -> DetailMark | None:
     """A ball around the part of the performer at a pixel; None if nothing is there.
 
-    Args:
-        take: with trained frames, through which the ball is followed.
-        frame: on screen, by its number in the footage.
-        view: of the screen.
-        means: (N, 3) splats that are seen.
-        x, y: pixel.
-
     Raises:
         StudioError: as `pipelines.takes.followed.followed`.
     """

@@ -25,14 +25,7 @@ KEPT = 8
 
 
 class EditedFrame:
-    """See the module. For one thread.
-
-    Attributes:
-        at: its place in the group.
-        group: its group.
-        gaussians: N splats of the frame.
-        paths: of the group.
-    """
+    """See the module. For one thread. `paths`: of the group."""
 
     at: int
     group: Group
@@ -45,15 +38,7 @@ class EditedFrame:
         self._selections: dict[EditList, Selection] = {}
 
     def read(self, take: Take | None, frame: int) -> None:
-        """Read what has changed.
-
-        Args:
-            take: with trained frames.
-            frame: counted from 0; the last one if there are fewer.
-
-        Raises:
-            StudioError: `take.not_trained`, or a damaged file.
-        """
+        """Read what has changed; the last frame if `frame`, counted from 0, is beyond. Raises StudioError."""
         files, starts = take.trained_files() if take is not None else ([], ())
         if take is None or not files:
             raise StudioError("take.not_trained", "there is nothing to edit yet", fix="Run Train.")

@@ -19,12 +19,7 @@ _WIDTH, _HEIGHT, _MARGIN = 17.0, 7.5, 0.6
 
 @dataclass(frozen=True)
 class HistogramPlace:
-    """Where the bars are in an image.
-
-    Attributes:
-        left, top, width, height: pixels.
-        em: font size, pixels.
-    """
+    """Where the bars are in an image, pixels. `em`: font size, pixels."""
 
     left: float
     top: float
@@ -53,12 +48,7 @@ class HistogramPlace:
 
 
 def bars(opacities: np.ndarray, kept: np.ndarray) -> np.ndarray:
-    """(BINS,) number of kept splats with an opacity in each of equal parts of 0 to 1.
-
-    Args:
-        opacities: (N,) highest of each splat in its group, 0 to 1.
-        kept: (N,) bool: which of them no other edit removes.
-    """
+    """(BINS,) number of kept splats with an opacity in each of equal parts of 0 to 1. `opacities`: highest of each."""
     counts, _ = np.histogram(opacities[kept], BINS, (0.0, 1.0))
     found: np.ndarray = counts
     return found
@@ -68,11 +58,7 @@ def draw_histogram(canvas: Canvas, place: HistogramPlace, counts: np.ndarray, li
     """Draw the bars (logarithmic, as most splats are opaque), those below the limit in the color of a selection.
 
     Args:
-        canvas: to draw on.
-        place: where.
-        counts: from `bars`.
         limit: opacity below which splats are floaters; None for none.
-        below: number of splats below it.
     """
     em, size = place.em, round(0.8 * place.em)
     canvas.rect(place.left - 0.6 * em, place.top - 1.8 * em, place.width + 1.2 * em, place.height + 3.4 * em, GROUND)

@@ -28,13 +28,7 @@ TITLES = {
 
 
 def fields_of(edits: EditList, kind: str, up: np.ndarray) -> list[Field]:
-    """Key, label and text of each number of an edit.
-
-    Args:
-        edits: of the take, with what is selected.
-        kind: a key of `TITLES`.
-        up: (3,) unit vector: up in the world of the capture.
-    """
+    """Key, label and text of each number of an edit. `kind`: a key of `TITLES`. `up`: (3,) unit vector."""
     world = edits.similarity
     if kind == "crop":
         low = high = ""
@@ -80,13 +74,7 @@ def fields_of(edits: EditList, kind: str, up: np.ndarray) -> list[Field]:
 def with_numbers(
     edits: EditList, kind: str, texts: Mapping[str, str], up: np.ndarray, frames: FrameNumbers
 ) -> EditList | str:
-    """The edits with what was typed into the fields; a sentence if it makes no sense.
-
-    Args:
-        edits, kind, up: as for `fields_of`.
-        frames: numbers of the take's frames.
-        texts: by key.
-    """
+    """The edits with what was typed into the fields (`texts`, by key); a sentence if it makes no sense."""
     try:
         return _with_numbers(edits, kind, {key: text.strip() for key, text in texts.items()}, up, frames)
     except ValidationError as error:

@@ -32,25 +32,14 @@ OPAQUE = 0.5
 
 @dataclass(frozen=True)
 class Stroke:
-    """What is being drawn, in pixels of the image.
-
-    Attributes:
-        points: (x, y).
-        radius: of the brush; None: a lasso.
-    """
+    """What is being drawn, in pixels of the image. `points`: (x, y). `radius`: of the brush; None: a lasso."""
 
     points: tuple[tuple[float, float], ...]
     radius: float | None
 
 
 def colored(gaussians: Gaussians, removed: np.ndarray, selected: np.ndarray, show_removed: bool) -> Gaussians:
-    """The splats to draw: selected ones and, if `show_removed`, removed ones in colors of their own.
-
-    Args:
-        gaussians: N splats.
-        removed, selected: (N,) bool.
-        show_removed: whether removed splats are drawn.
-    """
+    """The splats to draw: selected ones and, if `show_removed`, removed ones in colors of their own."""
     sh = gaussians.sh.clone()
     for mask, color in ((removed, BAD), (selected & ~removed, FAIR)):
         chosen = torch.from_numpy(mask)
@@ -122,11 +111,7 @@ def draw_handles(canvas: Canvas, view: Camera, handles: Sequence[Handle], held: 
 
 
 def draw_world(canvas: Canvas, view: Camera, edits: EditList, length: float) -> None:
-    """Draw the axes of the placed world at its origin; x red, y green, z blue.
-
-    Args:
-        length: of an axis, units of the capture.
-    """
+    """Draw the axes of the placed world at its origin; x red, y green, z blue."""
     world = edits.similarity
     back = world.inverse
     origin = back.points(np.zeros(3))

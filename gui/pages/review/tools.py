@@ -72,10 +72,8 @@ def hint(tool: str, selected: int | None, back: int, floaters: Floaters | None, 
     """What to do next, over the image; "" if there is nothing to say.
 
     Args:
-        tool: one of `TOOLS`.
         selected: number of splats that are selected in the group; None if nothing was tried.
         back: number of splats in the group that are removed now and would not be any more.
-        floaters: the limits that select them.
         in_use: whether these limits are among the take's edits already.
     """
     words = HINTS.get(tool, "")

@@ -74,8 +74,6 @@ class EditView(OrbitView):
     """See the module.
 
     Attributes:
-        tool: one of `TOOLS`.
-        show_removed: whether removed splats are drawn, in red.
         pending: the edits with what is selected or being dragged; None if nothing is.
         clicks: picked points, world.
         brush: radius of the brush, relative to the height of the image.
@@ -85,9 +83,7 @@ class EditView(OrbitView):
         two_points: emitted with two points, whose distance gives the scale.
         refused: why the last change was refused, or what to do; "" if it was not.
         refusal: emitted with `refused`.
-        background: name of the background.
         captured_up: (3,) up of the capture.
-        numbers: of the take's frames.
     """
 
     modes: ClassVar[tuple[str, ...]] = ("edit",)
@@ -131,13 +127,7 @@ class EditView(OrbitView):
         return up_of(self.edits, self.captured_up)
 
     def begin(self, orbit: OrbitCamera, up: np.ndarray, reach: np.ndarray) -> None:
-        """Begin to edit.
-
-        Args:
-            orbit: the view on screen.
-            up: (3,) direction that points up in the capture.
-            reach: (N, 3) points of the performer in frames spread over the take.
-        """
+        """Begin to edit. `reach`: (N, 3) points of the performer in frames spread over the take."""
         self.captured_up, self.orbit, self._reach = up, orbit, reach
         self.choose_tool("look")
 

@@ -34,7 +34,6 @@ class Card:
     """A recent take or stream.
 
     Attributes:
-        place: folder, file or URL.
         kind: "take", "stream", "web", "missing" or "damaged".
         state: how far it is, or what is wrong with it, in words.
         tone: "done", "stale", "failed", "running" or "missing": a key of `drawing.palette.STATE_COLORS`.
@@ -77,13 +76,7 @@ class Card:
 
 
 def date_words(when: float | None, now: float | None = None) -> str:
-    """ "today 14:05", "yesterday 09:30", "3 Mar", "3 Mar 2025", in local time; "" for None and for what is
-    no date.
-
-    Args:
-        when: seconds since 1970.
-        now: the same; None for the clock.
-    """
+    """ "today 14:05", "yesterday 09:30", "3 Mar", "3 Mar 2025", in local time; "" for None and for what is no date."""
     if when is None:
         return ""
     try:
@@ -99,12 +92,7 @@ def date_words(when: float | None, now: float | None = None) -> str:
 
 
 def describe(place: str, sizes: Sizes | None = None) -> Card:
-    """Read what a card shows. Of a URL nothing is fetched.
-
-    Args:
-        place: folder, file or URL.
-        sizes: measured lately, to be shown while a take is running; None to measure.
-    """
+    """Read what a card shows. Of a URL nothing is fetched. `sizes`: measured lately; None to measure."""
     if is_address(place):
         return Card(place, "web", "stream on the web")
     path = Path(place)
@@ -143,11 +131,7 @@ def _take(take: Take, sizes: Sizes | None) -> Card:
 
 
 def state_words(stages: dict[str, StageStatus]) -> tuple[str, str]:
-    """A take's state in words and its tone, see `Card`.
-
-    Args:
-        stages: as printed by `v3studio status`.
-    """
+    """A take's state in words and its tone, see `Card`. `stages`: as printed by `v3studio status`."""
     found = {PIPELINE[name]: status for name, status in stages.items() if name in PIPELINE}
     for state in ("failed", "stale"):
         titles = [title for title, status in found.items() if status.state == state]

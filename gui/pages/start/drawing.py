@@ -63,9 +63,6 @@ class StartImage:
     """The image of the page, and its parts.
 
     Attributes:
-        width, height: pixels.
-        em: font size, pixels.
-        down: pixels that the page is scrolled down.
         full: height of the page without scrolling, pixels.
         boxes: what can be chosen, in the order of reading, by name: "back", a key of `BUTTONS`, "card 0",
             "forget", "queue", "start", "stop".
@@ -98,14 +95,7 @@ class StartImage:
         return self.down
 
     def draw(self, page: StartPage, hover: str = "", line: str = "", now: float | None = None) -> np.ndarray:
-        """(height, width, 3) uint8: the page.
-
-        Args:
-            page: what it shows.
-            hover: name of what is under the pointer.
-            line: a passing notice, at the lower edge instead of the keys.
-            now: seconds since 1970, for dates; None for the clock.
-        """
+        """(height, width, 3) uint8: the page. `line`: a passing notice, at the lower edge instead of the keys."""
         self.boxes, self.crosses = Areas(), Areas()
         canvas, em = Canvas(self.width, self.height, GROUND), self.em
         pad = 1.8 * em

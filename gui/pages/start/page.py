@@ -50,16 +50,11 @@ def _look(request: _Request) -> _Facts:
 class StartPage:
     """See the module. Call `look` now and then while it is on screen; it does not block.
 
-    Args:
-        queue: the queue of takes.
-
     Attributes:
         cards: by place, as far as they are known.
         pictures: thumbnails by place; None where there is nothing to see.
         focus: name of what has the keyboard focus, see `drawing`: "new", "card 0", ...
         sample: whether the sample capture is there.
-        back: name of the open take or stream below the page; "" if there is none.
-        changed: emitted when something visible has changed.
     """
 
     def __init__(self, queue: TakeQueue, sample: bool, now: Callable[[], float] = time.monotonic) -> None:
@@ -78,11 +73,7 @@ class StartPage:
         self._asked: _Request | None = None
 
     def look(self, places: Sequence[str]) -> None:
-        """Read the cards and images that are missing or may have changed, one by one on a thread.
-
-        Args:
-            places: what was opened recently, newest first.
-        """
+        """Read the cards and images that are missing or may have changed, the newest first, one by one on a thread."""
         if tuple(places) != self.places:
             self.places = tuple(places)
             for known in (self.cards, self.pictures, self._stamps, self._looked, self._measured, self._pictured):
@@ -152,12 +143,7 @@ class StartPage:
         return (self.places, tuple(self.cards.items()), pictures, self.focus, self.queue.state, self.sample, self.back)
 
     def move(self, boxes: Sequence[tuple[Box, str]], across: int, down: int) -> None:
-        """Move the focus to the nearest in a direction, if there is one.
-
-        Args:
-            boxes: what can have the focus.
-            across, down: the direction: -1, 0 or 1.
-        """
+        """Move the focus to the nearest box in a direction, if there is one. `across`, `down`: -1, 0 or 1."""
         at = {name: (x + width / 2, y + height / 2) for (x, y, width, height), name in boxes}
         if self.focus not in at:
             self.focus = next(iter(at), "new")

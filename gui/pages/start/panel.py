@@ -20,15 +20,7 @@ _MOVES = {
 
 
 class StartPanel:
-    """See the module.
-
-    Args:
-        page: what it shows.
-        act: called with the name of what was chosen, see `StartImage`.
-
-    Attributes:
-        shown: whether it covers the window.
-    """
+    """See the module. `act`: called with the name of what was chosen, see `StartImage`."""
 
     def __init__(self, page: StartPage, em: float, act: Callable[[str], None], changed: Callable[[], None]) -> None:
         self._page, self._em, self._act, self._changed = page, em, act, changed
@@ -57,11 +49,7 @@ class StartPanel:
         return self._list.boxes.middles(size) | self._list.crosses.middles(size)
 
     def update(self, line: str) -> bool:
-        """Draw what has changed; returns whether anything did.
-
-        Args:
-            line: a passing notice; "" for none.
-        """
+        """Draw what has changed; returns whether anything did. `line`: a passing notice; "" for none."""
         if not self.shown:
             return False
         size = self.picture.size

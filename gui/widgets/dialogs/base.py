@@ -37,10 +37,6 @@ Answer = tuple[str, str, Callable[[], None]]
 class Dialogs:
     """Shows one dialog at a time over a window, which is darker meanwhile.
 
-    Args:
-        window: the window.
-        titles: number of the font of titles.
-
     Attributes:
         widgets: widgets of the open dialog by key; empty if none is open.
         name: name of the open dialog; "" if none is open.
@@ -111,11 +107,6 @@ class Dialogs:
         """Show a dialog made of `parts`, replacing the open one.
 
         Args:
-            name: identifies the dialog.
-            title: heading.
-            parts: widgets, top to bottom.
-            answers: buttons at the bottom.
-            width: approximate width in characters.
             on_enter: action of the Enter key; None for none.
             accent: key of the highlighted answer; None for the first.
         """
@@ -161,12 +152,7 @@ class Dialogs:
         return row
 
     def list_of(self, rows: int, selected: Callable[[str, bool], None]) -> gui.ListView:
-        """Make a list for the dialog being built.
-
-        Args:
-            rows: as many as are visible.
-            selected: called with the line that was clicked, and whether it was a double click.
-        """
+        """Make a list for the dialog. `selected`: called with the clicked line and whether it was a double click."""
         made = gui.ListView()
         made.set_max_visible_items(rows)
         made.set_on_selection_changed(selected)

@@ -23,14 +23,7 @@ def ask_cameras(
     error: str = "",
     page: int = 0,
 ) -> None:
-    """Ask for the use of every camera.
-
-    Args:
-        uses: the present uses.
-        save: called with the new uses; returns why they are refused, "" if they are not.
-        error: why they were refused.
-        page: the first is 0.
-    """
+    """Ask for the use of every camera. `save`: called with the new uses; returns why they are refused, else ""."""
     dialogs.widgets = {}
     em = dialogs.em
     chosen = [uses]

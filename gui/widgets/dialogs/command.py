@@ -27,11 +27,7 @@ _STEPS = {gui.KeyName.UP: -1, gui.KeyName.DOWN: 1, gui.KeyName.PAGE_UP: -ROWS, g
 
 
 class CommandDialog:
-    """See the module.
-
-    Args:
-        run: called with the key of the chosen command, after the dialog has closed.
-    """
+    """See the module. `run`: called with the key of the chosen command, after the dialog has closed."""
 
     def __init__(self, dialogs: Dialogs, run: Callable[[str], object]) -> None:
         self._dialogs, self._run = dialogs, run

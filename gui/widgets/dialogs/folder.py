@@ -28,8 +28,6 @@ def ask_path(
     """Show the dialog.
 
     Args:
-        title: heading.
-        start: the folder to start in, or a path in it.
         wanted, endings: as in `FolderList`.
         done: called with the path after the dialog has closed.
         cancelled: called if it is closed without a path.

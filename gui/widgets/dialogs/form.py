@@ -26,11 +26,7 @@ def refusal(dialogs: Dialogs, error: str) -> gui.Label:
 
 
 class Form:
-    """Labeled fields, each bound to an attribute of an object.
-
-    Args:
-        gap: between two fields, em.
-    """
+    """Labeled fields, each bound to an attribute of an object. `gap`: between two fields, em."""
 
     def __init__(self, dialogs: Dialogs, target: Any, gap: float = 0.6) -> None:
         self._dialogs, self._target = dialogs, target
@@ -117,15 +113,7 @@ class Form:
         self, name: str, title: str, parts: Sequence[gui.Widget], confirm: Answer, width: float, error: str = "",
         first: str = "",
     ) -> None:  # fmt: skip
-        """Show the dialog.
-
-        Args:
-            name, title, width: as for `Dialogs.show`.
-            parts: from top to bottom, the grid among them.
-            confirm: the first button, and the Enter key.
-            error: why it was refused before.
-            first: key of the text field that has the keyboard focus; "" for none.
-        """
+        """Show the dialog. `first`: key of the text field that has the keyboard focus; "" for none."""
         dialogs = self._dialogs
         shown = [*parts, *([refusal(dialogs, error)] if error else [])]
         dialogs.show(name, title, shown, [confirm, ("close", "Cancel", dialogs.close)], width, confirm[2])

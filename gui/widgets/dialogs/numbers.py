@@ -23,11 +23,7 @@ def ask_numbers(
     """Ask for the texts of fields.
 
     Args:
-        title: heading.
-        text: what the numbers mean.
-        fields: with their present texts.
         save: gets what was typed, by key; returns "", or why it was refused: the dialog stays and says so.
-        error: why it was refused before.
     """
     dialogs.widgets = {}
     typed = SimpleNamespace(**{key: value for key, _, value in fields})

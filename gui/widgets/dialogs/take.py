@@ -39,12 +39,7 @@ SHOWN = ("capture.held_out", "Held out: ")
 
 
 class NewTakeDialog:
-    """See the module. The footage is examined on a thread.
-
-    Args:
-        create: called by "Create take"; the dialog stays open.
-        changed: called when what the dialog shows has changed.
-    """
+    """See the module. The footage is examined on a thread. `create`: called by "Create take"; the dialog stays open."""
 
     def __init__(self, dialogs: Dialogs, create: Callable[[NewTake], None], changed: Callable[[], object]) -> None:
         self._dialogs, self._create, self._changed = dialogs, create, changed
@@ -56,12 +51,7 @@ class NewTakeDialog:
         self._anchor: int | None = None  # where a drag across the frames began
 
     def show(self, new: NewTake, error: str = "") -> None:
-        """Show the dialog.
-
-        Args:
-            new: the choices so far; modified while the dialog is open.
-            error: why creating it failed.
-        """
+        """Show the dialog. `new`: modified while it is open. `error`: why creating it failed."""
         dialogs, em = self._dialogs, self._dialogs.em
         if new is not self._new:
             self._found, self._asked = Found(""), None

@@ -35,14 +35,7 @@ Pictures = Callable[[WorstFrame, tuple[int, int]], np.ndarray | None]
 
 @dataclass(frozen=True)
 class WorstSheet:
-    """The image in the dialog.
-
-    Attributes:
-        size: (width, height), pixels.
-        em: the font size, pixels.
-        evaluation: what was measured.
-        number: gives the number by which people know a frame.
-    """
+    """The image in the dialog. `number`: gives the number by which people know a frame."""
 
     size: tuple[int, int]
     em: float
@@ -99,12 +92,7 @@ def _parts(frame: WorstFrame) -> str:
 
 
 class WorstDialog:
-    """See the module.
-
-    Args:
-        chosen: called with the frame that was clicked, after the dialog has closed.
-        pictures: of the frames.
-    """
+    """See the module. `chosen`: called with the frame that was clicked, after the dialog has closed."""
 
     def __init__(self, dialogs: Dialogs, chosen: Callable[[WorstFrame], None], pictures: Pictures) -> None:
         self._dialogs, self._chosen, self._pictures = dialogs, chosen, pictures
