@@ -69,11 +69,7 @@ class Inspection:
 
 
 def inspect(capture: CaptureSettings, progress: ProgressFn | None = None) -> Inspection:
-    """Look at footage.
-
-    Args:
-        progress: called with images read for thumbnails and all of them; may raise `Cancelled`. None: no thumbnails.
-    """
+    """Look at footage."""
     footage = open_footage(capture, None, strict=False)
     try:
         return _found(capture, footage, progress)

@@ -35,7 +35,6 @@ class Found:
     """What is known about the footage.
 
     Attributes:
-        words: a description, one sentence per line; or the error message.
         fps: frames per second that the files or the settings give; None if neither does, so that it may be typed.
         inspection: what was found; empty if the footage cannot be opened.
         images: patterns of the footage to choose from; empty if there is only one.

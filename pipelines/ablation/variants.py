@@ -15,13 +15,7 @@ _WHOLE_TAKE = 1000
 
 @dataclass(frozen=True)
 class Variant:
-    """One variant of training.
-
-    Attributes:
-        name on the command line and of its take's folder.
-        what it leaves out, as shown in tables.
-        settings: overrides of the settings, by dotted name.
-    """
+    """One variant of training: name on the command line, title in tables, and overrides by dotted name."""
 
     name: str
     title: str

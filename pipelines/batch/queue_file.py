@@ -87,11 +87,7 @@ def default_queue() -> Path:
 
 
 class QueueFile:
-    """Reads and changes the queue. Each change is made under a lock and written at once.
-
-    Args:
-        path: of the JSON file; created by the first change.
-    """
+    """Reads and changes the queue, a JSON file. Each change is made under a lock and written at once."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -107,11 +103,7 @@ class QueueFile:
             raise StudioError(error.code, error.problem, file=error.file, fix=fix) from None
 
     def change(self, how: Callable[[Queue], Queue]) -> Queue:
-        """Read the queue, write what `how` makes of it, and return that.
-
-        Raises:
-            StudioError: not a queue, or it cannot be written (`take.damaged`, `take.not_writable`, `take.disk_full`).
-        """
+        """Read the queue, write what `how` makes of it, and return that. Raises StudioError: `take.*`."""
         with disk_errors(self.path.parent):
             self.path.parent.mkdir(parents=True, exist_ok=True)
             with self._lock("lock").open("a") as lock:
@@ -156,11 +148,7 @@ class QueueFile:
         )
 
     def remove(self, number: int) -> QueuedTake:
-        """Take an entry out of the queue; the take's folder is not touched.
-
-        Raises:
-            StudioError: no such number (`queue.unknown`), or it runs (`queue.running`).
-        """
+        """Take an entry out of the queue; the take's folder is not touched. Raises StudioError: `queue.*`."""
         found: list[QueuedTake] = []
 
         def removed(queue: Queue) -> Queue:
@@ -179,11 +167,7 @@ class QueueFile:
         return found[0]
 
     def move(self, number: int, place: int) -> None:
-        """Move a take to a place among those that wait, counted from 1.
-
-        Raises:
-            StudioError: no such number (`queue.unknown`), or it does not wait (`queue.not_waiting`).
-        """
+        """Move a take to a place among those that wait, counted from 1. Raises StudioError: `queue.*`."""
 
         def moved(queue: Queue) -> Queue:
             entry = _entry(queue, number)
@@ -203,11 +187,7 @@ class QueueFile:
         self.change(moved)
 
     def retry(self, number: int) -> None:
-        """Let a take that has ended wait again, at the end of the queue.
-
-        Raises:
-            StudioError: no such number (`queue.unknown`), or it has not ended (`queue.not_ended`).
-        """
+        """Let a take that has ended wait again, at the end of the queue. Raises StudioError: `queue.*`."""
 
         def again(queue: Queue) -> Queue:
             entry = _entry(queue, number)
@@ -247,11 +227,7 @@ class QueueFile:
         return False
 
     def stop(self) -> int:
-        """Stop the program that works through the queue; its take keeps finished work and waits again.
-
-        Returns:
-            the process ID of the program, which ends within seconds.
-        """
+        """Stop the program that works through the queue, and return its process ID; its take waits again."""
         if not self.is_run():
             raise StudioError(
                 "queue.not_run",

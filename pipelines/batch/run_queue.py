@@ -39,7 +39,6 @@ def run_queue(
     not even a crash stops the queue. An interrupted take waits again and resumes where it stopped.
 
     Args:
-        command: the program that runs a take; it prints events as JSON lines.
         check: called before each take and often while one is waited for or runs; may raise `Cancelled`. Python drops an
             exception that a signal's handler raises within a destructor; what the handler has noted is not lost.
 

@@ -16,11 +16,7 @@ _WITHOUT_FILES = (int, float)
 
 
 def register(commands: Any, parser: Callable[[], tuple[CommandParser, dict[str, CommandParser]]]) -> None:
-    """Add the command to the command line.
-
-    Args:
-        parser: makes the parser of the command line, and those of its commands.
-    """
+    """Add the command. `parser`: makes the parser of the command line, and those of its commands."""
     command = commands.add_parser(
         "completion",
         help="print a script that completes commands and options in a shell",

@@ -57,7 +57,6 @@ def compare(
         part: which of the frames that all takes have to measure: the first number in the footage, the number to stop
             before (None: all), and a step. Flicker needs a step of 1.
         images: frames to show, spread over the measured ones.
-        progress: called with finished and all views.
 
     Raises:
         StudioError: see `open_takes`; `compare.no_common_frame`; `compare.nothing_visible`; `take.not_writable` or

@@ -23,8 +23,6 @@ class FrameMeasurer:
     """Measures frames in order; each one's flicker is against the one before.
 
     Args:
-        protocol: which pixels.
-        lpips: the metric; None: not measured.
         flicker: measure it; then the residuals of one frame are kept.
     """
 
@@ -54,7 +52,6 @@ class FrameMeasurer:
         Args:
             before: the frame that flicker is measured against, None for the first one. It is rendered again if it is
                 not the one that was measured last.
-            tick: called before each view is rendered; True if it is a view of `frame`.
 
         Returns:
             the figures of each take, and the views by camera and name of the take; empty without `keep`.

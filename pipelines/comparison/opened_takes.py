@@ -26,7 +26,6 @@ class OpenedTake:
     """A take in a comparison.
 
     Attributes:
-        name: unique in the comparison.
         place: where the stream lies in the take.
         footage: of the comparison, seen through this take's cameras.
         frames: footage frame to index in the stream.

@@ -138,11 +138,7 @@ class FinishedFrames:
             self.remove()
 
     def write(self, frame: int, takes: tuple[FrameOfTake, ...], images: Mapping[str, np.ndarray]) -> ComparedFrame:
-        """Write one frame and its images, (H, W, 3) uint8 by file name.
-
-        Raises:
-            StudioError: the disk is full or cannot be written (`take.disk_full`, `take.not_writable`).
-        """
+        """Write one frame and its images, (H, W, 3) uint8 by file name. Raises StudioError: `take.*`, of the disk."""
         done = ComparedFrame(key=self._key, takes=takes, images=tuple(images))
         with disk_errors(self._out):
             self._folder.mkdir(exist_ok=True)

@@ -20,7 +20,6 @@ def describe(config: Config | None = None, names: Collection[str] | None = None)
     """YAML of a configuration, each setting below its documentation and bounds.
 
     Args:
-        config: None: the defaults.
         names: dotted names of the settings to include; None: all of them.
     """
     title = [] if names is not None else ["# All settings. Those missing from a file have their defaults.", ""]

@@ -123,11 +123,7 @@ def differing(config: Config, preset: str) -> dict[str, JsonValue]:
 
 
 def with_values(config: Config, values: Mapping[str, JsonValue]) -> Config:
-    """A validated copy with some values replaced, by dotted name.
-
-    Raises:
-        StudioError: the values do not fit together (`settings.invalid`).
-    """
+    """A validated copy with some values replaced, by dotted name. Raises StudioError: `settings.invalid`."""
     changed = config.model_dump(mode="json")
     for name, value in values.items():
         *sections, last = name.split(".")

@@ -30,8 +30,6 @@ class StageEstimate:
     """One stage.
 
     Attributes:
-        seconds: expected duration; None if it cannot be known.
-        memory: expected peak memory of the process in bytes.
         bytes: expected bytes on disk; None if it cannot be known.
         remark: what the figures assume, one sentence; may be empty.
     """
@@ -45,13 +43,7 @@ class StageEstimate:
 
 @dataclass(frozen=True)
 class Estimate:
-    """A run.
-
-    Attributes:
-        stages: in order.
-        splats: per frame, assumed.
-        processor: share of the processor that the measurement got, 0 to 1.
-    """
+    """A run. `splats`: per frame, assumed. `processor`: share of the processor that the measurement got, 0 to 1."""
 
     stages: tuple[StageEstimate, ...]
     splats: int
@@ -90,7 +82,6 @@ def estimate(work: Work, measured: Measured, qp: int | None) -> Estimate:
     """The stages after calibration.
 
     Args:
-        measured: seconds per unit of work.
         qp: of a stream with the profile `motion`; None for others, whose size is not estimated.
     """
     splats, frames = work.splats, work.frames

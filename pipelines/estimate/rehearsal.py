@@ -103,11 +103,7 @@ class _Steps:
 
 
 def rehearse(inputs: Inputs, work: Work, progress: ProgressFn = no_progress) -> Measured:
-    """Measure the work of a take whose cameras are known; about 20 s on an idle machine.
-
-    Args:
-        progress: called with parts done and parts; may raise Cancelled.
-    """
+    """Measure the work of a take whose cameras are known; about 20 s on an idle machine."""
     found, parts = Measured(), 4 + work.at_once
     progress(0, parts)
     views, training = _read(inputs, work, found)

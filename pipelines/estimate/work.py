@@ -95,11 +95,7 @@ class Work:
         return splats_after_pruning(self.train, self.splats_before_pruning)
 
     def waves(self, seconds_of_group: dict[int, float]) -> float:
-        """Seconds until all groups are done, `at_once` in parallel, in order.
-
-        Args:
-            seconds_of_group: by the number of frames in a group.
-        """
+        """Seconds until all groups are done, `at_once` in parallel, in order; given those by a group's frames."""
         free = [0.0] * self.at_once
         for frames in self.groups:
             free[free.index(min(free))] += seconds_of_group[frames]

@@ -43,11 +43,7 @@ def intrinsics_sentences(report: CalibrationReport) -> list[str]:
 
 
 def write_calibration_page(take: Take) -> None:
-    """Write calibrate/report.html again, after cameras were calibrated, checked or refined; nothing for a camera file.
-
-    Raises:
-        StudioError: the report, the verdict or the refinement cannot be read (`take.damaged`).
-    """
+    """Write calibrate/report.html again; nothing for a camera file. Raises StudioError: `take.damaged`."""
     from studio.camera_files import read_rig
 
     checked = checked_cameras(take)

@@ -85,11 +85,7 @@ def _figures(evaluation: Evaluation) -> list[tuple[str, str]]:
 
 
 def update_marks(take: Take, groups: Sequence[Group]) -> bool:
-    """Update the marks in the report from marks.json, without measuring again.
-
-    Returns:
-        whether the report changed.
-    """
+    """Update the marks in the report without measuring again; returns whether it changed."""
     if not (take.report.is_file() and take.evaluation.is_file()):
         raise StudioError(
             "take.no_report", "no report yet", file=take.root, fix="Run `v3studio evaluate`.", stage="evaluate"

@@ -19,15 +19,7 @@ if TYPE_CHECKING:
 def render(
     gaussians: Gaussians, camera: Camera, background: Sequence[float], device: str = "cpu", width: int | None = None
 ) -> np.ndarray:
-    """Render Gaussians.
-
-    Args:
-        background: RGB, 0 to 1.
-        width: largest width in pixels; None: that of the camera.
-
-    Returns:
-        (H, W, 3) float32, 0 to 1.
-    """
+    """Render Gaussians: (H, W, 3) float32, 0 to 1, at most `width` pixels wide. `background`: RGB, 0 to 1."""
     import torch
 
     from studio.rasterizer import rasterize
@@ -48,12 +40,7 @@ def to_bytes(image: np.ndarray) -> np.ndarray:
 
 
 def encode(image: np.ndarray, ending: str = ".png", quality: int = 92) -> bytes:
-    """Encode an (H, W, 3) RGB image, uint8 or float in 0 to 1, as PNG or JPEG.
-
-    Args:
-        ending: ".png" or ".jpg".
-        quality: of JPEG, 0 to 100.
-    """
+    """Encode an (H, W, 3) RGB image, uint8 or float in 0 to 1, as ".png" or ".jpg" of a quality, 0 to 100."""
     import cv2
 
     options = [cv2.IMWRITE_JPEG_QUALITY, quality] if ending == ".jpg" else []

@@ -17,11 +17,7 @@ MARK_COLOR = "tab:red"
 
 
 def plots(take: Take, groups: Sequence[Group], evaluation: Evaluation, marks: Mapping[int, str]) -> dict[str, str]:
-    """SVG by name: quality, flicker, size, train; "" if there is nothing to plot.
-
-    Args:
-        marks: notes by frame number in the footage.
-    """
+    """SVG by name: quality, flicker, size, train; "" if there is nothing to plot. `marks`: notes by frame number."""
     rows = evaluation.frames
     marked = [row.frame for row in rows if row.frame in marks]
     return {

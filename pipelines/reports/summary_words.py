@@ -10,12 +10,7 @@ from studio.json_types import JsonData
 
 
 def summary_words(stage: str, summary: Mapping[str, JsonData]) -> str:
-    """One line, for example "30 frames in 2 groups, 31,906 splats".
-
-    Args:
-        summary: as in the event `stage_finished` and in the stage's record; figures that are not known here are
-            added with their names.
-    """
+    """One line, for example "30 frames in 2 groups, 31,906 splats"."""
     rest = dict(summary)
     words = [part for part in _WORDS[stage](rest) if part] if stage in _WORDS else []
     # whatever is left over: figures of stages added by others

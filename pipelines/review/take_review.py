@@ -30,11 +30,7 @@ _QUALITY = 90  # of JPEG
 
 
 class TakeReview:
-    """Thread safe. The footage is opened when it is first needed.
-
-    Attributes:
-        place: where the stream lies in the take. Browsers see frames and positions of the stream.
-    """
+    """Thread safe. Opens the footage when first needed. `place`: where the stream lies in the take."""
 
     def __init__(self, take: Take) -> None:
         self.take = take
@@ -74,10 +70,6 @@ class TakeReview:
         """The performer as a camera filmed them, over the background, as in the evaluation and the window: JPEG.
 
         The whole image of the camera without lens distortion, scaled to the size that `ReviewData.cameras` has.
-
-        Args:
-            camera: of `ReviewData.cameras`.
-            frame: counted from 0 in the stream.
         """
         import cv2
 

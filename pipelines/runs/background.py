@@ -17,9 +17,6 @@ def start_background(take: Take, config: Config, arguments: Sequence[str]) -> La
 
     With a Ray client address (ray://), it runs on the head node of the cluster, else on this machine.
 
-    Args:
-        arguments: of `v3studio`, without the take: ("run", "--until", "train").
-
     Returns:
         the run, which has begun, or found everything up to date and ended.
     """

@@ -31,9 +31,6 @@ class JsonLines:
     """Prints each event immediately as one line of JSON.
 
     If the reader exits (the window is closed), the run continues silently; its log is in the take.
-
-    Attributes:
-        finished: `Finished` was printed.
     """
 
     def __init__(self, stream: TextIO) -> None:

@@ -21,14 +21,7 @@ def finishing(
     again: str,
     result: Callable[[], Mapping[str, JsonData]] = dict,
 ) -> Iterator[WorkClock]:
-    """Emits `Finished` at the end of the block, which SIGINT and SIGTERM cancel.
-
-    Args:
-        again: how to resume, as a sentence.
-
-    Yields:
-        a clock of work time, in seconds.
-    """
+    """Emits `Finished` at the end of the block, which SIGINT and SIGTERM cancel; yields a clock of work time."""
 
     def finish(outcome: str, message: Message | None = None) -> None:
         seconds = round(clock() - started, 2)

@@ -22,12 +22,7 @@ _ROOT = Path(__file__).resolve().parents[2]
 
 @dataclass(frozen=True)
 class Launched:
-    """A run that was started and has begun, or ended at once.
-
-    Attributes:
-        code: exit code; None if it continues.
-        error: if the exit code is not 0, why.
-    """
+    """A run that was started and has begun, or ended at once with an exit `code` and, if not 0, an `error`."""
 
     pid: int
     host: str
@@ -36,11 +31,7 @@ class Launched:
 
 
 def launch(words: Sequence[str], errors: Path, variables: Mapping[str, str] | None = None) -> subprocess.Popen[bytes]:
-    """Start `v3studio WORDS` in a session of its own; standard error goes to a file.
-
-    Args:
-        words: arguments of `v3studio`.
-    """
+    """Start `v3studio WORDS` in a session of its own; standard error goes to a file."""
     path = os.pathsep.join(filter(None, [str(_ROOT), os.environ.get("PYTHONPATH")]))
     with errors.open("wb") as file:
         return subprocess.Popen(
@@ -54,12 +45,7 @@ def launch(words: Sequence[str], errors: Path, variables: Mapping[str, str] | No
 
 
 def until_begun(process: subprocess.Popen[bytes], log: Path, errors: Path) -> Launched:
-    """Wait until a run has checked the settings and the footage, after which its first event comes, or has ended.
-
-    Args:
-        process: of the run, from `launch`.
-        errors: the file with its standard error.
-    """
+    """Wait until a run has checked settings and footage, after which its first event comes, or has ended."""
     host = socket.gethostname()
     follower = LogFollower(log)
     while process.poll() is None:

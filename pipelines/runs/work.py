@@ -75,12 +75,7 @@ def work(
 
 
 def group_of(inputs: Inputs, index: int) -> Group:
-    """The group of this number.
-
-    Raises:
-        StudioError: there is none (`work.no_such_group`), or where groups begin is not known yet
-            (`work.groups_unknown`).
-    """
+    """The group of this number. Raises StudioError: `work.no_such_group`, `work.groups_unknown`."""
     groups = known_groups(inputs)
     if not 0 <= index < len(groups):
         raise StudioError(
@@ -195,11 +190,7 @@ _AGAIN = "Start it again anywhere to resume."
 
 
 def run_work(take: Take, config: Config, stages: Sequence[str], group: int, emit: Emit) -> None:
-    """Do the stages of a group and report events as a run does; see `pipelines.runs.work.work`.
-
-    Raises:
-        StudioError, Cancelled: from `work`.
-    """
+    """Do the stages of a group and report events as a run does; see `pipelines.runs.work.work`."""
     cancellation = Cancellation()
     names = tuple(stage.name for stage in GROUP_STAGES if stage.name in stages)
     with finishing(lambda: emit, cancellation, _AGAIN) as clock:

@@ -79,14 +79,7 @@ def qr_text(address: str) -> str:
 
 
 def qr_pixels(address: str, size: int) -> np.ndarray:
-    """The code as an image.
-
-    Args:
-        size: largest width and height in pixels; modules have whole pixels, at least one.
-
-    Returns:
-        (H, W, 3) uint8, black on white, with its margin.
-    """
+    """The code, at most `size` pixels wide, with its margin: (H, W, 3) uint8, black on white; whole modules."""
     import segno
 
     code = segno.make(address, error=_ERROR_CORRECTION, micro=False)

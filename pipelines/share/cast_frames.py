@@ -109,11 +109,7 @@ class CastFrames:
         return any(one.reader.audio is not None for one in self._streams)
 
     def sound(self) -> CastSound | None:
-        """The sound of all, fetched now; the caller closes it. None if there is none.
-
-        Raises:
-            StudioError: it is damaged, or the streams' sounds have different sample rates (`share.sample_rates`).
-        """
+        """The sound of all; the caller closes it. None if there is none. Raises StudioError: `share.sample_rates`."""
         from pipelines.share.cast_sound import CastSound, Voice
 
         with ExitStack() as stack:

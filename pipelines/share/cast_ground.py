@@ -28,8 +28,6 @@ class Shadow:
     Attributes:
         world: from the performer's coordinates, in which it stands on y = 0, to those of the ground.
         corner: (2,) x and z of its first pixel's corner in the performer's coordinates.
-        pixel: size of a pixel there.
-        height: of the performer.
         opacities: (64, 64) 0 to 1; rows go along z, columns along x.
     """
 
@@ -44,9 +42,7 @@ class Shadow:
         """The shadow in a frame.
 
         Args:
-            splats: in the coordinates of the ground.
             box: (2, 3) bounds of the whole take, in the performer's.
-            world: see `Shadow`.
             strength: opacity of its darkest parts, 0 to 1.
         """
         low, high = box

@@ -31,12 +31,7 @@ class Certificate:
 
 
 def load_certificate(certificate: Path, key: Path | None) -> Certificate:
-    """A certificate from PEM files.
-
-    Args:
-        certificate: the server's certificate, then those that lead to its authority.
-        key: its private key without a password; None if it is in `certificate`.
-    """
+    """A certificate and its chain from PEM files; its key, without a password, may be in the same one."""
     context = _context()
     try:
         text = certificate.read_text(encoding="ascii", errors="replace")

@@ -80,7 +80,6 @@ def player_page(
     """The built page, filled in.
 
     Args:
-        built: the player's index.html; its markers are replaced.
         stream: address of the stream's manifest relative to the page, or "#id" of the element that holds its files.
         text: title, credits, license, description and intro; they are escaped here.
         poster: address of the image to show until the first frame is rendered.

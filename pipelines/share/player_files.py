@@ -14,12 +14,7 @@ SCRIPT_NAME, REVIEW_NAME = "v3-player.js", "v3-review.js"
 
 @dataclass(frozen=True)
 class PlayerFiles:
-    """The player's files as bytes.
-
-    Attributes:
-        page: index.html as the build wrote it.
-        review: what `v3studio serve --review` adds to the page, a JavaScript module; no other page needs it.
-    """
+    """The player's files. `review`: what only `v3studio serve --review` adds to the page, a JavaScript module."""
 
     page: str
     script: bytes

@@ -185,12 +185,7 @@ def listen(host: str, port: int) -> socket.socket:
 
 
 def server_config(app: ASGIApp, certificate: Certificate | None, **options: Any) -> uvicorn.Config:
-    """What uvicorn is to do for a `BoundedServer`.
-
-    Args:
-        certificate: None for http.
-        options: further ones of `uvicorn.Config`.
-    """
+    """What uvicorn is to do for a `BoundedServer`. `certificate`: None for http."""
     config = uvicorn.Config(
         app,
         server_header=False,
@@ -207,12 +202,7 @@ def server_config(app: ASGIApp, certificate: Certificate | None, **options: Any)
 
 
 class BoundedServer(uvicorn.Server):
-    """Serves on listening sockets within limits.
-
-    Args:
-        config: of uvicorn; `lifespan` must be off.
-        limits: see `Limits`.
-    """
+    """Serves on listening sockets within limits. `config`: of uvicorn; `lifespan` must be off."""
 
     def __init__(self, config: uvicorn.Config, limits: Limits | None = None) -> None:
         config.timeout_keep_alive = (limits or Limits()).idle  # type: ignore[assignment]

@@ -52,11 +52,7 @@ class SharedFolder:
 
 @contextmanager
 def shared_folder(out: Path, title: str | None) -> Iterator[SharedFolder]:
-    """A folder that takes the place of `out`, with a record of its files, when the block succeeds.
-
-    Raises:
-        StudioError: `output.not_ours`, something else is at `out`.
-    """
+    """A folder that replaces `out` when the block succeeds. Raises StudioError: `output.not_ours`."""
     with _replaced(out) as folder:
         files = SharedFolder(folder)
         yield files

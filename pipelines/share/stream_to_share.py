@@ -26,12 +26,7 @@ _POSTER_SIZE = (1200, 900)  # where the stream suggests no camera
 
 @dataclass(frozen=True)
 class Poster:
-    """A JPEG image.
-
-    Attributes:
-        data: the file's bytes.
-        size: width and height, pixels.
-    """
+    """A JPEG image: the file's bytes, and its width and height in pixels."""
 
     data: bytes
     size: tuple[int, int]
@@ -39,12 +34,7 @@ class Poster:
 
 @dataclass(frozen=True)
 class StreamToShare:
-    """An opened stream.
-
-    Attributes:
-        reader: of its frames, in the best rendition.
-        name: of the take or the stream, the title of last resort.
-    """
+    """An opened stream, in its best rendition. `name`: of take or stream, the title of last resort."""
 
     reader: StreamReader
     name: str

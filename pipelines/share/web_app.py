@@ -49,12 +49,7 @@ _METHODS = ("GET", "HEAD")
 
 @dataclass(frozen=True)
 class Reviews:
-    """What can be reviewed, and by whom.
-
-    Attributes:
-        secret: part of the path that only reviewers know.
-        takes: by the path of their stream.
-    """
+    """What can be reviewed, by the path of its stream. `secret`: part of the path that only reviewers know."""
 
     secret: str
     takes: Mapping[str, TakeReview]

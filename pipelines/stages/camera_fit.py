@@ -34,11 +34,7 @@ def initial_files(take: Take, group: Group) -> Any:
 
 
 def check_first_points(take: Take, what: str) -> None:
-    """Raise StudioError `training.no_first_points` if the first group has no initial points.
-
-    Args:
-        what: begins the sentence, up to "the first group".
-    """
+    """Raise StudioError if the first group has no initial points. `what`: begins the sentence."""
     points = take.initialize_group(0) / "points.ply"
     if not points.is_file():
         raise StudioError(

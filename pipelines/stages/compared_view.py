@@ -18,14 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class ComparedView:
-    """A view of the footage.
-
-    Attributes:
-        image: (H, W, 3) uint8 RGB.
-        mask: (H, W) uint8, 255 is the performer.
-        box: rows and columns that are measured.
-        background: RGB, 0 to 1.
-    """
+    """A view of the footage. `image`: (H, W, 3) uint8 RGB. `mask`: (H, W) uint8, 255 is the performer."""
 
     camera: Camera
     image: np.ndarray

@@ -48,11 +48,7 @@ def loaded_lpips(network: Literal["alex", "vgg"], device: str) -> Lpips:
 
 
 def lpips_of(config: Config, device: str) -> Lpips | None:
-    """The LPIPS metric, loaded once; None if `evaluate.lpips` is null.
-
-    Raises:
-        StudioError: the weights of the network cannot be downloaded or read.
-    """
+    """The LPIPS metric, loaded once; None if `evaluate.lpips` is null. Raises StudioError: its weights are missing."""
     return None if config.evaluate.lpips is None else loaded_lpips(config.evaluate.lpips, device)
 
 

@@ -124,14 +124,7 @@ class TakeFootage:
 
 
 def performer_over(footage: Footage, camera: str, frame: int, background: Sequence[float]) -> np.ndarray:
-    """The performer as filmed, over a background, as in the evaluation.
-
-    Returns:
-        (H, W, 3) uint8 RGB, without lens distortion, in the size of `footage.rig[camera]`.
-
-    Raises:
-        StudioError: `footage.unknown_camera`, `footage.no_such_frame`, or an unreadable image or mask.
-    """
+    """The performer as filmed, undistorted, over a background, as in the evaluation: (H, W, 3) uint8 RGB."""
     alpha = footage.evaluation_mask(camera, frame)[..., None].astype(np.float32) / 255
     color = np.array(background, np.float32) * 255
     image = footage.image(camera, frame).astype(np.float32) * alpha + color * (1 - alpha)

@@ -83,9 +83,6 @@ def threads_by_group(groups: int, at_once: int, threads: int) -> list[int]:
 
     It depends only on the index of the group, not on which groups are left: sums over another number of threads round
     differently, and a resumed run must give the same bits.
-
-    Args:
-        groups: number of groups in the take.
     """
     full = groups - groups % at_once
     last = max(1, threads // (groups % at_once)) if groups % at_once else 0
@@ -103,7 +100,6 @@ def run_groups(
     """Run one job per group, several in parallel.
 
     Args:
-        jobs: by group index, in the order in which they start.
         stop: set when a job fails, to end the others soon.
 
     Raises:

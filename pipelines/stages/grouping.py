@@ -79,7 +79,6 @@ def starts_of(looks: Sequence[Sequence[np.ndarray | None]], longest: int, most: 
 
     Args:
         looks: per frame and camera, what `studio.capture.change.look` returns.
-        longest: maximum number of frames in a group.
         most: change from the keyframe to the first or last frame that a group does not exceed.
     """
     starts = [0]

@@ -37,11 +37,7 @@ _FEWEST_POINTS = 4
 
 
 class TrainingViews(Sequence["FootageView"]):
-    """The training views of one frame, read on access: those of a large rig do not fit into memory together.
-
-    Args:
-        box: the crop box, if it limits training.
-    """
+    """The training views of one frame, read on access: those of a large rig do not fit into memory together."""
 
     def __init__(self, footage: Footage, frame: int, box: CropBox | None = None) -> None:
         self._footage, self._frame, self._box = footage, frame, box

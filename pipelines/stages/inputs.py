@@ -53,23 +53,12 @@ class Inputs:
 
     @cached_property
     def device(self) -> str:
-        """torch device for training and rendering: "cpu", "cuda" or "cuda:1".
-
-        Raises:
-            StudioError: no such GPU (`run.no_gpu`).
-        """
+        """torch device for training and rendering: "cpu", "cuda" or "cuda:1". Raises StudioError: `run.no_gpu`."""
         return choose_device(self.config.run.device)
 
 
 def choose_device(name: str) -> str:
-    """An available torch device.
-
-    Args:
-        name: "auto", "cpu", "cuda" or "cuda:N".
-
-    Returns:
-        "cpu", "cuda" or "cuda:N".
-    """
+    """An available torch device: "cpu", "cuda" or "cuda:N" for one of these or "auto"."""
     import torch
 
     from studio.rasterizer import preferred_device

@@ -69,10 +69,6 @@ def check_sizes(rig: Rig, footage: Footage, path: Path) -> None:
     """Check that cameras of another image size can be used with the footage, before later stages fail.
 
     With the same aspect ratio they always can. The cameras themselves are not changed.
-
-    Args:
-        rig: the cameras, with the footage's camera names.
-        path: the file that they are from, for the error.
     """
 
     with naming(path):

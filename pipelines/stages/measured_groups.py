@@ -24,12 +24,7 @@ _IMAGES = ("footage", "trained", "decoded")
 
 @dataclass
 class Measured:
-    """Results of the comparison.
-
-    Attributes:
-        frames: quality per measured frame.
-        unseen: (index, camera) pairs where the camera does not see the performer.
-    """
+    """Results of the comparison. `unseen`: (index, camera) where the camera does not see the performer."""
 
     frames: list[FrameQuality] = field(default_factory=list)
     samples: list[Sample] = field(default_factory=list)

@@ -105,11 +105,7 @@ class StageReporter:
         self.cancellation.check()
 
     def progress(self, fraction: float, label: str = "", **figures: JsonData) -> None:
-        """Report progress of the stage; calls in quick succession are dropped.
-
-        Args:
-            fraction: 0 to 1.
-        """
+        """Report progress of the stage, 0 to 1; calls in quick succession are dropped."""
         self.check()
         with self._lock:
             self._progress(fraction, label, figures)

@@ -70,11 +70,7 @@ def _matches(footage: Footage, frame: int, progress: ProgressFn) -> list[PairMat
 
 
 def check_rig(inputs: Inputs, key: str, frame: int, reporter: StageReporter) -> None:
-    """Judge the rig by the images and masks of a frame, log the verdict, and store it.
-
-    Args:
-        key: digest of cameras, images and masks: a stored verdict with it is used again.
-    """
+    """Judge the rig by a frame's images and masks, log the verdict, and store it under `key`, their digest."""
     key = key_of("verdict", _VERSION, key)
     verdict = _stored(inputs.take.rig_verdict, key)
     if verdict is None:
@@ -128,7 +124,6 @@ def judge_views(
     """Judge a rig by the images and masks of a frame.
 
     Args:
-        cameras: by name.
         views: of the cameras whose masks are compared; not compared if there are too few.
         near: masks of a camera in other frames, by frame; asked if one of a few cameras contradicts the others.
     """

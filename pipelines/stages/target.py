@@ -89,11 +89,7 @@ def calibrate_with_target(inputs: Inputs, reporter: StageReporter) -> Calibratio
 def intrinsics_from_target(
     inputs: Inputs, reporter: StageReporter, start: float, stop: float
 ) -> tuple[dict[str, Camera], dict[str, IntrinsicsReport]]:
-    """Calibrate intrinsics from `calibrate.intrinsics_images`.
-
-    Returns:
-        cameras by name, and a report of their reprojection errors.
-    """
+    """Cameras by name from `calibrate.intrinsics_images`, and a report of their reprojection errors."""
     from studio.calibration import calibrate_intrinsics
 
     section = inputs.config.calibrate

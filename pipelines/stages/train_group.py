@@ -116,12 +116,7 @@ class TrainClock:
 
 
 def before_joint(take: Take, group: Group, index: int, key: str) -> Path | None:
-    """The file of a frame as it was trained alone, not jointly; None if there is none with `key`.
-
-    Args:
-        index: of the frame in the take.
-        key: of the frame, see `pipelines.stages.train`.
-    """
+    """The file of a frame, by its index, as it was trained alone, not jointly; None if none has `key`."""
     paths = take.trained_frame(group.index, index), take.separate_frame(group.index, index)
     return next((path for path in paths if has_key(path, key)), None)
 
@@ -134,7 +129,6 @@ class GroupWork:
     """Trains groups; several threads may train one group each.
 
     Args:
-        readers: threads that read the images of a frame, per group.
         written: called with the index of a group when all of its frames are written.
 
     Attributes:

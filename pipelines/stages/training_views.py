@@ -39,7 +39,6 @@ def training_views(
     """Views of all cameras that see the performer.
 
     Args:
-        reporter: gets a warning for each camera that does not see the performer.
         reading: called with images read and images before each image, by any thread; may raise Cancelled.
         readers: cameras that are read in parallel.
         footage: where images and cameras are from; None: `TakeFootage.trained`.
@@ -108,11 +107,7 @@ def training_views(
 
 
 def read_camera_colors(inputs: Inputs) -> dict[str, Tensor]:
-    """(3, 4) float64 color matrix by camera.
-
-    Raises:
-        StudioError: `take.file_not_found` or `take.damaged`: run `v3studio train` again.
-    """
+    """(3, 4) float64 color matrix by camera. Raises StudioError: `take.file_not_found`, `take.damaged`."""
     import torch
 
     found = read_model(inputs.take.camera_colors, CameraColors)

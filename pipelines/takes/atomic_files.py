@@ -68,11 +68,7 @@ def read_json(path: Path) -> Any:
 
 
 def read_model(path: Path, model: type[Model]) -> Model:
-    """Read a JSON file that `write_model` wrote.
-
-    Raises:
-        StudioError: `take.file_not_found`, or `take.damaged`: not JSON, or not this model.
-    """
+    """Read a JSON file that `write_model` wrote. Raises StudioError: `take.file_not_found`, `take.damaged`."""
     return validated(path, read_json(path), model)
 
 
@@ -217,9 +213,7 @@ def disk_errors(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def changing(path: Path) -> Iterator[None]:
-    """Changes of a file in a take by all processes, one after the other. The kernel releases the lock of a killed
-    process.
-    """
+    """Changes of a file in a take by all processes, one after the other; a killed process holds no lock."""
     if not path.parent.is_dir():  # a take that was removed stays so
         raise StudioError("take.not_found", "no such folder", file=path.parent, fix="Was the take moved or deleted?")
     private = path.parent / ".v3studio"

@@ -21,11 +21,7 @@ PATH_SUFFIXES = (".json", *FILM_FORMATS)
 
 
 def film_world(video: SplatVideo, *, upright: bool = True) -> Similarity:
-    """From the world of a video's splats to that of film tools, which has y up and is that of exported USD files.
-
-    Args:
-        upright: False: the axes and the place of the capture.
-    """
+    """From the world of a video's splats to that of film tools and exported USD: y up if `upright`."""
     rotation = axes_of(video, EXPORTS["exr"].up, upright)
     return video.original if rotation is None else Similarity(video.original.scale, rotation)
 
@@ -46,10 +42,8 @@ def path_keys(
         video: the splats; key frames are its indices.
         path: a file with one of `PATH_SUFFIXES`, or another that `read_rig` reads.
         camera: name of the camera in a file of a film tool; None: it has only one.
-        size: of the image in pixels, for formats that do not have it.
         seconds: over which the cameras of a rig are spread; None: the video's duration.
         numbers: of the video's frames in the film tool; none: `SplatVideo.number`.
-        upright: as for `film_world`.
     """
     if path.suffix.lower() in FILM_FORMATS:
         known = numbers or [video.number(index) for index in range(video.frame_count)]

@@ -36,11 +36,7 @@ class CameraUses:
         return replace(self, uses={**self.uses, camera: use})
 
     def settings(self, spec: CaptureSettings) -> dict[str, object]:
-        """Values of settings, by dotted name, that give the cameras these uses.
-
-        Args:
-            spec: the present settings; offsets of cameras that are no longer used are removed, as they are refused.
-        """
+        """Settings, by dotted name, that give the cameras these uses; offsets of unused ones, which are refused, go."""
         used = [name for name, use in self.uses.items() if use != "not used"]
         if "training" not in self.uses.values():
             raise StudioError(

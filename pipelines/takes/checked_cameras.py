@@ -18,9 +18,7 @@ class CheckedCameras:
     """What is known about the cameras of a take.
 
     Attributes:
-        report: of the calibration; None without cameras.
         verdict: that of `initialize`, else that of the calibration by its images alone; None: not checked yet.
-        refinement: None: not tried.
     """
 
     report: CamerasReport | None
@@ -41,11 +39,7 @@ class CheckedCameras:
 
 
 def checked_cameras(take: Take) -> CheckedCameras:
-    """Read what is known about the cameras of a take.
-
-    Raises:
-        StudioError: one of the files is damaged (`take.damaged`).
-    """
+    """Read what is known about the cameras of a take. Raises StudioError: `take.damaged`."""
     report = read_cameras_report(take)
     verdict = report.verdict if isinstance(report, CalibrationReport) else None
     if take.rig_verdict.is_file():

@@ -118,11 +118,7 @@ class EditedGroup:
         return moved(self.cut(gaussians, among), self._edits.similarity)
 
     def read(self, index: int) -> Gaussians:
-        """A frame, counted from 0 in the take, as it is baked.
-
-        Raises:
-            StudioError: a frame is missing or damaged, or no splat is left (`edits.nothing_left`).
-        """
+        """A frame, counted from 0 in the take, as it is baked. Raises StudioError: `edits.nothing_left`, or damage."""
         return self.edited(self.unedited(index))
 
     def _nothing_left(self) -> StudioError:

@@ -121,23 +121,12 @@ def change_edits(path: Path, edits: EditList, words: str, replaces: EditList | N
 
 
 def undo_edit(path: Path) -> tuple[EditsFile, str]:
-    """Take the last change back.
-
-    Returns:
-        the file, and what was undone.
-
-    Raises:
-        StudioError: there is none (`take.nothing_to_undo`), or as `change_edits`.
-    """
+    """Take the last change back; returns the file and what was undone. Raises StudioError: `take.nothing_to_undo`."""
     return _step(path, "undo", "redo")
 
 
 def redo_edit(path: Path) -> tuple[EditsFile, str]:
-    """Make the change that was undone last again; see `undo_edit`.
-
-    Raises:
-        StudioError: there is none (`take.nothing_to_redo`), or as `change_edits`.
-    """
+    """Make the change that was undone last again; see `undo_edit`. Raises StudioError: `take.nothing_to_redo`."""
     return _step(path, "redo", "undo")
 
 
@@ -207,11 +196,7 @@ def frame_of(take: Take) -> Similarity:
 
 
 def placed_world(edits: EditList, frame: Similarity) -> Similarity:
-    """From the take's own frame to the world that the edits place, else to that of its cameras.
-
-    Args:
-        frame: from `frame_of`.
-    """
+    """From the take's own frame to the world that the edits place, else to that of its cameras."""
     from studio.own_frame import undone
 
     return undone(frame, placed=edits.world is not None).after(edits.similarity)

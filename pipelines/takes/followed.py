@@ -23,9 +23,6 @@ def followed(take: Take, frame: int | None, center: np.ndarray, radius: float, w
 
     Args:
         frame: its number in the footage; None: the first.
-        center: (3,) its middle, world of the capture.
-        radius: above 0, same units.
-        weight: see `DetailMark`.
     """
     from pydantic import ValidationError
 

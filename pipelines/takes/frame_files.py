@@ -80,11 +80,7 @@ def read_frame(path: Path) -> Gaussians:
 
 
 def read_tensors(path: Path, key: str) -> dict[str, Tensor] | None:
-    """Read what `write_tensors` wrote.
-
-    Returns:
-        tensors by name, on the CPU; None if there is no such file, it is damaged, or its metadata has another `key`.
-    """
+    """Tensors that `write_tensors` wrote, by name, on the CPU; None if missing, damaged or of another `key`."""
     from safetensors import SafetensorError
 
     if not has_key(path, key):

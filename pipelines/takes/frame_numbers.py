@@ -53,11 +53,7 @@ class FrameNumbers:
 
 
 def trained_groups(take: Take) -> list[Group]:
-    """The groups of the trained frames, up to the first missing frame.
-
-    Raises:
-        StudioError: a group's file is missing or damaged (`take.file_not_found`, `take.damaged`).
-    """
+    """The groups of the trained frames, up to the first missing one. Raises StudioError: `take.*`."""
     files, starts = take.trained_files()
     found = []
     for index, (start, end) in enumerate(pairwise((*starts, len(files)))):

@@ -58,8 +58,6 @@ def check_take(take: Take, stages: Iterable[str], progress: ProgressFn = no_prog
     recorded; and read what people made: edits, marks and the camera path.
 
     Args:
-        take: read only.
-        stages: names of all stages, in order.
         progress: called with the files checked so far, and with how many are known of.
     """
     damage: list[Damage] = []

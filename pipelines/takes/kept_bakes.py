@@ -36,7 +36,6 @@ class KeptBake:
     """A kept bake.
 
     Attributes:
-        record: of the stage `bake`.
         is_stream: whether it is the take's stream now.
         current: whether it was baked from the take's present training.
         same_edits: whether it was baked with the take's present edits; False also if those cannot be read.
@@ -148,11 +147,7 @@ def _present_edits(take: Take) -> dict[str, JsonData] | None:
 
 
 def free_name(take: Take, name: str) -> str:
-    """Check that a bake can be kept under a name, as before a long run.
-
-    Returns:
-        the name of its folder: accented letters in composed form (NFC).
-    """
+    """Check that a bake can be kept under a name, as before a long run; returns it in composed form (NFC)."""
     name = unicodedata.normalize("NFC", name)
     fits = _NAME.fullmatch(name) and name[-1] not in " ." and len(name.encode()) <= 120
     if not fits or PARTIAL in name or _DEVICE.fullmatch(name):
@@ -266,11 +261,7 @@ def choose_bake(take: Take, name: str) -> None:
 
 
 def remove_bake(take: Take, name: str) -> None:
-    """Delete a kept bake. The take's stream stays as it is. The caller holds the lock.
-
-    Raises:
-        StudioError: `bakes.not_found`.
-    """
+    """Delete a kept bake; the take's stream stays. The caller holds the lock. Raises StudioError."""
     remove(kept_bake(take, name).take.root)
 
 

@@ -86,11 +86,7 @@ class Marks(Result):
 
 
 def read_marks(path: Path) -> dict[int, Mark]:
-    """Marks by frame number; empty if the file does not exist.
-
-    Raises:
-        StudioError: the file is not what this module writes (`take.marks_damaged`).
-    """
+    """Marks by frame number; empty without the file. Raises StudioError: `take.marks_damaged`."""
     return {mark.frame: mark for mark in _read(path).marks}
 
 

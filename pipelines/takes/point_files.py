@@ -55,24 +55,13 @@ def write_points(
 
 
 def read_points(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Read what `write_points` wrote: positions (N, 3) as written, colors (N, 3) float32 in 0 to 1.
-
-    Raises:
-        StudioError: `take.damaged`.
-    """
+    """Read positions (N, 3) as written and colors (N, 3) float32 in 0 to 1. Raises StudioError: `take.damaged`."""
     rows = _rows(path)
     return _columns(rows, "x", "y", "z"), _columns(rows, "red", "green", "blue").astype(np.float32) / 255
 
 
 def read_sparse_points(path: Path, rig: Path) -> tuple[np.ndarray, np.ndarray]:
-    """As `read_points`, for those of a calibration: float32, in the take's own frame.
-
-    Args:
-        rig: calibrate/rig.json.
-
-    Raises:
-        StudioError: `take.damaged`, or the cameras cannot be read.
-    """
+    """As `read_points`, of a calibration: float32, in the own frame of the take whose rig.json `rig` is."""
     from studio.camera_files import read_rig
     from studio.own_frame import own_frame
 

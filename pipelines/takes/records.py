@@ -72,11 +72,7 @@ class FailureRecord(Result):
 
 
 def read_record(take: Take, stage: str) -> StageRecord | None:
-    """The record of a finished stage.
-
-    Returns:
-        None if the stage never finished, or its record is damaged: then it runs again.
-    """
+    """The record of a finished stage; None if it never finished, or the record is damaged: it runs again."""
     return _read(take.record(stage), StageRecord)
 
 

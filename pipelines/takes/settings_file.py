@@ -69,13 +69,7 @@ def changed_text(path: Path, values: Mapping[str, Any]) -> str | None:
 
 
 def save_config(path: Path, config: Config) -> None:
-    """Write all settings to a YAML file; if it already exists, keep its comments and order.
-
-    A file that cannot be updated (damaged, or with unknown names) is replaced.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
+    """Write all settings to a YAML file, keeping its comments and order; a damaged one is replaced."""
     if path.exists():
         with contextlib.suppress(StudioError):
             before = read_yaml(path)

@@ -179,11 +179,7 @@ CamerasReport: TypeAlias = CalibrationReport | CamerasFromFile
 
 
 def read_cameras_report(take: Take) -> CamerasReport | None:
-    """The take's calibration report; None if there is none.
-
-    Raises:
-        StudioError: it is not such a report (`take.damaged`).
-    """
+    """The take's calibration report; None if there is none. Raises StudioError: `take.damaged`."""
     path = take.calibration_report
     if not path.is_file():
         return None

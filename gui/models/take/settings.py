@@ -119,7 +119,6 @@ class SettingField:
         The step is 1 for whole numbers, else a twentieth of the range, rounded up to 1, 2 or 5 times a power of ten:
         0.05 from 0 to 1. From between two multiples, the first step leads to the next one.
 
-
         Returns:
             The number as text, `text` itself if it stays the same; None if there are no limits, or `text` is no number.
         """

@@ -23,11 +23,7 @@ ALL_FRAMES = (None, None, 1)
 
 
 class WrongUsage(SystemExit):
-    """Arguments that a parser does not take; it has said so on standard error.
-
-    Attributes:
-        problem: what is wrong, as a sentence without the name of the program.
-    """
+    """Arguments that a parser does not take; it has said so on standard error. `problem`: a sentence."""
 
     def __init__(self, problem: str) -> None:
         super().__init__(2)
@@ -77,11 +73,7 @@ class CommandParser(argparse.ArgumentParser):
 
 
 class WordPairs:
-    """Commands of two words, the first of which is a command of its own that takes arguments, as `bake`.
-
-    Attributes:
-        parsers: by both words.
-    """
+    """Commands of two words, the first of which is a command of its own that takes arguments, as `bake`."""
 
     def __init__(self) -> None:
         self.parsers: dict[str, CommandParser] = {}
@@ -100,10 +92,7 @@ def add_command(
     """Add a command, whose own help begins with its line in the list of commands, as a sentence.
 
     Args:
-        commands: argparse's subparsers, or `WordPairs`.
         text: the line, without a period.
-        command: what it does; returns the exit code.
-        options: of argparse's `add_parser`.
     """
     description = f"{text[0].upper()}{text[1:]}.{f' {more}' if more else ''}"
     parser: CommandParser = commands.add_parser(name, help=text, description=description, **options)
@@ -163,11 +152,7 @@ def add_overwrite(parser: argparse.ArgumentParser, text: str = "replace the outp
 
 
 def frame_range(text: str) -> tuple[int | None, int | None, int]:
-    """The type of frame ranges: "A:B", "A:B:S" or parts of it, frames A to B - 1 in steps of S, as in Python.
-
-    Returns:
-        as `parse_frame_range`.
-    """
+    """The type of frame ranges: "A:B", "A:B:S" or parts of it, frames A to B - 1 in steps of S."""
     try:
         return parse_frame_range(text)
     except ValueError as error:

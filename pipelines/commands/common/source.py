@@ -68,8 +68,6 @@ def read_settings(
 
     Args:
         source: what the command was given; None: the settings of `take`, or the defaults if there is no take yet.
-        overrides: names and values from the command line, which come last.
-        preset: name of a preset, which comes after the settings.
         take: folder of the take that the settings are for, if any. If it exists, footage gets its settings.
     """
     from pipelines.config import load_config

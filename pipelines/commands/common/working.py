@@ -31,11 +31,7 @@ def say_note(arguments: argparse.Namespace, text: str) -> None:
 
 @contextmanager
 def working(what: str, json_output: TextIO | None) -> Iterator[ProgressFn]:
-    """A `ProgressFn` that shows a progress bar or prints JSON lines, and raises Cancelled after Ctrl-C.
-
-    Args:
-        json_output: print the event `Progress` to this stream instead; its figures are `done` and `total`.
-    """
+    """A `ProgressFn` that shows a progress bar or prints JSON lines, and raises Cancelled after Ctrl-C."""
     from rich import progress as rich
 
     from pipelines.reports.terminal import console

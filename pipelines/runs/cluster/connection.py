@@ -51,9 +51,6 @@ def connected(address: str, cpus: int) -> Iterator[Any]:
         address: `run.address`; the environment variable `ADDRESS_VARIABLE` overrides it.
         cpus: for "local", CPUs of the cluster that is started.
 
-    Yields:
-        the package `ray`.
-
     Raises:
         StudioError: Ray is not installed (`cluster.no_ray`), nothing answers (`cluster.unreachable`), the token is
             wrong or missing (`cluster.token`), or the cluster has another version of Python or Ray (`cluster.version`).

@@ -18,14 +18,7 @@ class Starter:
     """Actor that starts the process of a run on its node, and ends with it."""
 
     def start(self, words: Sequence[str], place: str) -> Launched:
-        """Start `v3studio WORDS`, and wait until it has begun or ended; see `until_begun`.
-
-        Args:
-            words: arguments of `v3studio`.
-
-        Raises:
-            OSError: the take is not here, or cannot be written.
-        """
+        """Start `v3studio WORDS`, and wait until it has begun or ended. Raises OSError: the take is not here."""
         import ray
 
         take = Take(Path(place))
@@ -45,13 +38,7 @@ class Starter:
 
 
 def start_on_head(address: str, words: Sequence[str], place: str) -> Launched:
-    """Start a run on the head node of a cluster, and wait until it has begun or ended.
-
-    Args:
-        address: ray://HOST:PORT.
-        words: arguments of `v3studio`.
-        place: folder of the take, which is the same on the head node.
-    """
+    """Start a run on the head node of a cluster (ray://HOST:PORT), and wait until it has begun or ended."""
     with connected(address, 1) as ray:
         options = {"lifetime": "detached", "num_cpus": 0, "resources": {"node:__internal_head__": 0.001}}
         starter = ray.remote(Starter).options(**options).remote()

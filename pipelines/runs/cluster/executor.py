@@ -53,8 +53,6 @@ class _Job:
 
     Attributes:
         key: its `GroupStageCode.group_key`.
-        attempt: 1 at first.
-        lost: how often its worker was lost.
         node: id of the node that it runs on; "" while it waits for one, as far as is known.
     """
 
@@ -70,11 +68,7 @@ class _Job:
 
 @dataclass
 class RayExecutor:
-    """See `pipelines.stages.Executor`.
-
-    Attributes:
-        memory_floor: bytes that each task asks for at least, raised when a node ran out of memory.
-    """
+    """See `pipelines.stages.Executor`. `memory_floor`: bytes of each task, raised after one ran out."""
 
     ray: Any
     nodes: Nodes = field(init=False)

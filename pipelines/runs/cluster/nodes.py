@@ -55,11 +55,7 @@ class _Node:
 
 
 class Nodes:
-    """See the module.
-
-    Attributes:
-        excluded: ids of nodes that get no more tasks, because they do not see the take or the footage.
-    """
+    """See the module. `excluded`: ids of nodes that get no more tasks: they do not see take or footage."""
 
     def __init__(self, ray: Any) -> None:
         self._ray = ray

@@ -59,7 +59,6 @@ class GroupTask:
     Attributes:
         footage: the footage's folder, or its address in object storage.
         paths: `run.paths`: a folder and its paths on other machines.
-        attempt: 1 at first.
         key: `GroupStageCode.group_key`, as the sender knows it.
         settings: values by dotted name that replace those of the take.
         version: of V3 Studio, and `python` of Python, at the sender.
@@ -90,11 +89,7 @@ def versions() -> tuple[str, str]:
 
 
 def run_task(task: GroupTask, node: str) -> Message | None:
-    """Do the task.
-
-    Returns:
-        None, or what went wrong, as plain values.
-    """
+    """Do the task; None, or what went wrong, as plain values."""
     passive_openmp()  # before torch is imported
     try:
         _refuse_other_versions(task)
@@ -105,11 +100,7 @@ def run_task(task: GroupTask, node: str) -> Message | None:
 
 
 class _EventFile:
-    """Writes the events of a task to its file in the take, which the run follows.
-
-    Args:
-        take: the take, where it is on this node.
-    """
+    """Writes the events of a task to its file in the take, which the run follows."""
 
     def __init__(self, take: Take, task: GroupTask, node: str) -> None:
         from pipelines.events import GroupState

@@ -14,11 +14,7 @@ from pipelines.takes.stage_files import BakedGroupNote
 
 
 def encode_once(plan: BakePlan, part: Part, reporter: StageReporter, start: float, stop: float) -> BakedGroupNote:
-    """The note on a baked part, which is encoded unless another process has done it meanwhile.
-
-    Args:
-        reporter: receives progress from `start` to `stop`.
-    """
+    """The note on a baked part, which is encoded unless another process has done it meanwhile."""
     with plan.inputs.take.group_locked("bake", part.trained.index, lambda: reporter.progress(start)):
         return plan.baked(part) or encode(plan, part, reporter, start, stop)
 

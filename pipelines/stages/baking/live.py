@@ -32,10 +32,6 @@ class LiveBake:
     that the stream is complete; after an exception, baking is stopped and what is published stays. A group that cannot
     be baked is reported as a warning, and the stage `bake`, which uses the same files, will try again: training is not
     lost to it.
-
-    Args:
-        reporter: of the stage `train`.
-        finished: the groups that are trained already.
     """
 
     def __init__(self, inputs: Inputs, reporter: StageReporter, finished: Set[int]) -> None:

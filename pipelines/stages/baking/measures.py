@@ -22,11 +22,6 @@ class RenderedError:
 
     Both are rendered from two training cameras, usually on opposite sides of the performer and other ones in each
     frame, and compared in the bounding box of the foreground.
-
-    Args:
-        frames: the trained frames of the group, with the take's edits.
-        cameras: the training cameras, in the world of the frames.
-        background: RGB, 0 to 1.
     """
 
     def __init__(
@@ -53,12 +48,7 @@ class RenderedError:
 
 
 def foreground_box(image: np.ndarray, background: Sequence[float]) -> tuple[slice, slice]:
-    """Rows and columns of the bounding box of everything that differs from the background; all if nothing does.
-
-    Args:
-        image: (H, W, 3), 0 to 1.
-        background: RGB, 0 to 1.
-    """
+    """Rows and columns of the bounding box of everything that differs from the background; all if nothing does."""
     differs = (np.abs(image - np.array(background, dtype=np.float32)) > 1 / 255).any(axis=2)
     rows, columns = np.flatnonzero(differs.any(axis=1)), np.flatnonzero(differs.any(axis=0))
     if rows.size == 0:

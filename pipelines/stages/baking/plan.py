@@ -63,11 +63,7 @@ def parts_of(groups: Sequence[Group], first_size: int | None, trim: Trim | None 
 
 
 def planned_parts(inputs: Inputs) -> tuple[Part, ...]:
-    """The groups of a take's stream, in order.
-
-    Raises:
-        StudioError: the trim leaves no frame (`edits.no_frames_left`), or the edits cannot be read.
-    """
+    """The groups of a take's stream, in order. Raises StudioError: `edits.no_frames_left`, or bad edits."""
     trim = inputs.edits.trim
     found = parts_of(inputs.groups, inputs.config.bake.first_group_size, trim)
     if not found and trim is not None:
@@ -113,11 +109,7 @@ class BakePlan:
         return self.inputs.take.work("bake") / f"{group_name(part.index)}.json"
 
     def baked(self, part: Part, known: Mapping[Path, str] | None = None) -> BakedGroupNote | None:
-        """The note on a part that is baked, up to date and undamaged; None if it must be baked.
-
-        Args:
-            known: digests of files that need not be read, gigabytes in a long take.
-        """
+        """The note on a part that is baked and undamaged, else None. `known`: digests of files that need no reading."""
         if not self.note_path(part).is_file():
             return None
         note = read_model(self.note_path(part), BakedGroupNote)

@@ -31,7 +31,6 @@ def publish(plan: BakePlan, notes: Sequence[BakedGroupNote], live: bool, reporte
     Args:
         notes: on the first groups of the stream.
         live: whether others follow. The sound is added with the last.
-        reporter: receives warnings of what the sound lacks.
 
     Raises:
         StudioError: the stream cannot be written.

@@ -62,9 +62,6 @@ class RungTraining:
     Each result is a file with a key, a digest of everything it was made from: settings, footage, cameras, seed and the
     trained frames of the group. A run that was killed continues from the last checkpoint with the same key, and gives
     the same result.
-
-    Args:
-        inputs: what the stage `bake` reads.
     """
 
     def __init__(self, inputs: Inputs) -> None:
@@ -138,12 +135,7 @@ class RungTraining:
 
 
 class FinetunedFrames(Sequence["Gaussians"]):
-    """The frames of a rung, made on access: the splats that it keeps, with offsets, then the take's edits.
-
-    Args:
-        indices: the frames, counted from 0 in the take.
-        offsets: of the rung, for the splats as trained.
-    """
+    """The frames of a rung, made on access: the splats that it keeps, with offsets, then the take's edits."""
 
     def __init__(self, group: EditedGroup, indices: range, offsets: SplatOffsets) -> None:
         self._group, self._indices, self._offsets = group, indices, offsets

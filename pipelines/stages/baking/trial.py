@@ -18,12 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Trial:
-    """What a QP gives.
-
-    Attributes:
-        bytes_per_frame: bytes of the group divided by its frames.
-        psnr: dB, of the decoded splats' images against those of the trained ones, measured as for levels of quality.
-    """
+    """What a QP gives: mean bytes of the group's frames, and PSNR in dB, measured as for levels of quality."""
 
     bytes_per_frame: float
     psnr: float
@@ -39,12 +34,7 @@ def longest_part(context: Inputs) -> Part:
 
 
 def measure(context: Inputs, part: Part, settings: BakeSettings) -> Trial:
-    """Bake a group into a temporary folder, and compare it with the trained frames.
-
-    Args:
-        context: of the take; its footage gives the cameras that frames are compared from.
-        settings: with the QP to try, without targets.
-    """
+    """Bake a group with these settings into a temporary folder, and compare it with the trained frames."""
     from pipelines.takes.edited import EditedFrames, EditedGroup
     from studio.stream import bake_group
 
