@@ -149,7 +149,7 @@ def test_the_size_of_the_demo_is_that_of_its_stream() -> None:
     for page in ("README.md", "docs/tutorial.md"):
         text = (ROOT / page).read_text(encoding="utf-8")
         assert re.findall(r"([\d,]+) bytes in total", text) == [f"{size:,}"]
-        assert re.findall(r"(\d+) kB per frame", text) == [str(round(size / frames / 1000))]
-    assert set(re.findall(r"(\d+) kB", (ROOT / "docs/index.md").read_text(encoding="utf-8"))) == {
+        assert re.findall(r"(\d+) KB per frame", text) == [str(round(size / frames / 1000))]
+    assert set(re.findall(r"(\d+) KB", (ROOT / "docs/index.md").read_text(encoding="utf-8"))) == {
         str(round(size / 1000))
     }
