@@ -66,6 +66,9 @@ def _bake(rest: dict[str, JsonData]) -> list[str]:
     rate = "" if not isinstance(per_frame, int | float) else f"{size_words(per_frame)} per frame"
     qps, psnr = rest.pop("qps", None), rest.pop("psnr_to_trained", None)
     quality = [f"QP {_span(qps)}" if qps else "", f"{psnr:.1f} dB to trained" if isinstance(psnr, float) else ""]
+    groups = rest.pop("unsmoothed", None)
+    if isinstance(groups, list | tuple) and groups:
+        quality.append(f"without smooth paths: group {', '.join(map(_plain, groups))}")
     if several:
         size, rate = size and f"{size} in {renditions} renditions", rate and f"{rate} to play the best one"
     return [length, size, rate, *quality]

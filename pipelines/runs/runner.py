@@ -9,7 +9,7 @@ import traceback
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from pipelines.config import Config
+from pipelines.config import Config, load_config
 from pipelines.events import (
     Emit,
     Event,
@@ -36,7 +36,7 @@ from pipelines.takes.cancel_request import cancelled_on_request
 from pipelines.takes.integrity import refuse_damage
 from pipelines.takes.kept_bakes import free_name, keep_bake, note_evaluation
 from pipelines.takes.records import StageRecord, read_record, write_failure
-from pipelines.takes.settings_file import save_config
+from pipelines.takes.settings_file import save_config, set_settings
 from pipelines.takes.take import Take
 from pipelines.version import program_version
 from studio.errors import Cancelled, Message, StudioError, reason_of
@@ -163,6 +163,10 @@ class _Run:
         """Run the stages that are not up to date."""
         inputs, started = self.inputs, self.clock()
         take, settings = inputs.take, inputs.config.run
+        kept = inputs.config.bake.quality
+        if take.config.is_file():
+            with contextlib.suppress(StudioError):  # a damaged file is replaced
+                kept = load_config(take.config).bake.quality
         save_config(take.config, inputs.config)
         # report unreadable footage and edits before anything else
         _ = inputs.footage.raw, inputs.footage.digest, inputs.edits
@@ -187,7 +191,12 @@ class _Run:
             with _executor(inputs, todo) as executor:
                 if evaluates:  # report weights that cannot be loaded before hours of work, too
                     lpips_of(inputs.config, inputs.device if executor is None else "cpu")
-                self._run_stages(todo, executor, started)
+                try:
+                    self._run_stages(todo, executor, started)
+                except StudioError as error:
+                    if error.code == "bake.target_missed":  # else each further run would be refused, too
+                        set_settings(take.config, {"bake.quality": kept})
+                    raise
         if "evaluate" in names and not evaluates:
             _update_marks(inputs, self.emit)
         if "evaluate" in names:

@@ -87,6 +87,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> B
         bytes_per_frame=round(manifest.played_bytes() / manifest.frame_count),
         qps=tuple(one.qp for one in best),
         psnr_to_trained=min(psnrs, default=None),
+        unsmoothed=tuple(part.index for part, note in zip(plan.parts, notes, strict=True) if not note.smoothed),
     )
 
 

@@ -76,3 +76,6 @@ class BakeSummary(Result):
 
     psnr_to_trained: float | None = None
     """Of the group with the lowest, dB; None if it was not measured."""
+
+    unsmoothed: tuple[int, ...] = ()
+    """Groups whose level is out of reach with smooth paths, so that they are left as they are."""

@@ -149,6 +149,9 @@ class BakedGroupNote(Result):
     entry: dict[str, JsonValue]
     """The group's entry in manifest.json."""
 
+    smoothed: bool = True
+    """False: its level is out of reach with smooth paths, so they are left as they are."""
+
     seen: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None
     """Least and greatest corner of the box of what one sees, world units; None: not known, or nothing can be seen."""
 

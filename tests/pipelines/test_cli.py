@@ -201,6 +201,8 @@ def test_bake_to_a_target(here, finished, tmp_path):
     for group in small:
         assert group.bytes <= 1000 * target * group.frame_count
     assert {group.video.qp for group in baked("--bake.quality", "40")} == {40}, "the target is replaced, too"
+    assert "misses the target" in here("bake", "--take", take, "--bake.quality", "99 dB").stderr
+    assert "quality: 40" in (take / "config.yaml").read_text(), "a level that is out of reach is not stored"
     stages = result_of(here("bake", "--take", take, "--json").stdout)["stages"]
     assert list(stages) == ["calibrate", "initialize", "train", "bake"], "nothing measured this bake yet"
 

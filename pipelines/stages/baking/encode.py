@@ -31,6 +31,7 @@ def encode(plan: BakePlan, part: Part, reporter: StageReporter, start: float, st
     cameras, background = stream_cameras(inputs), inputs.config.evaluate.background
     finetuned, start = _finetuned(plan, part, edited, reporter, start, stop)
     rendered = RenderedError(frames, cameras, background, inputs.device)
+    unsmoothed: list[int] = []
     entry = bake_group(
         frames,
         plan.folder,
@@ -43,10 +44,11 @@ def encode(plan: BakePlan, part: Part, reporter: StageReporter, start: float, st
         fps=float(inputs.footage.raw.fps),
         contribution=partial(rendered_contribution, frames, cameras, inputs.device, reporter.check),
         finetuned=lambda rung: finetuned[rung.kind],
+        unsmoothed=lambda: unsmoothed.append(part.index),
     )
     if settings.target_psnr is not None:
         reached = f"QP {entry.best.qp} has {entry.best.psnr_to_trained:.2f} of {settings.target_psnr:g} dB"
-        reporter.log(f"group {part.index}: {reached}")
+        reporter.log(f"group {part.index}: {reached}{', without smooth paths' if unsmoothed else ''}")
     seen = seen_box(frames[index] for index in sorted({0, len(frames) // 2, len(frames) - 1}))
     files = {file.path: plan.folder / file.path for file in entry.files}
     note = BakedGroupNote(
@@ -54,6 +56,7 @@ def encode(plan: BakePlan, part: Part, reporter: StageReporter, start: float, st
         files={name: path.stat().st_size for name, path in files.items()},
         digests={name: digest_of_file(path) for name, path in files.items()},
         entry=entry.to_dict(),
+        smoothed=not unsmoothed,
         seen=None if seen is None else (tuple(seen[0].tolist()), tuple(seen[1].tolist())),
     )
     write_model(plan.note_path(part), note)

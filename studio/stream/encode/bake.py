@@ -61,6 +61,7 @@ def bake_group(
     fps: float | None = None,
     contribution: ContributionFn | None = None,
     finetuned: FinetunedFn | None = None,
+    unsmoothed: Callable[[], object] = lambda: None,
 ) -> GroupEntry:
     """Bake one group into files in `directory/files` that are named by their content.
 
@@ -81,6 +82,7 @@ def bake_group(
         fps: frames per second of the stream, which the level of its videos is chosen for; None: 30.
         contribution: what each splat adds to the images; required for rungs that keep fewer splats as they are.
         finetuned: frames of rungs that keep fewer splats and are trained further; required for these.
+        unsmoothed: called if a level is out of reach with smooth paths, so that they are left as they are.
 
     Returns:
         The group's entry for the manifest.
@@ -133,7 +135,8 @@ def bake_group(
                     own = own.replace(quality=rung.qp)
                 steps = _Steps(progress, len(made), len(rungs))
                 values = _identity(rung, group, first_frame, len(frames), single=not settings.ladder)
-                job = _Job(prepared, partial, values, own, rung.qp, steps, threads, fps or NOMINAL_FPS, quality)
+                given = (steps, threads, fps or NOMINAL_FPS, quality, unsmoothed)
+                job = _Job(prepared, partial, values, own, rung.qp, *given)
                 made[rung.id] = _stored(*job.encode(), partial, directory, own)
             del prepared
         return GroupEntry(
@@ -182,7 +185,7 @@ class _Job:
         folder: for the files, replaced by each encoding.
         identity: values of the rendition that the encoder does not know.
         qp: of the rung, from which encoding starts.
-        settings, progress, threads, fps, quality: as for `bake_group`.
+        settings, progress, threads, fps, quality, unsmoothed: as for `bake_group`.
     """
 
     prepared: MotionBake | PlanesBake
@@ -194,6 +197,7 @@ class _Job:
     threads: int
     fps: float
     quality: QualityFn | None
+    unsmoothed: Callable[[], object]
     _written: dict[int, AnyRendition] = field(default_factory=dict, init=False)
     _psnrs: dict[int, float] = field(default_factory=dict, init=False)
 
@@ -228,6 +232,7 @@ class _Job:
             )
         qp = highest_qp(lambda qp: self._psnr(qp, quality) - target, self.qp)
         if qp < QP_BEST and self.settings.smooth_paths is None and self.settings.profile == "motion":
+            self.unsmoothed()
             self.settings = self.settings.replace(smooth_paths=False)
             self._written.clear()
             self._psnrs.clear()

@@ -30,8 +30,10 @@ from pipelines.stages.inputs import Inputs
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.kept_bakes import keep_bake, kept_bakes
 from pipelines.takes.point_files import read_points
+from pipelines.takes.records import read_record
 from pipelines.takes.take import Take
 from studio.errors import Cancelled, StudioError
+from studio.stream.encode import bake
 from tests.support.errors import refuses
 
 
@@ -309,6 +311,17 @@ def test_one_stage_alone_needs_those_before_it(project):
     project.take.forget("train")
     with refuses("stage.dependency", stage="bake", dependency="train", state="partial"):
         project.run(stages=("bake",), force=True)
+
+
+def test_the_record_says_which_groups_are_not_smoothed(project, monkeypatch):
+    def bake_group(*values, unsmoothed, **more):
+        if values[2] == 1:
+            unsmoothed()
+        return bake.bake_group(*values, **more)
+
+    monkeypatch.setattr("studio.stream.bake_group", bake_group)
+    project.run("bake.quality=21", stages=("bake",))
+    assert read_record(project.take, "bake").summary["unsmoothed"] == [1]
 
 
 @pytest.mark.parametrize("name", STAGE_NAMES)

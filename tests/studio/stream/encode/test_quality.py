@@ -104,14 +104,17 @@ def test_a_group_that_smoothing_keeps_from_its_level_is_not_smoothed(tmp_path, t
     def quality(index, decoded):
         return float(np.mean((np.sort(decoded.means.numpy(), axis=0) - places[index]) ** 2))
 
+    told = []
+
     def baked(value, smooth=None):
         settings = BakeSettings(quality=value, smooth_paths=smooth, preset="ultrafast")
-        return bake_group(frames, tmp_path, 0, 0, settings, quality=quality).best
+        return bake_group(frames, tmp_path, 0, 0, settings, quality=quality, unsmoothed=lambda: told.append(value)).best
 
     smoothed, plain = (baked(1, smooth).psnr_to_trained for smooth in (True, False))
     assert smoothed < plain - 3
     goal = f"{(smoothed + plain) / 2:.2f} dB"
     assert baked(goal) == baked(goal, smooth=False)
+    assert told == [goal]
     with refuses("bake.target_missed", setting="bake.quality"):
         baked(goal, smooth=True)
 
