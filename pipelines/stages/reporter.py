@@ -20,8 +20,11 @@ _LEAST_PAUSE = 0.2
 """Shortest interval in seconds between two progress events of a stage."""
 
 _WARM_SHARE, _WARM_SECONDS = 0.03, 30.0
-"""Progress and seconds of a stage; before either is reached, its time left is unknown. No more seconds than these, nor
-half of all, are taken for warming up."""
+"""Progress and seconds since the first progress of a stage; before either is reached, its time left is unknown. No more
+seconds than these, nor half of all, are taken for warming up."""
+
+_LEAST_SECONDS = 10.0
+"""Seconds of a stage, and of a run, before which the time left is unknown in any case."""
 
 _LEAST_SHARE = 0.03
 """Least share of a run, by the weights of its stages, from which the time left of the whole is estimated: the first
@@ -33,8 +36,8 @@ _SHARE = 0.1
 _EARLY = 0.25
 """The same at first, as a share of the time since the first estimate."""
 
-_LEAST_CONSTANT = 5.0
-"""Shortest time constant."""
+_LEAST_CONSTANT = 0.5
+"""Shortest time constant in seconds."""
 
 
 class Countdown:
@@ -97,7 +100,7 @@ class StageReporter:
         self._last = -_LEAST_PAUSE
         self._fraction = 0.0
         self._left = Countdown()
-        self._warming = [(0.0, 0.0)]  # seconds and fraction while the stage warms up
+        self._warming: list[tuple[float, float]] = []  # seconds and fraction, from the first progress on
         self._lock = threading.Lock()
 
     def check(self) -> None:
@@ -128,7 +131,7 @@ class StageReporter:
             pace = (spent + raw) / (self.earlier + self.own)
             if not self.later and fraction == 1:
                 total_left = 0.0
-            elif self._weighed(fraction) >= _LEAST_SHARE or not self.later:
+            elif spent >= _LEAST_SECONDS and (self._weighed(fraction) >= _LEAST_SHARE or not self.later):
                 total_left = self.run.estimate(now, raw + self.later * pace)
             else:
                 total_left = self.run.at(now)
@@ -147,16 +150,20 @@ class StageReporter:
         )
 
     def _seconds_left(self, elapsed: float, fraction: float) -> float | None:
-        """From the pace since the stage has warmed up, until when it is far slower than later; None before."""
-        if elapsed <= _WARM_SECONDS:
+        """From the mean pace since the first progress, or, if that is faster, since the stage has warmed up."""
+        if fraction > 0 and (not self._warming or elapsed <= self._warming[0][0] + _WARM_SECONDS):
             self._warming.append((elapsed, fraction))
-        if fraction < 1 and (elapsed < 2 or fraction < 0.01 or (fraction < _WARM_SHARE and elapsed < _WARM_SECONDS)):
+        if fraction == 1:
+            return 0.0
+        start, first = self._warming[0] if self._warming else (elapsed, fraction)
+        spent = elapsed - start
+        early = spent < _LEAST_SECONDS or (fraction < _WARM_SHARE and spent < _WARM_SECONDS)
+        if early or fraction < 0.01 or fraction <= first:
             return None
-        warm = min(elapsed / 2, _WARM_SECONDS)
+        warm = start + min(spent / 2, _WARM_SECONDS)
         since, behind = next(one for one in reversed(self._warming) if one[0] <= warm)
-        if behind >= fraction:
-            since = behind = 0.0
-        return (elapsed - since) * (1 - fraction) / max(fraction - behind, 1e-9)
+        pace = min(spent / (fraction - first), (elapsed - since) / max(fraction - behind, 1e-9))
+        return (1 - fraction) * pace
 
     def _weighed(self, fraction: float) -> float:
         """Share of the run that is done, by the weights of its stages."""
@@ -165,7 +172,7 @@ class StageReporter:
     def start_clock(self) -> None:
         """Start the clock for estimates of the time left; earlier checks and warm-up do not count."""
         self._started = self.clock()
-        self._warming = [(0.0, 0.0)]
+        self._warming.clear()
 
     def part(self, label: str, start: float = 0.0, stop: float = 1.0) -> ProgressFn:
         """A progress callback for library functions, mapped to the range `start` to `stop` of this stage."""

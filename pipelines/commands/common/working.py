@@ -55,9 +55,8 @@ def working(what: str, json_output: TextIO | None) -> Iterator[ProgressFn]:
         bars.update(task, completed=done, total=total)
         if json_output is not None and (done >= total or time.monotonic() - printed > _JSON_SECONDS):
             printed = time.monotonic()
-            event = Progress(
-                fraction=done / total if total else 0.0, label=what, figures={"done": done, "total": total}
-            )
+            part, figures = done / total if total else 0.0, {"done": done, "total": total}
+            event = Progress(fraction=part, total_fraction=part, label=what, figures=figures)
             print(event.to_json(), file=json_output, flush=True)
 
     with stop_on_signals(cancellation, screen.file.flush), bars:

@@ -127,6 +127,30 @@ def test_warming_up_is_not_taken_for_the_pace() -> None:
     assert now * (1 - event.fraction) / event.fraction > 1.6 * (end - now), "the mean pace since the start is far off"
 
 
+def short_stage(seconds: float, first: float) -> list[tuple[float, Progress]]:
+    """True seconds left, and progress, of a stage of 50 steps, the first of which takes `first` seconds of all."""
+    now, events = [0.0], []
+    reporter = StageReporter("train", events.append, clock=lambda: now[0])
+    found = []
+    for step in range(1, 51):
+        now[0] += first if step == 1 else (seconds - first) / 49
+        reporter.progress(step / 50)
+        found.append((seconds - now[0], events[-1]))
+    return found
+
+
+def test_no_time_is_told_of_a_stage_of_seconds() -> None:
+    assert {event.seconds_left or 0.0 for _, event in short_stage(8, 5)} == {0.0}
+    assert {event.total_seconds_left or 0.0 for _, event in short_stage(8, 5)} == {0.0}
+
+
+@pytest.mark.parametrize("first", [0.5, 5, 9])
+def test_of_a_stage_below_a_minute_the_time_is_about_right(first: float) -> None:
+    rows = [(true, event) for true, event in short_stage(40, first) if event.seconds_left is not None]
+    assert len(rows) > 25
+    assert all(abs(event.seconds_left - true) < 2 + 0.5 * true for true, event in rows)
+
+
 def test_a_short_first_stage_does_not_foretell_the_run() -> None:
     rows = warming_up(1, 99)
     assert all(event.total_seconds_left is None for _, event in rows)
