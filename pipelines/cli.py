@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, redirect_stdout, suppress
 from importlib import import_module
+from pathlib import Path
 from typing import TextIO
 
 from pipelines.commands import completion
@@ -28,7 +29,8 @@ from pipelines.commands.common.arguments import (
 from pipelines.events import Finished, as_message
 from pipelines.events.cancellation import EXIT_CANCELLED
 from pipelines.stages import STAGE_NAMES
-from studio.errors import Cancelled, Message, StudioError
+from studio.atomic_files import PARTIAL
+from studio.errors import Cancelled, Message, StudioError, reason_of
 from studio.json_types import JsonData
 from studio.process import as_utf8, claim_stdout, discard, passive_openmp
 
@@ -134,6 +136,18 @@ def _run(known: argparse.Namespace) -> tuple[int, Message | None]:
     except BrokenPipeError:  # `v3studio config | head`
         discard(sys.stdout)
         return 1, None
+    except OSError as error:
+        if error.filename is None:
+            raise
+        file = Path(os.fsdecode(error.filename))
+        failed = StudioError(
+            "file.failed",
+            f"cannot be read or written ({reason_of(error)})",
+            file=file.parent if PARTIAL in file.name else file,
+            fix="Check the path and its permissions.",
+        )
+        print(f"error: {failed}", file=sys.stderr)
+        return 1, failed.message
     return code, None
 
 

@@ -96,6 +96,28 @@ def test_mistakes_get_a_sentence_and_change_nothing(here, finished, tmp_path, mo
     assert sorted(tmp_path.rglob("*")) == before
 
 
+FOLDERS = {
+    "run": ("run", "ball.yaml", "--take"),
+    "bake": ("bake", "ball.yaml", "--take"),
+    "init": ("init", "capture", "--out"),
+    "share": ("share", "take", "--out"),
+    "ablate": ("ablate", "ball.yaml", "--out"),
+    "compare": ("compare", "take", "--out"),
+    **{name: (name,) for name in ("status", "check", "cancel", "estimate", "play", "serve", "sync")},
+    "work": ("work", "--stage", "train", "--group", "0"),
+}
+
+
+@pytest.mark.parametrize("folder", ["/proc/self/x", "x" * 300])
+@pytest.mark.parametrize("command", FOLDERS)
+def test_a_folder_that_cannot_be_made_or_read_is_one_sentence(here, finished, monkeypatch, command, folder):
+    monkeypatch.chdir(finished)
+    done = here(*FOLDERS[command], folder)
+    assert done.returncode in (1, 2)
+    assert done.stderr.startswith("error: ")
+    assert done.stderr.count("\n") == 1
+
+
 def test_a_mistake_in_the_footage_is_one_sentence_and_one_event(here, project):
     (project / "capture" / "images" / "cam3" / "002.png").unlink()
     done = here("run", project / "ball.yaml", "--take", project / "take")
