@@ -7,7 +7,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.common.arguments import add_command, add_overwrite, invalid_option
+from pipelines.commands.common.arguments import add_command, add_json, add_overwrite, invalid_option
 from pipelines.outputs import check_output, replacing
 
 _NOTE = """The first variant is the full method with the settings in CONFIG; each other variant leaves out one part.
@@ -43,6 +43,7 @@ def register(commands: Any) -> None:
         "--qps", default=",".join(map(str, QPS)), metavar="N,N", help="QPs to bake at (default: %(default)s)"
     )
     parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
+    add_json(parser)
 
 
 def _ablate(arguments: argparse.Namespace) -> int:
@@ -50,9 +51,10 @@ def _ablate(arguments: argparse.Namespace) -> int:
     from pipelines.ablation.study import ablate
     from pipelines.ablation.variants import chosen
     from pipelines.config import load_config
+    from pipelines.events import Emit, Event, Finished, Log
     from pipelines.reports.tables import table_of
     from pipelines.reports.terminal import console
-    from pipelines.runs.console import Bars
+    from pipelines.runs.console import Bars, JsonLines
     from pipelines.takes.atomic_files import disk_errors
 
     qps = _qps(arguments.qps)
@@ -61,15 +63,22 @@ def _ablate(arguments: argparse.Namespace) -> int:
     qps = sorted({*qps, default})
     check_output(arguments.out, True, _is_study)
     fresh = replacing(arguments.out, True, _is_study) if arguments.overwrite else nullcontext()
-    with disk_errors(arguments.out), fresh, Bars() as show:
+    with disk_errors(arguments.out), fresh, JsonLines(arguments.output) if arguments.json else Bars() as show:
 
-        def announced(what: str) -> Any:
-            console().print(what)
-            return show
+        def passed(event: Event) -> None:
+            if not isinstance(event, Finished) or (event.outcome == "cancelled" and not arguments.json):
+                show(event)
+
+        def announced(what: str) -> Emit:
+            show(Log(message=what))
+            return passed
 
         results = ablate(arguments.config, arguments.out, arguments.overrides, variants, qps, announced)
     write_plot(results, arguments.out / "ablation.png")
     write_report(results, default, arguments.out / "ablation.html")
+    arguments.result = {"path": str(arguments.out.absolute()), **results.to_json()}
+    if arguments.json:
+        return 0
     header, *rows = table_rows(results, default)
     table = table_of(*header, left=(0,))
     for row in rows:

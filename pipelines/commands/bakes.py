@@ -25,6 +25,7 @@ def register(commands: Any) -> None:
         "It becomes the folder TAKE/bakes/NAME, which can be played, exported, shared, and compared like a take.",
     )
     keep.add_argument("name", metavar="NAME", help="name of the bake, such as qp26")
+    add_json(keep)
     choose = _command(
         commands, "choose", "make a kept bake the take's stream again, with its settings and evaluation", _choose
     )
@@ -78,7 +79,10 @@ def _print(found: list[KeptBake]) -> None:
 def _keep(arguments: argparse.Namespace) -> int:
     from pipelines.takes.kept_bakes import keep_bake
 
-    return _change(arguments.take, "keep", lambda take: keep_bake(take, arguments.name))
+    def keep(take: Take) -> None:
+        arguments.result = {"path": str(keep_bake(take, arguments.name).take.root.absolute())}
+
+    return _change(arguments.take, "keep", keep)
 
 
 def _choose(arguments: argparse.Namespace) -> int:

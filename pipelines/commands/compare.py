@@ -6,7 +6,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import add_command, add_frames, add_json, invalid_option
+from pipelines.commands.common.arguments import add_command, add_frames, add_json, add_overwrite, invalid_option
+from pipelines.outputs import check_output
 from studio.comparison.protocols import PROTOCOLS
 
 if TYPE_CHECKING:
@@ -49,6 +50,7 @@ def register(commands: Any) -> None:
         metavar="DIR",
         help="folder for comparison.json and images (default: %(default)s)",
     )
+    add_overwrite(parser)
     parser.add_argument("--images", type=int, default=2, metavar="N", help="frames to show (default: %(default)s)")
     parser.add_argument("--device", default="auto", help="torch device, as the setting run.device")
     add_json(parser)
@@ -57,10 +59,14 @@ def register(commands: Any) -> None:
 def _compare(arguments: argparse.Namespace) -> int:
     from pipelines.commands.common.working import json_output, working
     from pipelines.comparison.compare import compare
+    from pipelines.comparison.results import RESULTS
     from pipelines.stages.inputs import choose_device
 
     if arguments.images < 0:
         raise invalid_option("--images", f"--images {arguments.images} is below 0", "Example: --images 2.")
+    # one that was interrupted is resumed
+    unfinished = not (arguments.out / RESULTS).exists()
+    check_output(arguments.out, arguments.overwrite or unfinished, _is_comparison)
     device = choose_device(arguments.device)
     lpips = None
     if arguments.lpips:
@@ -80,10 +86,17 @@ def _compare(arguments: argparse.Namespace) -> int:
             device=device,
             progress=progress,
         )
-    arguments.result = result.to_json()
+    arguments.result = {"path": str(arguments.out.absolute()), **result.to_json()}
     if not arguments.json:
         _print(result, arguments.out)
     return 0
+
+
+def _is_comparison(out: Path) -> bool:
+    """Whether this is the folder of a comparison, or of one that was interrupted."""
+    from pipelines.comparison.results import FOLDER, RESULTS
+
+    return (out / RESULTS).is_file() or (out / FOLDER).is_dir()
 
 
 def _print(result: Comparison, out: Path) -> None:

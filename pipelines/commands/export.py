@@ -156,20 +156,20 @@ def _export(arguments: argparse.Namespace) -> int:
         notes: list[str] = []
         progress = stack.enter_context(working(f"export {arguments.format}", json_output(arguments)))
         if holds == "movie":
-            written = _movie(video, arguments, size, progress)
+            count, more = _movie(video, arguments, size, progress)
         elif holds == "plates":
-            written = _plates(video, arguments, size, progress)
+            count, more = _plates(video, arguments, size, progress)
         else:
             seen: set[float] = set()
             noting = _noting_dilations(video, seen)
             write = _usd if arguments.format == "usd" else _frames
-            written = write(noting, arguments, progress)
+            count, more = video.frame_count, write(noting, arguments, progress)
             notes = [_dilation_note(seen), _place_note(video, arguments)]
     if not arguments.json:
-        print(f"{arguments.out}: {written}")
+        print(f"{arguments.out}: {counted(count, 'frame')}{more}")
     for note in filter(None, notes):
         say_note(arguments, note)
-    arguments.result = {"path": str(arguments.out.absolute()), "format": arguments.format, "written": written}
+    arguments.result = {"path": str(arguments.out.absolute()), "format": arguments.format, "frames": count}
     return 0
 
 
@@ -352,7 +352,7 @@ def _frames(video: SplatVideo, arguments: argparse.Namespace, progress: Progress
                 "viewer",
             )
         export_videogs(video, out, qp=arguments.qp, progress=progress)
-        return f"{counted(video.frame_count, 'frame')}, {counted(len(video.groups), 'group')}"
+        return f", {counted(len(video.groups), 'group')}"
     chosen = EXPORTS[arguments.format]
     rotation = axes_of(video, chosen.up, _for_viewers(arguments))
     options = {} if arguments.spz_version is None else {"version": arguments.spz_version}
@@ -369,7 +369,7 @@ def _frames(video: SplatVideo, arguments: argparse.Namespace, progress: Progress
             video.frame_count,
             file=out,
         )
-    return counted(video.frame_count, "frame")
+    return ""
 
 
 def _usd(video: SplatVideo, arguments: argparse.Namespace, progress: ProgressFn) -> str:
@@ -385,13 +385,13 @@ def _usd(video: SplatVideo, arguments: argparse.Namespace, progress: ProgressFn)
         if video.sound is not None and out.suffix.lower() != ".usdz":
             stack.enter_context(replacing(out.with_suffix(".wav"), arguments.overwrite, Path.is_file))
         export_usd(video, out, rotation, cameras, progress)
-    parts = [counted(video.frame_count, "frame"), counted(len(video.groups), "group")]
-    parts += [counted(len(cameras), "camera")] if cameras else []
-    parts += ["sound"] if video.sound is not None else []
-    return ", ".join(parts)
+    cameras_too = f", {counted(len(cameras), 'camera')}" if cameras else ""
+    return f", {counted(len(video.groups), 'group')}{cameras_too}{', sound' if video.sound is not None else ''}"
 
 
-def _movie(video: SplatVideo, arguments: argparse.Namespace, size: tuple[int, int], progress: ProgressFn) -> str:
+def _movie(
+    video: SplatVideo, arguments: argparse.Namespace, size: tuple[int, int], progress: ProgressFn
+) -> tuple[int, str]:
     from studio.formats.camera_path import FILM_FORMATS, CameraPath, turntable
     from studio.formats.movie import movie_sound, render_movie
 
@@ -421,7 +421,7 @@ def _movie(video: SplatVideo, arguments: argparse.Namespace, size: tuple[int, in
     count = render_movie(video, arguments.out, camera, frame, seconds, fps, arguments.crf, progress)
     sound, why = movie_sound(video, frame, seconds, fps)
     heard = ", with sound" if sound is not None else f", without sound: {why}" if why else ""
-    return f"{counted(count, 'frame')} of {size[0]}x{size[1]}{heard}"
+    return count, f" of {size[0]}x{size[1]}{heard}"
 
 
 def _keys(video: SplatVideo, arguments: argparse.Namespace, size: tuple[int, int]) -> list[Key]:
@@ -446,7 +446,9 @@ def _numbers(video: SplatVideo, arguments: argparse.Namespace) -> tuple[int, ...
     return tuple(video.number(index) if first is None else first + index for index in indices)
 
 
-def _plates(video: SplatVideo, arguments: argparse.Namespace, size: tuple[int, int], progress: ProgressFn) -> str:
+def _plates(
+    video: SplatVideo, arguments: argparse.Namespace, size: tuple[int, int], progress: ProgressFn
+) -> tuple[int, str]:
     from pipelines.takes.camera_paths import film_world
     from pipelines.takes.videos import footage_cameras
     from studio.cameras import Rig
@@ -485,7 +487,7 @@ def _plates(video: SplatVideo, arguments: argparse.Namespace, size: tuple[int, i
         arguments.deep,
         progress,
     )
-    return f"{counted(video.frame_count, 'frame')} of {camera(0).width}x{camera(0).height}, {written:,} bytes"
+    return video.frame_count, f" of {camera(0).width}x{camera(0).height}, {written:,} bytes"
 
 
 def _color(text: str) -> tuple[float, float, float]:

@@ -71,7 +71,7 @@ def _import(arguments: argparse.Namespace) -> int:
         size = config.train.group_size if arguments.group_size is None else arguments.group_size
         manifest = bake_video(video, arguments.out, config.bake, size, progress, threads=config.run.thread_count)
     arguments.result = {
-        "path": str(arguments.out),
+        "path": str(arguments.out.absolute()),
         "frames": manifest.frame_count,
         "groups": len(manifest.frame_counts),
         "bytes": manifest.total_bytes,

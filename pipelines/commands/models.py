@@ -46,7 +46,7 @@ def _get(arguments: argparse.Namespace) -> int:
     model = model_named(arguments.name)
     file = get_model(model, arguments.out, arguments.package)
     settings = {"capture": {"mask_model": f"{model.kind}:{file.resolve()}"}}
-    arguments.result = {"file": str(file), **settings}
+    arguments.result = {"path": str(file.absolute()), **settings}
     if not arguments.json:
         print(f"{file}: {model.license}. Settings:")
         print(dump_yaml(settings), end="")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 from pipelines.commands.common.arguments import add_json
@@ -38,10 +39,12 @@ def _publish(arguments: argparse.Namespace) -> int:
     text = page_text(arguments)
     from pipelines.share.page import PAGE_NAME
     from pipelines.share.publishing import publish
+    from studio.storage import is_address
 
     with working("publish", json_output(arguments)) as progress:
         done = publish(arguments.source, arguments.target, text, page=arguments.page, progress=progress)
-    arguments.result = {"target": arguments.target, **asdict(done)}
+    path = arguments.target if is_address(arguments.target) else str(Path(arguments.target).absolute())
+    arguments.result = {"path": path, **asdict(done)}
     if not arguments.json:
         copied = f"{counted(done.copied, 'file')} copied ({done.bytes:,} bytes)"
         print(f"{arguments.target}: {copied}, {done.present} there already")

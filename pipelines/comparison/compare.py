@@ -13,6 +13,7 @@ import numpy as np
 from pipelines.comparison.measuring import FrameMeasurer, side_by_side
 from pipelines.comparison.opened_takes import OpenedTake, open_takes
 from pipelines.comparison.results import (
+    RESULTS,
     ComparedFrame,
     ComparedTake,
     Comparison,
@@ -117,7 +118,7 @@ def compare(
         for path in _earlier_images(out):
             remove(path)
         finished.publish(name for each in compared for name in each.images)
-        write_model(out / "comparison.json", result)
+        write_model(out / RESULTS, result)
         finished.remove()
     return result
 
@@ -157,7 +158,7 @@ def _image_name(camera: str, frame: int) -> str:
 def _earlier_images(out: Path) -> list[Path]:
     """Where the comparison that is in the folder has its images; nothing that somebody else put there."""
     try:
-        earlier = read_model(out / "comparison.json", Comparison).protocol
+        earlier = read_model(out / RESULTS, Comparison).protocol
     except StudioError:
         return []
     names = (_image_name(camera, frame) for camera in earlier.cameras for frame in earlier.frames)

@@ -12,8 +12,8 @@ from pipelines.reports.images import write_image
 from pipelines.takes.atomic_files import Result, disk_errors, read_model, remove, write_model
 from studio.errors import StudioError
 
-FOLDER = ".comparing"
-"""Name of the folder in that of the results."""
+RESULTS, FOLDER = "comparison.json", ".comparing"
+"""Names of the results, and of the folder beside them with what an interrupted comparison has finished."""
 
 
 class Measures(Result):

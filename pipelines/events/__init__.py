@@ -44,11 +44,11 @@ class Notice(Event):
 
     Attributes:
         message: the full sentence, for display.
-        code: identifies it for programs ("footage.no_frames").
-        file: the file or folder concerned.
-        value: the value found, if any.
-        fix: how to fix it, as a sentence.
-        fields: camera, frame, setting, expected, ...
+        code: for programs, such as "footage.no_frames"; "" if there is no error.
+        file: the file or folder concerned; None without one.
+        value: the value found; None without one.
+        fix: how to fix it, as a sentence; "" if that is not known.
+        fields: more, depending on the code: camera, frame, setting, expected and others.
     """
 
     message: str = ""
@@ -77,10 +77,10 @@ class RunStarted(Event):
 
     Attributes:
         take: the take's folder.
-        stages: stages that will run, in order.
-        done: stages that are up to date.
+        stages: names of the stages that will run, in order.
+        done: names of the stages that are up to date.
         pid: process id of the run.
-        version: program version.
+        version: version of V3 Studio.
     """
 
     kind: ClassVar[str] = "run_started"
@@ -110,10 +110,10 @@ class Progress(Event):
     Attributes:
         fraction: of the stage, 0 to 1.
         total_fraction: of all stages of this run, 0 to 1 (an estimate).
-        seconds_left: of the stage; None while unknown.
-        total_seconds_left: of the run; None while unknown.
+        seconds_left: of the stage; None while unknown, in any case in its first ten seconds.
+        total_seconds_left: of the run; likewise.
         label: the step in progress ("group 1, frame 7: motion").
-        figures: loss, psnr, splats, iteration, group, frame ..., depending on the stage.
+        figures: depending on the stage: loss, psnr, splats, iteration, group, frame and others.
     """
 
     kind: ClassVar[str] = "progress"
@@ -130,7 +130,7 @@ class Metrics(Event):
     """Final figures of a trained frame, a baked group or an evaluation.
 
     Attributes:
-        values: by name.
+        values: the figures by name.
         group: number of the group, counted from 0; None for all.
         frame: frame number in the footage; None for all.
     """
@@ -150,10 +150,11 @@ class GroupState(Event):
         state: "queued", "running", "retried" (queued again), "done" or "failed".
         node: name of the node that it runs on, or ran on last; "" while it was on none.
         gpu: the GPUs that it uses there ("0"); "" for none.
-        attempt: 1 at first.
-        frames_done, frames: finished frames of the group, and all.
-        psnr: of its training views, in dB, if known.
-        seconds_per_frame: mean over the frames that this attempt has trained, if any.
+        attempt: counted from 1.
+        frames_done: finished frames of the group.
+        frames: all frames of the group.
+        psnr: of its training views, in dB; None while unknown.
+        seconds_per_frame: mean over the frames that this attempt has trained; None without any.
         message: why it was retried or failed.
     """
 
@@ -192,7 +193,11 @@ class Preview(Event):
 
 @dataclass(frozen=True, kw_only=True)
 class Log(Event):
-    """A detail: what was found in the footage, or what a stage decided."""
+    """A detail: what was found in the footage, or what a stage decided.
+
+    Attributes:
+        message: a sentence, for display.
+    """
 
     kind: ClassVar[str] = "log"
     message: str
@@ -203,10 +208,10 @@ class Serving(Event):
     """`v3studio serve` is ready.
 
     Attributes:
-        streams: `folder` and `address` of each stream.
-        reviews: `folder` and `address` of each take that can be reviewed.
-        bases: addresses of the server, the first of which is in the others.
-        local: whether only this machine can reach it.
+        streams: objects with the `folder` and `address` of a stream.
+        reviews: objects with the `folder` and `address` of a take that can be reviewed.
+        bases: addresses of the server; the addresses above begin with the first.
+        local: whether only this machine can reach the server.
         https: whether it encrypts.
         fingerprint: SHA-256 of the certificate; None without one.
     """
@@ -233,7 +238,7 @@ class StageFinished(Event):
 
     Attributes:
         seconds: work time, without pauses.
-        summary: the stage's main figures (`pipelines.stages.summaries`).
+        summary: the stage's main figures.
     """
 
     kind: ClassVar[str] = "stage_finished"
@@ -258,10 +263,9 @@ class Finished(Notice):
     """The last event of every command, also of one that failed.
 
     Attributes:
-        outcome: "done" (exit code 0), "failed" or "cancelled". If failed, the inherited attributes hold the error; a
-            check that found something has none.
+        outcome: "done" (exit code 0), "failed" or "cancelled". A check that found something has failed, without a code.
         seconds: work time, without pauses.
-        result: what the command found or made; see the command.
+        result: what the command found or made; empty if it has nothing to say.
     """
 
     kind: ClassVar[str] = "finished"

@@ -4,6 +4,7 @@
 reads the output of a command runs if jq is installed.
 """
 
+import gzip
 import re
 import shlex
 import shutil
@@ -16,6 +17,7 @@ import pytest
 
 from pipelines.config.presets import PRESETS
 from pipelines.events.cancellation import EXIT_CANCELLED
+from pipelines.share.player_files import read_player
 from studio.formats import EXPORTS
 from studio.masks.sources import SOURCES
 from studio.stream import StreamReader
@@ -141,6 +143,14 @@ def test_the_guides_list_what_the_program_has() -> None:
     for page, names in (("masks", sources), ("export-import", EXPORTS), ("bake", CODECS), ("training", PRESETS)):
         text = (ROOT / "docs" / "guides" / f"{page}.md").read_text(encoding="utf-8")
         assert [name for name in names if not re.search(rf"[`*]{name}[`*]", text)] == [], page
+
+
+def test_the_gzipped_sizes_of_the_player_are_those_of_its_page() -> None:
+    player = read_player()
+    text = (ROOT / "docs/WEB.md").read_text(encoding="utf-8")
+    found = [int(size) for size in re.findall(r"(\d+) kB\s+\(?gzipped", text)]
+    sizes = [len(gzip.compress(one)) / 1000 for one in (player.page.encode() + player.script, player.review)]
+    assert found == pytest.approx(sizes, abs=1)
 
 
 def test_the_size_of_the_demo_is_that_of_its_stream() -> None:

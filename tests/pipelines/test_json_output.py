@@ -93,6 +93,7 @@ COMMANDS = {
     "compare": ("compare", "{take}", "--out", "{out}", "--json"),
     "check": ("check", "{take}", "--json"),
     "bake list": ("bake", "list", "{take}", "--json"),
+    "bake keep": ("bake", "keep", "{take}", "kept", "--json"),
     "play": ("play", "{take}", "--json"),
     "export": ("export", "{take}", "--format", "ply", "--of", "trained", "--out", "{out}", "--json"),
     "import": ("import", "{frame}", "--out", "{out}", "--json"),
@@ -100,6 +101,7 @@ COMMANDS = {
     "share": ("share", "{take}", "--out", "{out}", "--json"),
     "sync": ("sync", "{long}", "--method", "motion", "--json"),
 }
+WRITTEN = {"bake keep": "take/bakes/kept", **dict.fromkeys(("compare", "export", "import", "publish", "share"), "out")}
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -118,6 +120,7 @@ def test_every_command_with_json_prints_json_only(
     assert isinstance(last, Finished)
     assert last.outcome == "done"
     assert last.result
+    assert last.result.get("path") == (str(tmp_path / WRITTEN[name]) if name in WRITTEN else None)
     for words in WORDS:
         assert words in done.stderr.decode("utf-8", "replace")
 
@@ -131,6 +134,7 @@ def test_every_command_that_knows_json_is_tried_above(cli: Callable) -> None:
     elsewhere = {
         "serve": "commands",
         "work": "runs",
+        "ablate": "commands",
         "estimate": "estimate",
         "models list": "models",
         "models get": "models",

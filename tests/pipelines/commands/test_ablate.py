@@ -12,6 +12,7 @@ from pipelines.ablation.study import compare
 from pipelines.ablation.variants import chosen
 from pipelines.takes.frame_files import read_about
 from tests.support.errors import refuses
+from tests.support.events import result_of
 
 pytestmark = pytest.mark.long
 
@@ -77,8 +78,9 @@ def test_command_shares_keyframes_measures_and_goes_on(project, cli):
     assert "no fine-tuning" in page
 
     before = {path: path.stat().st_mtime_ns for path in out.rglob("frame_*")}
-    again = cli(*arguments, "--set", "capture.frames=:2")
+    again = cli(*arguments, "--set", "capture.frames=:2", "--json")
     assert again.returncode == 0, again.stderr
+    assert result_of(again.stdout) == {"path": str(out), **json.loads((out / "ablation.json").read_text())}
     assert {path: path.stat().st_mtime_ns for path in out.rglob("frame_*")} == before
 
     refused = cli(*arguments[:-1], "10,x")

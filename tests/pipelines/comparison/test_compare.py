@@ -73,7 +73,10 @@ def test_an_earlier_comparison_is_replaced_and_other_images_stay(two, here, tmp_
     (tmp_path / "comparison.json").write_text(json.dumps(values))
     for name in ("cam2_000001.png", "left_cam4_000001.png", "poster.png", "cam9_000001.png"):
         (tmp_path / name).write_bytes(b"")
-    here("compare", two[0], "--frames", "::4", "--images", "1", "--out", tmp_path)
+    again = ("compare", two[0], "--frames", "::4", "--images", "1", "--out", tmp_path)
+    assert "already exists" in here(*again).stderr
+    assert (tmp_path / "cam2_000001.png").exists()
+    here(*again, "--overwrite").ok()
     names = sorted(path.name for path in tmp_path.iterdir())
     assert names == ["cam4_000000.png", "cam9_000001.png", "comparison.json", "poster.png"]
 
@@ -182,6 +185,8 @@ def test_mistakes_are_one_sentence(two, here, tmp_path):
     done = here("compare", two[0], "--frames", "::0", "--out", tmp_path / "out")
     assert "'::0' is not of the form A:B" in done.stderr
     assert not (tmp_path / "out").exists()
+    done = here("compare", two[0], "--out", two[1], "--overwrite")
+    assert "is not an earlier output" in done.stderr
 
 
 def test_footage_that_is_mounted_elsewhere(finished, tmp_path):
