@@ -111,7 +111,7 @@ def test_documented_packages_are_those_that_the_program_uses() -> None:
         for line in re.findall(r"pip install ([^`\n\"]+)", path.read_text(encoding="utf-8")):
             words = shlex.split(re.split(r"[).;]?(?: \(|, |\.$|\)| #|  )", line)[0].rstrip(".,"))
             for word in words:
-                if word.startswith(("-", "{", "http", ".", "v3studio-", "dist/")):
+                if word == "." or word.startswith(("-", "{", "http", "v3studio-", "dist/")):
                     continue
                 found = Requirement(word)
                 seen.add(found.name)

@@ -11,10 +11,11 @@ from generate.markdown import code, escaped, table
 
 INTRODUCTION = """# Commands
 
-Generated from the parsers of the command line. All commands take `--help`. Where a command takes a configuration, any
-[setting](settings.md) can be overridden as `--SECTION.NAME VALUE` or `--set SECTION.NAME=VALUE`.
+All commands take `--help`. Commands with the option `--set` also take any [setting](settings.md) as
+`--SECTION.NAME VALUE`. With `--json`, a command prints [events](events.md).
 
-Exit codes: 0 success, 1 bad input or a failure (one sentence on standard error), 2 wrong usage, 130 stopped.
+Exit codes: 0 for success, 1 for a failure or bad input, 2 for wrong usage, 130 if stopped. A failure is one sentence on
+standard error.
 """
 _WIDTH = "100"  # argparse wraps usage lines at the terminal's width
 
@@ -42,7 +43,7 @@ def commands_page() -> str:
 
 def _command(name: str, parser: argparse.ArgumentParser, summary: str, level: int = 2) -> list[str]:
     description = parser.description or summary
-    usage = parser.format_usage().removeprefix("usage: ").rstrip()
+    usage = parser.format_usage().removeprefix("usage: ").rstrip().replace("\n       ", "\n")
     lines = [
         f"{'#' * level} {name} {{ #{name.replace(' ', '-')} }}",
         "",
@@ -67,8 +68,7 @@ def _command(name: str, parser: argparse.ArgumentParser, summary: str, level: in
             ]
             continue
         said = formatter._expand_help(action) if action.help else ""
-        choices = f" One of {', '.join(map(str, action.choices))}." if action.choices and not action.metavar else ""
-        rows.append((_invocation(action), escaped(_sentence(said) + choices)))
+        rows.append((_invocation(action), escaped(said)))
     if rows:
         lines += [*table(("Argument", "Meaning"), *rows), ""]
     if parser.epilog and not parser.epilog.startswith("settings:"):
@@ -78,11 +78,11 @@ def _command(name: str, parser: argparse.ArgumentParser, summary: str, level: in
 
 def _invocation(action: argparse.Action) -> str:
     value = action.metavar if isinstance(action.metavar, str) else None
+    value = value or ("{" + ",".join(map(str, action.choices)) + "}" if action.choices else action.dest.upper())
     if not action.option_strings:
-        return code(value or action.dest)
+        return code(value)
     if action.nargs == 0:
         return ", ".join(map(code, action.option_strings))
-    value = value or (action.dest.upper() if not action.choices else "{" + ",".join(map(str, action.choices)) + "}")
     return ", ".join(code(f"{option} {value}") for option in action.option_strings)
 
 

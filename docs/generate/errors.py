@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import re
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -39,10 +39,13 @@ class Site:
 def errors_page(root: Path, packages: tuple[str, ...]) -> str:
     """Markdown of all codes that the packages under `root` name, by area."""
     found: dict[str, list[Site]] = defaultdict(list)
-    for package in packages:
-        for file in sorted((root / package).rglob("*.py")):
-            for site in sites(file.read_text(encoding="utf-8")):
-                found[site.code].append(site)
+    files = [file for package in packages for file in sorted((root / package).rglob("*.py"))]
+    sources = [file.read_text(encoding="utf-8") for file in files]
+    named = [one for source in sources for one in _constants(source).items()]
+    known = {name: value for name, value in named if [one for one, _ in named].count(name) == 1}
+    for source in sources:
+        for site in sites(source, known):
+            found[site.code].append(site)
     areas: dict[str, list[str]] = defaultdict(list)
     for name in sorted(found):
         areas[name.split(".")[0]].append(name)
@@ -58,12 +61,17 @@ def errors_page(root: Path, packages: tuple[str, ...]) -> str:
 
 
 def _words(site: Site) -> str:
-    fix = f" **Fix:** {site.fix}" if site.fix else ""
+    fix = f" **Fix:** {site.fix}" if site.fix.strip("*") not in ("", "fix") else ""
     return f"{site.problem}{fix}"
 
 
-def sites(source: str) -> Iterator[Site]:
-    """Every call in a module's source that makes a message with a code."""
+def sites(source: str, constants: Mapping[str, ast.expr] | None = None) -> Iterator[Site]:
+    """Every call in a module's source that makes a message with a code.
+
+    Args:
+        constants: values of other modules' constants.
+    """
+    known = {**(constants or {}), **_constants(source)}
     for node in ast.walk(ast.parse(source)):
         if not isinstance(node, ast.Call) or not node.args:
             continue
@@ -73,23 +81,40 @@ def sites(source: str) -> Iterator[Site]:
         keywords = {keyword.arg: keyword.value for keyword in node.keywords if keyword.arg}
         problem = node.args[1] if len(node.args) > 1 else keywords.get("problem")
         if problem is not None and ast.unparse(node.func).endswith(MAKERS):
-            yield Site(first.value, _text(problem), _text(keywords["fix"]) if "fix" in keywords else "")
+            fix = _text(keywords["fix"], known) if "fix" in keywords else ""
+            yield Site(first.value, _text(problem, known), fix)
 
 
-def _text(node: ast.expr) -> str:
+def _constants(source: str) -> dict[str, ast.expr]:
+    """Texts and numbers that a module gives a name in capitals."""
+    return {
+        node.targets[0].id: node.value
+        for node in ast.parse(source).body
+        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name) and node.targets[0].id.isupper()
+        if isinstance(node.value, (ast.Constant, ast.JoinedStr))
+    }
+
+
+def _text(node: ast.expr, known: Mapping[str, ast.expr]) -> str:
     """A string expression as Markdown; what is only known at run time in italics."""
+    if isinstance(node, ast.FormattedValue) and not isinstance(node.value, ast.BinOp):
+        return _text(node.value, known)
+    if isinstance(node, ast.Name) and node.id in known:
+        return _text(known[node.id], known)
     if isinstance(node, ast.Constant):
-        return escaped(str(node.value))
+        return escaped(f"{node.value:,}" if isinstance(node.value, int) else str(node.value))
     if isinstance(node, ast.JoinedStr):
-        return "".join(_text(part) for part in node.values)
+        return "".join(_text(part, known) for part in node.values)
     if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
-        return _text(node.left) + _text(node.right)
+        return _text(node.left, known) + _text(node.right, known)
     if isinstance(node, ast.IfExp):
-        return f"{_text(node.body)} / {_text(node.orelse)}"
-    value = node.value if isinstance(node, ast.FormattedValue) else node
-    names = [part.attr if isinstance(part, ast.Attribute) else part.id for part in ast.walk(value) if _named(part)]
+        return " / ".join(filter(None, (_text(node.body, known), _text(node.orelse, known))))
+    if isinstance(node, ast.Call) and ast.unparse(node.func) in ("len", "sum"):
+        return "*n*"
+    inner = node.args if isinstance(node, ast.Call) else [node]  # arguments say more than a function's name
+    names = [name for one in (*inner, node) for part in ast.walk(one) if (name := _name(part))]
     return f"*{escaped(names[0].strip('_').replace('_', ' '))}*" if names else "*...*"
 
 
-def _named(node: ast.AST) -> bool:
-    return isinstance(node, (ast.Attribute, ast.Name))
+def _name(node: ast.AST) -> str:
+    return node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""

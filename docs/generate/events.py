@@ -5,21 +5,37 @@ from __future__ import annotations
 import inspect
 import re
 import typing
+from collections.abc import Iterator
 from dataclasses import fields
 
 from generate.markdown import code, escaped, table
 
 INTRODUCTION = """# Events
 
-A run reports its progress as events. With `--json`, each event is printed immediately as one JSON object on a line of
-standard output. The events of the last run are also stored in the take, as `.v3studio/events.jsonl`. The command line
-shows them as progress bars; the window reads the same lines.
+With `--json`, a command prints events: each is a JSON object on a line of standard output. The last is
+[finished](#finished). A take keeps the events of its last run in `.v3studio/events.jsonl`. Readers should ignore
+unknown fields.
 
-Readers should ignore unknown fields. Every event has `event`, `stage` (the stage that it is about; empty for the entire
-run) and `time` (seconds since 1970). NaN and infinity are written as null.
+If a command writes something, `result.path` of its last event is the absolute path of that file or folder:
 
-This page is generated from the event classes in `pipelines.events`.
+```sh
+v3studio export my-take --format ply --out plys --json | tail -n 1 | jq -r .result.path
+```
+
+Every event has `event` (its kind, the title below), `time` (seconds since 1970) and `stage` (empty for the entire run).
+NaN and infinity are null.
 """
+
+_JSON = {
+    "str": "string",
+    "float": "number",
+    "int": "integer",
+    "bool": "boolean",
+    "None": "null",
+    "tuple": "array",
+    "Mapping": "object",
+    "JsonData": "any",
+}
 
 
 def events_page() -> str:
@@ -27,22 +43,30 @@ def events_page() -> str:
     from pipelines import events
 
     common = {field.name for field in fields(events.Event)}
-    kinds = typing.get_args(events.AnyEvent)  # in the order in which they are declared
     lines = [INTRODUCTION]
-    for cls in kinds:
-        summary, _, attributes = inspect.cleandoc(cls.__doc__ or "").partition("Attributes:")
-        said = {
-            name: " ".join(text.split())
-            for name, text in re.findall(r"^ *(\w+): (.*(?:\n {6,}.*)*)", attributes, flags=re.MULTILINE)
-        }
-        lines += [f"## {cls.kind} {{ #{cls.kind} }}", "", escaped(summary), ""]
+    for cls in typing.get_args(events.AnyEvent):  # in the order in which they are declared
+        said = {name: text for base in reversed(cls.__mro__) for name, text in _attributes(base)}
+        lines += [f"## {cls.kind} {{ #{cls.kind} }}", "", escaped(_parts(cls)[0].strip()), ""]
         rows = [
-            (code(field.name), code(str(field.type)), escaped(said.get(field.name, "")))
+            (code(field.name), " or ".join(_json(str(field.type))), escaped(said.get(field.name, "")))
             for field in fields(cls)
             if field.name not in common
         ]
-        if any(row[2] for row in rows):
-            lines += [*table(("Field", "Type", "Meaning"), *rows), ""]
-        elif rows:
-            lines += [*table(("Field", "Type"), *(row[:2] for row in rows)), ""]
+        lines += [*table(("Field", "Type", "Meaning"), *rows), ""]
     return "\n".join(lines)
+
+
+def _parts(cls: type) -> tuple[str, str, str]:
+    """What a docstring says of the class; between them, the heading; and of its attributes."""
+    return inspect.cleandoc(cls.__doc__ or "").partition("Attributes:")
+
+
+def _attributes(cls: type) -> Iterator[tuple[str, str]]:
+    for names, text in re.findall(r"^ *(\w+(?:, \w+)*): (.*(?:\n {6,}.*)*)", _parts(cls)[2], flags=re.MULTILINE):
+        for name in names.split(", "):
+            yield name, re.sub(r"\bNone\b", "null", " ".join(text.split()).removesuffix("."))
+
+
+def _json(kind: str) -> list[str]:
+    """JSON's names of the types in an annotation, without those of items."""
+    return [_JSON[re.match(r"\w+", one)[0]] for one in kind.split(" | ")]

@@ -11,18 +11,15 @@ from pydantic.fields import FieldInfo
 
 INTRODUCTION = """# Settings
 
-All settings of a run. This page is generated from the models that validate the settings, so it lists exactly what this
-version accepts. `v3studio config` prints the same list as a YAML file that you can edit and run.
-
-Set a value in a YAML file:
+`v3studio config` prints this list as a YAML file that you can edit and run. Set a value in a YAML file:
 
 ```yaml
 train:
   max_splats: 36000
 ```
 
-or on the command line, as `--train.max-splats 36000` or `--set train.max_splats=36000`. Omitted settings
-have their defaults. Unknown names are refused.
+or on the command line, as `--train.max-splats 36000` or `--set train.max_splats=36000`. Omitted settings have their
+defaults. Unknown names are refused. *Affects* names the results that are made again if the setting changes.
 """
 
 
@@ -107,7 +104,7 @@ def _results(affects: Any, outer: tuple[str, ...]) -> tuple[str, ...]:
 
 def _stale(results: tuple[str, ...]) -> str:
     names = ", ".join(escaped(name.replace("_", " ")) for name in results)
-    return f"<br>A change makes these results stale: {names}." if names else ""
+    return f"<br>Affects: {names}." if names else ""
 
 
 def _default(model: BaseModel, name: str) -> str:

@@ -29,14 +29,26 @@ def test_error_codes_are_found_with_their_text(generator: Load) -> None:
     source = (
         'raise StudioError("footage.no_frames", f"camera {camera.name} has no frames", fix="Add " + "frames.")\n'
         'Message("stream.old", "version 1")\n'
+        'AGAIN = "Copy it again."\n'
+        'raise StudioError("footage.damaged", f"{len(left)} of {join(names)} in {LIMITS[0]}", fix=AGAIN)\n'
         'raise StudioError("an old sentence without a code")\n'
         'raise KeyError("not.ours")\n'
         'print("footage.printed", "nothing")\n'
     )
     found = {site.code: site for site in generator("errors").sites(source)}
-    assert set(found) == {"footage.no_frames", "stream.old"}
+    assert set(found) == {"footage.no_frames", "stream.old", "footage.damaged"}
+    assert found["footage.damaged"].problem == "*n* of *names* in *LIMITS*"
+    assert found["footage.damaged"].fix == "Copy it again."
     assert found["footage.no_frames"].problem == "camera *name* has no frames"
     assert found["footage.no_frames"].fix == "Add frames."
+
+
+def test_fields_of_events_have_a_meaning_and_a_type_of_json(generator: Load) -> None:
+    page = generator("events").events_page()
+    rows = [line.strip("| ").split(" | ") for line in page.splitlines() if line.startswith("| `")]
+    kinds = {"string", "number", "integer", "boolean", "object", "array", "any"}
+    assert {kind for row in rows for kind in row[1].split(" or ")} == {*kinds, "null"}
+    assert {len(row) for row in rows} == {3}
 
 
 def test_every_setting_is_on_the_page(generator: Load) -> None:
