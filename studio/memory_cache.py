@@ -70,8 +70,8 @@ class MemoryCache(Generic[Key, Value]):
         with self._lock:
             making = self._making.setdefault(key, threading.Lock())
         with making:
-            if key in self:
-                with self._lock:
+            with self._lock:
+                if key in self._values:
                     self._values.move_to_end(key)
                     return self._values[key]
             value = make(key)

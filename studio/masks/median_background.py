@@ -24,9 +24,11 @@ from studio.atomic_files import atomic_path
 from studio.capture.settings import DifferenceSettings
 from studio.masks.clean_plate import difference_evidence
 from studio.masks.filters import color_table, guided_filter, look_up
+from studio.memory_cache import MemoryCache
 
 _SIDE = 480  # longest side while estimating
 _SLOTS = 7  # full-size samples per pixel for the median
+_KEPT_BYTES = 2 << 30
 _VERSION = 1  # of the algorithm; part of the names of cached files
 
 
@@ -49,6 +51,16 @@ class Background:
     doubtful: np.ndarray | None = None
     colors: np.ndarray | None = None
     agreed: np.ndarray | None = None
+
+    @property
+    def nbytes(self) -> int:
+        """Its size in memory."""
+        return sum(part.nbytes for part in vars(self).values() if part is not None)
+
+
+def background_cache() -> MemoryCache[str, Background]:
+    """Backgrounds by camera: those that were used last, since those of a large rig do not fit into memory together."""
+    return MemoryCache(_KEPT_BYTES, lambda behind: behind.nbytes, least=1)
 
 
 def median_plate(images: Callable[[int], np.ndarray], count: int, samples: int = 15) -> np.ndarray:

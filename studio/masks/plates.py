@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -19,8 +18,13 @@ from studio.errors import StudioError
 from studio.masks.clean_plate import difference_mask
 from studio.masks.mask_files import find_files_of
 from studio.masks.mask_source import GarbageMasks, MaskInputs, MaskSource
-from studio.masks.median_background import Background, cached_background, estimate_background, median_plate
-from studio.memory_cache import MemoryCache
+from studio.masks.median_background import (
+    Background,
+    background_cache,
+    cached_background,
+    estimate_background,
+    median_plate,
+)
 
 FEW_FRAMES = 10
 """With fewer frames, the performer hides too much of the set for auto to choose its median."""
@@ -30,7 +34,7 @@ class PlateMaskSource:
     """A `MaskSource` from the difference to the empty set, whose image is loaded or estimated once per camera.
 
     Args:
-        background: loads or estimates the background of a camera; called once per camera.
+        background: loads or estimates the background of a camera; once per camera, as far as they fit into memory.
         files: files that the backgrounds depend on.
         garbage: where the performer may be; None: everywhere.
     """
@@ -46,7 +50,7 @@ class PlateMaskSource:
         self._garbage = garbage
         self._settings = settings or DifferenceSettings()
         self._load = background
-        self._backgrounds: MemoryCache[str, Background] = MemoryCache(math.inf)
+        self._backgrounds = background_cache()
 
     def background(self, camera: str) -> Background:
         """The background of `camera`, in raw pixels."""

@@ -35,7 +35,7 @@ from studio.masks.clean_plate import match_exposure, solve_edges
 from studio.masks.filters import keep_components
 from studio.masks.mask_cache import MaskCache
 from studio.masks.mask_source import MaskInputs, MaskSource
-from studio.masks.median_background import Background, cached_background
+from studio.masks.median_background import Background, background_cache, cached_background
 from studio.masks.onnx_model import open_model
 from studio.masks.plates import PlateMaskSource, open_clean_plate, open_median_background, shown
 from studio.memory_cache import MemoryCache
@@ -100,7 +100,8 @@ class AgreedMaskSource:
             _KEPT_BYTES, lambda image: image.nbytes
         )
         self._agreed: MemoryCache[int, dict[str, np.ndarray]] = MemoryCache(_KEPT_FRAMES)
-        self._sets: MemoryCache[str, Background] = MemoryCache(math.inf)
+        self._sets = background_cache()
+        self._small_sets: MemoryCache[str, Background] = MemoryCache(math.inf)
         self._covers: MemoryCache[None, list[dict[str, np.ndarray]]] = MemoryCache(math.inf)
 
     def mask(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
@@ -180,7 +181,11 @@ class AgreedMaskSource:
 
     def agree(self, frame: int) -> dict[str, np.ndarray]:
         """By camera: (h, w) bool, where all cameras together see the performer, at reduced size; with cameras only."""
-        sets = {name: _reduced_background(self.background(name)) for name in self._inputs.names}
+
+        def reduced(name: str) -> Background:
+            return _reduced_background(self.background(name))
+
+        sets = {name: self._small_sets.get_or_make(name, reduced) for name in self._inputs.names}
         return self._vote(frame, sets, _WORK_SIDE, _ROUNDS)
 
     def _vote(self, frame: int, sets: Mapping[str, Background], side: int, rounds: int) -> dict[str, np.ndarray]:
