@@ -19,6 +19,20 @@ def plural(noun: str, count: float) -> str:
     return noun if count == 1 else f"{noun}s"
 
 
+def span(values: Collection[float]) -> str:
+    """Numbers as "294", or "294 to 310" if they differ."""
+    ends = sorted({min(values), max(values)})
+    return " to ".join(f"{end:,}" if isinstance(end, int) else f"{end:g}" for end in ends)
+
+
+def size_words(count: float) -> str:
+    """Bytes as "2.6 KB", "12.8 MB" or "1.4 GB" (1 KB = 1000 bytes)."""
+    for unit, name in ((1e9, "GB"), (1e6, "MB")):
+        if count >= unit:
+            return f"{count / unit:.1f} {name}"
+    return f"{count / 1000:.1f} KB"
+
+
 def listed(words: Collection[str], most: int = 6) -> str:
     """Words in a sentence: "a", "a and b", or "a, b and 4 more" after the first `most`."""
     shown, more = list(words)[:most], len(words) - most

@@ -68,7 +68,7 @@ def _print(found: list[KeptBake]) -> None:
             escaped(kept.name),
             kept.quality,
             f"{kept.bytes / 1e6:.2f}",
-            f"{kept.bytes_per_frame / 1000:.1f}",
+            f"{kept.summary.bytes_per_frame / 1000:.1f}",
             "-" if kept.psnr is None else f"{kept.psnr:.2f}",
             kept.baked[:16].replace("T", " "),
             ", ".join(words for words, holds in notes.items() if holds),

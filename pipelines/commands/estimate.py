@@ -83,7 +83,7 @@ def _rehearsed(inputs: Inputs, title: str, output: TextIO | None) -> Estimate:
 
 
 def _stream_words(found: Estimate) -> str:
-    from pipelines.reports.summary_words import size_words
+    from studio.counts import size_words
 
     stream = next((stage.bytes for stage in found.stages if stage.stage == "bake"), None)
     return "" if stream is None else f", a stream of about {size_words(stream)}"
@@ -116,9 +116,9 @@ def _inputs(arguments: argparse.Namespace, stack: ExitStack) -> Inputs:
 
 def _print(found: Estimate, threads: int, now: float | None) -> None:
     from pipelines.estimate.estimate import stream_range
-    from pipelines.reports.summary_words import size_words
     from pipelines.reports.tables import table_of
     from pipelines.reports.terminal import console, duration
+    from studio.counts import size_words
 
     screen, table = console(), table_of("stage", "time", "memory", "disk", "", left=(0, 4))
     for stage in found.stages:

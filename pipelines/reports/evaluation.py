@@ -14,7 +14,6 @@ from pipelines.config import Config
 from pipelines.reports.images import encode
 from pipelines.reports.page import rendered
 from pipelines.reports.plots import plots
-from pipelines.reports.summary_words import summary_words
 from pipelines.reports.tables import metric_texts
 from pipelines.takes.atomic_files import digest_of, write_text
 from pipelines.takes.evaluation import Evaluation, read_evaluation
@@ -22,6 +21,7 @@ from pipelines.takes.groups import Group
 from pipelines.takes.marks import read_marks
 from pipelines.takes.records import note_rewritten, read_record
 from pipelines.takes.stage_files import read_cameras_report
+from pipelines.takes.summaries import summary_words
 from pipelines.takes.take import Take
 from pipelines.version import program_version
 from studio.comparison.metrics import FLICKER

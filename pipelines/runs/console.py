@@ -18,8 +18,8 @@ from pipelines.events import (
     StageStarted,
     Warned,
 )
-from pipelines.reports.summary_words import summary_words
 from pipelines.reports.terminal import console, duration
+from pipelines.takes.summaries import summary_words
 from studio.counts import counted
 from studio.process import NativeLines, discard
 

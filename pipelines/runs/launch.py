@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipelines.events import RunStarted
-from pipelines.events.log_follower import LogFollower
+from pipelines.events.event_log import LogFollower
 
 ERRORS = "background.log"
 """File in a take's private folder with the standard error of a run without a terminal."""

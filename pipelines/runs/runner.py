@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import time
 import traceback
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,9 +11,7 @@ from dataclasses import dataclass
 from pipelines.config import Config, load_config
 from pipelines.events import (
     Emit,
-    Event,
     Log,
-    Progress,
     RunStarted,
     StageFailed,
     StageFinished,
@@ -23,9 +20,10 @@ from pipelines.events import (
     as_message,
 )
 from pipelines.events.cancellation import Cancellation
+from pipelines.events.event_log import EventLog
 from pipelines.runs.finishing import finishing
 from pipelines.runs.out_of_memory import memory_errors
-from pipelines.runs.staleness import DONE, StageStatus, assess, assess_all, write_record
+from pipelines.runs.staleness import DONE, StageStatus, assess, assess_all, not_ready, write_record
 from pipelines.runs.work import limit_threads
 from pipelines.stages import STAGE_NAMES, STAGES, Executor, Stage, stage_named
 from pipelines.stages.evaluate import lpips_of
@@ -81,7 +79,8 @@ def run(
         Cancelled: the run was cancelled.
     """
     cancellation = cancellation or Cancellation()
-    report, verified = emit, set[str]()
+    report: Emit = emit
+    verified = set[str]()
     with (
         finishing(lambda: report, cancellation, "Run again to resume.", lambda: result_of(take, verified)) as clock,
         disk_errors(take.root),
@@ -89,7 +88,8 @@ def run(
         cancelled_on_request(take, cancellation.cancel),
     ):
         names = _known(stages)
-        report = Logged(emit, take)
+        write_text(take.log, "")
+        report = EventLog(take.log, 2.0, emit)
         if keep is not None:
             free_name(take, keep)
         _Run(Inputs(take, config), report, cancellation, clock, force, verified).go(names)
@@ -124,28 +124,6 @@ def _known(stages: str | Iterable[str]) -> list[str]:
                 fix=f"The stages are {', '.join(STAGE_NAMES)}.",
             )
     return [name for name in STAGE_NAMES if name in wanted]
-
-
-class Logged:
-    """Forwards events and writes them to the take's log, replacing that of the previous run.
-
-    Progress is logged at most every two seconds, to keep logs of long runs small.
-    """
-
-    def __init__(self, emit: Emit, take: Take) -> None:
-        self._emit, self._path = emit, take.log
-        self._last_progress = -2.0
-        write_text(self._path, "")
-
-    def __call__(self, event: Event) -> None:
-        self._emit(event)
-        if isinstance(event, Progress):
-            if time.monotonic() - self._last_progress < 2:
-                return
-            self._last_progress = time.monotonic()
-        # an unwritable log (a full disk) must not stop the event
-        with contextlib.suppress(OSError), self._path.open("a", encoding="utf-8") as file:
-            file.write(event.to_json() + "\n")
 
 
 @dataclass
@@ -301,13 +279,4 @@ def _refuse_gaps(todo: Sequence[Stage], found: dict[str, StageStatus]) -> None:
     for stage in todo:
         for dependency in stage.dependencies:
             if stage_named(dependency) not in todo and found[dependency].state != DONE:
-                status, reason = found[dependency].state, found[dependency].reason
-                raise StudioError(
-                    "stage.dependency",
-                    f"the stage {stage.name} needs {dependency}, which is {status}{f' ({reason})' if reason else ''}",
-                    fix=f"Run `v3studio {dependency}` first, or `v3studio run` for all stages.",
-                    stage=stage.name,
-                    dependency=dependency,
-                    state=status,
-                    reason=reason,
-                )
+                raise not_ready(stage, found[dependency])

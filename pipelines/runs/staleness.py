@@ -139,6 +139,20 @@ def assess_all(stages: tuple[Stage, ...], inputs: Inputs) -> dict[str, StageStat
     return found
 
 
+def not_ready(stage: Stage, needed: StageStatus) -> StudioError:
+    """What to raise if a stage cannot run, because one that it depends on is not done."""
+    why = f" ({needed.reason})" if needed.reason else ""
+    return StudioError(
+        "stage.dependency",
+        f"the stage {stage.name} needs {needed.stage}, which is {needed.state}{why}",
+        fix=f"Run `v3studio run --until {needed.stage}` first, or `v3studio run` for all stages.",
+        stage=stage.name,
+        dependency=needed.stage,
+        state=needed.state,
+        reason=needed.reason,
+    )
+
+
 def _why_not_done(stage: Stage, inputs: Inputs, record: StageRecord | None, waiting: list[str]) -> str:
     if record is None:
         if waiting:

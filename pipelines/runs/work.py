@@ -17,7 +17,7 @@ from pipelines.events import Emit, RunStarted, StageFinished, StageStarted
 from pipelines.events.cancellation import Cancellation
 from pipelines.runs.finishing import finishing
 from pipelines.runs.out_of_memory import memory_errors
-from pipelines.runs.staleness import DONE, StageStatus, assess
+from pipelines.runs.staleness import DONE, StageStatus, assess, not_ready
 from pipelines.stages import GROUP_STAGES, Stage, grouping, stage_named
 from pipelines.stages.group_scheduler import threads_of_groups
 from pipelines.stages.inputs import Inputs
@@ -115,7 +115,7 @@ def is_up_to_date(stage: Stage, inputs: Inputs, group: Group, known: dict[str, S
     # an evaluation that is finished keeps no results of groups
     if stage.group_code.group_done(inputs, group):
         return True
-    return stage.needs_all_groups and _state(stage.name, inputs, known) == DONE
+    return stage.needs_all_groups and _status(stage.name, inputs, known).state == DONE
 
 
 def limit_threads(threads: int) -> None:
@@ -161,29 +161,21 @@ def _refuse_gaps(stage: Stage, inputs: Inputs, group: Group) -> None:
                     dependency=name,
                     group=group.index,
                 )
-        elif (state := _state(name, inputs)) != DONE:
-            raise StudioError(
-                "stage.dependency",
-                f"the stage {stage.name} needs {name}, which is {state}",
-                file=inputs.take.root,
-                fix=f"Run `v3studio run --until {name}` first, or `v3studio run` for all stages.",
-                stage=stage.name,
-                dependency=name,
-                state=state,
-            )
+        elif (status := _status(name, inputs)).state != DONE:
+            raise not_ready(stage, status)
     if "calibrate" in stage.dependencies:
         refuse_damage(inputs.take, "calibrate")
 
 
-def _state(name: str, inputs: Inputs, known: dict[str, StageStatus] | None = None) -> str:
-    """State of a stage as a whole; only stages that it depends on are looked at."""
+def _status(name: str, inputs: Inputs, known: dict[str, StageStatus] | None = None) -> StageStatus:
+    """Status of a stage as a whole; only stages that it depends on are looked at."""
     known = {} if known is None else known
     if name not in known:
         stage = stage_named(name)
         for dependency in stage.dependencies:
-            _state(dependency, inputs, known)
+            _status(dependency, inputs, known)
         known[name] = assess(stage, inputs, known)
-    return known[name].state
+    return known[name]
 
 
 _AGAIN = "Start it again anywhere to resume."

@@ -112,7 +112,7 @@ class StageCode(Protocol):
             executor: runs groups elsewhere; None: they run in this process.
 
         Returns:
-            the main figures: a model of `pipelines.stages.summaries`.
+            the main figures: a model of `pipelines.takes.summaries`.
 
         Raises:
             StudioError: bad input.

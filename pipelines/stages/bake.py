@@ -17,11 +17,11 @@ from pipelines.stages.baking.rungs import finetuned_rungs, finetuning_params
 from pipelines.stages.inputs import Inputs
 from pipelines.stages.params import Params, key_of, settings_affecting
 from pipelines.stages.reporter import StageReporter
-from pipelines.stages.summaries import BakeSummary
 from pipelines.takes.atomic_files import remove
 from pipelines.takes.edits import edit_params
 from pipelines.takes.groups import Group
 from pipelines.takes.records import digests_on_record
+from pipelines.takes.summaries import BakeSummary
 from studio.capture.digest import digest_files
 
 STAGE = stage_named("bake")

@@ -29,11 +29,11 @@ from pipelines.stages.known_cameras import (
 from pipelines.stages.params import Params, settings_affecting
 from pipelines.stages.reporter import StageReporter
 from pipelines.stages.rig_check import judge_by_images
-from pipelines.stages.summaries import CalibrateSummary
 from pipelines.stages.target import calibrate_with_target, intrinsics_from_target, target_digest
 from pipelines.takes.atomic_files import atomic_path, digest_of_file, remove, write_model
 from pipelines.takes.point_files import write_points
 from pipelines.takes.stage_files import CamerasFromFile, CamerasReport
+from pipelines.takes.summaries import CalibrateSummary
 from pipelines.takes.take import Take
 from studio.calibration.report import CalibrationReport
 from studio.calibration.settings import CalibrateSettings

@@ -14,13 +14,13 @@ from pipelines.stages.inputs import Inputs
 from pipelines.stages.params import Params, derived_seed, key_of, settings_affecting
 from pipelines.stages.reporter import StageReporter
 from pipelines.stages.rig_check import check_rig
-from pipelines.stages.summaries import InitializeSummary
 from pipelines.stages.training_views import within_box
 from pipelines.takes.atomic_files import atomic_path, digest_of_file, read_model, remove, write_model
 from pipelines.takes.groups import Group
 from pipelines.takes.point_files import write_mesh, write_points
 from pipelines.takes.records import digests_on_record, result_of
 from pipelines.takes.stage_files import InitialPointsReport
+from pipelines.takes.summaries import InitializeSummary
 from pipelines.takes.take import Take
 from studio.errors import Message, StudioError
 

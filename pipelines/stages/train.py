@@ -29,7 +29,6 @@ from pipelines.stages.group_scheduler import groups_at_once, refuse_too_little_m
 from pipelines.stages.inputs import Inputs
 from pipelines.stages.params import Params, key_of, settings_affecting, settings_of, without
 from pipelines.stages.reporter import StageReporter
-from pipelines.stages.summaries import TrainSummary
 from pipelines.stages.train_group import GroupWork, TrainClock, before_joint
 from pipelines.stages.training_views import details_at
 from pipelines.takes.atomic_files import read_model, remove
@@ -38,6 +37,7 @@ from pipelines.takes.frame_files import has_key
 from pipelines.takes.groups import Group
 from pipelines.takes.records import result_of
 from pipelines.takes.stage_files import TrainedGroup
+from pipelines.takes.summaries import TrainSummary
 from studio.counts import counted
 from studio.errors import StudioError
 

@@ -7,7 +7,8 @@ from pathlib import Path
 from pipelines.takes.atomic_files import Result, read_model
 from pipelines.takes.records import read_record, result_of
 from pipelines.takes.take import Take
-from studio.comparison.metrics import EVALUATED, Metric
+from studio.comparison.metrics import EVALUATED, MAIN, Metric
+from studio.counts import size_words
 
 MEASURES = tuple(f"{metric.name}_{what}" for metric in EVALUATED for what in ("trained", "decoded"))
 """Figures of a row, in order: metrics of trained and decoded frames. LPIPS only with evaluate.lpips."""
@@ -75,6 +76,23 @@ class EvaluationSummary(Quality):
 
     flicker_at_group_borders: float | None = None
     """Mean over the first frames of groups."""
+
+    @property
+    def words(self) -> list[str]:
+        """One part of a sentence each."""
+        found, measures = [], self.measures
+        for metric in EVALUATED:
+            if f"{metric.name}_decoded" in measures:
+                decoded, trained = (metric.text(measures[f"{metric.name}_{what}"]) for what in ("decoded", "trained"))
+                found.append(f"{metric.title} {decoded} (before baking {trained})")
+            if metric is MAIN:
+                found.append(f"lowest frame {metric.text(self.psnr_decoded_lowest_frame)}")
+        found.append(f"{size_words(self.bytes_per_frame)} per frame")
+        if self.flicker is not None:
+            borders = self.flicker_at_group_borders
+            at = "" if borders is None else f" ({borders:.1f} at group borders)"
+            found.append(f"flicker {self.flicker:.1f} of 255 levels{at}")
+        return found
 
 
 class Protocol(Result):

@@ -13,7 +13,7 @@ import unicodedata
 from dataclasses import dataclass
 from pathlib import Path
 
-from pydantic import JsonValue
+from pydantic import JsonValue, ValidationError
 
 from pipelines.takes.atomic_files import link_or_copy, remove, write_text
 from pipelines.takes.edits import PREFIX, edit_params, read_edits
@@ -21,8 +21,10 @@ from pipelines.takes.evaluation import read_evaluation
 from pipelines.takes.integrity import refuse_damage
 from pipelines.takes.records import StageRecord, read_record, result_of
 from pipelines.takes.settings_file import changed_text, set_settings
+from pipelines.takes.summaries import BakeSummary
 from pipelines.takes.take import Take
 from studio.atomic_files import PARTIAL, atomic_path
+from studio.counts import span
 from studio.errors import StudioError
 from studio.json_types import JsonData, JsonObject
 
@@ -44,6 +46,7 @@ class KeptBake:
     name: str
     take: Take
     record: StageRecord
+    summary: BakeSummary
     bytes: int
     is_stream: bool
     current: bool
@@ -53,24 +56,6 @@ class KeptBake:
     def baked(self) -> str:
         """When, UTC, ISO 8601."""
         return self.record.finished
-
-    @property
-    def bytes_per_frame(self) -> float:
-        """Of the stream's best rendition; 0 if its record lacks it."""
-        value = self.record.summary.get("bytes_per_frame")
-        return float(value) if isinstance(value, int | float) else 0.0
-
-    @property
-    def qps(self) -> list[int]:
-        """QP of each group."""
-        values = self.record.summary.get("qps")
-        return [value for value in values if isinstance(value, int)] if isinstance(values, list) else []
-
-    @property
-    def psnr_to_trained(self) -> float | None:
-        """PSNR of its group with the lowest, against the trained frames, dB; None if it was not measured."""
-        value = self.record.summary.get("psnr_to_trained")
-        return float(value) if isinstance(value, int | float) else None
 
     @property
     def psnr(self) -> float | None:
@@ -88,13 +73,10 @@ class KeptBake:
     @property
     def quality(self) -> str:
         """`bake.quality` that it was made with, with the QPs and the PSNR that a level or a size led to."""
-        asked, qps = self.settings.get("bake.quality", ""), self.qps
-        if not isinstance(asked, str) or not qps:
+        asked, psnr = self.settings.get("bake.quality", ""), self.summary.psnr_to_trained
+        if not isinstance(asked, str):
             return str(asked)
-        psnr = self.psnr_to_trained
-        reached = "" if psnr is None else f", {psnr:.1f} dB"
-        span = " to ".join(str(qp) for qp in sorted({min(qps), max(qps)}))
-        return f"{asked} (QP {span}{reached})"
+        return f"{asked} (QP {span(self.summary.qps)}{'' if psnr is None else f', {psnr:.1f} dB'})"
 
     def to_json(self) -> JsonObject:
         """A row of `v3studio bake list --json`."""
@@ -106,10 +88,10 @@ class KeptBake:
             "same_edits": self.same_edits,
             "baked": self.baked,
             "bytes": self.bytes,
-            "bytes_per_frame": self.bytes_per_frame,
+            "bytes_per_frame": self.summary.bytes_per_frame,
             "psnr_decoded": self.psnr,
-            "psnr_to_trained": self.psnr_to_trained,
-            "qps": self.qps,
+            "psnr_to_trained": self.summary.psnr_to_trained,
+            "qps": list(self.summary.qps),
             "settings": self.settings,
         }
 
@@ -127,10 +109,15 @@ def _kept(take: Take, folder: Path, edits: dict[str, JsonData] | None) -> KeptBa
     record = read_record(kept, "bake")
     if record is None or not (folder / "take.json").is_file():
         return None
+    try:
+        summary = BakeSummary.model_validate(record.summary)
+    except ValidationError:  # damaged
+        return None
     return KeptBake(
         name=folder.name,
         take=kept,
         record=record,
+        summary=summary,
         bytes=sum(path.stat().st_size for path in kept.stream.rglob("*") if path.is_file()),
         is_stream=result_of(take, "bake") == record.result,
         current=record.params.get("result of train") == result_of(take, "train"),

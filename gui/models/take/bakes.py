@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from gui.models.loop import Signal
 from gui.models.worker import Done, LatestWorker
-from pipelines.reports.summary_words import size_words
 from pipelines.takes.atomic_files import disk_errors
 from pipelines.takes.kept_bakes import KeptBake, keep_bake, kept_bakes
 from pipelines.takes.take import Take
+from studio.counts import size_words
 from studio.errors import StudioError
 
 Kept = tuple[Take, str]
@@ -18,7 +18,7 @@ def bake_words(kept: KeptBake) -> str:
     parts = [
         kept.name,
         f"quality {kept.quality}",
-        f"{size_words(kept.bytes_per_frame)} per frame",
+        f"{size_words(kept.summary.bytes_per_frame)} per frame",
         size_words(kept.bytes),
         "not evaluated" if kept.psnr is None else f"{kept.psnr:.2f} dB",
         "the take's stream" if kept.is_stream else "",

@@ -16,10 +16,9 @@ from gui.models.take.shares import ShareRequest
 from gui.models.take.target import NamedTarget
 from pipelines.events import Finished, Log, Progress, read_line
 from pipelines.events.cancellation import EXIT_CANCELLED
-from pipelines.reports.summary_words import size_words
 from pipelines.takes.atomic_files import remove
-from pipelines.takes.exported_path import in_export
-from studio.counts import counted
+from pipelines.takes.camera_paths import in_export
+from studio.counts import counted, size_words
 from studio.errors import StudioError
 from studio.formats import EXPORTS
 from studio.formats.camera_path import Key, write_path_keys

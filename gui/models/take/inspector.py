@@ -16,8 +16,8 @@ from gui.models.playback.span import SPANNED, span_rows
 from gui.models.take.log_words import stage_name
 from gui.models.take.run_state import percent
 from gui.models.take.workspace import Workspace
-from pipelines.reports.summary_words import summary_words
 from pipelines.reports.terminal import duration
+from pipelines.takes.summaries import summary_words
 from studio.comparison.metrics import EVALUATED
 from studio.errors import StudioError
 

@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping
 
 from gui.models.stages import STAGES
 from pipelines.events import Metrics
-from pipelines.reports.summary_words import size_words, summary_words
 from pipelines.reports.terminal import duration
+from pipelines.takes.summaries import summary_words
 from studio.comparison.metrics import EVALUATED
-from studio.counts import counted
+from studio.counts import counted, size_words
 from studio.json_types import JsonData
 
 Figures = dict[str, JsonData]

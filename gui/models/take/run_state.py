@@ -22,8 +22,8 @@ from pipelines.events import (
     StageStarted,
     Warned,
 )
-from pipelines.reports.summary_words import summary_words
 from pipelines.reports.terminal import duration
+from pipelines.takes.summaries import summary_words
 
 LOG_LINES = 2000
 CURVE_POINTS = 4000

@@ -9,10 +9,9 @@ from typing import ClassVar
 
 from gui.models.take.page_words import why_not_done
 from gui.models.take.target import NamedTarget
-from pipelines.reports.summary_words import size_words
 from pipelines.runs.staleness import StageStatus
 from pipelines.share.sharing import MAX_SINGLE_FILE_BYTES, ShareSize
-from studio.counts import counted
+from studio.counts import counted, size_words
 
 FORMS: dict[str, tuple[str, str]] = {
     "folder": ("Folder for a web server", "-share"),

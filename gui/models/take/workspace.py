@@ -24,7 +24,7 @@ from gui.models.take.run_state import RunState
 from gui.models.worker import Done, LatestWorker
 from pipelines.config import Config, load_config
 from pipelines.events import Finished
-from pipelines.events.log_follower import LogFollower
+from pipelines.events.event_log import LogFollower
 from pipelines.reports.terminal import duration
 from pipelines.takes.atomic_files import disk_errors
 from pipelines.takes.cancel_request import request_cancel

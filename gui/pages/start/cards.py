@@ -12,13 +12,12 @@ from pathlib import Path
 
 from gui.models.stage_rows import TITLES, pipeline_name
 from pipelines.config import load_config
-from pipelines.reports.summary_words import size_words
 from pipelines.runs.staleness import StageStatus
 from pipelines.runs.status import progress_words
 from pipelines.takes.evaluation import read_evaluation
 from pipelines.takes.take import Take
 from studio.comparison.metrics import MAIN
-from studio.counts import listed
+from studio.counts import listed, size_words
 from studio.errors import StudioError
 from studio.stream import is_address
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from pipelines.events import GroupState, Metrics, Preview, Progress, Warned
-from pipelines.events.log_follower import LogFollower
+from pipelines.events.event_log import LogFollower
 from pipelines.runs.cluster.lanes import Lanes
 from pipelines.runs.cluster.nodes import Nodes, Wanted
 from pipelines.runs.cluster.task import NODE_CODES, NOT_VISIBLE, VISIBLE_SECONDS, GroupTask, run_task, versions

@@ -20,7 +20,6 @@ from studio.storage import is_address
 
 if TYPE_CHECKING:
     from pipelines.events import Event
-    from pipelines.takes.take import Take
 
 _PROGRESS_SECONDS = 0.5
 """Shortest interval between two progress events of a task: hundreds of tasks write them."""
@@ -99,35 +98,6 @@ def run_task(task: GroupTask, node: str) -> Message | None:
     return None
 
 
-class _EventFile:
-    """Writes the events of a task to its file in the take, which the run follows."""
-
-    def __init__(self, take: Take, task: GroupTask, node: str) -> None:
-        from pipelines.events import GroupState
-
-        self._path = take.group_events / task.events
-        self._last_progress = 0.0
-        gpu = os.environ.get("CUDA_VISIBLE_DEVICES", "")
-        self._write(GroupState(stage=task.stage, group=task.group, state="running", node=node, gpu=gpu))
-
-    def __call__(self, event: Event) -> None:
-        from pipelines.events import Metrics, Preview, Progress, Warned
-
-        if isinstance(event, Progress):
-            if time.monotonic() - self._last_progress < _PROGRESS_SECONDS and event.fraction < 1:
-                return
-            self._last_progress = time.monotonic()
-        if isinstance(event, Metrics | Preview | Progress | Warned):
-            self._write(event)
-
-    def _write(self, event: Event) -> None:
-        # figures that cannot be written must not lose the group; closing the file makes it visible on other nodes
-        with contextlib.suppress(OSError):
-            self._path.parent.mkdir(exist_ok=True)
-            with self._path.open("a", encoding="utf-8") as file:
-                file.write(event.to_json() + "\n")
-
-
 def _plain(message: Message) -> Message:
     known = {"code", "message", "file", "value", "fix"}
     found = message.to_dict()
@@ -162,16 +132,27 @@ def _do_when_visible(task: GroupTask, node: str) -> None:
 
 def do_task(task: GroupTask, node: str) -> None:
     from pipelines.config import load_config
+    from pipelines.events import GroupState, Metrics, Preview, Progress, Warned
+    from pipelines.events.event_log import EventLog
     from pipelines.runs.work import work
     from pipelines.takes.take import Take
 
     take = Take.open(_here(Path(task.take, "take.json"), "take", task).parent)
-    events = _EventFile(take, task, node)
+    with contextlib.suppress(OSError):
+        take.group_events.mkdir(exist_ok=True)
+    log = EventLog(take.group_events / task.events, _PROGRESS_SECONDS)
+    gpu = os.environ.get("CUDA_VISIBLE_DEVICES", "")
+    log(GroupState(stage=task.stage, group=task.group, state="running", node=node, gpu=gpu))
+
+    def emit(event: Event) -> None:
+        if isinstance(event, Metrics | Preview | Progress | Warned):
+            log(event)
+
     if not is_address(task.footage):
         _here(Path(task.footage), "footage", task)
     config = load_config(take.config, task.settings)
     try:
-        work(take, config, (task.stage,), task.group, events, expected=task.key)
+        work(take, config, (task.stage,), task.group, emit, expected=task.key)
     except StudioError as error:
         if error.message.code not in _FOOTAGE_CODES:
             raise

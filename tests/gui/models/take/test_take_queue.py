@@ -14,7 +14,7 @@ from gui.models.take.take_queue import LOOK_EVERY, QueueRow, TakeQueue, look
 from pipelines.batch.queue_file import QueueFile
 from pipelines.batch.run_queue import errors_of
 from pipelines.events import Progress, RunStarted, StageStarted
-from pipelines.runs.runner import Logged
+from pipelines.events.event_log import EventLog
 from pipelines.takes.take import Take
 from tests.support.looping import wait_in_loop
 
@@ -74,7 +74,7 @@ def test_the_progress_of_the_take_that_runs(tmp_path: Path) -> None:
         queue.replace(1, state="running")
         assert look(queue).rows == (QueueRow(1, take.root, "running", "starting"),)
         with take.locked("v3studio run"):
-            log = Logged(lambda event: None, take)
+            log = EventLog(take.log, 2.0)
             log(RunStarted(take="", stages=("train",), done=(), pid=os.getpid(), version=""))
             log(StageStarted(stage="train", reason="never run"))
             log(Progress(stage="train", fraction=0.43, total_seconds_left=725.0))

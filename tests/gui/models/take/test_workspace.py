@@ -26,7 +26,7 @@ from pipelines.events import (
     StageFinished,
     StageStarted,
 )
-from pipelines.runs.runner import Logged
+from pipelines.events.event_log import EventLog
 from pipelines.takes.take import Take
 from tests.support.looping import heard, wait_in_loop
 from tests.support.waiting import wait_until
@@ -177,7 +177,8 @@ def test_a_window_opened_later_shows_a_run_on_a_cluster(take_copy: Path) -> None
         GroupState(stage="train", group=2, state="queued", frames=2),
     )  # fmt: skip
     with take.locked("v3studio run"):
-        log = Logged(lambda event: None, take)
+        take.log.unlink(missing_ok=True)
+        log = EventLog(take.log, 2.0)
         log(RunStarted(take="t", stages=("train", "bake"), done=("calibrate",), pid=os.getpid(), version="1"))
         log(StageStarted(stage="train", reason="never run"))
         log(replace(groups[0], frames_done=0))

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from pipelines.events import Log
-from pipelines.events.log_follower import LogFollower
+from pipelines.events.event_log import LogFollower
 
 
 def line(message: str, time: float) -> str:

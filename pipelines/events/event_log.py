@@ -1,14 +1,34 @@
-"""Follows a run through the log in its take, which the runner writes."""
+"""Files of events, one on a line: a run writes one, or a task on another machine, and others follow it."""
 
 from __future__ import annotations
 
+import contextlib
 import os
+import time
 from pathlib import Path
 
-from pipelines.events import Event, read_line
+from pipelines.events import Emit, Event, Progress, read_line
 
 _HEAD_BYTES = 256
 """What a log is known by: its first event has the time and the process of its run."""
+
+
+class EventLog:
+    """Passes events on, and appends them to a file; progress at most every `pause` seconds, as it is most of them."""
+
+    def __init__(self, path: Path, pause: float, emit: Emit = lambda event: None) -> None:
+        self._path, self._pause, self._emit = path, pause, emit
+        self._last_progress = -pause
+
+    def __call__(self, event: Event) -> None:
+        self._emit(event)
+        if isinstance(event, Progress):
+            if time.monotonic() - self._last_progress < self._pause:
+                return
+            self._last_progress = time.monotonic()
+        # an unwritable log (a full disk) must not stop the work; closing the file makes the line visible on other nodes
+        with contextlib.suppress(OSError), self._path.open("a", encoding="utf-8") as file:
+            file.write(event.to_json() + "\n")
 
 
 class LogFollower:
