@@ -120,7 +120,8 @@ class BakeSummary(Result):
         ]
 
 
-SUMMARIES = {
+_Summary = CalibrateSummary | InitializeSummary | TrainSummary | BakeSummary | EvaluationSummary
+_SUMMARIES: dict[str, type[_Summary]] = {
     "calibrate": CalibrateSummary,
     "initialize": InitializeSummary,
     "train": TrainSummary,
@@ -132,5 +133,5 @@ SUMMARIES = {
 def summary_words(stage: str, summary: Mapping[str, JsonData]) -> str:
     """One line, for example "30 frames in 2 groups, 31,906 splats"; names and values of what is not such a summary."""
     with contextlib.suppress(KeyError, ValidationError):
-        return ", ".join(filter(None, SUMMARIES[stage].model_validate(summary).words))
+        return ", ".join(filter(None, _SUMMARIES[stage].model_validate(summary).words))
     return ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in summary.items())
