@@ -125,13 +125,7 @@ class _Evidence:
         return sum(len(pair.first_pixels) for pair in self._pairs if name in (pair.first, pair.second))
 
     def share(self, cameras: Cameras, of: Collection[str] = (), without: Collection[str] = ()) -> float | None:
-        """Fraction of the matches that fit; None without matches.
-
-        Args:
-            cameras: these instead of the given ones.
-            of: only pairs with one of these cameras; empty for all.
-            without: leave pairs with these out, unless they are in `of`.
-        """
+        """Fraction of the matches that fit, of pairs with one of the cameras `of` or all; None without matches."""
         return _share(fitting(cameras, [pair for pair in self._pairs if _counts(pair.first, pair.second, of, without)]))
 
     def median(self, cameras: Cameras) -> float:

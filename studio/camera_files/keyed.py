@@ -103,24 +103,14 @@ class KeyedForm:
 
 @dataclass
 class Found:
-    """What the cameras of a file had.
-
-    Attributes:
-        ignored: key to the cameras for which it was ignored.
-        bent, straight: cameras with and without lens distortion in the file, also if it is 0.
-    """
+    """What the cameras of a file had: ignored keys with their cameras; cameras with and without distortion."""
 
     ignored: dict[str, list[str]] = field(default_factory=lambda: defaultdict(list))
     bent: list[str] = field(default_factory=list)
     straight: list[str] = field(default_factory=list)
 
     def check_unknown(self, camera: str, values: Mapping[str, Any], missing: str) -> None:
-        """Reject keys that may belong to the lens or stand for a missing value, and record others.
-
-        Args:
-            values: key to value, of keys that the reader does not know.
-            missing: what the camera has under no known key; "" if nothing is missing.
-        """
+        """Reject keys that may belong to the lens or stand for what a camera lacks (`missing`), and record others."""
         for key, value in values.items():
             spelling = normal_key(key)
             if spelling in HARMLESS or _is_empty(value):
@@ -280,11 +270,7 @@ def _check_model(name: str, given: _Given) -> None:
 
 
 def agreeing(name: str, parsed: Sequence[tuple[str, np.ndarray]]) -> np.ndarray:
-    """The first of several values, which must be equal up to the digits of the file.
-
-    Args:
-        parsed: key and value of each; at least one. Shorter values count as continued with zeros.
-    """
+    """The first of several values by key, which must be equal up to the digits of the file."""
     first_key, first = parsed[0]
     for key, value in parsed[1:]:
         size = max(first.size, value.size)

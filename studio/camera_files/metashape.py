@@ -92,11 +92,7 @@ def rig_from_metashape(path: Path, root: Element) -> Rig:
 
 
 def _offset_notes(placed: list[str], scales: list[float]) -> tuple[str, ...]:
-    """What was assumed of cameras that are placed from their masters.
-
-    Args:
-        scales: of the chunk and its components; empty if masters and slaves are in the same place.
-    """
+    """What was assumed of cameras that are placed from their masters, by the scales of chunk and components."""
     if not placed:
         return ()
     note = f"Placed from their masters, with offsets in units of the chunk: {cameras_listed(placed)}."

@@ -41,11 +41,7 @@ def size_nearby(folder: Path, name: str, camera: str) -> tuple[int, int]:
 
 
 def size_within(folder: Path, camera: str) -> tuple[int, int] | None:
-    """Width and height in pixels of the footage in a camera's own folder; None if there is none.
-
-    Args:
-        folder: the folder, whose videos and images are all from that camera; a file named "video" is preferred.
-    """
+    """Width and height of the footage in a camera's own folder, "video" before others; None if there is none."""
     files = [file for file in folder.iterdir() if file.suffix.lower() in _IMAGES + _VIDEOS]
     best = min(files, key=lambda file: (file.stem != "video", file.stem != camera, file.name), default=None)
     return None if best is None else _size(best, camera)

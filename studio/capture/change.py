@@ -16,15 +16,7 @@ _MIN_PIXELS = 16
 
 
 def look(image: np.ndarray, mask: np.ndarray, side: int = LOOK_SIDE) -> np.ndarray | None:
-    """A thumbnail of the performer, centered and scaled to fill it.
-
-    Args:
-        image: (H, W, 3) uint8 RGB.
-        mask: (H, W) uint8, 255 = foreground.
-
-    Returns:
-        (side, side, 4) float32 in 0..1: color times mask, then mask; None if the performer is not visible.
-    """
+    """A thumbnail of the performer, scaled to fill it: (side, side, 4) float32, color times mask, and mask; or None."""
     inside = mask > 127
     if int(inside.sum()) < _MIN_PIXELS:
         return None

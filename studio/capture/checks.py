@@ -36,12 +36,7 @@ class ColorDrift:
         self._gains: dict[str, dict[int, np.ndarray]] = {}
 
     def see(self, camera: str, frame: int, image: np.ndarray, mask: np.ndarray) -> None:
-        """Measure a frame.
-
-        Args:
-            image: (H, W, 3) uint8 RGB.
-            mask: (H, W) uint8, 255 is the performer.
-        """
+        """Measure a frame: an image (H, W, 3) uint8 RGB, and a mask (H, W) uint8, in which 255 is the performer."""
         colors, around = image[::_STEP, ::_STEP].astype(np.float32), mask[::_STEP, ::_STEP] < 8
         if camera not in self._first:
             self._first[camera] = (colors, around)

@@ -31,14 +31,7 @@ class FrameClock:
 
 
 def frame_clock(times: Sequence[int]) -> FrameClock | None:
-    """The clock of a video that skips frames.
-
-    Args:
-        times: presentation times in any unit, sorted, without duplicates.
-
-    Returns:
-        None if there are fewer than three frames or all intervals are nearly equal.
-    """
+    """The clock of a video that skips frames, by sorted times; None if all intervals are nearly equal."""
     if len(times) < 3:
         return None
     gaps = [later - earlier for earlier, later in itertools.pairwise(times)]

@@ -6,14 +6,7 @@ import re
 
 
 def parse_frame_range(text: str) -> tuple[int | None, int | None, int]:
-    """The parts of "A:B", "A:B:S" or parts of it: frames A to B - 1 in steps of S, as in Python.
-
-    Returns:
-        first frame (None: the first there is), frame to stop before (None: the end), and step.
-
-    Raises:
-        ValueError: it is something else, or the range is empty.
-    """
+    """First frame (or None), frame to stop before (or None) and step of "A:B:S" or parts. Raises ValueError."""
     found = re.fullmatch(r"(\d*):(\d*)(?::(\d+))?", text)
     start, stop, step = (int(part) if part else None for part in found.groups()) if found else (None, None, 0)
     if step == 0 or (stop is not None and stop <= (start or 0)):

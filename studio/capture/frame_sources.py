@@ -167,11 +167,7 @@ class DecoderPool:
 
 
 class VideoSource(FrameSource):
-    """A `FrameSource` of one video; frames are numbered from 0.
-
-    Raises:
-        StudioError: the video cannot be opened, see `VideoReader`.
-    """
+    """A `FrameSource` of one video, with frames numbered from 0. Raises StudioError, see `VideoReader`."""
 
     def __init__(
         self,
@@ -204,11 +200,7 @@ class VideoSource(FrameSource):
 
 
 class ChapteredSource(FrameSource):
-    """A `FrameSource` of several videos into which a camera has split one recording.
-
-    Args:
-        parts: the videos in order; not empty.
-    """
+    """A `FrameSource` of several videos, in order, into which a camera has split one recording."""
 
     def __init__(self, parts: Sequence[VideoSource]) -> None:
         self._parts = tuple(parts)

@@ -28,12 +28,7 @@ _LEAST_COVERAGE = 0.5
 
 @dataclass(frozen=True)
 class Layout:
-    """A pattern, and the numbers of cameras and frames that it gives.
-
-    Attributes:
-        pattern: as in `CaptureSettings`.
-        score: how likely it is, among candidates for the same files.
-    """
+    """A pattern as in `CaptureSettings`, the numbers of cameras and frames that it gives, and how likely it is."""
 
     pattern: str
     cameras: frozenset[str]

@@ -36,11 +36,7 @@ _OPTIONS = {"format_whitelist": ",".join(FORMATS)}
 
 
 def open_media(path: Path | str) -> InputContainer:
-    """Open a video or sound file.
-
-    Raises:
-        av.FFmpegError, OSError, ValueError: it is missing, damaged, or of another format.
-    """
+    """Open a video or sound file. Raises av.FFmpegError, OSError, ValueError: missing, damaged or unknown."""
     import av
 
     stored = cached_object(Path(path))

@@ -56,11 +56,7 @@ class CaptureSound:
 
 
 def find_sound(spec: CaptureSettings, sources: Mapping[str, FrameSource], fps: float) -> CaptureSound | None:
-    """Find and open the sound that `spec.audio` names; None if it names none.
-
-    Args:
-        fps: frames per second of the footage.
-    """
+    """Find and open the sound that `spec.audio` names, for footage at `fps`; None if it names none."""
     if spec.audio is None:
         return None
     path, lag = spec.root / spec.audio, 0.0

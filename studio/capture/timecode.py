@@ -25,12 +25,7 @@ _FIRST_PACKETS = 8  # the number of a tmcd track is in its first packet
 
 @dataclass(frozen=True)
 class Timecode:
-    """The time of day at which a video starts, counted in frames.
-
-    Attributes:
-        text: the label, such as 01:00:00:00; a semicolon before the frames says that labels are dropped.
-        rate: frames per second.
-    """
+    """The time of day at which a video starts, counted in frames, and its label; ";" says that labels are dropped."""
 
     text: str
     rate: Fraction

@@ -16,50 +16,27 @@ TransferFunction = Literal["auto", "srgb", "linear", "slog3", "logc3"]
 
 
 def linear_from_slog3(values: np.ndarray) -> np.ndarray:
-    """Linear light from Sony S-Log3 (Technical Summary for S-Gamut3.Cine/S-Log3 and S-Gamut3/S-Log3).
-
-    Args:
-        values: float, 0..1 of full-range code values.
-
-    Returns:
-        the same shape, float64; 0.18 is middle gray.
-    """
+    """Linear light, 0.18 is middle gray, from Sony S-Log3 in 0..1 (Technical Summary for S-Log3)."""
     codes = np.asarray(values, np.float64) * 1023
     bright = 10 ** ((codes - 420) / 261.5) * (0.18 + 0.01) - 0.01
     return np.where(codes >= 171.2102946929, bright, (codes - 95) * 0.01125 / (171.2102946929 - 95))
 
 
 def linear_from_logc3(values: np.ndarray) -> np.ndarray:
-    """Linear light from ARRI LogC3 at exposure index 800 (ALEXA Log C Curve, Usage in VFX, table of SUP 3.x).
-
-    Args:
-        values: float, 0..1 of full-range code values.
-
-    Returns:
-        the same shape, float64; 0.18 is middle gray.
-    """
+    """Linear light, 0.18 is middle gray, from ARRI LogC3 in 0..1 at EI 800 (ALEXA Log C Curve in VFX)."""
     cut, a, b, c, d, e, f = 0.010591, 5.555556, 0.052272, 0.247190, 0.385537, 5.367655, 0.092809
     codes = np.asarray(values, np.float64)
     return np.where(codes > e * cut + f, (10 ** ((codes - d) / c) - b) / a, (codes - f) / e)
 
 
 def srgb_from_linear(values: np.ndarray) -> np.ndarray:
-    """sRGB values 0..1 from linear light (IEC 61966-2-1), which is limited to 0..1 first; NaN is black.
-
-    Returns:
-        the same shape, float64.
-    """
+    """sRGB values 0..1 from linear light (IEC 61966-2-1), limited to 0..1 first; NaN is black; float64."""
     light = np.clip(np.nan_to_num(np.asarray(values, np.float64), nan=0.0, posinf=1.0, neginf=0.0), 0, 1)
     return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
 
 
 def eight_bit(values: np.ndarray, transfer: TransferFunction) -> np.ndarray:
-    """sRGB in 8 bits, uint8 of the same shape.
-
-    Args:
-        values: floats, 0..1 (linear light: may be higher), or uint16 code values of the full range.
-        transfer: how they are stored; auto is as srgb.
-    """
+    """sRGB in 8 bits from floats (linear: may exceed 1) or uint16 of the full range; auto is as srgb."""
     if values.dtype == np.uint16:
         found: np.ndarray = _table(transfer)[values]
         return found

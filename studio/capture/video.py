@@ -226,11 +226,7 @@ class VideoReader:
         self.note = f"{len(missing)} dropped frames repeat the ones before them"
 
     def _at_constant_rate(self, times: list[int] | None) -> None:
-        """Fill gaps in the presentation times.
-
-        Args:
-            times: decoding times, if the container lists them; None: use those of `_scan`.
-        """
+        """Fill gaps in the presentation times; those of decoding if the container lists them, else of `_scan`."""
         if times is not None and frame_clock(times) is None:
             return
         if times is not None:
@@ -254,11 +250,7 @@ class VideoReader:
         self.note = f"the frame rate is not constant; at {rate:.4g} fps, {added} frames repeat the ones before them"
 
     def _scan(self, listed: bool = False) -> int:
-        """Read the exact presentation times of all packets without decoding; returns the frame count.
-
-        Args:
-            listed: the container lists all packets, so that their content is not needed.
-        """
+        """Read the presentation times of all packets, or those `listed`, without decoding; returns the frame count."""
         import av
 
         times: list[int] = []

@@ -62,11 +62,7 @@ def compressed_size(path: Path, ply: PlyData) -> tuple[int, int]:
 
 
 def read_compressed(path: Path, ply: PlyData) -> Gaussians:
-    """The splats of a compressed PLY.
-
-    Args:
-        ply: the file as parsed; see `is_compressed`.
-    """
+    """The splats of a compressed PLY, as parsed; see `is_compressed`."""
     count, degree = compressed_size(path, ply)
     vertices, chunks = ply["vertex"].data, ply["chunk"].data
     words = {name: np.asarray(vertices[name], np.uint32) for name in _PACKED}

@@ -141,12 +141,7 @@ class _Encoder:
 
 
 class MovieSound:
-    """Sound by movie time, which continues over the loops of the video.
-
-    Args:
-        start: video time at the movie's beginning, seconds.
-        duration: of the video, seconds, after which it starts over.
-    """
+    """Sound by movie time, from `start` seconds on; it starts over after each `duration` of the video."""
 
     def __init__(self, sound: Pcm, start: float, duration: float) -> None:
         self.sample_rate = sound.sample_rate

@@ -32,15 +32,7 @@ Value = str | list["Value"]
 
 
 def read_cameras(path: Path, width: int, height: int) -> dict[str, dict[int, Camera]]:
-    """The cameras of a script: by name, and by number of the frame; one that stands still has one camera.
-
-    Args:
-        width, height: of the cameras in pixels; Nuke takes them from the format of the image.
-
-    Raises:
-        StudioError: the file cannot be read or parsed (nuke.syntax), has no such nodes (nuke.no_camera), or a camera
-            has what is not supported (nuke.unsupported).
-    """
+    """Cameras of a script by name and frame; one that stands still has one. Raises StudioError: `nuke.*`."""
     found: dict[str, dict[int, Camera]] = {}
     others: set[str] = set()
     parents = False

@@ -47,14 +47,7 @@ class Spread:
 
 @dataclass(frozen=True, eq=False)
 class Bulk:
-    """The ball beyond which splats are outliers, for all frames of a sequence.
-
-    Attributes:
-        middle: (3,) world units.
-        reach: radius, world units; infinite: there are no outliers.
-        count: most outliers of a frame.
-        farthest: distance of the farthest from the middle, world units.
-    """
+    """The ball (middle, reach; world units) beyond which splats are outliers, how many most, and the farthest one."""
 
     middle: np.ndarray
     reach: float

@@ -128,13 +128,7 @@ def read(path: Path, note: Note) -> Gaussians:
 
 
 def _filtered(log_scales: np.ndarray, opacities: np.ndarray, filters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Log scales and logits of splats convolved with a Gaussian (Yu et al. 2024, Mip-Splatting, section 5.1).
-
-    Args:
-        log_scales: (N, 3).
-        opacities: (N,) logits.
-        filters: (N,) standard deviation of the filter, world units.
-    """
+    """Log scales and logits of splats convolved with Gaussians (Yu et al. 2024, Mip-Splatting, section 5.1)."""
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         before = np.exp(2 * log_scales.astype(np.float64))
         after = before + filters[:, None] ** 2

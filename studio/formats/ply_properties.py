@@ -40,11 +40,7 @@ _OTHERS = {
 
 
 def check_properties(path: Path, names: Iterable[str], note: Note) -> None:
-    """Refuse properties that change what the others mean, and note those that are ignored.
-
-    Args:
-        names: of all properties of the splats.
-    """
+    """Refuse properties that change what the others mean, and note those that are ignored."""
     unknown = [
         name
         for name in names

@@ -64,12 +64,7 @@ def open_sequence(place: Path, fps: float = DEFAULT_FPS, progress: ProgressFn = 
 
 @dataclass(frozen=True)
 class Frame:
-    """One frame of an import.
-
-    Attributes:
-        size: number of splats, and SH degree.
-        read: returns all its rows, as `read_rows`; its argument takes notes.
-    """
+    """One frame of an import: number of splats and SH degree, and what reads all its rows, noting what is odd."""
 
     file: Path
     size: tuple[int, int]
@@ -166,12 +161,7 @@ def _scanned(
 
 
 def find_groups(counts: list[int], means: Iterable[np.ndarray], progress: ProgressFn = no_progress) -> tuple[int, ...]:
-    """The first frames of the groups, which are maximal runs of frames with the same splats in the same order.
-
-    Args:
-        counts: number of splats per frame.
-        means: (N, 3) positions of each frame; those that are not finite are not compared.
-    """
+    """First frames of groups: maximal runs with the same number of splats in the same order, by (N, 3) means."""
     starts: list[int] = []
     before = np.zeros((0, 3))
     generator = np.random.default_rng(0)

@@ -283,11 +283,7 @@ def read_start(path: Path) -> bytes:
 
 
 def read_pixels(parts: Parts, name: str, least: int) -> np.ndarray:
-    """(height, width, 4) uint8 RGBA of a lossless WebP or PNG image.
-
-    Args:
-        least: pixels that are needed.
-    """
+    """(height, width, 4) uint8 RGBA of a lossless WebP or PNG image with at least so many pixels."""
     from PIL import Image
 
     data = parts.read(name)

@@ -217,15 +217,7 @@ def read(path: Path, note: Note) -> Gaussians:
 
 @dataclass(frozen=True)
 class Head:
-    """The header.
-
-    Attributes:
-        version: 2, 3 or 4.
-        count: splats, 1 to `MAX_SPLATS`.
-        degree: of the spherical harmonics, 0 to 3.
-        bits: fractional bits of a position, 0 to 23.
-        flags: 1: trained with antialiasing; 2: has extensions.
-    """
+    """The header: version, count, SH degree, fractional bits of positions, flags (1: antialiased; 2: extensions)."""
 
     version: int
     count: int
@@ -269,11 +261,7 @@ def read_container(path: Path) -> tuple[Head, list[bytes], bytes]:
 
 
 def write_container(path: Path, head: Head, attributes: list[bytes]) -> None:
-    """Write a file of version 3 or 4. The same attributes give the same bytes.
-
-    Args:
-        attributes: in the order and of the sizes of `Head.sizes`.
-    """
+    """Write a file of version 3 or 4, attributes as in `Head.sizes`. The same ones give the same bytes."""
     assert head.version in WRITTEN_VERSIONS
     fields = (_MAGIC, head.version, head.count, head.degree, head.bits, 0)
     if head.version != _ZSTD_VERSION:

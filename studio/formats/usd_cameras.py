@@ -17,15 +17,7 @@ _Z_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])  # to y up
 
 
 def read_cameras(path: Path, width: int, height: int) -> dict[str, dict[int, Camera]]:
-    """The cameras of a file, with y up and meters: by name, and by time code; one that stands still has one camera.
-
-    Args:
-        height: not used: that of a camera follows from its apertures.
-
-    Raises:
-        StudioError: usd-core cannot be used (see `studio.formats.usd.usd`), the file is damaged, it has no camera
-            (usd.no_camera), or one that is not supported (usd.unsupported).
-    """
+    """Cameras of a file, y up and meters, by name and time code; one that stands still has one camera."""
     pxr = usd()
     stage = opened_stage(pxr, path)
     found = {}

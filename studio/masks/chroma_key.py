@@ -69,15 +69,7 @@ def chroma_mask(
 
 
 def key_evidence(image: np.ndarray, screen: Screen, settings: DifferenceSettings) -> np.ndarray:
-    """Log-odds of foreground from color.
-
-    Args:
-        image: (H, W, 3) float32 RGB in 0..255.
-        screen: from `find_screen`.
-
-    Returns:
-        (H, W) float32, between -4 (screen) and 6 (certainly foreground).
-    """
+    """Log-odds of foreground from color, (H, W) float32: -4 (screen) to 6 (certainly foreground)."""
     import cv2
 
     soft = cv2.GaussianBlur(image, (0, 0), 0.8)
@@ -115,15 +107,7 @@ def edge_reach(image: np.ndarray) -> float:
 
 
 def screen_behind(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """The screen without the performer, extrapolated from the screen next to them.
-
-    Args:
-        image: (H, W, 3) uint8 RGB.
-        mask: (H, W) uint8, 1 = performer.
-
-    Returns:
-        (H, W, 3) uint8 RGB.
-    """
+    """The screen without the performer, extrapolated from the screen beside them: (H, W, 3) uint8 RGB."""
     import cv2
 
     reach = edge_reach(image)

@@ -32,14 +32,7 @@ WORK_SIDE = 960  # longest side for computing evidence; edges are solved at full
 
 
 def noise_of(difference: np.ndarray) -> np.ndarray:
-    """Robust standard deviation per channel of an image difference, assuming that most pixels are background.
-
-    Args:
-        difference: (H, W, C) float32.
-
-    Returns:
-        (C,) float32, at least 0.7 (8-bit rounding and compression).
-    """
+    """(C,) robust standard deviations of an image difference, mostly background; at least 0.7 (8-bit rounding)."""
     return np.array([_noise(channel) for channel in np.moveaxis(difference, -1, 0)], np.float32)
 
 
@@ -74,15 +67,7 @@ def match_exposure(image: np.ndarray, plate: np.ndarray, known: np.ndarray | Non
 
 
 def difference_evidence(image: np.ndarray, plate: np.ndarray, settings: DifferenceSettings) -> np.ndarray:
-    """Log-odds of foreground, from the difference from the plate alone.
-
-    Args:
-        image, plate: (H, W, 3) float32 RGB in 0..255, the plate at the image's exposure.
-        settings: sensitivity and shadows.
-
-    Returns:
-        (H, W) float32, between -4 (equal to the plate) and 6 (certainly foreground).
-    """
+    """Log-odds of foreground from the difference from the plate alone: -4 (equal) to 6, (H, W) float32."""
     import cv2
 
     # One contiguous array per channel, modified in place: NumPy is several times slower on interleaved channels.

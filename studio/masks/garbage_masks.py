@@ -19,17 +19,7 @@ from studio.storage import whole_files
 
 
 class DrawnGarbageMasks:
-    """Polygons of a file. Cameras without any keep the whole image.
-
-    Args:
-        path: see `read_garbage_polygons`.
-
-    Attributes:
-        polygons: by camera.
-
-    Raises:
-        StudioError: as `read_garbage_polygons`.
-    """
+    """Polygons of a file, by camera; without any, the whole image is kept. Raises StudioError."""
 
     def __init__(self, path: Path) -> None:
         self._path = path

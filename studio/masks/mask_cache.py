@@ -11,12 +11,7 @@ from studio.atomic_files import atomic_path
 
 
 class MaskCache:
-    """PNG files named by a digest of everything that a mask depends on, so that they never become stale.
-
-    Args:
-        folder: folder of the files; created by the first write. Files may be deleted at any time.
-        recipe: everything except the image that the masks depend on.
-    """
+    """PNG files named by a digest of `recipe` and image, so that they never become stale; deletable at any time."""
 
     def __init__(self, folder: Path, recipe: str) -> None:
         self._folder, self._recipe = folder, recipe

@@ -147,11 +147,7 @@ def open_none(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str]:
 
 
 class MissingMaskSource:
-    """A `MaskSource` for captures in which no source of masks was found: what needs masks stops there.
-
-    Args:
-        reasons: what is missing, as a clause.
-    """
+    """A `MaskSource` where none was found: what needs masks stops there, with the `reasons`, clauses."""
 
     def __init__(self, reasons: str) -> None:
         self.message = Message(

@@ -64,16 +64,7 @@ def background_cache() -> MemoryCache[str, Background]:
 
 
 def median_plate(images: Callable[[int], np.ndarray], count: int, samples: int = 15) -> np.ndarray:
-    """Per-pixel median of images of an empty set.
-
-    Args:
-        images: returns the (H, W, 3) uint8 image of an index below `count`.
-        count: number of images.
-        samples: maximum number of images to use, evenly spaced.
-
-    Returns:
-        (H, W, 3) uint8.
-    """
+    """Per-pixel median of (H, W, 3) uint8 images of an empty set, of at most `samples`, evenly spaced."""
     chosen = sorted({round(index) for index in np.linspace(0, count - 1, min(samples, count))})
     stack = np.stack([images(index) for index in chosen])
     plate = np.empty(stack.shape[1:], np.uint8)
@@ -83,16 +74,7 @@ def median_plate(images: Callable[[int], np.ndarray], count: int, samples: int =
 
 
 def estimate_background(read: Callable[[int], np.ndarray], frames: Sequence[int], samples: int = 40) -> Background:
-    """Estimate the empty set from one camera's footage (see the module docstring).
-
-    Args:
-        read: returns the (H, W, 3) uint8 RGB image of a frame; called twice per sample, in order.
-        frames: frame numbers to choose from.
-        samples: maximum number of frames to use, evenly spaced.
-
-    Returns:
-        the background, at full size.
-    """
+    """The empty set from one camera's footage (see the module), read twice per sample, in order."""
     import cv2
 
     chosen = [frames[index] for index in sorted({round(x) for x in np.linspace(0, len(frames) - 1, samples)})]
@@ -239,16 +221,7 @@ def _full_plate(
 
 
 def cached_background(folder: Path | None, key: str, make: Callable[[], Background]) -> Background:
-    """`make()`, cached on disk.
-
-    Args:
-        folder: folder of the cache; None: no caching.
-        key: identifies the footage; its first 32 characters are part of the file name.
-        make: computes the background.
-
-    Returns:
-        the background. A damaged file is replaced.
-    """
+    """`make()`, cached in a folder under the first 32 characters of `key`; a damaged file is replaced."""
     if folder is None:
         return make()
     path = folder / f"background_{key[:32]}_v{_VERSION}.npz"

@@ -136,11 +136,7 @@ class OnnxModel:
 
 
 class _Loaded:
-    """An onnxruntime session.
-
-    Attributes:
-        fixed: (height, width) of the model's input, None where it is dynamic.
-    """
+    """An onnxruntime session. `fixed`: (height, width) of the model's input, None where it is dynamic."""
 
     def __init__(self, path: Path, device: str, threads: int) -> None:
         import onnxruntime
@@ -217,12 +213,7 @@ class _Loaded:
 
 
 def providers(device: str, available: Sequence[str]) -> list[Any]:
-    """The execution providers to pass to onnxruntime.
-
-    Args:
-        device: see `OnnxModel`.
-        available: those of the installed onnxruntime.
-    """
+    """The execution providers to pass to onnxruntime, of the `available` ones, for a device as in `OnnxModel`."""
     cuda = "CUDAExecutionProvider"
     if device == "cpu" or (device == "auto" and cuda not in available):
         return ["CPUExecutionProvider"]

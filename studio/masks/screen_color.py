@@ -24,12 +24,7 @@ _LEAST_SATURATION = 0.3
 
 @dataclass(frozen=True, eq=False)
 class Screen:
-    """The screen as seen by one camera.
-
-    Attributes:
-        color: (3,) float32 RGB in 0..255, the median of its pixels.
-        spread: robust standard deviation of the tangents of its colors, per axis.
-    """
+    """The screen as seen by one camera: median RGB in 0..255, and deviation of its colors' tangents per axis."""
 
     color: np.ndarray
     spread: float

@@ -101,13 +101,7 @@ def frame_that_fits(shapes: Silhouettes, name: str, masks: Mapping[int, np.ndarr
 
 @dataclass(frozen=True)
 class _Common:
-    """Points (N, 3) in the volume on which the cameras agree, and around it.
-
-    Attributes:
-        inside, seen: (cameras, N) bool, see `_votes`.
-        accepting, views: (N,), their sums over the cameras.
-        voxel: distance of the points, world units.
-    """
+    """Points (N, 3), `voxel` apart, in and around the volume on which the cameras agree; see `_votes`."""
 
     points: torch.Tensor
     inside: torch.Tensor

@@ -135,15 +135,7 @@ def _start(shapes: Silhouettes) -> tuple[np.ndarray, float]:
 
 
 def locate(shapes: Silhouettes, allowed: int, min_views: int) -> tuple[np.ndarray, np.ndarray]:
-    """Bounds of the volume that the masks agree on.
-
-    Args:
-        allowed: number of cameras that may reject a point.
-        min_views: number of cameras that must see a point.
-
-    Returns:
-        lower and upper corner, (3,) float64, in world units; the box is a few percent too wide.
-    """
+    """Lower and upper corner, (3,) world units, of the volume that the masks agree on; a few percent too wide."""
     center, edge = _start(shapes)
     cells = torch.from_numpy(center[None].astype(np.float32))
     split, before = 16, math.inf

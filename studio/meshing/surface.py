@@ -136,15 +136,7 @@ _LEAST_COMPONENT = 0.01
 
 
 def extract_surface(hull: Hull, smoothing: float) -> Mesh:
-    """The surface of a hull, by marching cubes. `refined` takes most of the time and is not needed to compare
-    silhouettes.
-
-    Args:
-        smoothing: standard deviation in voxels of the field's Gaussian smoothing.
-
-    Returns:
-        a mesh without unreferenced vertices, with normals pointing outward; empty if no voxel is inside.
-    """
+    """The surface of a hull by marching cubes, normals outward; empty if no voxel is inside. `refined` is slow."""
     o3d = open3d()
 
     field = smooth_field(hull.field, smoothing)

@@ -20,12 +20,7 @@ from studio.rasterizer.types import Render
 
 @dataclass(frozen=True)
 class DeepSamples:
-    """Samples of an image, ordered by pixels, those of a pixel from front to back.
-
-    Attributes:
-        pixels: (M,) their pixels, counted row by row.
-        values: (M, 5) float32: premultiplied color, alpha, and mean distance along the viewing axis.
-    """
+    """Samples front to back, by pixel (row by row): (M, 5) premultiplied color, alpha, and mean distance."""
 
     pixels: np.ndarray
     values: np.ndarray

@@ -15,14 +15,7 @@ from studio.rasterizer.types import mean_depth
 
 @torch.no_grad()
 def mean_features(gaussians: Gaussians, camera: Camera, features: Tensor) -> Tensor:
-    """The features of the splats that a pixel shows, averaged with their blending weights.
-
-    Args:
-        features: (N, 3), finite, on the device of the splats.
-
-    Returns:
-        (H, W, 3) float32; 0 where no splat is drawn.
-    """
+    """(H, W, 3) float32: features (N, 3) of the splats that a pixel shows, by blending weight; 0 for none."""
     if not len(gaussians):
         return torch.zeros(camera.height, camera.width, 3)
     low = features.amin(0)

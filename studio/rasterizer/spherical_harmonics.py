@@ -11,15 +11,7 @@ from torch import Tensor
 
 
 def sh_basis(directions: Tensor, degree: int) -> Tensor:
-    """The SH basis functions at unit directions.
-
-    Args:
-        directions: (N, 3) unit vectors from the camera to the splat, world coordinates.
-        degree: 0 to 3.
-
-    Returns:
-        (N, (degree + 1)^2).
-    """
+    """The SH basis, (N, (degree + 1)^2), at unit directions (N, 3) from the camera to the splat, in the world."""
     x, y, z = directions.unbind(-1)
     basis = [torch.full_like(x, 0.28209479177387814)]
     if degree >= 1:
@@ -46,15 +38,7 @@ def sh_basis(directions: Tensor, degree: int) -> Tensor:
 
 
 def sh_colors(directions: Tensor, sh: Tensor) -> Tensor:
-    """Colors seen along unit directions: max(0, 0.5 + sum_k Y_k sh_k).
-
-    Args:
-        directions: (N, 3) unit vectors.
-        sh: (N, K, 3) coefficients; K is 1, 4, 9 or 16.
-
-    Returns:
-        (N, 3) RGB, at least 0.
-    """
+    """RGB at least 0 along unit directions: max(0, 0.5 + sum_k Y_k sh_k), of sh (N, K, 3), K = 1, 4, 9 or 16."""
     degree = {1: 0, 4: 1, 9: 2, 16: 3}[sh.shape[1]]
     basis = sh_basis(directions, degree)
     return (torch.einsum("nk,nkc->nc", basis, sh) + 0.5).clamp_min(0.0)

@@ -41,12 +41,7 @@ _COPIED_AT_ONCE = 16 << 20
 
 @dataclass(frozen=True)
 class Pointer:
-    """Which object of a store a file stands for.
-
-    Attributes:
-        size: in bytes.
-        tag: changes with the content (`Entry.tag`).
-    """
+    """Which object of a store a file stands for: its size in bytes, and a tag that changes with its content."""
 
     store: str
     path: str

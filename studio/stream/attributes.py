@@ -188,11 +188,7 @@ def value_bounds(name: str) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Component:
-    """One number per splat.
-
-    Attributes:
-        name: as in the manifest and in file names: mean_x, sh_0_r, opacity, log_scale_0, quat_w, ...
-    """
+    """One number per splat; `name` as in manifest and file names: mean_x, sh_0_r, opacity, log_scale_0, quat_w."""
 
     name: str
     attribute: Attribute

@@ -18,11 +18,7 @@ _KEPT_PAGES = 16
 
 
 class GroupIndex:
-    """All groups of a stream. Thread safe.
-
-    Attributes:
-        reading: makes a context around each read of a page, which may raise other errors instead.
-    """
+    """All groups of a stream. Thread safe. `reading`: a context around each read of a page, to change errors."""
 
     def __init__(self, manifest: Manifest, source: Source, manifest_bytes: int) -> None:
         self.manifest = manifest

@@ -140,11 +140,7 @@ def scale_floor(typical: float) -> float:
 
 
 class ComponentArrays:
-    """Buffers for the components of one frame, in the memory layout of `Gaussians`.
-
-    Attributes:
-        rows: (N,) float32 view per component, in the order of `attributes.components(sh_degree)`, to be filled in.
-    """
+    """Buffers for one frame in the memory layout of `Gaussians`; `rows`: (N,) views by component, to fill."""
 
     def __init__(self, splats: int, sh_degree: int) -> None:
         shapes = {name: BY_NAME[name].tensor_shape(splats, sh_degree) for name in component_rows(sh_degree)}

@@ -17,14 +17,7 @@ _SPREAD = (
 
 
 def interleave(cells: np.ndarray) -> np.ndarray:
-    """Morton codes of integer cells.
-
-    Args:
-        cells: (N, 3) integers in 0 to 2^21 - 1.
-
-    Returns:
-        (N,) uint64: bit 3i is bit i of x, bit 3i + 1 of y, bit 3i + 2 of z.
-    """
+    """(N,) uint64 Morton codes of (N, 3) integers below 2^21: bits 3i, 3i + 1, 3i + 2 are bits i of x, y, z."""
     codes = np.zeros(len(cells), dtype=np.uint64)
     for axis in range(3):
         bits = cells[:, axis].astype(np.uint64)

@@ -39,15 +39,7 @@ def _border(values: np.ndarray) -> int:
 
 
 def find_blocks(positions: np.ndarray, step: float) -> np.ndarray:
-    """Label splats by the block that they move with.
-
-    Args:
-        positions: (F, N, 3), keyframe first, splats in the stream's order.
-        step: error due to quantization of residuals, world units; a better prediction than that has no value.
-
-    Returns:
-        (N,) int64 labels 0 to B - 1, in the order of the first splat of each block.
-    """
+    """(N,) int64 labels of the blocks that splats (F, N, 3) move with, to within `step`; first splats ascend."""
     frames, splats = positions.shape[:2]
     labels = np.zeros(splats, dtype=np.int64)
     if frames == 1:

@@ -29,12 +29,7 @@ _ESCAPE_BYTES = 4
 
 @dataclass(frozen=True)
 class Escapes:
-    """Codes outside the 0 to 255 of the image, sorted by channel, splat and frame.
-
-    Attributes:
-        channel, splat, frame: (E,) int64 indices.
-        code: (E,) int64, below 0 or above 255.
-    """
+    """Codes outside of 0 to 255 with their (E,) int64 indices, sorted by channel, splat and frame."""
 
     channel: np.ndarray
     splat: np.ndarray

@@ -35,14 +35,7 @@ def deflate(parts: Sequence[bytes]) -> bytes:
 
 
 def inflate(data: bytes, size: int) -> np.ndarray:
-    """Inverse of `deflate`. Never holds more than `size` bytes.
-
-    Returns:
-        (size,) uint8, read-only.
-
-    Raises:
-        ValueError: not a deflate stream of exactly `size` bytes.
-    """
+    """Inverse of `deflate`, (size,) uint8, never holding more. Raises ValueError: not a stream of that size."""
     decoder = zlib.decompressobj(-15)
     try:
         raw = decoder.decompress(data, size + 1)
@@ -92,14 +85,7 @@ class Cursor:
 
 
 def encode_octree(codes: np.ndarray, bits: int) -> list[bytes]:
-    """Occupancy of the levels, coarsest first, then the number of further points in each filled cell.
-
-    Args:
-        codes: (N,) uint64 Morton codes of 3 * bits bits, sorted.
-
-    Returns:
-        Parts for `deflate`: `bits` levels, then four byte planes of (points - 1) per filled cell.
-    """
+    """Occupancy by level, coarsest first, of sorted (N,) codes of 3 * bits bits; then extra points per cell."""
     cells, counts = np.unique(codes, return_counts=True)
     levels: list[bytes] = []
     for _ in range(bits):

@@ -123,12 +123,7 @@ class ResidualEntropy(nn.Module):
 
 
 def temporal_loss(current: Tensor, previous: Tensor, plane_pixels: int) -> Tensor:
-    """Equation 12: sum over attributes of |y_t - y_{t-1}|_1, divided by W x H of the Gaussian video.
-
-    Args:
-        current, previous: (N, C) coded values.
-        plane_pixels: W x H.
-    """
+    """Equation 12 on coded values (N, C): sum over attributes of |y_t - y_{t-1}|_1, over W x H of the video."""
     return (current - previous).abs().sum() / plane_pixels
 
 

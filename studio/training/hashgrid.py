@@ -65,13 +65,7 @@ def pieces_of(counts: Tensor) -> list[tuple[Tensor, Tensor]]:
 
 @dataclass(frozen=True)
 class Corners:
-    """Interpolation of the table at N fixed positions: the corners of the cell of each position, per level.
-
-    Attributes:
-        rows: (L, N, 8) int32 rows of the table.
-        weights: (L, N, 8) trilinear weights.
-        level_rows: (L + 1,) int64 on the CPU, first row of each level and their total.
-    """
+    """Corners of the cell of each of N positions per level: rows (L, N, 8), trilinear weights, and (L + 1,) starts."""
 
     rows: Tensor
     weights: Tensor

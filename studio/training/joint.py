@@ -44,12 +44,7 @@ def joint_bytes(pixels: int, frames: int) -> int:
 
 
 def views_of_frame(views: Sequence[TrainingView], pixels: int, frames: int, position: int) -> list[TrainingView]:
-    """The views of a frame that joint training uses: all, or as many as fit into memory, other cameras in each frame.
-
-    Args:
-        pixels: of all training images of a frame, uncropped.
-        position: of the frame in the group.
-    """
+    """The views of a frame for joint training: all, or what fits into memory, other cameras in each frame."""
     every = min(len(views), -(-_BYTES_A_PIXEL * pixels * frames // _BYTES))
     return [view.uncached() for view in views[position % every :: every]]
 

@@ -20,13 +20,7 @@ def draw_seed(generator: torch.Generator) -> int:
 
 
 def random_bits(count: int, seed: int, device: torch.device | str = "cpu") -> Tensor:
-    """(count,) int64, uniform in 0 to 2^24 - 1. The mixer is the 32-bit one of Ettinger's hash-prospector (lowbias32).
-
-    Args:
-        count: numbers to draw, the first of the stream.
-        seed: the stream, 0 to 2^32 - 1.
-        device: device of the result; the numbers do not depend on it.
-    """
+    """(count,) int64 in 0 to 2^24 - 1, equal on all devices (lowbias32 of Ettinger's hash-prospector)."""
     x = (torch.arange(count, device=device) * 0x9E3779B9 + seed) & _LOW
     x ^= x >> 16
     x = (x * 0x7FEB352D) & _LOW

@@ -15,12 +15,7 @@ def prune_rounds(settings: TrainSettings, splats: int) -> int:
 
 
 def pruned_in_round(settings: TrainSettings, splats: int, rounds: int) -> int:
-    """Number of splats that a pruning round removes: at least one, but never all.
-
-    Args:
-        settings: `prune_ratio` of the splats; after the first round, no more than needed for `max_splats`.
-        splats: number of splats before the round.
-    """
+    """Number of splats that a round removes: at least one, never all; later no more than `max_splats` needs."""
     count = int(splats * settings.prune_ratio)
     if rounds > 0:
         count = min(count, splats - settings.max_splats)

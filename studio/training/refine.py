@@ -47,12 +47,7 @@ def drawn_mask(gaussians: Gaussians, view: TrainingView) -> Tensor:
 
 
 def outlines_off(drawn: Sequence[Tensor], views: Sequence[TrainingView]) -> float:
-    """Percent of the outlines of the views' masks that are more than a pixel from the rendered ones.
-
-    Args:
-        drawn: (H, W) per view, 0 to 1, from `drawn_mask`.
-        views: with the masks to compare, in the same order.
-    """
+    """Percent of the outlines of the views' masks that are more than a pixel from those of `drawn`, (H, W) each."""
     off = length = 0
     for one, view in zip(drawn, views, strict=True):
         outline = _outline(view.mask)

@@ -52,15 +52,7 @@ class Relocation:
 
 
 def shared_opacity_and_scale(opacity: Tensor, copies: Tensor) -> tuple[Tensor, Tensor]:
-    """Opacity and scale of N copies that together look like the original splat (equation 9).
-
-    Args:
-        opacity: (M,) opacities of the originals, 0 to 1.
-        copies: (M,) int, N, from 1 to 51.
-
-    Returns:
-        (M,) opacity of each copy, and (M,) factor for its scales.
-    """
+    """Opacity (M,), and factor of scales, of N (1 to 51) copies that look like one splat (equation 9)."""
     new = 1 - (1 - opacity) ** (1 / copies)
     denominator = torch.zeros_like(new)
     for i in range(1, int(copies.max()) + 1):

@@ -11,13 +11,7 @@ from studio.training.settings import MEANS_FINAL_RATE, LearningRates
 
 
 class SplatOptimizer:
-    """Stores each attribute as a leaf tensor with its own Adam parameter group. Splats can be added and removed.
-
-    Args:
-        gaussians: initial values (copied).
-        extent: scene extent, world units; the rate of the means is multiplied by it.
-        train_means: False freezes the means.
-    """
+    """Leaf tensors with Adam parameter groups; splats come and go. `extent` scales the rate of the means."""
 
     def __init__(self, gaussians: Gaussians, rates: LearningRates, extent: float, train_means: bool = True) -> None:
         self._rates = rates

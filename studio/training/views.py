@@ -319,15 +319,7 @@ def mask_box(mask: np.ndarray, margin: float, name: str) -> tuple[int, int, int,
 
 
 class Shuffled:
-    """An endless iterator over views, in a new random order in each epoch. Its position can be saved and restored.
-
-    Args:
-        views: at least one view.
-        generator: draws the order of each epoch.
-
-    Attributes:
-        views: the views; may be replaced by as many others.
-    """
+    """An endless iterator over views, in a new random order in each epoch. Its position can be saved and restored."""
 
     def __init__(self, views: Sequence[TrainingView], generator: torch.Generator) -> None:
         if not views:

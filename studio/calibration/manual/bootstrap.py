@@ -23,12 +23,7 @@ _WORST = 0.02
 
 @dataclass
 class Observations:
-    """The marks of all tie points.
-
-    Attributes:
-        world: (P, 3) measured positions, NaN for points without one.
-        pixels: camera name to (P, 2), NaN where the point has no mark.
-    """
+    """The marks of all tie points: (P, 3) measured positions and, by camera, (P, 2) pixels; NaN for none."""
 
     points: list[str]
     world: np.ndarray

@@ -20,12 +20,7 @@ _LOSS = 2.0
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Standard deviations of the input.
-
-    Attributes:
-        mark: of marks, pixels.
-        world: of measured positions, meters.
-    """
+    """Standard deviations of the input: of marks in pixels, and of measured positions in meters."""
 
     mark: float
     world: float

@@ -53,12 +53,7 @@ def adjust(
 
 
 def known_model(path: Path, poses: Sequence[Any]) -> Any:
-    """A model without points: the cameras of a database at known poses.
-
-    Args:
-        path: the database; image n + 1 belongs to camera n.
-        poses: world-to-camera matrices (3, 4) or (4, 4), by camera number.
-    """
+    """A model without points: the cameras of a database (camera n has image n + 1) at known (3, 4) poses."""
     import pycolmap
 
     database = pycolmap.Database.open(path)

@@ -76,14 +76,7 @@ def image_name(number: int) -> str:
 
 
 def find_matches(folder: Path, job: SfmJob) -> Path:
-    """Detect features, match them and verify the matches.
-
-    Args:
-        folder: the work folder with images/ and masks/.
-
-    Returns:
-        the database for mapping: image n + 1 belongs to camera n.
-    """
+    """Detect features, match and verify them; the database for mapping, where camera n has image n + 1."""
     final, each = folder / "database.db", folder / "sync_frames.db"
     for leftover in (*folder.glob("database.db*"), *folder.glob("sync_frames.db*")):
         leftover.unlink()

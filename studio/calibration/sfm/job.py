@@ -203,11 +203,7 @@ def sfm_job(
 
 
 def neighbors(rig: Rig, each: int = 10, widest: float = 80.0) -> list[tuple[int, int]]:
-    """Sorted pairs of cameras worth matching if their poses are known: each camera with those nearest to it.
-
-    Args:
-        widest: largest angle between viewing directions in degrees; beyond it features do not match.
-    """
+    """Sorted pairs of cameras worth matching: each with the nearest; views at most `widest` degrees apart."""
     centers = rig.centers
     forward = np.array([camera.forward for camera in rig])
     angles = np.degrees(np.arccos(np.clip(forward @ forward.T, -1, 1)))

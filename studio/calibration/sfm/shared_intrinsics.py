@@ -106,12 +106,7 @@ def share_intrinsics(database: Path, free: set[int]) -> None:
 
 
 def joined(model: Any, keys: list[int]) -> Any:
-    """A copy in which several cameras are merged, with the medians of their parameters.
-
-    Args:
-        model: pycolmap.Reconstruction in which each rig is one camera.
-        keys: ids of the cameras; the first is kept.
-    """
+    """A copy of a model in which the cameras of these ids are the first one, with the medians of their parameters."""
     import pycolmap
 
     one = pycolmap.Camera(model.cameras[keys[0]].todict())
@@ -122,12 +117,7 @@ def joined(model: Any, keys: list[int]) -> Any:
 
 
 def with_richer_intrinsics(model: Any, names: dict[int, str]) -> Any:
-    """A copy in which SIMPLE_RADIAL cameras have a model with more terms, initially 0.
-
-    Args:
-        model: pycolmap.Reconstruction in which each rig is one camera.
-        names: camera id to RADIAL, OPENCV or FULL_OPENCV.
-    """
+    """A copy in which SIMPLE_RADIAL cameras get the model of `names` (by id); new terms are 0."""
     import pycolmap
 
     cameras = {}
@@ -149,12 +139,7 @@ def camera_of_image(model: Any) -> dict[int, int]:
 
 
 def rebuilt(model: Any, cameras: dict[int, Any], of: dict[int, int]) -> Any:
-    """A copy with the same images, poses and points but other cameras.
-
-    Args:
-        model: pycolmap.Reconstruction in which each rig is one camera.
-        cameras: camera id to pycolmap.Camera; copied.
-    """
+    """A copy of a model with the same images, poses and points but other cameras, by id."""
     import pycolmap
 
     copy = pycolmap.Reconstruction()

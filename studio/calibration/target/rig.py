@@ -253,12 +253,7 @@ def _result(state: TargetRig, target: CalibrationTarget, settings: CalibrateSett
 
 
 def target_world(target: CalibrationTarget, pose: np.ndarray, *, upright: bool) -> Similarity:
-    """The transform to world coordinates defined by a target: origin at its center, x along its rows, z up.
-
-    Args:
-        pose: (4, 4) transform from target to current coordinates.
-        upright: see `CalibrateSettings.board_upright`.
-    """
+    """World coordinates by a target with a (4, 4) pose: origin at its center, x along its rows, z up."""
     x, y, z = pose[:3, :3].T
     rotation = np.stack([x, z, -y]) if upright else np.stack([x, -y, -z])
     middle = pose[:3, :3] @ target.middle + pose[:3, 3]

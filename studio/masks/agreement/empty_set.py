@@ -34,16 +34,7 @@ def cover(solid: np.ndarray) -> np.ndarray:
 
 
 def uncovered(behind: Background, images: Sequence[np.ndarray], covers: Sequence[np.ndarray]) -> Background:
-    """The set, estimated again where the performer was in some of the frames.
-
-    Args:
-        behind: the first estimate; it stays where no frame is covered, or all are.
-        images: (H, W, 3) uint8 RGB of several frames.
-        covers: (h, w) bool per frame, where the performer may be.
-
-    Returns:
-        the set; cameras do not agree on it where all frames are covered.
-    """
+    """The set, estimated again from images whose performer may be in `covers`; elsewhere it stays as it was."""
     import cv2
 
     height, width = behind.plate.shape[:2]

@@ -22,15 +22,7 @@ _FEWEST = 50
 
 
 def color_odds(images: Mapping[str, np.ndarray], odds: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """How much more frequent each pixel's color is on the performer, in all images, than in its own image of the set.
-
-    Args:
-        images: by camera: (H, W, 3) uint8 RGB.
-        odds: by camera: (H, W) float32 log-odds of the performer.
-
-    Returns:
-        by camera: (H, W) float32 log-likelihood ratio, between -3 and 3.
-    """
+    """How much more frequent each pixel's color is on the performer than on the set: log ratio, -3 to 3."""
     import cv2
 
     shared = np.concatenate([images[name][odds[name] > 2.0] for name in images])

@@ -45,16 +45,7 @@ class _Votes:
 def heard(
     odds: Mapping[str, np.ndarray], cameras: Mapping[str, Camera], voters: frozenset[str]
 ) -> dict[str, np.ndarray]:
-    """For each pixel, the best score of the voxels behind it without the pixel's own camera.
-
-    Args:
-        odds: by camera: (H, W) float32 log-odds of the performer.
-        cameras: of images of these sizes; may have lens distortion.
-        voters: the cameras that vote; the others only hear.
-
-    Returns:
-        by camera: (H, W) float32, from `SILENT` to 2.
-    """
+    """By camera, (H, W) float32 from `SILENT` to 2: the best score of the voxels behind a pixel, by other cameras."""
     voting = [name for name in odds if name in voters]
     pyramids = {name: _pyramid(np.clip(odds[name], -_LIMIT, _LIMIT)) for name in odds}
     least = max(3, round(_FEWEST_VIEWS * len(voting)))

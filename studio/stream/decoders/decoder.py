@@ -57,12 +57,7 @@ class GroupDecoder(ABC):
 
 
 def check_luma(video: VideoEntry | PlaneEntry, index: int, luma: np.ndarray, name: str) -> None:
-    """Compare image `index` of a video with its check, if it has one.
-
-    Args:
-        index: 0-based.
-        luma: (height, width) uint8, contiguous.
-    """
+    """Compare image `index` (0-based) of a video, contiguous uint8 luma, with its check, if it has one."""
     for check in video.checks:
         if check.picture == index and (found := zlib.crc32(luma.data)) != check.crc32:
             raise StudioError(

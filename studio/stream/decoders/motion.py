@@ -21,11 +21,7 @@ from studio.stream.video import PlaneDecoder
 
 
 class GroupTables:
-    """What all frames of a group share: the parsed side file, and the pixel of each number of a splat.
-
-    Raises:
-        ValueError: the side file does not match the manifest.
-    """
+    """The parsed side file, and the pixel of each number of a splat. Raises ValueError: not as in the manifest."""
 
     def __init__(self, group: MotionRendition, data: bytes) -> None:
         self.group = group

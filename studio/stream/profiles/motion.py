@@ -37,12 +37,7 @@ def channel_steps(sh_degree: int, position_step: float, typical: float, settings
 
 
 def channel_range(values: np.ndarray, step: float) -> tuple[float, float]:
-    """Offset and step of a channel: the whole range if 255 steps hold it, otherwise all but the tails.
-
-    Args:
-        values: (N,) of one frame, or (F, N) of a group.
-        step: the finest step that is wanted.
-    """
+    """Offset and step (at least `step`) of a channel: all values if 255 steps hold them, else all but the tails."""
     least, most = low, high = float(values.min()), float(values.max())
     if high - low > 254 * step:
         low, high = (float(end) for end in np.quantile(values, [_TAIL, 1 - _TAIL]))

@@ -34,11 +34,7 @@ class Ranges(Protocol):
         """For messages."""
 
     def read_at(self, offset: int, count: int) -> tuple[bytes, int]:
-        """At most `count` bytes from `offset` on, and the size of the file. Fewer only at its end.
-
-        Raises:
-            StudioError: the file is missing or cannot be read.
-        """
+        """At most `count` bytes from `offset` on, fewer only at the end, and the file's size. Raises StudioError."""
 
     def close(self) -> None:
         """Abort reads in progress."""
@@ -84,11 +80,7 @@ class HttpRanges:
 
 
 class ArchiveSource:
-    """The files of a one-file stream. Thread safe; opening reads its directory.
-
-    Args:
-        ranges: the archive; closed by `close`.
-    """
+    """The files of a one-file stream. Thread safe; opening reads its directory. `close` closes `ranges`, too."""
 
     def __init__(self, ranges: Ranges) -> None:
         self._ranges = ranges
