@@ -118,6 +118,49 @@ function allGroups(source, manifest) {
   return groups;
 }
 
+const filesOf = (rendition) =>
+  rendition.components ? rendition.components.flatMap((component) => component.planes) : [rendition.side, rendition.video];
+const sum = (values) => values.reduce((total, value) => total + value, 0);
+const isBox = ({ min, max }) => min.every((low, k) => finite(low) && finite(max[k]) && low <= max[k]);
+const isObject = (value) => typeof value === "object" && value !== null && !Array.isArray(value);
+
+/** Everything that the manifest says beside what frames are decoded from. */
+function checkRest(source, manifest, groups) {
+  const { codec, audio, fps } = manifest;
+  need(["h264", ...(manifest.profile === "motion" ? ["hevc", "av1"] : [])].includes(codec.name), "codec", codec.name);
+  need(codec.pixel_format === "yuv420p" && codec.color_range === "full", "codec", codec);
+  need(typeof manifest.live === "boolean" && isBox(manifest.bounding_box), "live or bounding_box");
+  need(isObject(manifest.settings) && isObject(manifest.metadata), "settings or metadata");
+  const files = [...manifest.pages];
+  if (audio !== null) {
+    need(audio.codec === "aac" && wholeNumber(audio.sample_rate, 8000, 96000), "audio", audio);
+    need(wholeNumber(audio.channels, 1, 2) && wholeNumber(audio.samples, 1, 2 ** 32) && audio.start >= 0, "audio", audio);
+    need(audio.start + audio.samples / audio.sample_rate <= manifest.frame_count / fps + 0.1, "sound is too long");
+    readFile(source, audio, 2 ** 28);
+    files.push(audio);
+  }
+  for (const [k, rendition] of manifest.renditions.entries()) {
+    const own = groups.map((group) => group.renditions[k]);
+    need(/^[a-z0-9-]{1,32}$/.test(rendition.id), "id", rendition.id);
+    for (const key of ["qp", "splats"]) need(rendition[key] === Math.max(...own.map((one) => one[key])), key, rendition.id);
+    need(rendition.bytes === sum(own.map((one) => one.bytes)), "bytes", rendition.id);
+    const rates = own.map((one) => Math.ceil((8 * one.bytes * fps) / one.frame_count));
+    need(rendition.bandwidth === Math.max(...rates), "bandwidth", rendition.id, rates);
+    for (const one of [rendition, ...own]) {
+      need(["none", "importance", "fine-tuned"].includes(one.pruning) && wholeNumber(one.qp, 0, 51), "pruning or qp");
+      need(one.psnr_to_trained === null || finite(one.psnr_to_trained), "psnr_to_trained", one.psnr_to_trained);
+    }
+    for (const one of own) {
+      need(one.bytes === sum(filesOf(one).map((file) => file.bytes)) && isBox(one.bounding_box), "bytes or box", one.index);
+      const { dilation = 0.3 } = one;
+      need(dilation >= 0.001 && dilation <= 1, "dilation", dilation);
+      files.push(...filesOf(one));
+    }
+  }
+  const once = [...new Map(files.map((file) => [file.path, file.bytes])).values()];
+  need(manifest.total_bytes === sum(once) + source("manifest.json", LARGEST_FILE).length, "total_bytes");
+}
+
 /** The renditions of a group. */
 function renditionsOf(manifest, group) {
   need(group.renditions.length === manifest.renditions.length, "group has other renditions than the stream", group.index);
@@ -394,7 +437,9 @@ const [stream, lumaFolder, outFolder] = process.argv.slice(2);
 const source = statSync(stream).isDirectory() ? folderSource(stream) : archiveSource(stream);
 const manifest = readManifest(source);
 const decode = manifest.profile === "motion" ? motionFrames : planesFrames;
-for (const group of allGroups(source, manifest)) {
+const groups = allGroups(source, manifest);
+checkRest(source, manifest, groups);
+for (const group of groups) {
   for (const rendition of renditionsOf(manifest, group)) {
     need(wholeNumber(rendition.splats, 1, 4194304), "wrong number of splats");
     need(wholeNumber(rendition.sh_degree, 0, 3), "wrong SH degree");

