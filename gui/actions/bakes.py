@@ -50,7 +50,7 @@ class BakeActions:
             )
         )
         words = (
-            "Bakes that this take keeps. Comparing shows two at once, with one timeline."
+            "Bakes that this take keeps. Comparing shows them with one timeline, up to four side by side."
             if other is None
             else f"Compared with: {other.label}. Side by side (S), wipe (W) and difference (D) are against it."
         )

@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 
+from gui.drawing.compare import ALONE
 from gui.models.evaluation import WorstFrame
 from gui.models.loop import later
 from gui.models.playback.image_zoom import ImageZoom
@@ -56,10 +57,12 @@ class CameraActions:
         self._worst.show(self._window.evaluation, self._window.player.transport.number)
 
     def _show_frame(self, worst: WorstFrame) -> None:
-        transport = self._window.player.transport
+        player = self._window.player
         self.look_through(worst.camera)
-        transport.pause()
-        transport.seek(worst.frame)
+        if player.mode in ALONE:
+            player.choose_mode("side by side")
+        player.transport.pause()
+        player.transport.seek(worst.frame)
 
     def _picture(self, worst: WorstFrame, size: tuple[int, int]) -> np.ndarray | None:
         player = self._window.player

@@ -23,6 +23,7 @@ from pipelines.commands.export import DEFAULT_OF
 from pipelines.reports.images import write_image
 from pipelines.takes.take import Take
 from studio.errors import StudioError
+from studio.formats import EXPORTS
 
 
 class OutputActions:
@@ -77,8 +78,14 @@ class OutputActions:
         length = window.player.transport.frame_count / window.player.transport.fps
         request.seconds = f"{max(length, LEAST_SECONDS):g}"
         request.ranges = self._ranges()
-        request.frames = [*request.ranges][-1] if window.player.transport.span is not None else ALL_FRAMES
+        self._choose_frames(request)
         self._ask_export(request, sources)
+
+    def _choose_frames(self, request: ExportRequest) -> None:
+        """Choose the frames that are usual for the format: the span, the frame under review as a file, else all."""
+        window, names = self._window, [*request.ranges]
+        reviewed = window.views.stage == "review" and not window.player.transport.playing
+        request.frames = names[2 if len(names) > 2 else reviewed and EXPORTS[request.kind].holds == "frame"]
 
     @property
     def _stale(self) -> bool:
@@ -121,7 +128,12 @@ class OutputActions:
                 self._kind = request.kind
                 dialogs.close()
 
-        form.choice("format", "Format", [label for label, _ in FORMATS.values()], changed)
+        def other_format() -> None:
+            self._choose_frames(request)
+            form.widgets["frames"].selected_text = request.frames
+            changed()
+
+        form.choice("format", "Format", [label for label, _ in FORMATS.values()], other_format)
         form.choice("frames", "Frames", list(request.ranges), changed)
         if sources:
             form.choice("of", "Splats", sources, changed)
@@ -132,9 +144,10 @@ class OutputActions:
         changed()
         source = "Exports the splats decoded from the stream."
         if sources:
-            stale = ", which does not have the last changes" if self._stale else ""
-            source = f"decoded: as played back from the stream{stale}.\ntrained: before baking."
-        words = (source, "Seconds and background: movies. Size: also plates.", "Existing files are never overwritten.")
+            stale = ", without the latest changes" if self._stale else ""
+            source = f"decoded: as played from the stream{stale}.\ntrained: before baking."
+        options = "Seconds and background apply to movies, size to movies and plates."
+        words = (source, options, "Existing files are not overwritten.")
         parts = [form.grid, *map(dialogs.label, words)]
         form.show("export", "Export", parts, ("save", "Export", start), 90, error, "line")
 

@@ -92,7 +92,7 @@ class ShareActions:
         form.line("credits", "Credits")
         form.line("license", "License")
         if request.form == "folder":
-            form.line("address", "Address, if known")
+            form.line("address", "Web address, if known")
         form.output(again)
         words = [dialogs.label(size, dim=False), dialogs.label(PHONES[request.form]), *self._stale_parts()]
         title = f"Share: {FORMS[request.form][0]}"

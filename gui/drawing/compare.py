@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from gui.drawing.canvas import Canvas, text_width
+from gui.drawing.canvas import Canvas, fitted, text_width
 from gui.drawing.palette import ACCENT, GROUND, RGB, TEXT
 
 MODES = ("single", "side by side", "wipe", "difference", "scene")
@@ -80,7 +81,7 @@ def side_by_side(
     for box, image, name in zip(where, images, names, strict=True):
         canvas.image(box.x, box.y, image)
         x, y = _corner(box, text)
-        label(canvas, x + corner[0], y + corner[1], name, size=text)
+        label(canvas, x + corner[0], y + corner[1], name, size=text, width=box.x + box.width - x - corner[0])
     return canvas.pixels
 
 
@@ -106,8 +107,9 @@ def wipe(
     canvas.rect(box.x + column - thick, box.y, 2 * thick, box.height, ACCENT)
     canvas.rect(box.x + column - 4 * thick, box.y + box.height / 2 - 16 * thick, 8 * thick, 32 * thick, ACCENT)
     x, y = _corner(box, text)
-    label(canvas, x, y, names[0], size=text)
-    label(canvas, 2 * box.x + box.width - x, y, names[1], align="right", size=text)
+    half = box.x + box.width / 2 - x
+    label(canvas, x, y, names[0], size=text, width=half)
+    label(canvas, 2 * box.x + box.width - x, y, names[1], align="right", size=text, width=half)
     return canvas.pixels
 
 
@@ -167,9 +169,12 @@ def label(
     align: str = "left",
     color: RGB = TEXT,
     size: int = LABEL_SIZE,
+    width: float = math.inf,
 ) -> None:
-    """Draw text on a dark background, legible on any image."""
-    width, side, above = text_width(text, size), round(0.43 * size), round(0.3 * size)
-    left = x if align == "left" else x - width - 2 * side
-    canvas.rect(left, y, width + 2 * side, size + round(0.7 * size), GROUND)
+    """Draw text on a dark background, legible on any image; truncated if it would be wider than `width`."""
+    side, above = round(0.43 * size), round(0.3 * size)
+    text = fitted(text, size, width - 2 * side)
+    wide = text_width(text, size) + 2 * side
+    left = x if align == "left" else x - wide
+    canvas.rect(left, y, wide, size + round(0.7 * size), GROUND)
     canvas.text(left + side, y + above, text, size, color)

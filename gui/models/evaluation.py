@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from pipelines.takes.evaluation import FrameQuality, Quality, read_evaluation
@@ -84,19 +84,19 @@ class Evaluation:
         """What figures refer to, for a title: "camera cam05" if it was evaluated, else "mean of held-out cameras";
         "mean" if nothing was evaluated."""
         if self.stale:  # more would not fit
-            return f"{self.whose_briefly(camera)} bake"
+            return f"{replace(self, stale=False).whose_briefly(camera)}, earlier bake"
         if camera in self.cameras:
             return f"camera {camera}"
         return f"mean of {'held-out' if self.held_out else 'training'} cameras" if self.frames else "mean"
 
     def whose_briefly(self, camera: str = "") -> str:
         """The same in fewer words: "cam05" or "held-out mean"."""
-        earlier = ", earlier" if self.stale else ""
+        earlier = ", earlier" * self.stale
         if camera in self.cameras:
-            return f"{camera}{earlier}"
-        if not self.frames:
-            return "mean"
-        return f"{'held-out' if self.held_out else 'training'} mean{earlier}"
+            return f"{'camera ' * camera.isdecimal()}{camera}{earlier}"
+        if self.stale or not self.frames:
+            return f"mean{earlier}"
+        return f"{'held-out' if self.held_out else 'training'} mean"
 
     @property
     def explanation(self) -> str:

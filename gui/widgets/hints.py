@@ -17,6 +17,9 @@ DELAY = 0.4
 WIDEST = 0.6
 """Widest hint over the view, as a part of its width; longer text wraps."""
 
+LEAST_HIGH = 32
+"""Pixels; the toolkit's ground of a widget is no lower, and would show below it."""
+
 STEP = 8
 """Widths of hints are multiples of this, pixels, because the toolkit keeps a texture of each size."""
 
@@ -100,7 +103,7 @@ class Hints:
             return
         em, frame = self._em, self._over.frame
         size, pad, gap = round(0.88 * em), round(0.4 * em), round(0.5 * em)
-        high = round(1.4 * em)
+        high = max(round(1.4 * em), LEAST_HIGH)
         wide = _stepped(text_width(self.text, size) + 2 * pad)
         rooms = [(left, right) for left, right in self._gaps(gap) if right - left >= wide]
         if rooms:

@@ -256,9 +256,8 @@ class StagesPanel:
         row = self._workspace.row(self.selected)
         config, setting = self._workspace.config, self.error_setting
         link = f"Go to {setting_words(setting)}" if setting else ""
-        layout = put(self.detail, text=row.detail, visible=bool(row.detail)) | put(
-            self.link, text=link, visible=bool(link)
-        )
+        detail = row.detail[:1].upper() + row.detail[1:]
+        layout = put(self.detail, text=detail, visible=bool(detail)) | put(self.link, text=link, visible=bool(link))
         layout |= put(self.error, visible=bool(self.error.text))
         for stage, panel in self.settings.items():
             layout |= put(panel.widget, visible=stage == self.selected and config is not None)

@@ -142,7 +142,8 @@ def test_a_stream_is_played_shared_and_served(
 
     # an export that is refused keeps what was typed
     window.menu("Export", "export")
-    window.wait_for("the options", lambda s: s["dialog"] == "export" and s["typing"])
+    state = window.wait_for("the options", lambda s: s["dialog"] == "export" and s["typing"])
+    assert state["texts"]["dialog line"].endswith(f"-ply-frame-{state['number']}.ply"), "the frame under review"
     window.retype("dialog line", str(folder))
     window.click("dialog save")
     window.wait_for("a refusal", lambda s: s["dialog"] == "export" and s["texts"]["dialog line"] == str(folder))

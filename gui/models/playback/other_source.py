@@ -8,6 +8,7 @@ from pathlib import Path
 from gui.models.evaluation import Evaluation
 from gui.models.playback.sources import FrameSource, open_path
 from gui.models.playback.stream_source import StreamSource
+from pipelines.takes.evaluation import measured_earlier_bake
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 
@@ -77,7 +78,7 @@ def open_other(place: Path, label: str = "", evaluation: Path | None = None, in_
     """Open the folder of a stream or of a take to compare with.
 
     Args:
-        evaluation: its evaluation.json; None for that of a take.
+        evaluation: its evaluation.json; None for that of a take, unless it is of an earlier bake.
         in_take: whether a stream has the frames and the world of the take that it was baked from, as the open one has
             if that is a take.
 
@@ -98,7 +99,7 @@ def open_other(place: Path, label: str = "", evaluation: Path | None = None, in_
             other.close()
     if isinstance(source, StreamSource):
         source.fades = False  # both sides of a comparison show everything
-    if evaluation is None and opened.take is not None:
+    if evaluation is None and opened.take is not None and not measured_earlier_bake(opened.take):
         evaluation = opened.take.evaluation
     found = Evaluation.read(evaluation) if evaluation is not None else Evaluation()
     return OtherSource(source, label or opened.title, found)

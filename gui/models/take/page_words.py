@@ -6,18 +6,21 @@ import re
 from functools import cache
 
 from gui.models.stage_rows import TITLES
+from gui.models.stages import STAGES
 from gui.models.take.log_words import stage_name
 from gui.models.take.settings import SECTIONS, fields_of
 from pipelines.runs.staleness import StageStatus
 
 _SECTIONS = "|".join(section for sections in SECTIONS.values() for section in sections)
 _SETTING = re.compile(rf"(?<![\w./'])(?:{_SECTIONS})(?:\.[a-z_0-9]+)+")
+_RESULT = re.compile(rf"(?<=the result of )(?:{'|'.join(stage.name for stage in STAGES)})\b")
 _COMMAND = re.compile(r"`v3studio (run|calibrate|initialize|train|bake|evaluate)\b([^`]*)`")
 
 
 def in_page_words(text: str) -> str:
     """A message with what the window shows: "'quality' in Bake", "Run Initialize again"."""
-    return _COMMAND.sub(_stage, _SETTING.sub(lambda found: setting_words(found[0]), text))
+    words = _SETTING.sub(lambda found: setting_words(found[0]), text)
+    return _COMMAND.sub(_stage, _RESULT.sub(lambda found: stage_name(found[0]), words))
 
 
 @cache

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gui.drawing.canvas import Canvas, line_height
+from gui.drawing.canvas import Canvas, line_height, text_width
 from gui.drawing.palette import ACCENT, DIM, GROUND, RAISED, TEXT
 from gui.drawing.plots import Axes, limits
 from gui.models.stages import Trial
@@ -81,18 +81,27 @@ class QpChart:
         axes = Axes(left, y, wide, high, (0.0, 1.1 * float(sizes.max())), limits(shown, 0.05, 0.5))
         axes.draw(canvas, small, columns=True)
         places = axes.places(sizes, psnrs)
-        self.points = {qp: (float(x), float(y)) for qp, (x, y) in zip(results, places, strict=True)}
         canvas.line(places, ACCENT, 2)
-        for qp, (across, down) in self.points.items():
-            now = qp == self._current
-            canvas.dot(across, down, 0.42 * em if now else 0.3 * em, TEXT if now else ACCENT)
-            canvas.text(across + 0.5 * em, down + 0.3 * em, f"QP {qp}", small, TEXT if now else DIM)
+        taken: list[tuple[float, float, float]] = []  # left, right and top of words
         for level, psnr in LEVELS.items():
             row = float(axes.places([0.0], [psnr])[0, 1])
             color = ACCENT if level == self._current else DIM
             canvas.rect(left, row, wide, 1, color)
-            canvas.text(left + 0.4 * em, row - 1.4 * small, level, small, color)
+            across, down = left + 0.4 * em, row - 1.4 * small
+            taken.append((across, across + canvas.text(across, down, level, small, color), down))
             self.points[level] = (left + 2 * em, row - 0.7 * small)
+        of_qps = {qp: (float(x), float(y)) for qp, (x, y) in zip(results, places, strict=True)}
+        self.points |= of_qps
+        for qp in sorted(of_qps, key=lambda qp: qp != self._current):
+            across, down = of_qps[qp]
+            now, words = qp == self._current, f"QP {qp}"
+            canvas.dot(across, down, 0.42 * em if now else 0.3 * em, TEXT if now else ACCENT)
+            room = text_width(words, small)
+            for start, top in ((across + 0.5 * em, down + 0.3 * em), (across - 0.5 * em - room, down - 1.5 * small)):
+                if all(start > b or start + room < a or abs(top - at) > 1.2 * small for a, b, at in taken):
+                    taken.append((start, start + room, top))
+                    canvas.text(start, top, words, small, TEXT if now else DIM)
+                    break  # where there is room on neither side, the table beside the curve has it
 
 
 def _words(qp: int, found: Trial, fps: float) -> list[str]:

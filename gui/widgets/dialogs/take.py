@@ -13,7 +13,7 @@ from gui.drawing.footage_sheet import FootageSheet
 from gui.models.loop import LOOP
 from gui.models.take.page_words import in_page_words
 from gui.models.worker import Done, LatestWorker
-from gui.widgets.dialogs.base import Dialogs, filled
+from gui.widgets.dialogs.base import Dialogs, fitted
 from gui.widgets.dialogs.folder import ask_path
 from gui.widgets.dialogs.form import Form, refusal
 from gui.widgets.picture import ImagePanel, lowered, put
@@ -21,7 +21,7 @@ from pipelines.new_take import AUTO, CALIBRATE, SILENT, Found, NewTake, next_use
 from studio.errors import Cancelled, StudioError
 
 NAME = "new take"
-FOUND_LINES = 5
+FOUND_LINES = 6
 """Lines of the summary."""
 
 TEXT_SIZE = 0.88
@@ -34,8 +34,8 @@ HINT = "Click a camera to hold it out; again: not to use it. Drag across the fra
 CHOSEN = {"images": AUTO, "rig": AUTO, "masks": AUTO, "plates": AUTO, "audio": SILENT}
 """Attributes of a new take with a list to choose from, and what is chosen at first."""
 
-SHOWN = ("capture.held_out", "Held out: ")
-"""Of lines about what the image shows, and may differ from by now."""
+SHOWN = ("capture.held_out", "Held out: ", "Without masks, so not used: ", "capture.fps")
+"""Of lines about what the image and the fields show, and may differ from by now."""
 
 
 class NewTakeDialog:
@@ -181,11 +181,10 @@ class NewTakeDialog:
         inspection, widgets = found.inspection, dialogs.widgets
         words = in_page_words(found.words)
         if found.uses.uses:
-            others = [line for line in words.splitlines() if not any(part in line for part in SHOWN)]
-            words = f"{uses_words(new.uses or found.uses)}. {HINT}\n{' '.join(others)}"
+            words = f"{uses_words(new.uses or found.uses)}. {HINT}\n{words_beside(found)}"
         size, wide = round(TEXT_SIZE * dialogs.em), self._size[0]
         lines = [line for part in words.splitlines() for line in wrapped(part, size, wide)]
-        self._text.text = "\n".join(filled(lines[:FOUND_LINES], FOUND_LINES))  # the dialog must keep its size
+        self._text.text = fitted(lines, FOUND_LINES)  # the dialog must keep its size
         rate = self._fields["fps"]
         rate.enabled = found.fps is None
         if found.fps is not None:
@@ -258,6 +257,12 @@ class NewTakeDialog:
         """End the thread. Returns whether it ended in time."""
         self._asked = None
         return self._worker.close()
+
+
+def words_beside(found: Found) -> str:
+    """What is known about footage besides `SHOWN`."""
+    others = [line for line in found.words.splitlines() if not any(part in line for part in SHOWN)]
+    return in_page_words(" ".join(others))
 
 
 def _set_items(box: gui.Combobox, items: Sequence[str], chosen: str) -> None:

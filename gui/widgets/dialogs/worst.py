@@ -19,7 +19,7 @@ from gui.widgets.picture import ImagePanel
 from studio.comparison.metrics import EVALUATED, MAIN
 
 NAME = "worst"
-MOST = 12
+MOST = 9
 """Frames that are shown."""
 
 WIDE, HIGH, TABLE = 66, 30, 22
