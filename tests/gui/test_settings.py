@@ -60,6 +60,7 @@ def test_settings_help_a_fix_and_a_span(open_window: Callable[..., RunningWindow
     rows = read_evaluation(take.evaluation).frames
     value, worst, camera = min((q.psnr_decoded, row.index, name) for row in rows for name, q in row.cameras.items())
     window.wait_for(f"{value} dB", lambda s: (s["stage"], s["camera"], s["shown"]) == ("review", camera, worst))
+    assert window.states()[-1]["compare"] == "side by side"
     frames = window.states()[-1]["frames"]
     window.drag("timeline", (window.across_frame(0), 0.1), (window.across_frame(frames - 1), 0.1))
     window.wait_for("a span", lambda s: s["span"] == [0, frames - 1])
