@@ -41,7 +41,7 @@ def register(commands: Any) -> None:
         metavar="TAKE",
         help="take whose images and masks to compare with (default: the first)",
     )
-    add_frames(parser, "measure only these frames; with a step, flicker is not measured")
+    add_frames(parser, "measure", "; with a step, flicker is not measured")
     parser.add_argument("--lpips", choices=("alex", "vgg"), help="also compute LPIPS, as the setting evaluate.lpips")
     parser.add_argument(
         "--out",

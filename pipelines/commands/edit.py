@@ -18,9 +18,8 @@ if TYPE_CHECKING:
     from pipelines.takes.take import Take
     from studio.edits import EditList
 
-_NOTE = """The edits are in edits.json of the take. Bakes, evaluations and exports of the take use them; what was
-trained is not changed. `v3studio run` then bakes what is affected again. Two change training, too: `detail`, and
-`crop --training`.
+_NOTE = """Edits are stored in the take's edits.json. They affect bakes, evaluations and exports; `v3studio run` bakes
+what is affected again. Only `detail` and `crop --training` affect training.
 
 Examples:
     v3studio edit trim takes/first 12:251
@@ -38,8 +37,8 @@ _MANY = {"region": "regions", "detail": "details"}
 def register(commands: Any) -> None:
     command = commands.add_parser(
         "edit",
-        help="trim a take, crop it, remove floaters, place its world, mark details; with undo",
-        description="Trim a take, crop it, remove floaters, place its world, mark details.",
+        help="trim a take, crop it, remove floaters, set axes and scale, mark details; with undo",
+        description="Trim a take, crop it, remove floaters, set axes and scale, mark details.",
         epilog=_NOTE,
     )
     kinds = command.add_subparsers(title="commands", required=True, metavar="COMMAND")
@@ -54,15 +53,15 @@ def register(commands: Any) -> None:
     )
 
     crop = _kind(kinds, "crop", "remove what is outside of a box", _crop)
-    _vector(crop, "--min", "min corner of the box, in the world that `v3studio edit world` has placed", required=True)
-    _vector(crop, "--max", "max corner", required=True)
+    _vector(crop, "--min", "lowest corner of the box, in the world of `v3studio edit world`", required=True)
+    _vector(crop, "--max", "highest corner", required=True)
     crop.add_argument(
-        "--training", action="store_true", help="train only on what is in front of the box, too: trains the take again"
+        "--training", action="store_true", help="also limit training to the box's outline; trains the take again"
     )
 
     ground = _kind(kinds, "ground", "remove what is below a plane", _ground)
     ground.add_argument(
-        "height", type=float, metavar="HEIGHT", help="along the up direction, in the world that `edit world` has placed"
+        "height", type=float, metavar="HEIGHT", help="along the up direction, in the world of `v3studio edit world`"
     )
 
     floaters = _kind(kinds, "floaters", "remove faint splats, and small clusters apart from all others", _floaters)
@@ -91,14 +90,14 @@ def register(commands: Any) -> None:
     detail.add_argument(
         "--frame", type=int, metavar="F", help="trained frame, by its number in the footage (default: the first)"
     )
-    _vector(detail, "--at", "its middle, in the world that `v3studio edit world` has placed", required=True)
-    detail.add_argument("--radius", type=float, required=True, metavar="R", help="of the ball around it, same units")
+    _vector(detail, "--at", "center of a ball around the part, in the world of `v3studio edit world`", required=True)
+    detail.add_argument("--radius", type=float, required=True, metavar="R", help="of the ball, same units")
     detail.add_argument(
         "--weight",
         type=float,
         default=4.0,
         metavar="W",
-        help="how much more its pixels and splats count, above 1 and up to 100 (default: 4)",
+        help="how much more pixels and splats in the ball count, above 1 and up to 100 (default: 4)",
     )
 
     remove = _kind(kinds, "remove", "remove an edit", _remove)

@@ -54,7 +54,7 @@ def register(commands: Any) -> None:
     export.add_argument("--format", choices=list(EXPORTS), required=True, metavar="FORMAT", help=", ".join(EXPORTS))
     export.add_argument("--out", type=Path, required=True, metavar="PATH", help="file or folder")
     add_overwrite(export)
-    add_frames(export, "export only these frames")
+    add_frames(export, "export")
     export.add_argument(
         "--of",
         choices=("decoded", "trained"),

@@ -33,7 +33,7 @@ def register(commands: Any) -> None:
     play.add_argument("stream", metavar="STREAM", help="folder of a stream or a take, a .v3s file, or a URL")
     play.add_argument("--realtime", action="store_true", help="play at the stream's frame rate and drop late frames")
     play.add_argument("--render", action="store_true", help="also render each frame from the stream's suggested camera")
-    add_frames(play, "play only these frames", steps=False)
+    add_frames(play, "play", steps=False)
     add_json(play)
     play.set_defaults(command=_play)
 

@@ -48,8 +48,8 @@ def register(commands: Any) -> None:
     serve.add_argument(
         "--https",
         action="store_true",
-        help="encrypt; without --certificate, one is made for this run: browsers warn of it, compare the printed "
-        "fingerprint",
+        help="encrypt; without --certificate, a certificate is made for this run, of which browsers warn: compare its "
+        "fingerprint with the printed one",
     )
     serve.add_argument("--certificate", type=Path, metavar="FILE", help="certificate in PEM format; implies --https")
     serve.add_argument("--key", type=Path, metavar="FILE", help="its private key, if it is not in the same file")
@@ -71,28 +71,28 @@ def register(commands: Any) -> None:
     serve.add_argument(
         "--review",
         action="store_true",
-        help="also serve a review of the take below a secret link, which is printed: quality and size per "
-        "frame, footage of held-out cameras, marks, which anyone with the link may change",
+        help="also serve a review of the take at a secret link, which is printed: quality and size per frame, "
+        "footage of held-out cameras, and marks that anyone with the link may change",
     )
     serve.add_argument(
         "--token",
         action=argparse.BooleanOptionalAction,
-        help="serve below a secret path that is part of the printed link (default: if other machines can reach the "
-        "server)",
+        help="add a secret part to the printed link, without which nothing is served (default: if other machines can "
+        "reach the server)",
     )
     serve.add_argument(
         "--allow-host",
         action="append",
         default=[],
         metavar="NAME",
-        help="a further name of this machine in links, such as example.org; may be repeated",
+        help="another name of this machine in links, such as example.org; may be repeated",
     )
     serve.add_argument(
         "--allow-origin",
         action="append",
         default=[],
         metavar="ORIGIN",
-        help="let pages from there play the stream, such as https://example.org, or '*' for all; may be repeated",
+        help="let pages of this origin, such as https://example.org, or of all ('*') play the stream; may be repeated",
     )
     add_json(serve)
     serve.add_argument(

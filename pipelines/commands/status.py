@@ -16,9 +16,7 @@ def register(commands: Any) -> None:
         description="Show which stages of a take are up to date, and why the others are not.",
     )
     status.add_argument("take", type=Path, metavar="TAKE", help="folder of the take")
-    status.add_argument(
-        "--check", action="store_true", help="exit with 1 unless all stages are up to date, and could be checked"
-    )
+    status.add_argument("--check", action="store_true", help="exit with 1 unless all stages are known to be up to date")
     add_json(status)
     status.set_defaults(command=_status)
 

@@ -159,7 +159,7 @@ def frame_range(text: str) -> tuple[int | None, int | None, int]:
         raise argparse.ArgumentTypeError(str(error)) from None
 
 
-def add_frames(parser: argparse.ArgumentParser, text: str, steps: bool = True) -> None:
+def add_frames(parser: argparse.ArgumentParser, verb: str, note: str = "", steps: bool = True) -> None:
     """Add the option `--frames`, a `frame_range`; steps: whether the command accepts a step."""
     every = ", or every Sth of them," if steps else ","
     parser.add_argument(
@@ -167,7 +167,7 @@ def add_frames(parser: argparse.ArgumentParser, text: str, steps: bool = True) -
         type=frame_range,
         default=ALL_FRAMES,
         metavar="A:B[:S]" if steps else "A:B",
-        help=f"{text}: A to B - 1{every} by their numbers in the footage (of a stream: counted from 0)",
+        help=f"{verb} only the frames A to B - 1{every} by their numbers in the footage (a stream's: from 0){note}",
     )
 
 
