@@ -29,7 +29,7 @@ def settings_page() -> str:
 
     lines = [INTRODUCTION]
     for name, field in Config.model_fields.items():
-        lines += [f"## {name} {{ #{name} }}", "", escaped(field.annotation.__doc__ or ""), ""]
+        lines += [f"## {name} {{ #{name} }}", "", escaped((field.annotation.__doc__ or "").partition("\n\n")[0]), ""]
         lines += section(name, getattr(Config(), name))
     return "\n".join(lines)
 

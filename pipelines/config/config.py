@@ -92,8 +92,8 @@ class RunSettings(Settings):
     """Minimum interval between preview images during training, in seconds. 0: no previews."""
 
     executor: Annotated[Literal["local", "ray"], Heading("Several machines")] = "local"
-    """Where groups run. local: in this process. ray: as tasks of a Ray cluster, which needs the package ray; all
-    nodes must see the take and the footage, if under other paths, see paths."""
+    """Where groups run. local: in this process. ray: as tasks of a Ray cluster, which needs the package ray; all nodes
+    must see the take and the footage (under other paths: run.paths)."""
 
     address: str = Field(default="local", min_length=1)
     """The Ray cluster: HOST:PORT of its head node from a node of the cluster, ray://HOST:10001 from outside, auto for
@@ -108,8 +108,9 @@ class RunSettings(Settings):
     the images. It is raised when a node runs out of memory."""
 
     paths: dict[str, tuple[str, ...]] = Field(default={})
-    """Where other machines have a shared folder: {/mnt/footage: [/Volumes/footage]}. A machine that has no folder
-    /mnt/footage looks for the footage, and for the take of a Ray run, below the first of these that it has."""
+    """Other paths of shared folders on other machines; example: {/mnt/footage: [/Volumes/footage]}. A machine without
+    the folder /mnt/footage looks for the footage, and for the take of a Ray run, below the first of the listed folders
+    that it has."""
 
     @property
     def thread_count(self) -> int:

@@ -58,8 +58,8 @@ class CalibrateSettings(Settings):
     frame_count: Annotated[int | None, Affects()] = Field(default=None, ge=1, le=100)
     """Number of frames, spread over the footage, that are used jointly for calibration; the cameras must not move. Run
     time is proportional to this number. More frames reduce noise and show more of what the performer occludes. null: 1,
-    and then 3, 6, 12 and 24, until all cameras are registered with at least 300 points each, and matches between the
-    images do not say that the rig is wrong."""
+    3, 6, 12 or 24, the first with which all cameras are registered with at least 300 points each and matches between
+    images do not contradict the rig."""
 
     look_at: Literal["everything", "room", "performer"] = "everything"
     """Image region in which features are detected. everything: the whole image. room: everything except the performer.
@@ -80,10 +80,10 @@ class CalibrateSettings(Settings):
     """Camera file of these cameras, relative to capture.root. null: none."""
 
     known: Literal["intrinsics", "initial_intrinsics", "poses", "initial_poses"] = "intrinsics"
-    """What is taken from known_cameras, and of intrinsics from intrinsics_images. intrinsics: they are kept.
+    """How known_cameras, and the intrinsics from intrinsics_images, are used. intrinsics: they are kept.
     initial_intrinsics: they are initial values. poses: intrinsics and poses are kept, and the new footage is registered
-    to them, which is much faster than a full calibration. initial_poses: the same, in case cameras have moved since:
-    poses are initial values."""
+    to them, which is much faster than a full calibration. initial_poses: the same, but poses are initial values, in
+    case cameras have moved since."""
 
     known_distance: Annotated[tuple[Name, Name, Meters] | None, Heading("Scale and floor"), _POINTS] = None
     """Two cameras and the distance between their centers in meters, which sets the scale; example: [cam01, cam05, 4.2].

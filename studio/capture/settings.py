@@ -93,28 +93,6 @@ class FileSettings(Settings):
     OpenCV's files if there is one per camera: {camera}/config.xml. auto: the one found under a usual name; if there is
     none, calibrate from the footage. null: always calibrate from the footage."""
 
-    masks: MaskKind | ImportPath = "auto"
-    """How to separate the performer from the background. alpha: the images' alpha channel. files: mask files.
-    clean_plate: difference from images of the empty set. agreed: what all cameras together see as the performer before
-    clean plates or a background estimated from the footage, for static, calibrated cameras. median_background: the
-    same of each camera alone. chroma_key: a screen of one color. plain: the performer has already been cut out on plain
-    white or black. model: a matting model. none: everything is foreground. MODULE:NAME: a source of your own in a
-    Python module. auto: the first of alpha, files, clean_plate and plain that fits the capture; otherwise, of at least
-    10 frames, agreed with 6 or more cameras for training, else median_background. If none fits, steps that need masks
-    stop. See docs/guides/masks.md."""
-
-    mask_files: str = "auto"
-    """Pattern of the mask files; anything but 0 is the performer, unless the values are soft. auto: search folders
-    with names such as masks, mattes, seg or alpha."""
-
-    mask_labels: tuple[Annotated[int, Field(ge=0, le=65535)], ...] = ()
-    """Masks from files whose values are labels, such as numbers of people: those of the performer. Empty: all but 0.
-    [0] inverts the masks, also soft ones."""
-
-    clean_plates: str = "auto"
-    """Pattern of the clean plates, one image (or a video, whose median is used) per camera. auto: search folders named
-    clean_plates, clean_plate, bg, background, backgrounds or plates."""
-
     audio: Annotated[str | None, Affects("sound")] = None
     """Sound of the performance: an audio file (WAV or anything else that FFmpeg reads) relative to root, or the name of
     a camera whose video has sound. null: none. It is cut to the take, and becomes part of the stream and of exported
@@ -123,8 +101,30 @@ class FileSettings(Settings):
     audio_offset: Annotated[
         float, Unbounded("an offset beyond the take is refused when the sound is cut"), Affects("sound")
     ] = 0.0
-    """Time in seconds from the footage's first frame (not that of the take, so that frames does not change it) to the
-    beginning of the sound. Positive: the sound starts later; negative: its beginning is cut off."""
+    """Seconds from the first frame of the footage to the beginning of the sound (capture.frames does not change it).
+    Positive: the sound starts later; negative: its beginning is cut off."""
+
+    masks: Annotated[MaskKind | ImportPath, Heading("Masks")] = "auto"
+    """How to separate the performer from the background. alpha: the images' alpha channel. files: mask files.
+    clean_plate: difference from images of the empty set. agreed: the performer as all cameras together see them, before
+    clean plates or a background that is estimated from the footage; for static, calibrated cameras. median_background:
+    difference from a background that is estimated for each camera alone. chroma_key: a screen of one color. plain: the
+    performer has already been cut out on plain white or black. model: a matting model. none: everything is foreground.
+    MODULE:NAME: a source of your own in a Python module. auto: the first of alpha, files, clean_plate and plain that
+    fits the capture; otherwise, if there are at least 10 frames, agreed with 6 or more cameras for training, else
+    median_background. If none fits, steps that need masks stop. See docs/guides/masks.md."""
+
+    mask_files: str = "auto"
+    """Pattern of the mask files; anything but 0 is the performer, unless the values are soft. auto: search folders
+    with names such as masks, mattes, seg or alpha."""
+
+    mask_labels: tuple[Annotated[int, Field(ge=0, le=65535)], ...] = ()
+    """If the values of mask files are labels, such as numbers of people: the labels of the performer. Empty: every
+    value but 0. [0] inverts the masks, also soft ones."""
+
+    clean_plates: str = "auto"
+    """Pattern of the clean plates, one image (or a video, whose median is used) per camera. auto: search folders named
+    clean_plates, clean_plate, bg, background, backgrounds or plates."""
 
 
 class DifferenceSettings(Settings):
@@ -133,16 +133,16 @@ class DifferenceSettings(Settings):
     affects: ClassVar[Affects | None] = _DEFAULT
 
     mask_sensitivity: float = Field(default=1.0, gt=0, le=10)
-    """Masks from clean plates, agreed, median or screen: above 1 detects more foreground, below 1 less."""
+    """For masks from clean plates, agreed, median or screen: above 1 detects more foreground, below 1 less."""
 
     mask_shadows: Literal["none", "gray", "colored"] = "gray"
-    """Masks from clean plates, agreed, median or screen: which parts of the background count as shadow rather than
+    """For masks from clean plates, agreed, median or screen: which parts of the background count as shadow rather than
     performer. gray: darkened background. colored (not for screens): also where its color changes, as in shadows of
     colored lights, or where it is very dark (down to 0.12). Thin or dark parts of the performer in front of a set
     without texture can be lost; see docs/guides/masks.md."""
 
     mask_components: int | None = Field(default=None, ge=1)
-    """Masks from clean plates, agreed, median, screen or model: maximum number of connected components per camera,
+    """For masks from clean plates, agreed, median, screen or model: maximum number of connected components per camera,
     largest first. null: no limit (except noise)."""
 
 
@@ -151,9 +151,9 @@ class ScreenSettings(Settings):
 
     affects: ClassVar[Affects | None] = _DEFAULT
 
-    key_color: Annotated[Color | Literal["auto"], Heading("Masks: colored screen")] = "auto"
-    """Masks from a screen: its approximate color in the footage (red, green, blue; 0 to 1), which must be saturated.
-    auto: for each camera, the saturated color that covers most of the image."""
+    key_color: Color | Literal["auto"] = "auto"
+    """For masks from a screen: its approximate color in the footage (red, green, blue; 0 to 1), which must be
+    saturated. auto: for each camera, the saturated color that covers most of the image."""
 
     garbage_masks: Annotated[Name | None, Heading("Garbage masks")] = None
     """Where the performer never is, for all sources of masks: the pattern of images that are black there and white
@@ -182,12 +182,12 @@ class ModelSettings(Settings):
 
     affects: ClassVar[Affects | None] = _DEFAULT
 
-    mask_model: str | None = None
-    """Masks from a model, which is also part of the evidence for agreed ones, as KIND:FILE; example:
-    isnet:models/isnet.onnx. The kind (u2net, birefnet, isnet, modnet or plain) is how it was trained: the normalization
-    of its input, its size unless the file fixes it, and whether its output is logits. plain: RGB from 0 to 1 at the
-    size of the image. The file is relative to root. Input: one RGB image (1x3xHxW, float). Output: a mask from 0 to 1.
-    Requires onnxruntime."""
+    mask_model: Annotated[str | None, Heading("Matting model")] = None
+    """Matting model for masks, as KIND:FILE; example: isnet:models/isnet.onnx. Agreed masks use it as evidence, too.
+    The kind (u2net, birefnet, isnet, modnet or plain) is how the model was trained: the normalization of its input, its
+    size unless the file fixes it, and whether its output is logits. plain: RGB from 0 to 1 at the size of the image.
+    The file is relative to root. Input: one RGB image (1x3xHxW, float). Output: a mask from 0 to 1. Requires
+    onnxruntime."""
 
     @property
     def kind_and_file(self) -> tuple[ModelKind, str] | None:
@@ -213,8 +213,8 @@ class CaptureSettings(ModelSettings, ScreenSettings, DifferenceSettings, FileSet
     fps: Annotated[float | None, Heading("Rate and color"), Affects("evaluation")] = Field(
         default=None, gt=0, lt=10_000
     )
-    """Frame rate of the footage in frames per second. null: that of the videos; 30 for still images. The take's is this
-    divided by the step of frames."""
+    """Frame rate of the footage in frames per second. null: that of the videos; 30 for still images. The take has this
+    rate divided by the step of capture.frames."""
 
     color_matrix: Annotated[
         Literal["auto", "bt601", "bt709"],

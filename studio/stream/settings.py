@@ -117,18 +117,18 @@ class BakeSettings(Settings):
     component."""
 
     quality: Quality = 22
-    """One of three ways to choose between size and quality. draft, good, fine or transparent: per group, the highest
-    QP whose decoded frames, rendered from training cameras, have a PSNR of 36, 39, 42 or 45 dB against the trained
-    ones; a number such as 41 dB is a level of your own. 40 KB: per group, the lowest QP whose files take less than this
-    many kilobytes (1000 bytes) per frame. A number from 0 to 51: the quantization parameter (QP); 0 is lossless, higher
-    values are smaller and coarser."""
+    """Size or quality, in one of three ways. A QP (quantization parameter) from 0, lossless, to 51: higher is smaller
+    and coarser. A level, draft, good, fine or transparent, or a number such as 41 dB: per group, the highest QP at
+    which decoded frames have a PSNR of 36, 39, 42 or 45 dB, or that number, against the trained ones, rendered from
+    training cameras. A size such as 40 KB: per group, the lowest QP at which the files take less than this many
+    kilobytes (1000 bytes) per frame."""
 
     codec: Annotated[CodecName, Heading("Encoding")] = "h264"
     """h264 plays on every device. hevc and av1 require profile motion."""
 
     attribute_qps: dict[QpAttribute, QP] = Field(default={})
-    """QPs of single attributes, overriding quality; example: {opacities: 26}. means_low is the low bytes of the means
-    in planes, their residuals in motion, where scales is both scale and rotation."""
+    """QPs of single attributes, overriding quality; example: {opacities: 26}. In profile planes, means_low is the low
+    bytes of the means; in motion, it is the residuals of the means, and scales is both scale and rotation."""
 
     preset: Preset = "medium"
     """Encoder effort: slower presets produce smaller files."""
@@ -139,8 +139,8 @@ class BakeSettings(Settings):
 
     smooth_paths: bool | None = None
     """Profile motion: smooth each splat's position, rotation, size, opacity and color over the group, as strongly as
-    its own path shows jitter (docs/STREAM.md). null: yes, but not with a quality of 0, nor in groups that only reach
-    their level without."""
+    its own path shows jitter (docs/STREAM.md). null: yes, except with a quality of 0, and in groups that reach their
+    level only without it."""
 
     mirror_low_bytes: bool = True
     """Profile planes: reverse the low bytes of the means where the high byte is odd, so that they do not jump from 255

@@ -70,9 +70,9 @@ class TrainSettings(Settings):
     """Keyframe: weight of the mean scale relative to the performer's size (Kheradmand et al. 2024, section 4.4)."""
 
     dilation: float = Field(default=DILATION, ge=MIN_DILATION, le=MAX_DILATION)
-    """Added to the 2D covariance of each splat when it is rendered, in square pixels of that image, here of the
-    training images. Below 0.3, outlines and details are sharper, especially in images of a different size than the
-    training images. The stream contains the value, and our players use it. Viewers of exported splats assume 0.3."""
+    """Square pixels that are added to the 2D covariance of each splat when it is rendered. Below 0.3, outlines and
+    details are sharper, especially in images of a different size than the training images. The stream contains the
+    value, and our players use it. Viewers of exported splats assume 0.3."""
 
     background: Literal["random", "black", "white"] = "random"
     """Background color behind the performer during training. random: a new color at each step, from which splats learn
@@ -82,32 +82,31 @@ class TrainSettings(Settings):
     """Fraction of the splats left out of each step of the keyframe and of fine-tuning. Improves held-out views."""
 
     use_plates: bool = True
-    """If the capture has clean plates, or the set was estimated from the footage to make masks, compare the
-    unmasked footage with splats rendered over it instead of masking the performer. Reduces the effect of mask
+    """Compare the unmasked footage with splats that are rendered over the clean plate, instead of masking the
+    performer. The plate may also be a set that was estimated from the footage to make masks. Reduces the effect of mask
     errors."""
 
     refine_masks: Annotated[Literal["auto", "always", "never"], Heading("Refined masks")] = "auto"
-    """Replace the masks with ones that all cameras agree on, the rendered alpha of the splats with twice the contrast.
-    This happens at the start of a keyframe's pruning and of another frame's fine-tuning, and again every 100 steps.
-    auto: in groups in which more than 10% of the masks' outlines are more than a pixel from those of the keyframe's
-    splats."""
+    """Replace the masks with the rendered alpha of the splats, on which all cameras agree, with twice the contrast.
+    This happens when pruning of a keyframe or fine-tuning of another frame starts, and again every 100 steps. auto: in
+    groups where more than 10% of the masks' outlines are more than a pixel from those of the keyframe's splats."""
 
     chroma_siting: Literal["auto", "left", "center", "none"] = "auto"
     """Compare footage with subsampled chroma (4:2:0, 4:2:2) with renders that are subsampled in the same way, so that
     colors that bled over outlines are not learned. The value is where the encoder took its samples: left (standard for
-    H.264 and HEVC) or center (used by many converters). auto: whichever fits the footage better, in groups where
-    refine_masks: auto refines masks, else none. none: no subsampling. Only for videos that are used at full size and
+    H.264 and HEVC) or center (used by many converters). auto: whichever fits the footage better, in groups whose masks
+    refine_masks: auto refines; none in others. none: no subsampling. Only for videos that are used at full size and
     without lens distortion."""
 
     camera_colors: Annotated[
         Literal["splats"] | Annotated[int, Field(ge=0, strict=True)] | None, Heading("Colors of cameras")
     ] = None
     """Correct differences in color between cameras: a 3x4 matrix (with exposure) per camera, constant in a take, fitted
-    before training and stored in train/camera_colors.json. The mean camera keeps its colors, and the stream has those.
-    For rigs whose cameras differ in exposure, white balance or model. splats: fitted to splats of the first keyframe. A
-    number: fitted to the patches of a ColorChecker Classic (24 patches) that the cameras see in this frame of the
-    footage, which may be outside of capture.frames; cameras that do not see it are not corrected, and `v3studio
-    colors` shows the result. null: no correction."""
+    before training and stored in train/camera_colors.json. The stream has the colors of the mean camera. For rigs whose
+    cameras differ in exposure, white balance or model. splats: fitted to splats of the first keyframe. A number: fitted
+    to the patches of a ColorChecker Classic (24 patches) that the cameras see in this frame of the footage, which may
+    be outside of capture.frames; cameras that do not see it are not corrected, and `v3studio colors` shows the result.
+    null: no correction."""
 
     refine_cameras: Annotated[Literal["auto", "always", "never"], Heading("Refined cameras")] = "auto"
     """Refine the cameras together with the splats of the first keyframe: pose, principal point, focal length and one
@@ -136,14 +135,14 @@ class TrainSettings(Settings):
     """Steps between densifications."""
 
     densify_max_splats: int = Field(default=140_000, ge=1)
-    """Number of splats that densification grows to, before pruning. The paper does not give it; 98,000 are left of the
-    default."""
+    """Number of splats that densification grows to, before pruning, which leaves 98,000 of the default. The paper does
+    not give this number."""
 
     sh_degree_every: int = Field(default=1_000, ge=1)
     """Steps after which the next degree of the spherical harmonics is added to training, up to sh_degree."""
 
     prune_ratio: Annotated[float, Heading("Pruning")] = Field(default=0.3, gt=0, lt=1)
-    """Fraction of the splats, lowest opacity first, removed in each pruning round. The paper uses 0.3."""
+    """Fraction of the splats that each pruning round removes. The paper uses 0.3."""
 
     prune_by: Literal["opacity", "contribution"] = "opacity"
     """Which splats are removed: those with the lowest opacity, as in the paper, or those that contribute least to what
