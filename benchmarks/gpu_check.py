@@ -22,8 +22,6 @@ mask. `busy` is the mean utilization that nvidia-smi reports while the part runs
 Exit code: 0 if all parts ran, else 1. A part that failed has `error` in the report, and the others still run.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import functools

@@ -11,8 +11,6 @@ ray traced with four rays per pixel; the alpha channel is the exact mask. The sa
     dancer.yaml               settings: the quickstart's training, cam05 and cam11 held out
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 from dataclasses import dataclass

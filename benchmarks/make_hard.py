@@ -17,8 +17,6 @@ has a size. The same arguments give the same images.
                                   from the exact masks, cam03 and cam08 held out, evaluated with the exact masks
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 from dataclasses import dataclass

@@ -7,8 +7,6 @@ is given, it is played unchanged). Opens the real window and rotates the view at
 between loops, so every frame is decoded. Needs a display; without one, use `xvfb-run -s "-screen 0 1400x900x24"`.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

@@ -11,8 +11,6 @@ The scene is a person-like surface: an ellipsoid of 0.6 x 1.7 x 0.4 m, seen so t
 Its splats have a radius of 2 to 4 pixels (at which alpha falls to 1/255) and SH degree 3.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import math

@@ -16,8 +16,6 @@ and rotation, and lossless high bytes. It is tested with B frames (x264's defaul
 with the better BD-rate is used.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 import os

@@ -9,8 +9,6 @@ frames, fewer cameras, another world, cameras that are slightly off) must be cal
 doubt. The exit code is 1 if one is missed.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Callable, Iterator, Mapping

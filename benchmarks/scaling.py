@@ -7,8 +7,6 @@ what else runs on the machine; the speed-up is that of as many cores as workers:
 by those of the busiest worker.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import shutil

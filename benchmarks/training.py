@@ -9,8 +9,6 @@ other load on the machine matters little. The share of a part is its median time
 of the whole step.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

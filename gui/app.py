@@ -1,7 +1,5 @@
 """`v3studio-gui [TAKE|STREAM]`: opens the window on a take or a stream."""
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import os

@@ -1,7 +1,5 @@
 """Keeps the figures of quality up to date: the evaluation, and what the timeline plots of it."""
 
-from __future__ import annotations
-
 from gui.models.evaluation import Evaluation
 from gui.models.playback.timeline_plots import PLOTTED, Waveform, plots_of
 from gui.models.take.workspace import modified

@@ -1,7 +1,5 @@
 """What lies over the panels: the start page and the notice. Keeps them up to date and gives them their keys."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from open3d.visualization import gui

@@ -1,7 +1,5 @@
 """Keys, mouse and menus of the window: what comes from the user, and what it does."""
 
-from __future__ import annotations
-
 from open3d.visualization import gui
 
 from gui.actions.commands import Actions

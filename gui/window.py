@@ -1,7 +1,5 @@
 """The main window: makes the models, actions and widgets, connects them, and runs them at each tick."""
 
-from __future__ import annotations
-
 import time
 from functools import partial
 from pathlib import Path

@@ -6,8 +6,6 @@ With `--json`, a command prints events, one on a line. The last one is `Finished
 it failed, the error's code and fields.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

@@ -1,7 +1,5 @@
 """What there is in a folder of footage, before there is a take: for `v3studio init` and the window's dialog."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """NewTake: creates a take from a folder of footage."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Outputs that exist: replaced only when asked, and only if they are of the same kind."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """The version of the installed package."""
 
-from __future__ import annotations
-
 
 def program_version() -> str:
     """Version of the installed package; "unknown" if it is not installed."""

@@ -4,8 +4,6 @@ Without a network, or where the index does not tell of vulnerabilities, it says 
 an audit that did not happen must not stop somebody's work on a train. A vulnerability that was found exits with 1.
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

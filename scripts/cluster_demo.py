@@ -8,8 +8,6 @@ at most 15 frames, so that both nodes have one. The exit code is 1 if a trained 
 evaluation.json differs.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import shutil

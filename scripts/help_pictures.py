@@ -6,8 +6,6 @@ TAKE is a finished take of the sample capture (`make demo`). The takes with wron
 which is kept: running it again only draws. Takes about a quarter of an hour on two cores.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import shutil

@@ -7,8 +7,6 @@ The glyphs are moved down to the middle of the capitals of the window's font, si
 baseline.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

@@ -3,8 +3,6 @@
 It does not write docs/stream.schema.json, the schema of the stream's manifest.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from pydantic import BaseModel

@@ -6,8 +6,6 @@ Each held-out camera has one row: footage, performer cut out with the exact mask
 and the difference between performer and decoded stream, multiplied by 4.
 """
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

@@ -6,8 +6,6 @@ TAKE is a finished take of the sample capture (`make demo`); it is copied, since
 OUT/NAME.png. Needs what the window's tests need (`make setup-tests`): Xvfb and xdotool.
 """
 
-from __future__ import annotations
-
 import argparse
 import ctypes
 import ctypes.util

@@ -7,8 +7,6 @@ from docs/tie_points.yaml, which names the footage and the command; without it, 
 what the window's tests need (`make setup-tests`): Xvfb and xdotool.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import tempfile

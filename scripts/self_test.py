@@ -4,8 +4,6 @@ Imports every dependency that pyproject.toml declares, decimates a mesh, encodes
 Vulkan, and compares the CPU kernels with the reference. Exits with 1 and one sentence for each check that fails.
 """
 
-from __future__ import annotations
-
 import faulthandler
 import functools
 import importlib

@@ -6,8 +6,6 @@ that people exchange (takes, streams, cameras, settings) are therefore parsed he
 same bounds.
 """
 
-from __future__ import annotations
-
 import errno
 import json
 import os

@@ -1,7 +1,5 @@
 """A 3x4 color matrix between two images: ridge least squares, and its application to rendered splats."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

@@ -1,7 +1,5 @@
 """Counts and lists in sentences, and results that print as counts instead of values."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from dataclasses import fields
 from typing import Any

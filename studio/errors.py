@@ -5,8 +5,6 @@ for people that names the file, the problem and the fix. The command line and th
 traceback.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Iterator, Mapping

@@ -1,7 +1,5 @@
 """Names for JSON values that no model describes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeAlias
 

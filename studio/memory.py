@@ -3,8 +3,6 @@
 Without this, a run in a container of 4 GB on a machine of 64 GB would plan for 64 GB and be killed by the kernel.
 """
 
-from __future__ import annotations
-
 import errno
 import importlib
 import os

@@ -1,7 +1,5 @@
 """The cache in memory that everything uses: keyed values up to a total size."""
 
-from __future__ import annotations
-
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator

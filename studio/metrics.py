@@ -1,7 +1,5 @@
 """The image quality metrics PSNR and SSIM: one definition for training, evaluation and reports."""
 
-from __future__ import annotations
-
 import functools
 import math
 

@@ -8,8 +8,6 @@ from the cameras alone, so it need not be stored.
 Imported splats have no cameras, and are treated alike by their own middle and radius.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from studio.cameras import Rig

@@ -12,8 +12,6 @@ priority (`check_set_prio` in its svt_threads.c). Then the thread, its later thr
 take the processors from everything else on the machine.
 """
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import fcntl

@@ -6,8 +6,6 @@ parameters keep the dtype of their input and use a fixed order of operations, be
 The torch counterparts are in `studio.torch_rotations`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 

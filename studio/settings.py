@@ -6,8 +6,6 @@ when it changes (`Affects`) and the heading under which it is listed (`Heading`)
 the window and the staleness check all read these models; nothing is declared twice.
 """
 
-from __future__ import annotations
-
 import difflib
 import json
 import os

@@ -4,8 +4,6 @@ Quaternions are (w, x, y, z) with the scalar first. The order of operations must
 them the stream's bytes, depend on it. The NumPy counterparts are in `studio.rotations`.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import torch

@@ -1,7 +1,5 @@
 """Validated numbers from camera files: errors name the camera, the key and the value."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

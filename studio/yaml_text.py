@@ -4,8 +4,6 @@ Plain values mean what they mean in YAML 1.2: 1e-3 is a number, and yes and off 
 true or false accept. Duplicate keys are errors.
 """
 
-from __future__ import annotations
-
 import io
 import re
 from typing import Any

@@ -5,8 +5,6 @@
 `--share` scales the counts. Everything is bounded in time and memory. Exit code 1 if a promise was broken.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import tempfile

@@ -13,8 +13,6 @@ folders. Writes of native libraries happen in files that Python renames into pla
 - `size`: no file can grow beyond n bytes.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import resource

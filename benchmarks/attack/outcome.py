@@ -1,7 +1,5 @@
 """What one part of the attack tried and found."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """Attacks on runs of a tiny take: kills, full disks and power cuts at writes, jumping clocks, cut checkpoints."""
 
-from __future__ import annotations
-
 import hashlib
 import random
 import shutil

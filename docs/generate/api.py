@@ -1,7 +1,5 @@
 """Pages of the Python reference: one per public module, filled by mkdocstrings."""
 
-from __future__ import annotations
-
 import ast
 from pathlib import Path
 

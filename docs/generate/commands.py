@@ -1,7 +1,5 @@
 """The command-line reference: every command's usage, arguments and notes, from its argparse parser."""
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import io

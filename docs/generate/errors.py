@@ -1,7 +1,5 @@
 """The table of error and warning codes: every place in the source that names one, found in the syntax tree."""
 
-from __future__ import annotations
-
 import ast
 import re
 from collections import defaultdict

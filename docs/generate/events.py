@@ -1,7 +1,5 @@
 """The reference of the events that `--json` prints, from their classes."""
 
-from __future__ import annotations
-
 import inspect
 import re
 import typing

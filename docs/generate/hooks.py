@@ -3,8 +3,6 @@
 MkDocs imports this file by its path, hence the line that makes the files beside it importable.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory

@@ -1,7 +1,5 @@
 """Plain text as Markdown."""
 
-from __future__ import annotations
-
 import re
 
 _SPECIAL = re.compile(r"([\\*_\[\]{}<>|#])")

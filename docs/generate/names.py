@@ -1,7 +1,5 @@
 """Do the pages name files and settings that exist? A page that was not kept up to date fails the build."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Set
 from pathlib import Path

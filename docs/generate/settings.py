@@ -1,7 +1,5 @@
 """The settings reference: every field of the settings models, with its documentation, bounds and default."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Bakes that the take keeps: list, compare, keep."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

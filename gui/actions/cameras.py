@@ -1,7 +1,5 @@
 """What a click on a camera does, its menu, and the list of all cameras."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What menus, keys and buttons do."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial

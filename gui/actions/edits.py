@@ -1,7 +1,5 @@
 """What the buttons of the edits do that need a dialog, and what follows a change."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from typing import Any

@@ -1,7 +1,5 @@
 """What the menu Help, the buttons `?` and those in the log do."""
 
-from __future__ import annotations
-
 from functools import partial
 
 from open3d.visualization import gui

@@ -1,7 +1,5 @@
 """What the menu Mark and its keys do."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import partial

@@ -1,7 +1,5 @@
 """The menu bar: its items, their shortcuts, and what must be open for them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial

@@ -1,7 +1,5 @@
 """Opening takes, streams and URLs."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """Actions that write files: screenshots, exports, the report."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The camera path: its panel, its preview, and moving its views on the timeline."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from pathlib import Path

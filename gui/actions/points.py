@@ -1,7 +1,5 @@
 """Keys and buttons for marking points by hand."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

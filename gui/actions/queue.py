@@ -1,7 +1,5 @@
 """The queue of takes and its dialog."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

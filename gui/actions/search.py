@@ -1,7 +1,5 @@
 """The list of all commands: `Ctrl+K`. Shows why some are not possible now."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 
 from open3d.visualization import gui

@@ -1,7 +1,5 @@
 """What the menu Share does, and its dialogs."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 

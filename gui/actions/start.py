@@ -1,7 +1,5 @@
 """The start page: what its parts do, and when it is on screen."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from urllib.parse import unquote

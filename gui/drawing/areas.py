@@ -1,7 +1,5 @@
 """Areas: what can be clicked in an image."""
 
-from __future__ import annotations
-
 from typing import Generic, TypeVar
 
 Box = tuple[float, float, float, float]

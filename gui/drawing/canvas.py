@@ -1,7 +1,5 @@
 """Canvas: text, lines and images drawn into a NumPy array, for what has no widget in the toolkit."""
 
-from __future__ import annotations
-
 import importlib.util
 import re
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Compares images of the same view: side by side, wipe, difference heat map."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

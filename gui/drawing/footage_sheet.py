@@ -1,7 +1,5 @@
 """The cameras and frames of new footage as an image in which both can be chosen."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property

@@ -3,8 +3,6 @@
 The font has these icons of Lucide (ISC license, see gui/icons/LICENSE); `scripts/icon_font.py` makes it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

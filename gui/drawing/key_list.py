@@ -1,7 +1,5 @@
 """The list of shortcuts as an image: two columns of sections, keys beside what they do."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Places names beside what they name, where they cover least of it and not each other."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Draws the groups of a run on several machines as lanes: where each is, how far, and how well."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Collection
 from itertools import pairwise

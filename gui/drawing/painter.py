@@ -1,7 +1,5 @@
 """3D points, lines and textured quads drawn with NumPy and OpenCV, without a GPU."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from gui.drawing.canvas import Canvas

@@ -1,7 +1,5 @@
 """The window's colors: dark, calm, one accent. 8-bit sRGB."""
 
-from __future__ import annotations
-
 RGB = tuple[int, int, int]
 
 BLACK: RGB = (8, 9, 10)

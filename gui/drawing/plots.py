@@ -1,7 +1,5 @@
 """Axes and line plots on a canvas."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

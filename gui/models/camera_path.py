@@ -1,7 +1,5 @@
 """PathEditor: the keys of a camera path, kept in the take, with undo."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

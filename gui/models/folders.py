@@ -1,7 +1,5 @@
 """FolderList, the model of a file dialog: current folder, entries, and what choosing one does."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass

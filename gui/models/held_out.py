@@ -1,7 +1,5 @@
 """Which cameras a take holds out: by name, or every n-th of its footage."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable
 from functools import lru_cache
 

@@ -1,7 +1,5 @@
 """Undo and redo of changes of settings, marks and edits."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

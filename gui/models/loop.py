@@ -4,8 +4,6 @@ A model changes only on this thread. A worker's result, or a line of a child pro
 and emits a signal; widgets and actions that show the model are connected to that signal.
 """
 
-from __future__ import annotations
-
 import time
 import weakref
 from collections import deque

@@ -1,7 +1,5 @@
 """Marks: bookmarked frames with notes, stored in the take."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from pipelines.takes.marks import Mark, MarkView, change_mark, read_marks

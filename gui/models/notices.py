@@ -1,7 +1,5 @@
 """Notices: what the window reports without stopping the user's work."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Iterator

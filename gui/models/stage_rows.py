@@ -1,7 +1,5 @@
 """The stages as shown in the window, and their status in a take."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 from gui.models.stages import STAGES, Inputs, camera_file

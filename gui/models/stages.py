@@ -1,7 +1,5 @@
 """What the window uses of the pipeline's stages. Nothing else in `gui` imports them."""
 
-from __future__ import annotations
-
 from pipelines.stages import STAGES
 from pipelines.stages.baking.plan import Part
 from pipelines.stages.baking.trial import Trial, longest_part, measure

@@ -4,8 +4,6 @@ The window requests an image at every change and never blocks; the thread always
 renderer drops frames but does not lag.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The buttons above the view: (key, label, tooltip). An empty key is a gap."""
 
-from __future__ import annotations
-
 Choice = tuple[str, str, str]
 
 REVIEW_CHOICES: tuple[Choice, ...] = (

@@ -1,7 +1,5 @@
 """Initialize: the visual hull of each group's keyframe, and the initial points sampled on it."""
 
-from __future__ import annotations
-
 from bisect import bisect_right
 from collections.abc import Callable, Hashable
 from pathlib import Path

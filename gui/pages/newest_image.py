@@ -1,7 +1,5 @@
 """NewestImage: what the view shows while the chosen image is being rendered: the last one, dimmed, with a word."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """StageView: the viewport's image of a stage, drawn on a worker thread from a snapshot of the state."""
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Sequence
 from typing import ClassVar
 

@@ -1,7 +1,5 @@
 """The viewport's content for each stage: its stage view, or the player."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Train: live curves, the latest render of a held-out camera next to its footage, and the colors of the cameras."""
 
-from __future__ import annotations
-
 from collections.abc import Hashable
 from contextlib import suppress
 from pathlib import Path

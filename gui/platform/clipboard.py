@@ -4,8 +4,6 @@ Copied text is kept by this process: the program that pastes asks for it, and `p
 is lost when the window is closed, unless the desktop has a clipboard manager.
 """
 
-from __future__ import annotations
-
 import ctypes
 
 from gui.platform.xlib import errors_ignored, open_display

@@ -1,7 +1,5 @@
 """Requests to close the window, as opposed to presses of the Escape key."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """What the desktop does for the window: showing a folder, and a page in the browser."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 from pathlib import Path

@@ -4,8 +4,6 @@ The toolkit drops frames silently while it is busy with the last one. Without th
 is known, and the window is drawn again and again to be sure (`gui.platform.redraw`).
 """
 
-from __future__ import annotations
-
 import ctypes
 import ctypes.util
 from typing import Any

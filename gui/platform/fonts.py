@@ -1,7 +1,5 @@
 """The fonts of the toolkit's widgets."""
 
-from __future__ import annotations
-
 import functools
 from pathlib import Path
 

@@ -7,8 +7,6 @@ between those that must not fall on one draw. Without X, or with V3STUDIO_PLAIN_
 toolkit's window gets its events as ever.
 """
 
-from __future__ import annotations
-
 import ctypes
 import os
 import time

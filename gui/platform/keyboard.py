@@ -4,8 +4,6 @@ So the window sends itself a Tab through X, and again the keys that were pressed
 X nothing happens, and the user has to click or press Tab.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 

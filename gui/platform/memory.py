@@ -3,8 +3,6 @@
 With dozens of threads, which decode and render, glibc keeps what they freed in up to eight heaps per core.
 """
 
-from __future__ import annotations
-
 import ctypes
 
 

@@ -5,8 +5,6 @@ title, which the pointer has just opened, would close that menu again: such clic
 a menu closes it if it chooses an item, which the toolkit tells, and else leaves it open.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 _TITLE_ENDS = (2.56, 5.12, 7.94, 11.06, 14.37, 17.56, 20.63)

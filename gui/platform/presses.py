@@ -4,8 +4,6 @@ The toolkit's key events have no modifiers. It keeps a press of Escape to itself
 busy machine has been seen to report one press twice, which would jump over two groups instead of one.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from open3d.visualization import gui

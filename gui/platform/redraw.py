@@ -5,8 +5,6 @@ that its last change might never be seen. So requests are repeated until enough 
 that is known, or else for a while.
 """
 
-from __future__ import annotations
-
 import time
 
 AGAIN_SECONDS = (0.05, 0.12, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)

@@ -1,7 +1,5 @@
 """Size and density of the X screen, queried before the window is created."""
 
-from __future__ import annotations
-
 import re
 
 from gui.platform.x_window import XDisplay

@@ -5,8 +5,6 @@ catch. This module therefore loads the Vulkan loader, creates an instance and li
 specification, sections 3.2, 4.1 and 5.1).
 """
 
-from __future__ import annotations
-
 import ctypes
 import ctypes.util
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """What the toolkit does not offer on X: a least size of the window, whether a mouse button is pressed, the screen."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 from collections.abc import Iterator, Sequence

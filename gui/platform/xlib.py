@@ -1,7 +1,5 @@
 """Xlib: the functions that the window calls, with their types, and events."""
 
-from __future__ import annotations
-
 import ctypes
 import ctypes.util
 import os

@@ -1,7 +1,5 @@
 """A menu at the pointer: what is known about a camera, and what can be done with it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 from open3d.visualization import gui

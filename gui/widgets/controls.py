@@ -1,7 +1,5 @@
 """The row of buttons under the timeline."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 
 from open3d.visualization import gui

@@ -1,7 +1,5 @@
 """Flow: a row of widgets that wraps in a narrow window."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What buttons do, shown where there is room beside them: the toolkit's own tooltips cover their neighbors."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterable
 

@@ -1,7 +1,5 @@
 """The right panel: figures of the selected stage, and the job log."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 

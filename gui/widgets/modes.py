@@ -1,7 +1,5 @@
 """The row of buttons above the viewport, which choose the image or the tool of the selected stage."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
 

@@ -1,7 +1,5 @@
 """A notice over the lower edge of the view, with buttons for what follows."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Draws the list of a camera path's views."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """The panel of the camera path: its views as a list, instead of the inspector."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """NumPy images in Open3D's image widget."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

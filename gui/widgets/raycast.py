@@ -1,7 +1,5 @@
 """Shaded meshes rendered by ray casting on the CPU (Open3D with Embree); no GPU is needed."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

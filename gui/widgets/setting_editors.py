@@ -1,7 +1,5 @@
 """Fields for settings: a checkbox, a list of choices, or text, with buttons that step a number or choose a path."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial

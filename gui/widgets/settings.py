@@ -1,7 +1,5 @@
 """The settings of a stage under headings: presets, search, what differs from the preset, and a field for each."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Callable
 from dataclasses import dataclass

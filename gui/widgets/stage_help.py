@@ -3,8 +3,6 @@
 `scripts/help_pictures.py` makes the images from runs of the sample capture, the bad ones with wrong settings.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

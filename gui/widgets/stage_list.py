@@ -1,7 +1,5 @@
 """The list of stages as an image: status dot, title, text, progress bar."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The left panel: the stages with their status, run buttons, and the settings of the selected stage."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 
 from open3d.visualization import gui

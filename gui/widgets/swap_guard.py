@@ -1,7 +1,5 @@
 """SwapGuard: refuses clicks on a button that has just taken another one's place under a resting pointer."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 

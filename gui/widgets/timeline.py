@@ -1,7 +1,5 @@
 """The timeline: plots above a track; a click or drag seeks."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 

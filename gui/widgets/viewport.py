@@ -4,8 +4,6 @@ Left drag orbits, right, middle or Shift + left drag pans, the wheel zooms; the 
 rendered on threads (`gui.models`), so the window never waits for them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Protocol
 

@@ -1,7 +1,5 @@
 """Ablation report: a table, and the paper's figure of PSNR against kilobytes per frame."""
 
-from __future__ import annotations
-
 import base64
 import html
 import io

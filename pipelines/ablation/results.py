@@ -1,7 +1,5 @@
 """ablation.json: the rate-distortion curve of each variant."""
 
-from __future__ import annotations
-
 from pipelines.takes.atomic_files import Result
 from pipelines.takes.evaluation import Protocol
 

@@ -1,7 +1,5 @@
 """The paper's ablation on any capture: what each part of training contributes, as PSNR against kilobytes per frame."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The variants of `v3studio ablate`. Imports nothing heavy, since the command line lists them in its help."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 

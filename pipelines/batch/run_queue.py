@@ -1,7 +1,5 @@
 """Works through the queue, one take after the other, in this process or in one that outlives it."""
 
-from __future__ import annotations
-
 import contextlib
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """`v3studio ablate`: leaves out each part of training in turn and compares quality and size."""
 
-from __future__ import annotations
-
 import argparse
 from contextlib import nullcontext
 from pathlib import Path

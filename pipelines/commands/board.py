@@ -1,7 +1,5 @@
 """`v3studio board` and `v3studio sync`: preparing a capture."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from typing import Any

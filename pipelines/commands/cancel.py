@@ -1,7 +1,5 @@
 """`v3studio cancel`: stops the run in progress on a take, on whichever machine it is."""
 
-from __future__ import annotations
-
 import argparse
 import time
 from pathlib import Path

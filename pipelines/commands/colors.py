@@ -1,7 +1,5 @@
 """`v3studio colors`: the colors of the cameras, from a ColorChecker in the footage."""
 
-from __future__ import annotations
-
 import argparse
 from typing import Any
 

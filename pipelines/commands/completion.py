@@ -1,7 +1,5 @@
 """`v3studio completion`: scripts with which shells complete commands, options and file names."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """`v3studio config`: settings with their documentation."""
 
-from __future__ import annotations
-
 import argparse
 from typing import Any
 

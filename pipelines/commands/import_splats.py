@@ -1,7 +1,5 @@
 """`v3studio import`: bakes Gaussians from other programs into a stream."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from typing import Any

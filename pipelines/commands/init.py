@@ -1,7 +1,5 @@
 """`v3studio init`: writes a commented configuration for footage."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """`v3studio models list` and `models get`: matting models for masks."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """`v3studio open`: opens the window."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

@@ -1,7 +1,5 @@
 """`v3studio publish`: copies a stream to a folder or an object store, the manifest last."""
 
-from __future__ import annotations
-
 import argparse
 from dataclasses import asdict
 from pathlib import Path

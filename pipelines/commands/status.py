@@ -1,7 +1,5 @@
 """`v3studio status`: which stages of a take are up to date."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from typing import Any

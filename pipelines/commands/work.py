@@ -1,7 +1,5 @@
 """`v3studio work`: one stage of one group, for clusters and render farms."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from typing import Any

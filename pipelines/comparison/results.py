@@ -1,7 +1,5 @@
 """comparison.json: quality of several takes by one protocol; and what an interrupted comparison has finished."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path

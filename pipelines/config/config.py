@@ -4,8 +4,6 @@
 grouping, evaluation and the run itself.
 """
 
-from __future__ import annotations
-
 import os
 from typing import Annotated, Any, ClassVar, Literal
 

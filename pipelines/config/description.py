@@ -1,7 +1,5 @@
 """All settings with their documentation, as a YAML file that can be edited and used."""
 
-from __future__ import annotations
-
 import textwrap
 import types
 from collections.abc import Collection, Iterator

@@ -1,7 +1,5 @@
 """Reads settings from a YAML file and the command line; errors say what to fix."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from pathlib import Path

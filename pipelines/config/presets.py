@@ -1,7 +1,5 @@
 """Presets: schedules of training, from a quick look to the paper's."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from pydantic import JsonValue

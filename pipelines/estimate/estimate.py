@@ -1,7 +1,5 @@
 """Minutes, memory and bytes of each stage, from counted work and measured seconds per unit."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import asdict, dataclass
 

@@ -7,8 +7,6 @@ because Python's signal handlers only run in the main thread; this requires that
 pycolmap, PyAV and Open3D do in long calls.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import threading

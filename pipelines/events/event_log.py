@@ -1,7 +1,5 @@
 """Files of events, one on a line: a run writes one, or a task on another machine, and others follow it."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import time

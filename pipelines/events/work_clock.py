@@ -5,8 +5,6 @@ which does not say how long it was suspended. So a thread samples the time a few
 samples followed by SIGCONT is a pause; any other gap (a library that held the GIL, a busy machine) is work.
 """
 
-from __future__ import annotations
-
 import signal
 import threading
 import time

@@ -1,7 +1,5 @@
 """The calibration report: an HTML page, figures for events, and warnings."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from pipelines.reports.page import rendered

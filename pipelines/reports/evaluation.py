@@ -1,7 +1,5 @@
 """The HTML report of a take: one file with embedded images and plots."""
 
-from __future__ import annotations
-
 import base64
 import datetime
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Timeline plots (SVG) and the table of marks in the report."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -3,8 +3,6 @@
 The caller decides who reaches them: `v3studio serve --review` puts them below a secret path.
 """
 
-from __future__ import annotations
-
 import asyncio
 import hashlib
 import re

@@ -1,7 +1,5 @@
 """What the server and the review page send each other as JSON (docs/WEB.md); `web/src/review/api.ts` has the same."""
 
-from __future__ import annotations
-
 from pydantic import BaseModel, ConfigDict, Field
 
 from pipelines.takes.marks import Mark, MarkView

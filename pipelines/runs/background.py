@@ -1,7 +1,5 @@
 """Runs that continue without the terminal that started them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from pipelines.config import Config

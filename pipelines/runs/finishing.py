@@ -1,7 +1,5 @@
 """The end of a run: it is reported in every case, also if signals stop it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 

@@ -1,7 +1,5 @@
 """Starts `v3studio` as a process that outlives the one that starts it."""
 
-from __future__ import annotations
-
 import os
 import socket
 import subprocess

@@ -1,7 +1,5 @@
 """What a run says when memory runs out."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 

@@ -1,7 +1,5 @@
 """The work on a take's groups as commands for the queue that a studio has: Slurm, OpenCue, Deadline, GNU parallel."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Sequence
 

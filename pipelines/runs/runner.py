@@ -1,7 +1,5 @@
 """Runs the stages of a take that are not up to date, and reports events."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import traceback

@@ -1,7 +1,5 @@
 """Whether a stage's results are up to date: compares what they were made from with current settings and inputs."""
 
-from __future__ import annotations
-
 import datetime
 import os
 import stat

@@ -1,7 +1,5 @@
 """The status of a take's stages and what a run in progress is doing, as tables for people and JSON for programs."""
 
-from __future__ import annotations
-
 import contextlib
 import socket
 from dataclasses import asdict, dataclass, replace

@@ -6,8 +6,6 @@ end with one result. It writes no record of the stage: `pipelines.runs.runner.ru
 and puts them together.
 """
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Callable, Sequence

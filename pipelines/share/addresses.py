@@ -1,7 +1,5 @@
 """Under which addresses other machines reach this one, and QR codes of them."""
 
-from __future__ import annotations
-
 import io
 import ipaddress
 import socket

@@ -1,7 +1,5 @@
 """Certificates for `v3studio serve --https`: given, or made for the occasion."""
 
-from __future__ import annotations
-
 import datetime
 import hashlib
 import ssl

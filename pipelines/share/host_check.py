@@ -3,8 +3,6 @@
 Otherwise a page on the web whose name its owner lets point to this machine (DNS rebinding) could read what is served.
 """
 
-from __future__ import annotations
-
 import ipaddress
 import socket
 from collections.abc import Iterable

@@ -1,7 +1,5 @@
 """The built browser player: its page and its scripts."""
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import dataclass
 from importlib.util import find_spec

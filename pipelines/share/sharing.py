@@ -3,8 +3,6 @@
 Nothing is loaded from elsewhere.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from base64 import b64encode

@@ -1,7 +1,5 @@
 """The web application of `v3studio serve`: streams, the browser player, reviews."""
 
-from __future__ import annotations
-
 import contextlib
 import gzip
 import os

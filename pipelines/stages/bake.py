@@ -5,8 +5,6 @@ manifest. Valid groups of the old stream are reused. Rungs of the ladder that ke
 fine-tuned first; see `baking.rungs`.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from pipelines.stages import Executor, stage_named

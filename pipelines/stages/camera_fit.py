@@ -1,7 +1,5 @@
 """What is fitted to all cameras once, with the first group, before groups are trained: colors, refined cameras."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

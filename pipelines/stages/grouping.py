@@ -4,8 +4,6 @@ The latter (train.grouping = motion) compares small versions of all frames from 
 does that once and stores the result in the take; until then groups have a fixed length.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

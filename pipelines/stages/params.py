@@ -1,7 +1,5 @@
 """What results are made from, as plain values that are compared and digested."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any, TypeAlias
 

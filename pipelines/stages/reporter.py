@@ -1,7 +1,5 @@
 """Reports what a stage does: progress with the time left, figures, previews and warnings."""
 
-from __future__ import annotations
-
 import math
 import threading
 import time

@@ -10,8 +10,6 @@ Where the group is then trained jointly, each frame is replaced, with one key fo
 frames. What was there before is kept beside it, so that another joint training, or a longer take, starts from it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence, Set
 from contextlib import AbstractContextManager, nullcontext
 from functools import partial

@@ -1,7 +1,5 @@
 """Files of a take: atomic writes, JSON, digests, and disk errors as StudioError."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import fcntl

@@ -1,7 +1,5 @@
 """Camera paths for a video: from any file that has one, and a take's own as exports take it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What each camera is used for: training, evaluation (held out), or nothing."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Self

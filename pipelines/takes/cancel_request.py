@@ -1,7 +1,5 @@
 """A request to cancel the run of a take, from any machine that sees its folder."""
 
-from __future__ import annotations
-
 import json
 import os
 import socket

@@ -1,7 +1,5 @@
 """Whether a take's cameras are right, as far as it has been checked, and what refinement changed."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from pipelines.takes.atomic_files import read_model

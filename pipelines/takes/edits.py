@@ -4,8 +4,6 @@ The window and `v3studio edit` change the same file. A change is made under a lo
 neither loses what the other wrote.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

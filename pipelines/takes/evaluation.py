@@ -1,7 +1,5 @@
 """evaluation.json: image quality of the trained Gaussians and of the decoded stream, and how it was measured."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from pipelines.takes.atomic_files import Result, read_model

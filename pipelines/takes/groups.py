@@ -4,8 +4,6 @@ Frames are trained outward from it, toward the end and toward the beginning: err
 frames as from the first one, and the two sides do not need each other.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

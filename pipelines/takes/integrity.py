@@ -1,7 +1,5 @@
 """Finds damage on disk: compares the files of a take with the digests that were recorded when they were written."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path

@@ -6,8 +6,6 @@ the folder removes it. Files are hard links to those of the take where the file 
 space until the take is baked again. Nothing in a take is changed in place, so links stay as they were.
 """
 
-from __future__ import annotations
-
 import re
 import unicodedata
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Shared folders that are mounted under different paths on different machines."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Meshes and point clouds as binary PLY."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The small JSON files that stages write beside their results, and the calibration report."""
 
-from __future__ import annotations
-
 from typing import Any, Literal, TypeAlias
 
 from pydantic import Field, JsonValue

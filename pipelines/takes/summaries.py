@@ -1,7 +1,5 @@
 """Main figures of each stage: in its record, in the event `stage_finished`, and as words with units for people."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Mapping
 

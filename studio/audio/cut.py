@@ -1,7 +1,5 @@
 """Cuts a sound to the frames of a take."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

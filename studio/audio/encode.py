@@ -1,7 +1,5 @@
 """Encodes sound as AAC-LC in an MP4 file."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from fractions import Fraction
 from typing import Any

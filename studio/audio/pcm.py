@@ -1,7 +1,5 @@
 """Decoded sound with random access."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Protocol
 

@@ -1,7 +1,5 @@
 """The sound of a file: WAV, or anything else that FFmpeg reads, such as a camera's video."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path

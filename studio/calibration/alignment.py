@@ -1,7 +1,5 @@
 """World coordinates of a solution: similarity transforms, alignment with a reference and comparison."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

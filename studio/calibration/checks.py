@@ -1,7 +1,5 @@
 """Checks shared by all calibration methods."""
 
-from __future__ import annotations
-
 from studio.cameras import Camera
 from studio.errors import StudioError
 

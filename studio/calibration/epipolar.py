@@ -4,8 +4,6 @@ A small reprojection error only says that a rig fits the points it was made from
 judges cameras from a file, and a rig that a repeating wall has folded.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations

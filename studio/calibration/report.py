@@ -4,8 +4,6 @@ The same frozen models write and read it. Only fields that were set are written:
 different fields.
 """
 
-from __future__ import annotations
-
 from pydantic import BaseModel, ConfigDict
 
 from studio.calibration.verdict import RigVerdict

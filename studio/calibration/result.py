@@ -1,7 +1,5 @@
 """The result of a calibration, and its reprojection report."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Settings of calibration: from the footage, from a calibration target, or from marked tie points."""
 
-from __future__ import annotations
-
 from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator

@@ -1,7 +1,5 @@
 """Whether a rig is right, judged by what it was not made from: matches between images, and the performer's masks."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Literal

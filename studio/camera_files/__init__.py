@@ -1,7 +1,5 @@
 """Camera files: `read_rig` reads all supported formats, `write_rig` writes them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from xml.etree import ElementTree
 

@@ -5,8 +5,6 @@ of the width and height. OpenCV axes. The principal point is relative to the ima
 data set's exporter copies it unchanged. The images are undistorted.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

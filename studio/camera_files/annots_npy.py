@@ -5,8 +5,6 @@ millimeters), one entry per camera; `ims` has the names of the images of each fr
 origin is OpenCV's, the center of the first pixel.
 """
 
-from __future__ import annotations
-
 import pickle
 from pathlib import Path, PurePosixPath
 from typing import Any

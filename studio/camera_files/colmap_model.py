@@ -5,8 +5,6 @@ equally fast. Poses are world to camera with OpenCV axes, and the pixel origin i
 `studio.cameras`. Newer models with rigs and frames still contain the pose of each image.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Code shared by the camera file readers: reading, errors, camera names from image paths."""
 
-from __future__ import annotations
-
 import csv
 import re
 from collections.abc import Collection, Sequence

@@ -5,8 +5,6 @@ image, `CAMERA/FRAME.jpg`) and `cam_id`; `w` and `h` are for all. The images are
 with the principal point relative to the image corner. The cameras of test_meta.json are meant for evaluation.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import Any

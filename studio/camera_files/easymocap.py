@@ -6,8 +6,6 @@ origin is OpenCV's, the center of the first pixel. Newer files also have the ima
 EasyVolcap adds times, bounds and a color matrix, and `rdist_<name>` for fisheye lenses.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

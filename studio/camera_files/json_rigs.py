@@ -11,8 +11,6 @@
 Panoptic, multical and THuman4.0 have OpenCV's pixel origin, the center of the first pixel.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

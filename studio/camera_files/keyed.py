@@ -4,8 +4,6 @@ A key that is not in the table may be another program's name for the lens. It is
 that, or if the camera has no distortion under a known key; otherwise it is ignored, and the rig's notes name it.
 """
 
-from __future__ import annotations
-
 import re
 from collections import defaultdict
 from collections.abc import Callable, Collection, Mapping, Sequence

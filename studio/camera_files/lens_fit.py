@@ -1,7 +1,5 @@
 """Approximation of lens models that OpenCV does not support by OpenCV's rational model."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

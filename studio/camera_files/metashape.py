@@ -10,8 +10,6 @@ chunk, as Metashape's API says nothing else and chunks may have no scale). OpenC
 it, OpenCV's rational model is fitted.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from xml.etree import ElementTree

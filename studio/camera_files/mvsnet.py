@@ -4,8 +4,6 @@ The word `extrinsic`, a 4 x 4 matrix (world to camera, OpenCV axes), the word `i
 of depths, which is not used. The principal point is relative to the image corner. The images are undistorted.
 """
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

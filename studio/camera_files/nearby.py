@@ -1,7 +1,5 @@
 """Image sizes for camera files that do not contain them, from the footage next to the file."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from studio.capture.images import image_size

@@ -5,8 +5,6 @@
 `studio.camera_files.keyed`; pixel coordinates are OpenCV's: the center of the first pixel is (0, 0).
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path

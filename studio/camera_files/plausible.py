@@ -1,7 +1,5 @@
 """What is unlikely of the cameras of a file, whatever its format."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from studio.cameras import Rig

@@ -5,8 +5,6 @@ to world with the axes down, right, back, the center, and image height, width an
 distortion, and the principal point is the center of the image. The rows are in the order of the videos' names.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

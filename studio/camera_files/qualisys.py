@@ -10,8 +10,6 @@ Derived from files written by the program and by Pose2Sim:
 - Cameras that only track markers are skipped if the file contains video cameras.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from xml.etree import ElementTree
 

@@ -7,8 +7,6 @@ does not contain image sizes, so the images must be next to it; rows without an 
 t1 and t2, whose order is not documented, must be 0 (the default lens model does not have them).
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -6,8 +6,6 @@ named 000.mp4 and images img_0000.png. There is no lens distortion. The pixel or
 pixel, as in OpenCV.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -5,8 +5,6 @@ It is read as other JSON files are (`studio.camera_files.json_rigs`), after a ch
 the image corner.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

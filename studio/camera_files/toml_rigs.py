@@ -7,8 +7,6 @@ its older config.toml has [cam_<id>] among other tables. The pixel origin is Ope
 Cameras without a pose, or to `ignore`, are left out.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

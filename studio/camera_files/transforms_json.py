@@ -10,8 +10,6 @@ Files for scenes with motion have an entry per camera and time; entries with equ
 what their paths have in common.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable, Mapping, Sequence

@@ -4,8 +4,6 @@ A new group of frames should start where the splats of the keyframe no longer fi
 performer has turned. Both change what the cameras see, even after position and size are normalized.
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

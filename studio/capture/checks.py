@@ -1,7 +1,5 @@
 """Check of a whole capture: decode each frame and mask once and report problems, and colors that change."""
 
-from __future__ import annotations
-
 import os
 import threading
 from concurrent.futures import ThreadPoolExecutor

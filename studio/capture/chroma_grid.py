@@ -1,7 +1,5 @@
 """The chroma grid of a video: its subsampling, and where the decoder places the samples."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -5,8 +5,6 @@ fitted to splats (`studio.training.camera_colors`), only differences between cam
 the colors that were filmed. Published colors only tell which way the chart is held, and whether it is one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Detection of a capture's folder layout, for patterns set to "auto"."""
 
-from __future__ import annotations
-
 import contextlib
 import re
 from collections import Counter

@@ -1,7 +1,5 @@
 """Digest of a set of files."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterable, Mapping
 from pathlib import Path

@@ -4,8 +4,6 @@ Phones and capture programs write no packet where a frame was dropped. Counting 
 against the other cameras; here, the frame before the gap is shown again instead.
 """
 
-from __future__ import annotations
-
 import bisect
 import itertools
 import statistics

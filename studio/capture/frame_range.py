@@ -1,7 +1,5 @@
 """Ranges of frames as text, as commands and settings take them."""
 
-from __future__ import annotations
-
 import re
 
 

@@ -1,7 +1,5 @@
 """The frames of one camera, from images or a video."""
 
-from __future__ import annotations
-
 import threading
 from bisect import bisect_right
 from collections import OrderedDict

@@ -5,8 +5,6 @@ combination is a candidate; it must give each file a camera and a frame of its o
 grid of cameras and frames and whose names look like cameras and frames is the best.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Matches the cameras of a camera file with those of the footage, by name."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

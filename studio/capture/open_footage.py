@@ -1,7 +1,5 @@
 """Opens `Footage`: finds the files, matches cameras with the rig, selects frames and the mask source."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import replace

@@ -3,8 +3,6 @@
 `{chapter}` stands for what distinguishes the files into which a camera splits one recording, in their order.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Callable, Collection, Iterator, Sequence

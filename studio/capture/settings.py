@@ -1,7 +1,5 @@
 """Settings of the footage: where its files are and how to read them."""
 
-from __future__ import annotations
-
 import re
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The sound of a capture: which file it is, and when it begins."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass

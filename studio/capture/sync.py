@@ -1,7 +1,5 @@
 """Synchronization check: offsets between cameras, from sound, motion in the images, or timecodes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations

@@ -5,8 +5,6 @@ scene-linear light, limited to 0..1 (white of a diffuse reflector is about 0.9),
 converted.
 """
 
-from __future__ import annotations
-
 import functools
 from typing import Literal
 

@@ -1,7 +1,5 @@
 """Frame-accurate random access to videos, including those with B-frames; sequential reading is fast."""
 
-from __future__ import annotations
-
 import bisect
 import functools
 import itertools

@@ -1,7 +1,5 @@
 """Undistorts and scales raw images to those of a pinhole camera, and adapts calibrations to the footage's size."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -4,8 +4,6 @@ To add a metric: a row here, and fields in `Quality` (`pipelines.takes.evaluatio
 (`pipelines.comparison.results`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any

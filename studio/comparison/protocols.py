@@ -1,7 +1,5 @@
 """Evaluation protocols: which cameras, which pixels, which background, which size."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass

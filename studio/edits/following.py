@@ -1,7 +1,5 @@
 """Where a part of the performer that was marked in one frame is in the others."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Gaussians in another world."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

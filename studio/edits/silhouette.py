@@ -1,7 +1,5 @@
 """What a camera sees of the crop box."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from studio.cameras import Camera

@@ -1,7 +1,5 @@
 """Bakes a SplatVideo to a stream."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any

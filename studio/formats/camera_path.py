@@ -15,8 +15,6 @@ at a constant speed) or "hold" (stays, then cuts). A rig.json or cameras.json is
 Files of film tools are read as well (`FILM_FORMATS`): their cameras have one place for each frame of the footage.
 """
 
-from __future__ import annotations
-
 import importlib
 import math
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """Checks shared by all readers and writers of splat files."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path

@@ -5,8 +5,6 @@ layers `forward` and `depth` of Nuke. Splats are trained in sRGB and blended the
 before they are converted, and multiplied afterward.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Which files of a folder are the frames of a sequence, and in which order."""
 
-from __future__ import annotations
-
 import itertools
 import re
 from pathlib import Path

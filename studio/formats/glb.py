@@ -4,8 +4,6 @@ Sources: specifications of glTF 2.0 and KHR_gaussian_splatting. A splat is a poi
 opacity from 0 to 1, and SH with one accessor per coefficient. COLOR_0 is for viewers that only draw points.
 """
 
-from __future__ import annotations
-
 import json
 import struct
 from pathlib import Path

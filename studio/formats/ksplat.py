@@ -12,8 +12,6 @@ each band red first, then green, then blue. Axes are those of PLY files. The spl
 file that they were converted from.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ up; `rot_order` names the axes in the order in which they are applied; pixels ar
 of the image. Numbers after `xN` are those of the frames from N on.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from pathlib import Path

@@ -4,8 +4,6 @@ At the first frame of each group, splats are connected over gaps that no body ha
 a group, splats correspond. From group to group, a performer is who stands where one stood a frame before.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

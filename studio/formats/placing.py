@@ -1,7 +1,5 @@
 """Atomic outputs: files and folders are written under a temporary name, then renamed."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -4,8 +4,6 @@ Colors may be blurred by motion: the mean of several instants while the shutter 
 whose splats correspond, splats move on straight lines; at the ends of a group they move on as they did.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

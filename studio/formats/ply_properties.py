@@ -4,8 +4,6 @@ Sources: the writers of 3DGS, Mip-Splatting, 2DGS, Spacetime Gaussians, 4D Gauss
 Splatting and GES (their `save_ply`).
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from pathlib import Path

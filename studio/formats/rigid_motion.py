@@ -1,7 +1,5 @@
 """Rotation and scaling of whole splat sets including spherical harmonics, and the axis conventions of other viewers."""
 
-from __future__ import annotations
-
 import functools
 import math
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Sequences of splat files, one per frame, read and written."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial

@@ -5,8 +5,6 @@ scale (three float32 each), color and opacity (RGBA, 8 bits each), rotation (wxy
 harmonics. Axes are those of PLY files.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -10,8 +10,6 @@ Version 4 is a plain 32-byte header, extension records, a table of contents (com
 attribute, uint64) and one Zstandard frame per attribute; attributes without bytes are left out.
 """
 
-from __future__ import annotations
-
 import gzip
 import math
 import struct

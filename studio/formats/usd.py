@@ -12,8 +12,6 @@ up, meters as units, one time code per frame of the footage, and one prim per gr
 What does not change within a group is stored once. Colors are spherical harmonics in sRGB, as trained.
 """
 
-from __future__ import annotations
-
 import re
 import wave
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """Cameras in USD files: `UsdGeomCamera` prims, also below transforms, with time samples; one camera per time code."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

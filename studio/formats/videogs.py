@@ -18,8 +18,6 @@ In `viewer_min_max.json`, the released baker numbers frames as in the footage an
 read.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import threading

@@ -1,7 +1,5 @@
 """Masks from the alpha channel of the images."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

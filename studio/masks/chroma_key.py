@@ -5,8 +5,6 @@ noise; and pixels far darker than any shadow), edge-preserving smoothing, the sa
 the silhouette a mask solved from the screen color next to the performer: I = a F + (1 - a) B.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path

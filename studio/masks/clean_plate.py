@@ -6,8 +6,6 @@ ratio of the color in foreground and background), edge-preserving smoothing of t
 I = a F + (1 - a) B.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from studio.capture.settings import DifferenceSettings

@@ -4,8 +4,6 @@ Each channel of a shadow is the plate's times a factor of its own, because each 
 darker than a plain set looks like that as well, so the texture of the plate has to show through.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 WINDOW = (9, 9)

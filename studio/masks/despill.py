@@ -6,8 +6,6 @@ the usual rule that the screen's channel may not exceed the larger of the other 
 outline, since clothes of the screen's hue would lose their color.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 _LEAST_COVER = 0.1  # lower limit of alpha when solving for F; below it, noise dominates

@@ -1,7 +1,5 @@
 """Image filters shared by the mask sources."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -1,7 +1,5 @@
 """Garbage masks: parts of the image that can never contain the performer."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Mapping
 from pathlib import Path

@@ -9,8 +9,6 @@ YAML (of which JSON is a subset), in pixels of the stored frames, with 0, 0 at t
       size: [1920, 1080]                                      # optional: size of the image that they were drawn on
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """Masks from a source in a Python module of the user's: `capture.masks: MODULE:NAME`."""
 
-from __future__ import annotations
-
 import importlib
 import os
 import sys

@@ -1,7 +1,5 @@
 """Disk cache for the masks of slow matting models."""
 
-from __future__ import annotations
-
 import hashlib
 from pathlib import Path
 

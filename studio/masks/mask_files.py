@@ -1,7 +1,5 @@
 """Masks that were made elsewhere: images or videos."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -5,8 +5,6 @@ only have to implement this protocol; `FunctionMaskSource` implements it for any
 can choose are listed in `studio.masks.sources`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -5,8 +5,6 @@ number of a palette's color, or as the number of a person or a part of the body.
 edge of a soft mask cannot be seen in one image, so `MaskValues` is found from several images of a camera.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

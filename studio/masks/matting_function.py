@@ -1,7 +1,5 @@
 """Masks from any function of a frame: a matting model, or your own code."""
 
-from __future__ import annotations
-
 import inspect
 import traceback
 from collections.abc import Collection, Sequence

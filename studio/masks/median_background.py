@@ -11,8 +11,6 @@ A temporal median fails if the performer covers a pixel half of the time. Instea
 If a pixel is always covered, its background is marked as unknown.
 """
 
-from __future__ import annotations
-
 import zipfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

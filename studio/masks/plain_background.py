@@ -2,8 +2,6 @@
 as in many published data sets.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from functools import cached_property

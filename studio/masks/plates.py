@@ -1,7 +1,5 @@
 """Masks from the difference to the empty set: from clean plates, or from a background estimated from the footage."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path

@@ -4,8 +4,6 @@ A screen is described by a direction in RGB space: with less light, a color move
 so wrinkled and shaded parts of the screen still match. Colors are compared by the tangent of their angle to it.
 """
 
-from __future__ import annotations
-
 import colorsys
 from collections.abc import Sequence
 from dataclasses import dataclass

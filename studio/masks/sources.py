@@ -1,7 +1,5 @@
 """The table of mask sources, from which `capture.masks` selects one for all cameras."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """How far each camera's mask agrees with the volume on which the other cameras agree."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

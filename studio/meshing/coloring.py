@@ -1,7 +1,5 @@
 """Colors of surface points, from the views in which they are visible."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

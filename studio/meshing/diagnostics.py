@@ -1,7 +1,5 @@
 """Diagnosis of an empty visual hull: finds the cameras whose masks disagree with the others."""
 
-from __future__ import annotations
-
 from typing import NoReturn
 
 import torch

@@ -9,8 +9,6 @@ A single bad mask must not carve away a limb, but tolerating outliers everywhere
 hull is carved strictly, and outlier masks are corrected afterwards (`studio.meshing.outlier_masks`).
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable

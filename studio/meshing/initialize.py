@@ -1,7 +1,5 @@
 """Colored points from masks, to initialize training."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ tolerated number of cameras reject, and that is uncovered in half of the others,
 alone. If all masks are correct, no foreground is uncovered and the hull does not change.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Collection
 

@@ -1,7 +1,5 @@
 """Settings of the initial points: the visual hull, its surface, and samples on it."""
 
-from __future__ import annotations
-
 from typing import Annotated, ClassVar
 
 from pydantic import Field

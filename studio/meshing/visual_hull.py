@@ -1,7 +1,5 @@
 """The visual hull and its surface from masks: chooses bounds and the required number of views, corrects outliers."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NoReturn

@@ -6,8 +6,6 @@ release of which requires a specific release and build of torch. The fitted line
 this file under their own license; the weights of the network are those published by torchvision.
 """
 
-from __future__ import annotations
-
 import hashlib
 import re
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,5 @@
 """A bounded queue between two threads that can be finished (it ends when empty) or aborted (it ends immediately)."""
 
-from __future__ import annotations
-
 import threading
 from collections import deque
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Follows a live stream: reads its manifest again until it is complete."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 

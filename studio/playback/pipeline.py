@@ -4,8 +4,6 @@ A group that cannot be fetched or decoded is skipped and recorded in `Shared.ski
 nothing can be played or the server remains unreachable.
 """
 
-from __future__ import annotations
-
 import threading
 import time
 from bisect import bisect_right

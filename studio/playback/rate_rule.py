@@ -6,8 +6,6 @@ and dash.js's DroppedFramesRule. Until the buffer has reached the level at which
 throughput alone decides.
 """
 
-from __future__ import annotations
-
 import math
 import threading
 from collections import deque

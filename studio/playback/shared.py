@@ -1,7 +1,5 @@
 """What is known of a stream while it is played: files of recent groups, and damaged groups."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The computer's audio output, through PortAudio."""
 
-from __future__ import annotations
-
 import time
 from typing import Any
 

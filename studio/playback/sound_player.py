@@ -1,7 +1,5 @@
 """Plays the sound of a stream and tells what is heard now, which the frames follow."""
 
-from __future__ import annotations
-
 import math
 import threading
 from collections import deque

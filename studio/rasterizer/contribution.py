@@ -1,7 +1,5 @@
 """How much each splat contributes to images."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

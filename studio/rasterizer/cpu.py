@@ -4,8 +4,6 @@ The kernels in `csrc/` take raw arrays and do not link to torch, so one build wo
 their own thread pool (`csrc/threads.h`), which is less affected by other load on the machine than torch's.
 """
 
-from __future__ import annotations
-
 import importlib
 from typing import Any
 

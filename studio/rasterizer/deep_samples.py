@@ -4,8 +4,6 @@ Splats are blended in the order of their distances from the camera. Parts of tha
 "over" of the parts is the image of all.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

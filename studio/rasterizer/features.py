@@ -1,7 +1,5 @@
 """Images of what splats have besides colors: normals, motion, numbers of parts."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import torch

@@ -1,7 +1,5 @@
 """`rasterize`: one interface to all backends."""
 
-from __future__ import annotations
-
 import functools
 import importlib.util
 import os

@@ -1,7 +1,5 @@
 """Which computations of training run in the C++ kernels, and which in their PyTorch definitions."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any

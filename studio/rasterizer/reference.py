@@ -6,8 +6,6 @@ the two differ: EWA projection with the splats' own dilation; footprints that en
 Splats of equal depth are blended in their order in the tensors.
 """
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

@@ -4,8 +4,6 @@ Source: Sloan, "Efficient Spherical Harmonic Evaluation", JCGT 2013. Within degr
 Condon-Shortley phase, as in Plenoxels, 3DGS and gsplat.
 """
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

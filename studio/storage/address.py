@@ -1,7 +1,5 @@
 """Addresses in object stores: s3://bucket/folder."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path, PosixPath
 

@@ -1,7 +1,5 @@
 """Where a machine keeps what it got from object stores, and how much of it."""
 
-from __future__ import annotations
-
 import fcntl
 import json
 import math

@@ -1,7 +1,5 @@
 """A local folder that looks like one in a store: camera files as they are, pointer files for images and videos."""
 
-from __future__ import annotations
-
 import errno
 import os
 from collections.abc import Iterator

@@ -8,8 +8,6 @@ block is marked only once its bytes are on the disk. The file is locked while bl
 of a machine fetch each block once.
 """
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import hashlib

@@ -1,7 +1,5 @@
 """Reads and writes objects of a store: failed requests are repeated, and errors say what to do."""
 
-from __future__ import annotations
-
 import os
 import re
 import time

@@ -6,8 +6,6 @@ result to the kernel `dequantize`. Means and rotations follow blocks that move, 
 `decoders/motion.py`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass

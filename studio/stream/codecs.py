@@ -3,8 +3,6 @@
 Adding one: its row here and its name in `CodecName`; `docs/STREAM.md`; the browser player's own list.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal, get_args
 

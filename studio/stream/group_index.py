@@ -1,7 +1,5 @@
 """The groups of a stream: those in the manifest, and those in pages, which are read when needed."""
 
-from __future__ import annotations
-
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext

@@ -1,7 +1,5 @@
 """Finds the damaged files of a stream: compares all of them with the sizes and checksums of its manifest."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

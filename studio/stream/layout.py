@@ -4,8 +4,6 @@ A *plane* is a square luma image with one byte per splat. Means have 16 bits and
 plane (paper, "Quantization bits setting").
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator
 

@@ -1,7 +1,5 @@
 """The manifest's bytes: reading with all checks, writing with size and checksum, growing, and the JSON schema."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Sequence
 from typing import Any

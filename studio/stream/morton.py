@@ -1,7 +1,5 @@
 """Morton order: splats close in space become neighbors on the planes (paper, "Morton Sort")."""
 
-from __future__ import annotations
-
 import numpy as np
 
 MORTON_BITS = 21

@@ -1,7 +1,5 @@
 """Publishes a stream: copies what is missing to a folder or an object store, the manifest last."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor

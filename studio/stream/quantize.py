@@ -1,7 +1,5 @@
 """Uniform quantization over a range, and the two bytes of 16-bit codes."""
 
-from __future__ import annotations
-
 import numpy as np
 
 LEVELS_8 = 255

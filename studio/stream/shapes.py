@@ -5,8 +5,6 @@ and scales, M does not depend on how the axes are named, is similar for neighbor
 an almost round splat turns, which no image shows.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from studio.rotations import quat_multiply, quats_to_matrices

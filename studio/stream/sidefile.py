@@ -9,8 +9,6 @@ filled: bit c of a cell's byte is its child c. Once cells contain a single point
 which a Huffman code reaches exactly.
 """
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """A first view for a stream: from a camera's place, upright, with the scene in the middle and as large as fits."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import product

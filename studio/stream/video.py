@@ -3,8 +3,6 @@
 PyAV is imported where it is used, which keeps importing the package fast.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import os

@@ -1,7 +1,5 @@
 """Writes a stream into one file: a ZIP archive of stored entries (docs/STREAM.md, "One file")."""
 
-from __future__ import annotations
-
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Adam (Kingma and Ba 2015) with PyTorch's fused kernel and without PyTorch's compiler."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 

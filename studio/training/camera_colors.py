@@ -9,8 +9,6 @@ Only differences between cameras are determined. The mean of all matrices is the
 have the colors of the mean camera.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import torch

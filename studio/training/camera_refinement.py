@@ -11,8 +11,6 @@ More freedom always fits the images better, also their noise. Whether refined ca
 blocks of pixels that are hidden from training: what is seen there follows from the other cameras.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

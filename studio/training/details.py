@@ -3,8 +3,6 @@
 Their pixels weigh more in the loss, and their splats where splats are added (densification) and taken away (pruning).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

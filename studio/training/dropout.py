@@ -1,7 +1,5 @@
 """Dropout of splats: each step draws a random subset, with raised opacities."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

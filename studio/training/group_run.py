@@ -1,7 +1,5 @@
 """Training steps on random frames and views of a whole group, which can be interrupted and resumed."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 

@@ -6,8 +6,6 @@ gradient is the product with the transpose: exact and deterministic. On the CPU,
 one kernel instead, and on an NVIDIA GPU with the kernels of `triton/field.py`.
 """
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import dataclass
 from functools import cached_property

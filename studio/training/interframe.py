@@ -1,7 +1,5 @@
 """Training of the frames after the keyframe: motion, then fine-tuning (paper sections 4.1 and 4.2)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any

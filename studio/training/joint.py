@@ -6,8 +6,6 @@ decide on them together. Positions and rotations stay those of each frame; what 
 positions.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import torch

@@ -1,7 +1,5 @@
 """Keyframe training: 3DGS, then pruning and fine-tuning (paper section 4.1, Key Frame Reconstruction)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The motion field between two frames: a hash grid and a shallow MLP (paper section 4.1, equations 5 and 6)."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import torch

@@ -5,8 +5,6 @@ bits. A step therefore draws one seed on the CPU and uploads nothing. `studio/ra
 numbers.
 """
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

@@ -1,8 +1,6 @@
 """The photometric loss of 3DGS, (1 - w) L1 + w (1 - SSIM): for float32, a fused C++ kernel on the CPU and fused Triton
 kernels on an NVIDIA GPU; else PyTorch."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import torch

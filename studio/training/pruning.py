@@ -1,7 +1,5 @@
 """How many splats of a keyframe are pruned, and in how many rounds."""
 
-from __future__ import annotations
-
 from studio.training.settings import TrainSettings
 
 

@@ -5,8 +5,6 @@ have to agree with all images at once, so their rendered alpha, sharpened, is th
 one is wrong.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

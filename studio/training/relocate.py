@@ -3,8 +3,6 @@
 Kheradmand et al., "3D Gaussian Splatting as Markov Chain Monte Carlo", 2024.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Settings of training. Defaults are the paper's values where it gives one, unless the field says otherwise."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, ValidationError, ValidatorFunctionWrapHandler, field_validator

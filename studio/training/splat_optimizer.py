@@ -1,7 +1,5 @@
 """Adam over the attributes of splats whose number changes during training."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

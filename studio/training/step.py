@@ -1,7 +1,5 @@
 """One photometric training step, shared by the keyframe, motion and fine-tuning stages."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest

@@ -1,7 +1,5 @@
 """A Ray cluster of two nodes on this machine, on the loopback interface, with token authentication."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The strip of images above the timeline: which frames it shows, and where."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

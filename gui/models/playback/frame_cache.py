@@ -1,7 +1,5 @@
 """A cache of decoded frames."""
 
-from __future__ import annotations
-
 from studio.gaussians import Gaussians
 from studio.memory_cache import MemoryCache
 

@@ -1,7 +1,5 @@
 """Opening takes and streams, on any thread."""
 
-from __future__ import annotations
-
 import contextlib
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """OtherSource: another bake or another take, shown at the times of the open take or stream, to compare the two."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

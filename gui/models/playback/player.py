@@ -1,7 +1,5 @@
 """PlayerPresenter: the state of the playback view. The window polls it at each tick."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path

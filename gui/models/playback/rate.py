@@ -1,7 +1,5 @@
 """Rate: events per second."""
 
-from __future__ import annotations
-
 import time
 from collections import deque
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Where the Gaussians of a frame come from: a baked stream, or a take's trained frames."""
 
-from __future__ import annotations
-
 import contextlib
 from bisect import bisect_right
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Figures of a span of frames that was selected on the timeline."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from statistics import fmean
 

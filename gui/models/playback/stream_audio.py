@@ -1,7 +1,5 @@
 """The sound of the open stream or cast: fetched and measured on a thread of its own, then played."""
 
-from __future__ import annotations
-
 import contextlib
 import threading
 

@@ -1,7 +1,5 @@
 """Thumbnails: small images of frames from given views, drawn one by one on a thread with sources of its own."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

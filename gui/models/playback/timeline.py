@@ -1,7 +1,5 @@
 """The timeline's track: mapping of columns to frames, and its image."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """The plots above the timeline: quality, KB per frame, flicker, and the waveform of the sound."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 

@@ -1,7 +1,5 @@
 """Transport: play, pause, step and seek. The current frame follows the sound or the clock, not the drawing rate."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 

@@ -1,7 +1,5 @@
 """Viewpoint: the open take or stream, which part of it is on screen, and from which camera."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from gui.drawing.compare import ALONE, boxes

@@ -4,8 +4,6 @@ The splats come from the rasterizer with their opacity and depth, so that what i
 are transparent, as it would if everything were rendered together.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

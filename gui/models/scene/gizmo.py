@@ -1,7 +1,5 @@
 """The view axes in a corner of the scene: they turn with the view, and a click on an end looks along that axis."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Handles of the crop box and the ground plane, and points under the pointer."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Reads what the scene shows from the take, and keeps it until a file changes. Runs on the viewport's thread."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable, Hashable
 from dataclasses import replace

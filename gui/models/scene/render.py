@@ -1,7 +1,5 @@
 """SceneRenderer: the scene's image, composed from the rasterizer's splats and everything else."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Rest: whether the view has rested for a moment, so that there is time for a better image."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Hashable
 

@@ -1,7 +1,5 @@
 """Renders Gaussians to the pixels that the viewport shows."""
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 

@@ -1,7 +1,5 @@
 """The bakes that a take keeps: what the window lists, and keeps on a thread."""
 
-from __future__ import annotations
-
 from gui.models.loop import Signal
 from gui.models.worker import Done, LatestWorker
 from pipelines.takes.atomic_files import disk_errors

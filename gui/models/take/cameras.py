@@ -1,7 +1,5 @@
 """What is known about each camera, and changes of what it is used for."""
 
-from __future__ import annotations
-
 from gui.models.evaluation import Evaluation
 from gui.models.take.workspace import Workspace
 from pipelines.takes.camera_uses import CameraUses

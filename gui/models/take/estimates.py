@@ -1,7 +1,5 @@
 """Minutes and bytes of the presets for the open take on this machine, as `v3studio estimate` measures them."""
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json

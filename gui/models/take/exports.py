@@ -1,7 +1,5 @@
 """Exports and shares: `v3studio export` and `v3studio share` as child processes, and the views of a camera path."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """The inspector, drawn as an image."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

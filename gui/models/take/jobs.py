@@ -4,8 +4,6 @@ A job's events come through its standard output. A run started elsewhere (in a t
 followed through the take's log, which the runner writes.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import queue

@@ -1,7 +1,5 @@
 """The job log, drawn as an image: lines with their time and level, and buttons that fix what warnings tell of."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Figures of a run as words with units, for the log."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 
 from gui.models.stages import STAGES

@@ -1,7 +1,5 @@
 """Settings and stages in the words of the window's pages, instead of those of files and the command line."""
 
-from __future__ import annotations
-
 import re
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Remedies: which setting fixes a warning, and its value where the warning knows it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import cast

@@ -1,7 +1,5 @@
 """Serving the open take to phones: `v3studio serve` as a child process that ends with the window."""
 
-from __future__ import annotations
-
 import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path

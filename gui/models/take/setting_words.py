@@ -1,7 +1,5 @@
 """How settings are shown: labels, words for missing values, units, paths to choose, and which ones most people need."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 LABELS: Mapping[str, str] = {

@@ -1,7 +1,5 @@
 """Settings as edited in the window: one field per setting, derived from the settings models."""
 
-from __future__ import annotations
-
 import math
 import types
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,5 @@
 """Shares as chosen in a dialog, and what they take."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """TakeQueue: the queue of takes as the window shows and changes it."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import time

@@ -1,7 +1,5 @@
 """The file or folder that an export or a share writes, as chosen in a dialog."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import ClassVar
 

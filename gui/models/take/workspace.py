@@ -3,8 +3,6 @@
 The state is read from the take on disk, so that runs started in a terminal show up too.
 """
 
-from __future__ import annotations
-
 import socket
 import time
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """The chart of the QP trial: PSNR over size, one point per QP, the levels of quality, and a table beside it."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from gui.drawing.canvas import Canvas, line_height, text_width

@@ -1,7 +1,5 @@
 """Size and quality at other QPs, measured on a whole group of a take."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Hashable
 

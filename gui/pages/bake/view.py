@@ -1,7 +1,5 @@
 """Bake: size by attribute, and size at other QPs."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Hashable
 from dataclasses import dataclass

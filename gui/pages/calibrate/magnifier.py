@@ -1,7 +1,5 @@
 """Magnifier: zoom and pan of an image within a rectangle."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from gui.drawing.canvas import Canvas

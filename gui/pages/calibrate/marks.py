@@ -1,7 +1,5 @@
 """The editing state of manual tie points: points, selection, undo, and their file."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The parts of the points view and their click actions."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Manual tie points: one camera's image, the list of points, and crops of the selected point in other cameras."""
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Mapping
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Calibrate: camera frustums with images and sparse points, colored by reprojection error; the report as a table."""
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Sequence
 from contextlib import suppress
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Train, camera colors: every camera's image as filmed, and in the colors of the mean camera."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Hashable
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Garbage masks drawn in the window: polygons of one camera where the performer never is."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The tool Detail: balls around face and hands, which training gives more splats."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

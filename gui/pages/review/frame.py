@@ -1,7 +1,5 @@
 """EditedFrame: the trained frame that is edited, its group, and what edits remove of it."""
 
-from __future__ import annotations
-
 from bisect import bisect_right
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The numbers of edits as texts of fields, and back."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Draws an edited frame: kept splats, removed and selected ones in colors, the crop box, the ground and the world."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Changes of a take's edits from the window, noted for undo."""
 
-from __future__ import annotations
-
 from gui.models.history import Change
 from gui.models.take.workspace import Workspace
 from pipelines.takes.edits import change_edits

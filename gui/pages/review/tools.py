@@ -1,7 +1,5 @@
 """The tools of the edits: their buttons, what they say, and the limits that are proposed for floaters."""
 
-from __future__ import annotations
-
 from studio.counts import counted
 from studio.edits.edit_list import Floaters
 

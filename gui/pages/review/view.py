@@ -1,7 +1,5 @@
 """EditView: the trained frame with its edits; draws, drags handles, lassoes and picks points."""
 
-from __future__ import annotations
-
 from bisect import bisect_right
 from collections.abc import Hashable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Card: what the start page tells about a recent take or stream. Reads files: use on a worker thread."""
 
-from __future__ import annotations
-
 import contextlib
 import datetime
 import os

@@ -1,7 +1,5 @@
 """Draws the start page, and tells what is where."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -1,7 +1,5 @@
 """StartPage: the cards of what was open recently, the queue of takes, and which of them has the keyboard focus."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

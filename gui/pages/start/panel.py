@@ -1,7 +1,5 @@
 """The start page as a widget that covers the window."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from open3d.visualization import gui

@@ -1,7 +1,5 @@
 """Small images of takes and streams, kept in the user's cache folder. Slow: use on a worker thread."""
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 from pathlib import Path

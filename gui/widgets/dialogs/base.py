@@ -1,7 +1,5 @@
 """Modal dialogs: messages, questions, a text field, a list of choices."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path

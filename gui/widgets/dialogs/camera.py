@@ -1,7 +1,5 @@
 """A dialog with all cameras: which of them are used, and which are held out."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from open3d.visualization import gui

@@ -1,7 +1,5 @@
 """A dialog that finds commands by typing, and runs one of them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 from open3d.visualization import gui

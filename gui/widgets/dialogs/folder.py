@@ -1,7 +1,5 @@
 """A file dialog: path, list, Up, Home. Open takes the selected entry."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Dialogs with labeled fields."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any

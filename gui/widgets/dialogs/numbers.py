@@ -1,7 +1,5 @@
 """A dialog with numbers in fields."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """The dialog for a new take: footage, settings, folder, and what there is in the footage."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A dialog with the worst evaluated frames by camera, as images, and a table of the cameras."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property

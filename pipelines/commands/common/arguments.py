@@ -1,7 +1,5 @@
 """What the arguments of several commands have in common: numbers, settings, and names that have changed."""
 
-from __future__ import annotations
-
 import argparse
 import difflib
 import math

@@ -1,7 +1,5 @@
 """Progress and cancellation for long commands other than runs of a take."""
 
-from __future__ import annotations
-
 import argparse
 import time
 from collections.abc import Iterator

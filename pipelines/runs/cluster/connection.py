@@ -1,7 +1,5 @@
 """The connection to a Ray cluster, with what can go wrong as one sentence each."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import re

@@ -1,7 +1,5 @@
 """A run that belongs to the cluster: its process is started by an actor on the head node."""
 
-from __future__ import annotations
-
 import os
 import threading
 import time

@@ -5,8 +5,6 @@ executor, not Ray, handles lost workers and nodes that cannot run a task: it can
 a group runs next.
 """
 
-from __future__ import annotations
-
 import time
 from collections import deque
 from collections.abc import Callable, Sequence

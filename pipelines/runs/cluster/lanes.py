@@ -1,7 +1,5 @@
 """Progress of groups that run on several machines, together and one by one."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from pipelines.events import Emit, GroupState, Metrics, Progress

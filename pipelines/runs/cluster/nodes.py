@@ -1,7 +1,5 @@
 """The nodes of a Ray cluster: names, sizes, and which of them are not to be used."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass

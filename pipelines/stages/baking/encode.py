@@ -1,7 +1,5 @@
 """Encodes a part of the plan: fine-tunes its rungs, bakes its renditions, and notes what they were made from."""
 
-from __future__ import annotations
-
 from functools import partial
 
 from pipelines.stages.baking.measures import RenderedError, rendered_contribution

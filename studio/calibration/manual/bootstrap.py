@@ -1,7 +1,5 @@
 """Initial camera poses from a few tie points, for bundle adjustment."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations

@@ -3,8 +3,6 @@
 Uses SciPy's least squares, because COLMAP's bundle adjustment has no priors on point positions.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Uncertainty of the camera positions, and degenerate configurations of tie points."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

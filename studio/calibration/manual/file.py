@@ -11,8 +11,6 @@ YAML (of which JSON is a subset):
           cam02: [331.0, 702.5]
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field

@@ -5,8 +5,6 @@ can be the corner of a mat, a bolt, or a marker on the performer in one frame. I
 known from measurements, the world is metric.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 

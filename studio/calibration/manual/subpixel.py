@@ -1,7 +1,5 @@
 """Subpixel refinement of a click near a corner or a dot."""
 
-from __future__ import annotations
-
 import numpy as np
 
 _TURNS = 8

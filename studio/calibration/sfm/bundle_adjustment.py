@@ -1,7 +1,5 @@
 """Bundle adjustment, and models of cameras with known poses. Runs in the worker process."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

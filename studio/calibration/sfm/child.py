@@ -1,7 +1,5 @@
 """Runs a child process that prints JSON lines and can be stopped at any time."""
 
-from __future__ import annotations
-
 import json
 import os
 import queue

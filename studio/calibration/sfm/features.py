@@ -4,8 +4,6 @@ With several sync frames of fixed cameras, features are detected and matched per
 camera become one image, because the camera has one pose. COLMAP's rigs would let the rig move between sync frames.
 """
 
-from __future__ import annotations
-
 import json
 import sqlite3
 import threading

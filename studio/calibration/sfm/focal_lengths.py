@@ -1,7 +1,5 @@
 """Focal lengths from pairs of images, before mapping. Runs in the worker process."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Sequence
 from pathlib import Path

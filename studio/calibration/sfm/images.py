@@ -1,7 +1,5 @@
 """Writes a job's images and masks for COLMAP."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Structure from motion: settings, and the models of the worker process's job and solution files."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping, Sequence
 

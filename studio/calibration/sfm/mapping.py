@@ -1,7 +1,5 @@
 """Mapping with COLMAP: cameras and points from a database of matches. Runs in the worker process."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 from typing import Any

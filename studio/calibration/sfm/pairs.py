@@ -6,8 +6,6 @@ pairs see different sides of the room. Matching only the largest features first,
 and finds the pairs that overlap.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import combinations
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Calibration from images: structure from motion with COLMAP, in a child process."""
 
-from __future__ import annotations
-
 import shutil
 import time
 from collections.abc import Mapping, Sequence

@@ -5,8 +5,6 @@ do not, sharing it distorts the whole solution. A statistical test decides: shar
 than separate ones, but if the cameras are identical, only by as much as expected by chance.
 """
 
-from __future__ import annotations
-
 import sqlite3
 from collections.abc import Callable
 from contextlib import closing

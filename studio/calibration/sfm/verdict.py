@@ -1,7 +1,5 @@
 """Quality of a solution. Runs in the worker process."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -7,8 +7,6 @@ process ends when its standard input closes or its parent dies. Input in the wor
 and `job.json`; output: `database.db`, `solution.json` and `points.npz`.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

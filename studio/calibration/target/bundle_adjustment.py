@@ -4,8 +4,6 @@ To COLMAP, the target is the static world, and the cameras are one rig that move
 sync frame. The corners are constant points, so the result is metric and free of drift.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

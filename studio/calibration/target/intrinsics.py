@@ -1,7 +1,5 @@
 """Intrinsics of one camera from images of a calibration target, and target poses."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Bundle adjustment with rejection of inconsistent observations."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Printable calibration targets: a vector PDF at true scale."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

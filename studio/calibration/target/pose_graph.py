@@ -1,7 +1,5 @@
 """Initial camera poses from sync frames in which two cameras see the target."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import combinations

@@ -1,7 +1,5 @@
 """Calibration of a rig from images of a calibration target: intrinsics, poses, scale and report."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace

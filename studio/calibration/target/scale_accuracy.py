@@ -1,7 +1,5 @@
 """Accuracy of a calibrated rig's scale, measured on the target."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from studio.calibration.alignment import align_points

@@ -4,8 +4,6 @@ A set that one camera estimates from its footage shows a performer who stands st
 on which all cameras agree have the performer nevertheless: outside of these masks in several frames, there is the set.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -7,8 +7,6 @@ have agreed that an estimated set is empty, differences count in full. The weigh
 masks of one frame of real footage (27 cameras), and rounded.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Outlines of the performer in each image, from log-odds and from colors that the cameras share."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

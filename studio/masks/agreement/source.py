@@ -12,8 +12,6 @@ A set that was estimated from the footage is first estimated again, outside of t
 which are found in the same way at half the size.
 """
 
-from __future__ import annotations
-
 import hashlib
 import math
 from collections.abc import Callable, Mapping, Sequence

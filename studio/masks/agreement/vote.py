@@ -5,8 +5,6 @@ many, as in a visual hull, but a single one does not (compare Franco and Boyer, 
 Using a Space Occupancy Grid", ICCV 2005). A camera does not vote on what is outside of its image.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

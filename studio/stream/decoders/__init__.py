@@ -1,7 +1,5 @@
 """Opens a group with the decoder of its profile."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 

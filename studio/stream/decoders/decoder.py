@@ -1,7 +1,5 @@
 """The interface of the decoders of all profiles."""
 
-from __future__ import annotations
-
 import zlib
 from abc import ABC, abstractmethod
 

@@ -1,7 +1,5 @@
 """Decoder of the profile `motion`, the exact inverse of `bake_motion`: one video and a side file to Gaussians."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Decoder of the profile `planes`, the exact inverse of `bake_planes`."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Baking: a group of Gaussians, and the sound, to files that are named by their content."""
 
-from __future__ import annotations
-
 import math
 import os
 import shutil

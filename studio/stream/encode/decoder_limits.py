@@ -1,7 +1,5 @@
 """What hardware decoders of H.264 commonly take, and where a rendition goes beyond it."""
 
-from __future__ import annotations
-
 from studio.errors import Message
 from studio.stream.manifest import GroupEntry, MotionRendition
 

@@ -1,7 +1,5 @@
 """Encoder of the profile `motion`: keyframe means and block motion in a side file, everything else in one video."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import os

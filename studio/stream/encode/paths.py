@@ -10,8 +10,6 @@ jitter differs: where a performer stands still it is all of it, in fast motion n
 smoothed as strongly as its own path and those of its neighbors suggest, given how large jitter can be.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial import cKDTree
 

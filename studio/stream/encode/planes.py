@@ -1,7 +1,5 @@
 """Encoder of the profile `planes` (paper, "Baking 3D Gaussians"): one video per component of a splat."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor

@@ -1,7 +1,5 @@
 """Finding the QP of a group, for a target size or quality."""
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Callable, Mapping

@@ -1,7 +1,5 @@
 """Writes the manifest with the pages of its index, and removes what it no longer needs."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 from collections.abc import Iterable, Sequence

@@ -1,7 +1,5 @@
 """Coding of the profile `motion`: fixed steps, and ranges that leave a few values to escapes."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Coding of the profile `planes`: each number of a splat in 8 bits over its range (paper, "Quantization")."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import torch

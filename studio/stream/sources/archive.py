@@ -1,7 +1,5 @@
 """Reads a stream in one file: a ZIP archive of stored entries, by ranges (docs/STREAM.md, "One file")."""
 
-from __future__ import annotations
-
 import io
 import os
 import re

@@ -3,8 +3,6 @@
 The reader verifies the bytes against the SHA-256 in the manifest.
 """
 
-from __future__ import annotations
-
 import contextlib
 import random
 import threading

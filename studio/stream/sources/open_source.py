@@ -1,7 +1,5 @@
 """Opens the source of a stream: a folder, a web server, or one file on either."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from urllib.parse import urlsplit
 

@@ -1,7 +1,5 @@
 """Where a web server may send a reader."""
 
-from __future__ import annotations
-
 import ipaddress
 import socket
 from urllib.parse import urljoin, urlsplit

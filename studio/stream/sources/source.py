@@ -1,7 +1,5 @@
 """Sources of a stream's files: a folder, or a web server (`studio.stream.sources.http`)."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor

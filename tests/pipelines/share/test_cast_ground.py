@@ -1,7 +1,5 @@
 """The ground of a cast in the window. tests/web/test_package.py compares it with the page's."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

@@ -1,7 +1,5 @@
 """The empty set behind a performer who hardly moves, estimated again outside of masks that cameras agree on."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest
