@@ -17,7 +17,7 @@ REVIEW_CHOICES: tuple[Choice, ...] = (
     ("difference", "Difference", "Difference heat map against footage or trained (D)"),
     ("", "", ""),
     ("scene", "Scene", "Splats with cameras, points, mesh, grid and axes; click a camera to look through it (O)"),
-    ("edit", "Edit", "Trim, crop, remove floaters, place the world; can be undone (X)"),
+    ("edit", "Edit", "Trim, crop, remove floaters, set axes and scale; can be undone (X)"),
 )
 SCENE_CHOICES: tuple[Choice, ...] = (
     ("scene", "Done", "Leave the scene and show the take again (O)"),

@@ -13,8 +13,8 @@ from studio.rotations import matrices_to_quats
 Field = tuple[str, str, str]
 
 TITLES = {
-    "crop": ("Crop box", "Min and max corner, x y z in the placed world. Empty: no box."),
-    "ground": ("Ground", "Height along up, in the placed world. Empty: no ground plane."),
+    "crop": ("Crop box", "Lowest and highest corner, x y z in the new world. Empty: no box."),
+    "ground": ("Ground", "Height along up, in the new world. Empty: no ground plane."),
     "floaters": ("Floaters", "Splats that are removed in every group. Empty: no such limit."),
     "world": ("World", "Of streams and exports. Points and directions in the world of the capture, x y z."),
     "details": (
@@ -59,7 +59,7 @@ def fields_of(edits: EditList, kind: str, up: np.ndarray) -> list[Field]:
     if kind == "details":
         last = edits.details[-1] if edits.details else None
         return [
-            ("radius", "Radius, in the placed world", "" if last is None else f"{world.scale * last.radius:.4g}"),
+            ("radius", "Radius, in the new world", "" if last is None else f"{world.scale * last.radius:.4g}"),
             ("weight", "Weight (1 to 100)", "" if last is None else f"{last.weight:g}"),
         ]
     trim = edits.trim
