@@ -75,7 +75,7 @@ def _command(name: str, parser: argparse.ArgumentParser, summary: str, level: in
 
 
 def _invocation(action: argparse.Action) -> str:
-    value = action.metavar if isinstance(action.metavar, str) else None
+    value = " ".join(action.metavar) if isinstance(action.metavar, tuple) else action.metavar
     value = value or ("{" + ",".join(map(str, action.choices)) + "}" if action.choices else action.dest.upper())
     if not action.option_strings:
         return code(value)

@@ -11,8 +11,8 @@ from pipelines.outputs import check_output, replacing
 _NOTE = """The first variant is the full method with the settings in CONFIG; each other variant leaves out one part.
 Every variant is trained (sharing cameras, initial points and keyframes where possible), baked at several QPs, decoded
 and measured on held-out cameras. Writes ablation.json, ablation.png, ablation.html and one take per variant to DIR.
-Run it again to resume after a cancellation. Every variant is trained in full; try a few frames first with
---capture.frames :20.
+The same command resumes after a cancellation. Every variant is trained in full: try a few frames first
+(--capture.frames :20).
 """
 
 
@@ -24,7 +24,7 @@ def register(commands: Any) -> None:
     parser = add_command(
         commands,
         "ablate",
-        "train variants without parts of the method and compare quality and size",
+        "train without each part of the method in turn, and compare quality and size",
         _ablate,
         epilog=_NOTE,
     )

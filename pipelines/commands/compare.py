@@ -19,8 +19,7 @@ _NOTE = """protocols:
 All takes are compared with the same images and masks: those of the first take's settings, or of --footage. Each is
 rendered with its own calibration. Figures of different protocols cannot be compared with each other.
 
-An interrupted comparison is resumed when the same command runs again; its finished frames are in
-DIR/.comparing until then.
+The same command resumes an interrupted comparison. Its finished frames are in DIR/.comparing until then.
 """
 
 
@@ -33,7 +32,7 @@ def register(commands: Any) -> None:
         epilog=_NOTE.format(protocols="\n".join(f"  {one.name:<8}{one.title}" for one in PROTOCOLS.values())),
     )
     parser.add_argument("takes", type=Path, nargs="+", metavar="TAKE", help="folders of takes with a stream")
-    parser.add_argument("--protocol", choices=list(PROTOCOLS), default="box", help="default: %(default)s")
+    parser.add_argument("--protocol", choices=list(PROTOCOLS), default="box", help="see below (default: %(default)s)")
     parser.add_argument("--cameras", default="", metavar="A,B", help="cameras to measure instead of the protocol's")
     parser.add_argument(
         "--footage",
@@ -51,7 +50,9 @@ def register(commands: Any) -> None:
         help="folder for comparison.json and images (default: %(default)s)",
     )
     add_overwrite(parser)
-    parser.add_argument("--images", type=int, default=2, metavar="N", help="frames to show (default: %(default)s)")
+    parser.add_argument(
+        "--images", type=int, default=2, metavar="N", help="number of images per camera (default: %(default)s)"
+    )
     parser.add_argument("--device", default="auto", help="torch device, as the setting run.device")
     add_json(parser)
 

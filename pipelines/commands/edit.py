@@ -61,13 +61,16 @@ def register(commands: Any) -> None:
 
     ground = _kind(kinds, "ground", "remove what is below a plane", _ground)
     ground.add_argument(
-        "height", type=float, metavar="HEIGHT", help="along the up direction, in the world of `v3studio edit world`"
+        "height",
+        type=float,
+        metavar="HEIGHT",
+        help="height along the up direction, in the world of `edit world`",
     )
 
     floaters = _kind(kinds, "floaters", "remove faint splats, and small clusters apart from all others", _floaters)
-    floaters.add_argument("--opacity", type=float, metavar="X", help="splats that never reach this opacity, 0 to 1")
-    floaters.add_argument("--splats", type=int, metavar="N", help="clusters of fewer splats")
-    floaters.add_argument("--share", type=float, metavar="X", help="clusters with less than this share of the splats")
+    floaters.add_argument("--opacity", type=float, metavar="X", help="remove splats never above this opacity (0 to 1)")
+    floaters.add_argument("--splats", type=int, metavar="N", help="remove clusters of fewer splats")
+    floaters.add_argument("--share", type=float, metavar="X", help="remove clusters with a smaller share of the splats")
     floaters.add_argument(
         "--distance",
         type=float,
@@ -84,14 +87,14 @@ def register(commands: Any) -> None:
     world.add_argument("--distance", type=float, metavar="D", help="distance of the two points in new units")
 
     region = _kind(kinds, "region", "remove what is in a region from a JSON file, as drawn in the window", _region)
-    region.add_argument("file", type=Path, metavar="FILE", help="as in `v3studio edit list --json`, one of `regions`")
+    region.add_argument("file", type=Path, metavar="FILE", help="one of the `regions` of `v3studio edit list --json`")
 
     detail = _kind(kinds, "detail", "mark a part of the performer (face, hand) for training in more detail", _detail)
     detail.add_argument(
         "--frame", type=int, metavar="F", help="trained frame, by its number in the footage (default: the first)"
     )
     _vector(detail, "--at", "center of a ball around the part, in the world of `v3studio edit world`", required=True)
-    detail.add_argument("--radius", type=float, required=True, metavar="R", help="of the ball, same units")
+    detail.add_argument("--radius", type=float, required=True, metavar="R", help="radius of the ball")
     detail.add_argument(
         "--weight",
         type=float,
@@ -104,7 +107,11 @@ def register(commands: Any) -> None:
     names = "trim, crop, ground, floaters, world, regions, details, or all"
     remove.add_argument("name", metavar="NAME", help=names)
     remove.add_argument(
-        "number", type=int, nargs="?", metavar="NUMBER", help="of a region or detail, from `v3studio edit list`"
+        "number",
+        type=int,
+        nargs="?",
+        metavar="NUMBER",
+        help="number of a region or detail, from `v3studio edit list`",
     )
 
     _kind(kinds, "undo", "undo the last change", _undo)

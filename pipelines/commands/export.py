@@ -62,8 +62,8 @@ def register(commands: Any) -> None:
     )
     export.add_argument(
         "--axes", choices=("world", "viewer"),
-        help="ply, spz, glb, usd, exr, cameras of film tools: axes of the capture, or upright by the convention of the "
-        "format (default: world for ply, viewer for the others)",
+        help="ply, spz, glb, usd, exr, cameras of film tools: axes of the capture (world), or upright by the format's "
+        "convention (viewer); default: world for ply, viewer for the others",
     )  # fmt: skip
     export.add_argument(
         "--sh-degree",
@@ -77,7 +77,9 @@ def register(commands: Any) -> None:
     )
     export.add_argument("--qp", type=int, default=22, help="videogs: QP of H.264, 0 (lossless) to 51 (default: 22)")
     export.add_argument(
-        "--size", metavar="WxH", help=f"movies, exr: size in pixels (default: {_SIZE}; that of a camera of the footage)"
+        "--size",
+        metavar="WxH",
+        help=f"movies, exr: size in pixels (default: {_SIZE}, or that of the footage camera)",
     )
     export.add_argument("--seconds", type=float, help="movies: duration (default: that of the path or the source)")
     export.add_argument("--fps", type=float, help="movies: frames per second (default: that of the source)")
@@ -87,9 +89,7 @@ def register(commands: Any) -> None:
         "--path", type=Path, metavar="FILE",
         help="camera-path, exr: camera keyframes, a rig.json, or a camera of a USD or Nuke (.nk) file",
     )  # fmt: skip
-    export.add_argument(
-        "--camera", metavar="NAME", help="exr: camera of the footage, if there is no --path; else, camera of that file"
-    )
+    export.add_argument("--camera", metavar="NAME", help="exr: camera of the footage; with --path, camera of that file")
     export.add_argument(
         "--start-number", type=int, metavar="N",
         help="usd, exr, and cameras of film tools: number of the first frame (default: that in the footage)",

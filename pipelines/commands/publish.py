@@ -15,9 +15,9 @@ def register(commands: Any) -> None:
     command = commands.add_parser(
         "publish",
         help="copy a stream to a web folder or an object store",
-        description="Copy a stream to a folder or an object store. Files that are there already are not "
-        "copied again, and the manifest is replaced last, so that players see the old stream or the new one. --page "
-        "adds a page that plays it.",
+        description="Copy a stream to a folder or an object store. Files that are there already are not copied "
+        "again. The manifest is replaced last, so that players see the old stream or the new one. --page adds a page "
+        "that plays it.",
     )
     command.add_argument("source", metavar="SOURCE", help="folder of a take or a stream, one .v3s file, or a URL")
     command.add_argument(

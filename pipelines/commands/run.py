@@ -74,7 +74,7 @@ def _add_stream_options(stage: argparse.ArgumentParser) -> None:
         action=_Ladder,
         const="cut",
         nargs=0,
-        help="like --ladder, but rungs with fewer splats are only cut: quicker and needs no images, but worse",
+        help="like --ladder, but without fine-tuning: quicker, needs no images, worse",
     )
 
 

@@ -20,8 +20,8 @@ def register(commands: Any) -> None:
     share = commands.add_parser(
         "share",
         help="write a web page that plays a stream, for any web server or as one file",
-        description="Write a folder with the browser player and the stream that any web server can serve, below any "
-        "path; nothing is loaded from elsewhere. Or write one HTML file that opens from the disk.",
+        description="Write a folder with the browser player and the stream, which any web server can serve, at any "
+        "path. Nothing is loaded from elsewhere. Or write one HTML file that opens from the disk.",
     )
     share.add_argument(
         "source",
@@ -53,7 +53,7 @@ def add_page_options(share: argparse.ArgumentParser) -> None:
     share.add_argument(
         "--address",
         metavar="URL",
-        help="address where the page will be; link previews need it to show the poster",
+        help="future address of the page, which link previews need to show the poster",
     )
 
 
@@ -62,9 +62,9 @@ def add_view_option(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--view",
         metavar="VIEW",
-        help="view with which the page begins, as in links to the player: azimuth and elevation in degrees, then the "
-        "distance and the target if wanted; example: --view=-30,10 (default: from the first camera's direction, at eye "
-        "level, with everybody in the image)",
+        help="first view of the page, as in links to the player: azimuth and elevation in degrees, optionally distance "
+        "and target; example: --view=-30,10 (default: from the first camera's direction, at eye level, with everybody "
+        "in the image)",
     )
 
 

@@ -43,8 +43,8 @@ def register(commands: Any) -> None:
         "--format",
         choices=_FORMATS,
         default="plain",
-        help="what --print-commands prints: one command a line, as GNU parallel and OpenCue's cuecmd take them, or as "
-        "Deadline's CommandScript does, or a batch file for Slurm (default: plain)",
+        help="what --print-commands prints: plain, a command per line for GNU parallel and OpenCue's cuecmd (default); "
+        "deadline, the same for Deadline's CommandScript; sbatch, a batch file for Slurm",
     )
     add_json(parser)
     parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
