@@ -20,11 +20,7 @@ _LABEL_HEIGHT, _GAP = 18, 2
 
 
 class FrameMeasurer:
-    """Measures frames in order; each one's flicker is against the one before.
-
-    Args:
-        flicker: measure it; then the residuals of one frame are kept.
-    """
+    """Measures frames in order; with `flicker`, each one's flicker is against the one before."""
 
     def __init__(
         self,
@@ -95,14 +91,7 @@ class FrameMeasurer:
 
 
 def side_by_side(pairs: dict[str, ViewPair]) -> np.ndarray:
-    """The footage and each take; below, the take's absolute difference from the footage, amplified.
-
-    Args:
-        pairs: one view of one frame by the name of the take, all of one size or of sizes that differ by a few pixels.
-
-    Returns:
-        (H, W, 3) uint8.
-    """
+    """A view of the footage and each take; below, the amplified difference from the footage. (H, W, 3) uint8."""
     footage = next(iter(pairs.values())).footage
     columns = [[_labeled("footage", footage), _labeled(f"difference x{DIFFERENCE_GAIN:g}", np.zeros_like(footage))]]
     for name, pair in pairs.items():

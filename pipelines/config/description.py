@@ -15,11 +15,7 @@ _WIDTH = 110
 
 
 def describe(config: Config | None = None, names: Collection[str] | None = None) -> str:
-    """YAML of a configuration, each setting below its documentation and bounds.
-
-    Args:
-        names: dotted names of the settings to include; None: all of them.
-    """
+    """YAML of a configuration, or of some settings by `names`, each below its documentation and bounds."""
     title = [] if names is not None else ["# All settings. Those missing from a file have their defaults.", ""]
     return "\n".join([*title, *_section(config or Config(), "", names)]).rstrip() + "\n"
 

@@ -25,12 +25,7 @@ _STREAM_SPREAD = 2.0
 
 @dataclass(frozen=True)
 class StageEstimate:
-    """One stage.
-
-    Attributes:
-        bytes: expected bytes on disk; None if it cannot be known.
-        remark: what the figures assume, one sentence; may be empty.
-    """
+    """Expected seconds, peak memory and bytes on disk of a stage; None: unknown. `remark`: what they assume."""
 
     stage: str
     seconds: float | None
@@ -77,11 +72,7 @@ class Estimate:
 
 
 def estimate(work: Work, measured: Measured, qp: int | None) -> Estimate:
-    """The stages after calibration.
-
-    Args:
-        qp: of a stream with the profile `motion`; None for others, whose size is not estimated.
-    """
+    """The stages after calibration. `qp`: of a stream with the profile `motion`; None: of unknown size."""
     splats, frames = work.splats, work.frames
     sh = 3 * (work.train.sh_degree + 1) ** 2
     cameras, evaluated = work.train_cameras, work.evaluated_cameras

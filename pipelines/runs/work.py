@@ -105,11 +105,7 @@ def cpus_of_group(stage: str, inputs: Inputs, group: int) -> int:
 
 
 def is_up_to_date(stage: Stage, inputs: Inputs, group: Group, known: dict[str, StageStatus] | None = None) -> bool:
-    """Whether a stage has nothing to do for a group.
-
-    Args:
-        known: status of whole stages, which is filled in; share it between groups only while nothing is written.
-    """
+    """Whether a stage has nothing to do for a group. `known`: status of stages; share it while nothing is written."""
     # an evaluation that is finished keeps no results of groups
     if stage.group_code.group_done(inputs, group):
         return True

@@ -27,13 +27,7 @@ _LARGE = 13.0
 
 
 def ensure_camera_colors(inputs: Inputs, reporter: StageReporter, key: str, stop: Cancellation) -> None:
-    """Fit the matrices and write them to the take, unless they are there. Any worker may do it: the same inputs give
-    the same bytes.
-
-    Raises:
-        StudioError: the first group has no initial points (`training.no_first_points`), the footage cannot be read, or
-            training diverged.
-    """
+    """Fit the matrices unless they are there; any worker gives the same bytes. Raises StudioError."""
     if inputs.config.train.camera_colors == "splats":
         check_first_points(inputs.take, "the colors of the cameras are fitted to")
     fit = partial(_fit, inputs, reporter, key)

@@ -28,12 +28,7 @@ _ONE_PER_CAMERA = tuple(
 
 
 def camera_file(settings: FileSettings) -> Path | None:
-    """The calibration of a capture.
-
-    Returns:
-        file, folder or, for one file per camera, a pattern with `{camera}`; None if the cameras must be calibrated from
-        footage.
-    """
+    """File, folder or pattern with `{camera}` of a capture's calibration; None: calibrate from the footage."""
     if settings.rig is None:
         return None
     if settings.rig != "auto":

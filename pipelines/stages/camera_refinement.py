@@ -36,13 +36,7 @@ def refines_cameras(inputs: Inputs) -> bool:
 
 
 def ensure_refined_cameras(inputs: Inputs, reporter: StageReporter, key: str, stop: Cancellation) -> None:
-    """Refine the cameras and write them to the take, unless they are there. Any worker may do it: the same inputs give
-    the same bytes.
-
-    Raises:
-        StudioError: the first group has no initial points (`training.no_first_points`), the footage cannot be read, or
-            training diverged.
-    """
+    """Refine the cameras unless that is done; any worker gives the same bytes. Raises StudioError."""
     check_first_points(inputs.take, "the cameras are refined with")
     fit = partial(_refine, inputs, reporter, key)
     ensure_fitted(inputs, reporter, stop, inputs.take.camera_refinement, CameraRefinement, key, fit)

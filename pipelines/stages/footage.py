@@ -24,11 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class TakeFootage:
-    """The footage of a take, opened on first access.
-
-    Attributes:
-        most_cached: see `open_footage`; of the footage without cameras, and again of that with them.
-    """
+    """The footage of a take, opened on first access. `most_cached`: see `open_footage`; with and without cameras."""
 
     take: Take
     config: Config

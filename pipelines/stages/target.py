@@ -33,12 +33,7 @@ def target_digest(inputs: Inputs) -> list[str]:
 
 
 def calibrate_with_target(inputs: Inputs, reporter: StageReporter) -> CalibrationResult:
-    """Calibrate the cameras from `calibrate.board_images`, and their intrinsics from `calibrate.intrinsics_images` too.
-
-    Raises:
-        StudioError: a camera has no footage of the target (`target.no_footage`), footage of two sizes
-            (`target.size_mismatch`), or too few observations.
-    """
+    """Calibrate from `calibrate.board_images`, and `intrinsics_images` too. Raises StudioError: `target.*`."""
     from studio.calibration import calibrate_from_target
 
     section = inputs.config.calibrate

@@ -148,12 +148,7 @@ def floor_world(rig: Rig, points: np.ndarray) -> tuple[Similarity, FloorReport]:
 
 
 def scale_to_distance(rig: Rig, first: str, second: str, distance: float) -> Similarity:
-    """The scaling about the origin after which two cameras, by their names, are this `distance` apart.
-
-    Raises:
-        StudioError: a camera is unknown (camera.unknown), the distance is not positive (calibration.distance), or the
-            cameras coincide (calibration.coincident).
-    """
+    """The scaling about the origin after which two cameras are `distance` apart. Raises StudioError."""
     if not distance > 0:
         raise StudioError(
             "calibration.distance",

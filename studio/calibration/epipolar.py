@@ -41,14 +41,7 @@ class PairMatches:
 
 
 def match_images(images: Mapping[str, np.ndarray], *, progress: ProgressFn = no_progress) -> list[PairMatches]:
-    """Match each image with those that share most with it.
-
-    Args:
-        images: (H, W, 3) uint8 RGB by camera, undistorted; each is read once.
-
-    Returns:
-        The pairs that a fundamental matrix verifies with at least `LEAST_MATCHES` matches.
-    """
+    """Match each (H, W, 3) uint8 RGB image, undistorted, with the most similar ones; the verified pairs."""
     names = list(images)
     features: dict[str, _Features] = {}
     for number, name in enumerate(names):

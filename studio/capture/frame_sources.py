@@ -55,12 +55,7 @@ class FrameSource(Protocol):
 
 
 class ImageSource(FrameSource):
-    """A `FrameSource` with one image file per frame.
-
-    Args:
-        paths: frame number to image file; not empty.
-        transfer: what the values in the files are, see `read_image`.
-    """
+    """A `FrameSource` with one image file per frame number; `transfer`: what values are, see `read_image`."""
 
     def __init__(self, camera: str, paths: Mapping[int, Path], transfer: TransferFunction = "auto") -> None:
         self.camera = camera

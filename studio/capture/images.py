@@ -24,11 +24,7 @@ _FIX = "Replace the file or exclude the frame."
 
 
 def image_size(path: Path) -> tuple[int, int]:
-    """(width, height) in pixels, from the file's header, without decoding the image; EXR and DPX are decoded.
-
-    Raises:
-        StudioError: `footage.image_missing` or `footage.image_unreadable`.
-    """
+    """(width, height) by the file's header; EXR and DPX are decoded. Raises StudioError: `footage.image_*`."""
     if is_deep(path) or not _pillow_reads(path):
         height, width = read_deep_values(path).shape[:2]
         return width, height

@@ -105,11 +105,7 @@ def has_separate_alpha(stream: VideoStream) -> bool:
 
 
 def decoded(container: InputContainer, stream: VideoStream) -> Iterator[VideoFrame]:
-    """The frames of a stream from the container's current position on, with alpha if the file has it.
-
-    Raises:
-        av.FFmpegError, OSError, ValueError: a frame cannot be decoded.
-    """
+    """The frames of a stream from here on, with alpha if it has it. Raises av.FFmpegError, OSError, ValueError."""
     from av.codec import CodecContext
 
     # each decoder has one thread: a capture keeps many open, and each frame thread needs a frame buffer of its own

@@ -33,11 +33,7 @@ class CaptureSound:
         return self.file.path
 
     def cut(self, frames: tuple[int, ...], step: int) -> Cut:
-        """The sound of these frames, in which every `step`-th frame of the footage is used.
-
-        Raises:
-            StudioError: `audio.uneven_frames`: the frames are not evenly spaced; `audio.outside`: no sound there.
-        """
+        """The sound of these frames, of every `step`-th one. Raises StudioError: `audio.uneven_frames`, or outside."""
         for before, after in itertools.pairwise(frames):
             if after - before != step:
                 raise StudioError(

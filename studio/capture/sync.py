@@ -276,11 +276,7 @@ def _sounds(footage: Footage) -> dict[str, np.ndarray]:
 
 
 def sound_signal(file: Path) -> np.ndarray | None:
-    """Increase of a video's loudness over time.
-
-    Returns:
-        (N,) float32, `SOUND_RATE` values per second, starting at the first video frame; None without sound.
-    """
+    """Increase of a video's loudness, (N,) at `SOUND_RATE` from the first video frame on; None without sound."""
     import av
 
     try:

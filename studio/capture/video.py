@@ -101,12 +101,7 @@ class VideoReader:
             self._next = 0
 
     def read(self, index: int) -> np.ndarray:
-        """Frame `index` as (H, W, 3) RGB or, with `has_alpha`, (H, W, 4) RGBA, uint8, full range.
-
-        Raises:
-            StudioError: `footage.no_such_frame`, `footage.size_changed`, `footage.video_truncated` or
-                `footage.frame_undecodable`, with the field `frame`.
-        """
+        """Frame as (H, W, 3) RGB or, with `has_alpha`, RGBA; uint8, full range. Raises StudioError with its `frame`."""
         if not 0 <= index < self.frame_count:
             raise StudioError(
                 "footage.no_such_frame",
@@ -386,11 +381,7 @@ def _unusual(container: Any, stream: Any, frame: Any) -> Iterator[str]:
 
 
 def _with_square_pixels(width: int, height: int, shape: float | Fraction | None) -> tuple[int, int]:
-    """The size of an anamorphic image that is stretched until its pixels are square.
-
-    Args:
-        shape: width of a pixel divided by its height. Below a difference of 1%, as resizing leaves it, the size stays.
-    """
+    """Size of an anamorphic image with square pixels (`shape`: width by height of one), if it is 1% off."""
     ratio = float(shape or 1)
     if abs(ratio - 1) < _SQUARE:
         return width, height

@@ -309,11 +309,7 @@ def _key(path: Path, index: int, entry: Any) -> Key:
 
 
 def write_path_keys(keys: Sequence[Key], path: Path) -> None:
-    """Write a camera path that `read_path_keys` reads, atomically; it survives a power cut.
-
-    Raises:
-        OSError: it cannot be written.
-    """
+    """Write a camera path that `read_path_keys` reads, atomically; it survives a power cut. Raises OSError."""
     entries = []
     for key in keys:
         entry: JsonObject = {"time": key.time, "camera": key.camera.to_dict()}

@@ -18,12 +18,7 @@ def _check_target(path: Path, what: str) -> None:
 
 @contextmanager
 def new_folder(path: Path) -> Iterator[Path]:
-    """A temporary folder that becomes `path` when the block succeeds, and is deleted otherwise. The folders above it
-    are created.
-
-    Raises:
-        StudioError: `path` exists (export.already_exists), or writing fails (export.write_failed).
-    """
+    """A folder that becomes `path` when the block succeeds, else is deleted. Raises StudioError: `export.*`."""
     with _new(path, "folder") as temporary:
         remove(temporary)  # of a killed process with the same number
         temporary.mkdir()

@@ -296,12 +296,7 @@ def opened_stage(pxr: Any, path: Path) -> Any:
 
 
 class UsdFrames:
-    """The splats of a USD file, frame by frame.
-
-    Raises:
-        StudioError: usd-core cannot be used (see `usd`), or the file is damaged, has no splats, or has what would
-            change their meaning and is not supported.
-    """
+    """The splats of a USD file, frame by frame. Raises StudioError: damaged, no splats, or unsupported."""
 
     def __init__(self, path: Path) -> None:
         self.path, self._pxr = path, usd()

@@ -71,12 +71,7 @@ class GarbageImages:
 
 
 def garbage_masks(spec: CaptureSettings, names: tuple[str, ...], pool: DecoderPool) -> GarbageMasks | None:
-    """The garbage masks `spec.garbage_masks` of the cameras `names`; None if the setting is empty.
-
-    Raises:
-        StudioError: `mask.garbage_not_found`; `mask.garbage_file`, also for a camera that is not in the footage; or a
-            file cannot be opened.
-    """
+    """The garbage masks of the cameras `names`; None without the setting. Raises StudioError: `mask.garbage_*`."""
     if not spec.garbage_masks:
         return None
     if Path(spec.garbage_masks).suffix.lower() in EXTENSIONS:

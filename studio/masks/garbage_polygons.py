@@ -57,11 +57,7 @@ class GarbagePolygons:
 
 
 def read_garbage_polygons(path: Path) -> dict[str, GarbagePolygons]:
-    """The polygons of a file, by camera.
-
-    Raises:
-        StudioError: `mask.garbage_file`: it cannot be read, is no YAML, or a value in it is invalid.
-    """
+    """The polygons of a file, by camera. Raises StudioError: `mask.garbage_file`."""
     try:
         content = parse_yaml(read_bounded(path).decode("utf-8-sig"), plain=True)  # or camera 01 would become 1
     except OSError as error:
@@ -78,11 +74,7 @@ def read_garbage_polygons(path: Path) -> dict[str, GarbagePolygons]:
 
 
 def write_garbage_polygons(path: Path, polygons: Mapping[str, GarbagePolygons]) -> None:
-    """Write a file that `read_garbage_polygons` reads; cameras without polygons are left out.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
+    """Write what `read_garbage_polygons` reads; cameras without polygons are left out. Raises OSError."""
     tree = {}
     for camera, one in polygons.items():
         lists = {"keep": one.keep, "remove": one.remove}

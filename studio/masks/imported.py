@@ -16,12 +16,7 @@ _LOCK = threading.Lock()
 
 
 def open_imported(inputs: MaskInputs) -> tuple[MaskSource, str]:
-    """The source that `capture.masks` names, and a phrase that describes it.
-
-    Raises:
-        StudioError: the module cannot be imported (`mask.cannot_import`), or the name is not a source of masks
-            (`mask.not_a_source`).
-    """
+    """The source that `capture.masks` names, and its description. Raises StudioError: it cannot be used."""
     path = inputs.spec.masks
     name, _, attribute = path.partition(":")
     found = getattr(_module(name, path), attribute, None)

@@ -50,12 +50,7 @@ class FileMaskSource:
         return [frame for frame in frames if frame not in have]
 
     def values(self, camera: str) -> MaskValues:
-        """What the values of a camera's masks mean, from three of them.
-
-        Raises:
-            StudioError: `mask.missing`, `mask.no_label` if they are not labels although some were chosen, or a file
-                cannot be read.
-        """
+        """What a camera's masks mean, from three of them. Raises StudioError: `mask.missing`, `mask.no_label`."""
         if camera not in self._values:
             source = self._source(camera, 0)
             count = len(source.frames)
@@ -211,11 +206,7 @@ def _described(values: Mapping[str, MaskValues]) -> str:
 def find_files_of(
     inputs: MaskInputs, setting: str, folders: re.Pattern[str], required: bool, *, code: str, what: str, example: str
 ) -> tuple[str, list[Match]] | None:
-    """The pattern and the files that a setting names; if it is auto, those in one of the usual `folders`, or None.
-
-    Raises:
-        StudioError: `code`: there are none, but the setting names some, or they are `required`.
-    """
+    """Pattern and files of a setting, or of usual `folders` if it is auto; or None. Raises StudioError: `code`."""
     root, wanted = inputs.spec.root, getattr(inputs.spec, setting)
     if wanted != "auto":
         matches = [match for match in find_files(root, wanted) if match.camera in inputs.sources]

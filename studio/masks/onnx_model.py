@@ -90,12 +90,7 @@ class OnnxModel:
         return [self.path, *(path for path in external if path.is_file())]
 
     def __call__(self, image: np.ndarray, camera: str = "", frame: int = 0, /) -> np.ndarray:
-        """(H, W) float32 mask in 0..1 of (H, W, 3) uint8 RGB, whatever the camera and the frame.
-
-        Raises:
-            StudioError: `mask.model_unloadable`, `mask.model_inputs`, `mask.model_outputs`, `mask.model_values`,
-                `mask.model_failed` or `mask.no_cuda`.
-        """
+        """(H, W) float32 mask in 0..1 of (H, W, 3) uint8 RGB. Raises StudioError: `mask.model_*`, `mask.no_cuda`."""
         import cv2
 
         with self._lock:

@@ -95,17 +95,7 @@ def encode_octree(codes: np.ndarray, bits: int) -> list[bytes]:
 
 
 def decode_octree(cursor: Cursor, bits: int, splats: int) -> np.ndarray:
-    """Inverse of `encode_octree`.
-
-    Args:
-        cursor: at the first byte of the octree; afterwards behind its last.
-
-    Returns:
-        (splats,) uint64 Morton codes, sorted.
-
-    Raises:
-        ValueError: the bytes are not an octree of that many points.
-    """
+    """Inverse of `encode_octree`: (splats,) uint64 codes, sorted; moves the cursor. Raises ValueError."""
     cells = np.zeros(1, dtype=np.uint64)
     for _ in range(bits):
         occupancy = cursor.take(len(cells))

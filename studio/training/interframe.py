@@ -120,12 +120,7 @@ def _move(
     progress: ProgressFn,
     snapshot: SnapshotFn,
 ) -> Gaussians:
-    """Stage 1: train the motion field. Only the means change.
-
-    Args:
-        start: (N, 3) predicted means, to which the field adds.
-        iterations: at least 1.
-    """
+    """Stage 1: train the motion field, which adds to the (N, 3) predicted means `start`. Only the means change."""
     low, high = performer_box(previous.means)
     grid = HashGrid(settings.hash_levels, generator=generator)
     field = MotionField(low, high, grid, settings.mlp_width, settings.mlp_layers, generator).to(start.device)

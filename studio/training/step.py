@@ -50,15 +50,7 @@ class Step:
     image: Tensor
 
     def figures(self, number: int, phase: str, splats: int) -> dict[str, float]:
-        """Figures of step `number` for progress, every `FIGURES_EVERY` steps; else none, since they wait for the GPU.
-
-        Args:
-            number: of the step, from 1.
-            phase: "keyframe", "motion" or "fine-tuning", for the error.
-
-        Returns:
-            `loss`, `psnr` (dB, of the crop of this step, over the training background) and `splats`.
-        """
+        """`loss`, `psnr` (dB, over the training background) and `splats` every `FIGURES_EVERY` steps, else nothing."""
         if number % FIGURES_EVERY:
             return {}
         if not torch.isfinite(self.loss):

@@ -87,11 +87,7 @@ class WordPairs:
 def add_command(
     commands: Any, name: str, text: str, command: Callable[[argparse.Namespace], int], more: str = "", **options: Any
 ) -> CommandParser:
-    """Add a command, whose own help begins with its line in the list of commands, as a sentence.
-
-    Args:
-        text: the line, without a period.
-    """
+    """Add a command; its own help begins with `text`, its line in the list of commands, without a period."""
     description = f"{text[0].upper()}{text[1:]}.{f' {more}' if more else ''}"
     parser: CommandParser = commands.add_parser(name, help=text, description=description, **options)
     parser.set_defaults(command=command)

@@ -47,12 +47,7 @@ _PROGRAM_BYTES = 1 << 30
 
 @dataclass
 class _Job:
-    """A group on its way.
-
-    Attributes:
-        key: its `GroupStageCode.group_key`.
-        node: id of the node that it runs on; "" while it waits for one, as far as is known.
-    """
+    """A group on its way. `node`: id of the node that it runs on; "" while it waits for one, as far as is known."""
 
     group: Group
     key: str

@@ -59,13 +59,7 @@ def foreground_box(image: np.ndarray, background: Sequence[float]) -> tuple[slic
 def rendered_contribution(
     frames: Sequence[Gaussians], cameras: Sequence[Camera], device: str, check: Callable[[], None]
 ) -> np.ndarray:
-    """What each splat adds to the images of the training cameras, for rungs with fewer splats.
-
-    Measured in the first, the middle and the last frame, from all training cameras.
-
-    Returns:
-        (N,) float64: sum over views of the splat's blending weights.
-    """
+    """(N,) float64: splats' blending weights in all training views of the first, middle and last frame."""
     from studio.rasterizer.contribution import contribution
 
     total: np.ndarray | None = None

@@ -26,15 +26,7 @@ SHORT_SOUND = 0.05
 
 
 def publish(plan: BakePlan, notes: Sequence[BakedGroupNote], live: bool, reporter: StageReporter) -> Manifest:
-    """Write the take's stream. If this is interrupted, the stream is still the earlier one.
-
-    Args:
-        notes: on the first groups of the stream.
-        live: whether others follow. The sound is added with the last.
-
-    Raises:
-        StudioError: the stream cannot be written.
-    """
+    """Write the take's stream; until then it is the earlier one. `live`: more groups follow, the last with sound."""
     from studio.stream import GroupEntry, write_manifest
 
     inputs, stream = plan.inputs, plan.inputs.take.stream

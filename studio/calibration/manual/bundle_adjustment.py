@@ -37,12 +37,7 @@ def adjust(
     radial: bool = True,
     steps: int = 200,
 ) -> TieRig:
-    """Bundle adjustment of cameras and points; returns the adjusted rig, `rig` is not changed.
-
-    Args:
-        groups: groups of cameras with shared unknown intrinsics; all other cameras keep theirs.
-        radial: also estimate the first radial distortion term.
-    """
+    """The rig after bundle adjustment. `groups`: cameras with shared unknown intrinsics; others keep theirs."""
     from scipy.optimize import least_squares
 
     problem = Problem(rig, observations, groups, accuracy, radial)

@@ -27,16 +27,7 @@ _FEWEST = 3
 def try_shared_intrinsics(
     model: Any, free: set[int], width: float, adjust: Callable[[Any], None]
 ) -> tuple[Any, list[SharedIntrinsicsTest]]:
-    """The model with shared intrinsics for cameras of the same image size, if it fits equally well.
-
-    Args:
-        free: ids of the cameras with unknown intrinsics.
-        width: width of the model's Cauchy loss in pixels.
-        adjust: adjusts a model in place under that loss.
-
-    Returns:
-        the model, and the result of the test for each image size.
-    """
+    """The model with shared intrinsics by image size where they fit equally well, and the tests."""
     tests = []
     sizes: dict[tuple[Any, int, int], list[int]] = {}
     used = {model.images[image_id].camera_id for image_id in model.reg_image_ids()}

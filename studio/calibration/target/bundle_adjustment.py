@@ -50,11 +50,7 @@ def refine(
     principal_point: bool,
     threads: int,
 ) -> TargetRig:
-    """Bundle adjustment of intrinsics, camera poses and target poses, with a robust loss.
-
-    Args:
-        state: initial values; every camera and target pose needs an observation.
-    """
+    """Bundle adjustment of intrinsics, camera and target poses, which all need observations; robust loss."""
     import pycolmap
 
     world = pycolmap.Reconstruction()
