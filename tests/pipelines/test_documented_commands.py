@@ -18,6 +18,7 @@ import pytest
 from pipelines.config.presets import PRESETS
 from pipelines.events.cancellation import EXIT_CANCELLED
 from pipelines.share.player_files import read_player
+from studio.camera_files import _USUAL_NAMES
 from studio.formats import EXPORTS
 from studio.masks.sources import SOURCES
 from studio.stream import StreamReader
@@ -140,7 +141,14 @@ def test_the_detail_of_the_guide_is_in_its_crop_box() -> None:
 
 def test_the_guides_list_what_the_program_has() -> None:
     sources = [source.name for source in SOURCES]
-    for page, names in (("masks", sources), ("export-import", EXPORTS), ("bake", CODECS), ("training", PRESETS)):
+    pages = {
+        "masks": sources,
+        "export-import": EXPORTS,
+        "bake": CODECS,
+        "training": PRESETS,
+        "../reference/files": _USUAL_NAMES,
+    }
+    for page, names in pages.items():
         text = (ROOT / "docs" / "guides" / f"{page}.md").read_text(encoding="utf-8")
         assert [name for name in names if not re.search(rf"[`*]{name}[`*]", text)] == [], page
 
