@@ -241,7 +241,7 @@ class QueueFile:
         except (OSError, ValueError, KeyError, TypeError):
             raise StudioError(
                 "queue.unknown_runner",
-                "a program works through the queue, but does not say which: it begins or ends just now",
+                "a program that is starting or ending works through the queue",
                 file=self.path,
                 fix="Try again in a moment, or press Ctrl+C where it was started.",
             ) from None

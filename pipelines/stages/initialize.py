@@ -168,7 +168,7 @@ def _make(inputs: Inputs, group: Group, reporter: StageReporter, start: float, s
                 f"only {len(points)} initial points of group {group.index} are inside of the crop box",
                 file=inputs.take.edits,
                 value=len(points),
-                fix="Make the box larger, or let it not limit training.",
+                fix="Make the box larger, or crop without --training.",
                 group=group.index,
                 expected=_FEWEST_POINTS,
             )

@@ -79,8 +79,8 @@ def outside(cut: Cut) -> StudioError:
     start = cut.first / SAMPLE_RATE
     return StudioError(
         "audio.outside",
-        f"the take's {cut.seconds:.2f} s begin {abs(start):.2f} s {'before' if start < 0 else 'after'} the sound's "
-        "beginning, where it has nothing",
+        f"the sound has nothing in the take, whose {cut.seconds:.2f} s begin {abs(start):.2f} s "
+        f"{'before' if start < 0 else 'after'} the sound's beginning",
         file=cut.file.path,
         value=start,
         fix="Change capture.audio_offset.",

@@ -164,7 +164,7 @@ class CameraPath:
         if (np.diff(self._frames) <= 0).any():
             raise StudioError(
                 "camera_path.frames_not_ascending",
-                "the frames of the keys stand still or run backward, so that a frame has no camera of its own",
+                "the frames of the keys repeat or decrease, so that a frame has no camera of its own",
                 value=list(self._frames),
                 fix="Use ascending frames, or no frames, in the camera path.",
             )

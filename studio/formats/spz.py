@@ -99,7 +99,7 @@ def write(path: Path, gaussians: Gaussians, version: int = DEFAULT_VERSION, offs
     if offset is not None and 0 < extent < 1000 * 2.0**-bits:
         raise StudioError(
             "splat_file.position_range",
-            f"{farthest:g} units from the origin, SPZ has steps of {2.0**-bits:g} units",
+            f"{farthest:g} units from the origin, where SPZ rounds to {2.0**-bits:g} units",
             file=path,
             value=farthest,
             fix="Export with --axes viewer, which leaves them near the origin, or as PLY.",

@@ -85,7 +85,7 @@ class FileMaskSource:
             warnings.append(
                 Message(
                     "mask.weak",
-                    f"the masks of {cameras_listed(weak)} never reach half of full scale, so that nobody is in them: "
+                    f"the masks of {cameras_listed(weak)} never reach half of full scale, so they show no performer: "
                     f"the highest value is {found.highest:g} of {found.full:g}",
                     file=self._sources[name].files()[0],
                     value=found.highest,

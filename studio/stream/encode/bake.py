@@ -368,7 +368,7 @@ def _ranking(rungs: Sequence[Rung], splats: int, contribution: ContributionFn | 
     if contribution is None:
         raise StudioError(
             "bake.no_contribution",
-            "a rung keeps only a share of the splats, but it is not known what each adds to the images",
+            "a rung keeps only a share of the splats, but the contribution of each splat is not known",
             fix="Bake a take, pass contribution, or set splats of all rungs to 1.",
             setting="bake.ladder",
             group=group,
