@@ -88,10 +88,10 @@ class QpChart:
             across, down = left + 0.4 * em, row - 1.4 * small
             taken.append((across, across + canvas.text(across, down, level, small, color), down))
             self.points[level] = (left + 2 * em, row - 0.7 * small)
-        of_qps = {qp: (float(x), float(y)) for qp, (x, y) in zip(results, places, strict=True)}
-        self.points |= of_qps
-        for qp in sorted(of_qps, key=lambda qp: qp != self._current):
-            across, down = of_qps[qp]
+        for qp, (x, y) in zip(results, places, strict=True):
+            self.points[qp] = (float(x), float(y))
+        for qp in sorted(results, key=lambda qp: qp != self._current):
+            across, down = self.points[qp]
             now, words = qp == self._current, f"QP {qp}"
             canvas.dot(across, down, 0.42 * em if now else 0.3 * em, TEXT if now else ACCENT)
             room = text_width(words, small)
