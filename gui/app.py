@@ -52,14 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def check_display() -> str:
-    """Check that a window can be opened: without a display or a Vulkan device, Open3D aborts without a message.
-
-    Returns:
-        name and kind of the Vulkan device, for example "llvmpipe (software)".
-
-    Raises:
-        StudioError: no display, or no Vulkan device.
-    """
+    """Name and kind of the Vulkan device. Raises StudioError: without it or a display, Open3D aborts."""
     from gui.platform.vulkan import vulkan_devices
 
     if sys.platform.startswith("linux"):

@@ -120,11 +120,7 @@ class Overlays:
 
 
 def window_title(name: str, workspace: Workspace, queued: tuple[str, str, float | None] | None = None) -> str:
-    """ "37% Train - NAME - V3 Studio" while a run is in progress, else "NAME - V3 Studio".
-
-    Args:
-        queued: name, stage and fraction of a take of the queue that runs; shown if the open take does not.
-    """
+    """ "37% Train - NAME - V3 Studio" in a run, also of a take that is `queued`; else "NAME - V3 Studio"."""
     if workspace.busy and workspace.run.stage:
         progress = workspace.run.progress
         words = run_words(workspace.run.stage, progress.fraction if progress is not None else None)

@@ -101,11 +101,7 @@ class OutputActions:
         return ranges
 
     def _ask_export(self, request: ExportRequest, sources: Sequence[str], error: str = "") -> None:
-        """Ask for the format, the frames, the source, the options of a movie, and the output path.
-
-        Args:
-            error: why the export was refused; the dialog keeps what was typed.
-        """
+        """Ask for format, frames, source, a movie's options and the path. `error`: why the export was refused."""
         dialogs = self._window.dialogs
         dialogs.widgets = {}
         form = Form(dialogs, request)

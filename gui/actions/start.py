@@ -18,12 +18,7 @@ LOOK_EVERY = 0.25
 
 
 class StartActions:
-    """See the module.
-
-    Args:
-        others: what "new", "open", "address" and "queue" do.
-        new_take: asks for what is missing of a new take.
-    """
+    """See the module. `others`: what "new", "open", "address" and "queue" do. `new_take`: asks for more."""
 
     def __init__(
         self,

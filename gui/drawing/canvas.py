@@ -161,12 +161,7 @@ class Canvas:
         border: RGB | None = None,
         thick: float = 1.0,
     ) -> None:
-        """Draw an antialiased rectangle with round corners.
-
-        Args:
-            color: what it is filled with; None for nothing.
-            border: color of its outline, which is inside of it; None for none.
-        """
+        """Draw an antialiased rectangle with round corners, its outline inside of it; None: no fill, no outline."""
         left, top, wide, high = round(x), round(y), max(round(width), 1), max(round(height), 1)
         rows, columns = np.mgrid[0:high, 0:wide] + 0.5
         across = np.abs(columns - wide / 2) - (wide / 2 - radius)
@@ -191,11 +186,7 @@ class Canvas:
         color: RGB = TEXT,
         border: RGB = BORDER,
     ) -> None:
-        """Draw a button as the toolkit draws its own, with its words in the middle.
-
-        Args:
-            words: what it says; shortened where there is no room.
-        """
+        """Draw a button as the toolkit draws its own, with its words in the middle, shortened if there is no room."""
         self.rounded(x, y, width, height, ROUND * size, ground, border)
         top = y + (height - glyph_height(size)) / 2
         self.text(x + width / 2, top, words, size, color, "middle", width=width - 0.5 * size)

@@ -43,11 +43,7 @@ class Box:
 
 
 def boxes(size: tuple[int, int], count: int, shape: float) -> list[Box]:
-    """A number of equal boxes in rows that fill an image, whose size is (width, height).
-
-    Args:
-        shape: width by height of what is shown in each, which is as large as possible.
-    """
+    """Equal boxes in rows that fill an image, for what is `shape` (width by height) and as large as possible."""
 
     def of(columns: int) -> tuple[int, int]:
         rows = -(-count // columns)
@@ -92,11 +88,7 @@ def wipe(
     names: tuple[str, str],
     text: int = LABEL_SIZE,
 ) -> np.ndarray:
-    """Draw one image to the left of the line, the other to the right.
-
-    Args:
-        at: position of the line, 0 to 1 across the box.
-    """
+    """Draw one image to the left of the line, the other to the right. `at`: the line, 0 to 1 across the box."""
     canvas = Canvas(*size)
     column = round(min(max(at, 0.0), 1.0) * box.width)
     canvas.image(box.x, box.y, left[:, :column])

@@ -20,12 +20,7 @@ DARK = 0.3
 
 @dataclass(frozen=True)
 class FootageSheet:
-    """See the module.
-
-    Attributes:
-        span: first and last frame that is used.
-        words: what is being done, if there is nothing to show yet.
-    """
+    """See the module. `span`: first and last frame used. `words`: what is done while there is nothing to show."""
 
     size: tuple[int, int]
     em: float

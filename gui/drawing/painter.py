@@ -10,12 +10,7 @@ NEAR = 1e-3
 
 
 def draw_points(canvas: Canvas, camera: Camera, points: np.ndarray, colors: np.ndarray, radius: int = 1) -> None:
-    """Draw points as squares of 2 * radius - 1 pixels, nearer ones over farther ones.
-
-    Args:
-        points: (N, 3) world.
-        colors: (N, 3) uint8.
-    """
+    """Draw (N, 3) world points as squares of 2 * radius - 1 pixels, nearer ones over farther ones."""
     pixels, depth = camera.project(points)
     inside = (depth > NEAR) & (np.abs(pixels) < 1e6).all(axis=1)
     order = np.argsort(-depth[inside], kind="stable")

@@ -31,11 +31,7 @@ def number(value: float) -> str:
 
 @dataclass(frozen=True)
 class Axes:
-    """The area of a plot, and how values become places in it.
-
-    Attributes:
-        x_limits, y_limits: values at its left and right, and at its lower and upper edge.
-    """
+    """The area of a plot, and how values become places in it: their limits at its left and right, bottom and top."""
 
     left: float
     top: float

@@ -14,12 +14,7 @@ _LASTING = ("take.mark_changed", "take.edits_changed")
 
 @dataclass(frozen=True)
 class Change:
-    """A change that was made.
-
-    Attributes:
-        words: what it changed, as in "the change of bake.quality from 20 to 24".
-        undo, redo: reverse it, make it again; each returns why that was refused, None if it was not.
-    """
+    """A change that was made. `undo`, `redo`: return why that was refused, or None."""
 
     words: str
     undo: Callable[[], Message | None]

@@ -32,11 +32,7 @@ class Signal(Generic[Arguments]):
 
 
 class Timer:
-    """Calls a method every so often, as long as its object exists.
-
-    Args:
-        method: a bound method; only a weak reference is kept.
-    """
+    """Calls a bound method every so often, as long as its object exists: only a weak reference is kept."""
 
     def __init__(self, seconds: float, method: Callback, now: Callable[[], float]) -> None:
         self._seconds, self._method, self._now = seconds, weakref.WeakMethod(method), now

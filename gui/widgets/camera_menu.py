@@ -12,11 +12,7 @@ Item = tuple[str, str, Callable[[], object]]
 
 
 class CameraMenu:
-    """See the module. The toolkit has no context menus, so this is a widget over the viewport.
-
-    Args:
-        changed: called when an item was chosen.
-    """
+    """See the module. The toolkit has no context menus, so this is a widget over the viewport."""
 
     def __init__(self, em: float, changed: Callable[[], None]) -> None:
         self._em, self._changed = em, changed

@@ -22,12 +22,7 @@ ASPECT = 1.1
 
 @dataclass(frozen=True)
 class Slot:
-    """A place in the strip.
-
-    Attributes:
-        x: its left edge, pixels from the strip's left edge; may begin outside.
-        width: up to the next one, pixels.
-    """
+    """A place in the strip: the frame, its left edge (may begin outside) and its width up to the next one, pixels."""
 
     frame: int
     x: float
@@ -80,12 +75,7 @@ class Filmstrip:
     def pictures(
         self, player: PlayerPresenter, frames: list[int], size: Size, busy: bool = False
     ) -> dict[int, np.ndarray | None]:
-        """Pictures by frame, None for those that are not drawn yet; empty if nothing that is open can be drawn.
-
-        Args:
-            player: the open take or stream, and the view that it opens with.
-            busy: whether a stage runs; it changes the take again and again, and needs the time.
-        """
+        """Pictures by frame, None until they are drawn; empty if nothing can be. `busy`: a stage needs the time."""
         opened = player.opened
         if opened is None or not has_pictures(player):
             return {}

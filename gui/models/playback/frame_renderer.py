@@ -283,12 +283,7 @@ def capture_camera(request: RenderRequest) -> Camera | None:
 
 
 def ring(image: np.ndarray, box: Box, camera: Camera, place: tuple[float, float, float], size: int) -> None:
-    """Draw a ring around a point of the world, if it is in the image.
-
-    Args:
-        box: the camera's part of the image.
-        size: radius, pixels.
-    """
+    """Draw a ring around a point of the world, if it is in the camera's part of the image. `size`: radius, pixels."""
     pixels, depth = camera.project(np.array([place]))
     x, y = pixels[0]
     if depth[0] <= 0 or not (0 <= x <= box.width and 0 <= y <= box.height):
@@ -306,11 +301,7 @@ def faded(
     background: Color,
     text: int = compare.LABEL_SIZE,
 ) -> np.ndarray:
-    """The (H, W, 3) uint8 image, faded to the background where no camera filmed from near `camera`, with a word.
-
-    Args:
-        covered: what the cameras filmed; None: not known.
-    """
+    """The (H, W, 3) uint8 image, faded to the background where no camera filmed from near `camera`, with a word."""
     seen = 1.0 if covered is None else covered.visibility(camera.center)
     if seen >= 1:
         return image

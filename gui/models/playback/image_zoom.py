@@ -34,12 +34,7 @@ class Sized(Protocol):
 
 @dataclass(frozen=True)
 class ImageZoom:
-    """A part of an image, magnified.
-
-    Attributes:
-        u, v: center of the visible part as fractions of the image's width and height.
-        zoom: 1 shows the whole image, 2 half of its width and height.
-    """
+    """A magnified part of an image: its center as fractions of width and height; zoom 1 is the whole image."""
 
     u: float = 0.5
     v: float = 0.5

@@ -90,12 +90,7 @@ PLOTTED = (f"{MAIN.name}_trained", f"{MAIN.name}_decoded", "bytes", FLICKER.name
 
 
 def plots_of(series: Series, whose: str = "mean", other: Series | None = None, short: str = "") -> tuple[Plot, ...]:
-    """The plots of a take that have values.
-
-    Args:
-        whose: the camera of the quality, or the cameras that it is the mean of, for the title.
-        short: `whose` in fewer words, where the other does not fit.
-    """
+    """The plots of a take that have values. `whose`: camera or cameras of the quality; `short`: in fewer words."""
     trained, decoded, size, flicker = ((series.get(name, ()), (other or {}).get(name, ())) for name in PLOTTED)
     kilobytes, others = ([None if one is None else one / 1000 for one in values] for values in size)
 
@@ -209,11 +204,7 @@ class TimelinePlots:
     def with_head(
         self, base: np.ndarray, frame: int | None, plots: Sequence[Plot], hover: int | None = None
     ) -> np.ndarray:
-        """A copy of `base` with the track, the playhead and the frame's values.
-
-        Args:
-            hover: the frame under the pointer, whose values are shown beside it; None for none.
-        """
+        """A copy of `base` with track, playhead and the frame's values, and those of the frame under the pointer."""
         canvas = Canvas(1, 1)
         canvas.pixels = base.copy()
         timeline = self.timeline

@@ -13,12 +13,7 @@ LEAST_FRAMES = 5.0
 
 @dataclass(frozen=True)
 class TimelineZoom:
-    """A part of the frames.
-
-    Attributes:
-        first: the frame at the left edge, in fractions of a frame.
-        shown: number of frames; None for all.
-    """
+    """A part of the frames: the one at the left edge, with a fraction, and how many are shown; None: all."""
 
     first: float = 0.0
     shown: float | None = None

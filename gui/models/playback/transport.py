@@ -8,11 +8,7 @@ from studio.playback.sound_player import Leader
 
 
 class Transport:
-    """Which frame is current. Frames are counted from 0; `numbers` are those that people know them by.
-
-    Args:
-        group_starts: first frame of each group, ascending, for jumps between groups.
-    """
+    """Which frame is current, counted from 0; people know frames by `numbers`. `group_starts`: ascending."""
 
     def __init__(
         self,

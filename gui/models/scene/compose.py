@@ -24,12 +24,7 @@ Color = tuple[float, float, float]
 
 @dataclass(frozen=True, eq=False)
 class SplatLayer:
-    """Rendered splats.
-
-    Attributes:
-        image: (H, W, 3) float32 RGB over black.
-        depth: (H, W) float32, world units along the viewing axis.
-    """
+    """Rendered splats: (H, W, 3) float32 RGB over black, opacity, and depth along the axis in world units."""
 
     image: np.ndarray
     alpha: np.ndarray

@@ -138,14 +138,7 @@ def round_step(length: float) -> float:
 
 
 def grid_lines(middle: np.ndarray, up: np.ndarray, height: float, reach: float) -> tuple[Lines, float]:
-    """A grid on the ground.
-
-    Args:
-        reach: size of the performer; the grid is about twice as wide.
-
-    Returns:
-        the lines, and the size of a cell.
-    """
+    """A grid on the ground, about twice as wide as `reach`, the performer's size; and the size of a cell."""
     step = round_step(max(2 * reach / (2 * GRID_CELLS), 1e-9))
     first = np.cross(up, np.eye(3)[np.abs(up).argmin()])
     first /= np.linalg.norm(first)

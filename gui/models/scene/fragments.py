@@ -13,14 +13,7 @@ from studio.cameras import Camera
 
 @dataclass(frozen=True, eq=False)
 class Fragments:
-    """What covers pixels, in any order; a pixel may have several.
-
-    Attributes:
-        pixels: (F,) row * width + column.
-        depth: (F,) along the viewing axis, world units.
-        cover: (F,) 0 to 1.
-        colors: (F, 3) uint8.
-    """
+    """What covers pixels (F,), row * width + column, in any order, with depths in world units; some repeat."""
 
     pixels: np.ndarray
     depth: np.ndarray
@@ -144,14 +137,7 @@ def _spans(
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """A surface in a rectangle of the image.
-
-    Attributes:
-        rows, columns: the rectangle.
-        where: (h, w) bool.
-        pixels: (h, w, 3) uint8.
-        depth: (h, w) float32 along the viewing axis.
-    """
+    """A surface in a rectangle: where it is, (h, w), its pixels (h, w, 3) uint8, and depths in world units."""
 
     rows: slice
     columns: slice

@@ -16,11 +16,7 @@ NAMES = ("x", "y", "z")
 
 
 def draw_gizmo(canvas: Canvas, view: Camera, em: float) -> list[tuple[str, np.ndarray]]:
-    """Draw the axes in the upper right corner.
-
-    Returns:
-        name ("+x", "-x", ...) and corners (4, 2) in pixels of each end, those in front last.
-    """
+    """Draw the axes in the upper right corner; names ("+x") and corners (4, 2) of the ends, front ones last."""
     middle = np.array([canvas.width - 4.2 * em, 4.2 * em])
     found: list[tuple[str, np.ndarray]] = []
     ends = [(axis, sign, sign * view.rotation[:, axis]) for axis in range(3) for sign in (1, -1)]

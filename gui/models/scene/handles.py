@@ -26,13 +26,7 @@ _THINNEST = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Handle:
-    """A point that can be dragged along a direction.
-
-    Attributes:
-        name: "crop 0 -1" (axis, side) or "ground".
-        place: (3,) world.
-        direction: (3,) unit vector, world.
-    """
+    """A point, "crop 0 -1" (axis, side) or "ground", that can be dragged along a direction; (3,) world."""
 
     name: str
     place: np.ndarray

@@ -71,12 +71,7 @@ class OrbitCamera:
 
     @classmethod
     def looking_through(cls, camera: Camera, target: np.ndarray, up: np.ndarray) -> OrbitCamera:
-        """The view from a capture camera's position with its vertical field of view, orbiting a point on its axis.
-
-        Args:
-            target: (3,) the scene's center; the nearest point on the camera's axis becomes the target.
-            up: (3,) world up direction; the capture camera's roll relative to it is lost.
-        """
+        """A capture camera's view without roll, orbiting the point on its axis that is nearest to the target."""
         along = float(np.dot(np.asarray(target) - camera.center, camera.forward))
         distance = along if along > 1e-6 else max(float(np.linalg.norm(np.asarray(target) - camera.center)), 1e-6)
         orbit = cls(
@@ -89,12 +84,7 @@ class OrbitCamera:
 
     @classmethod
     def showing(cls, points: np.ndarray, up: np.ndarray, camera: Camera | None) -> OrbitCamera:
-        """The first view of a take: from a camera's place, but at eye level, with everybody in the image, as in the
-        browser player.
-
-        Args:
-            camera: gives the place, unless it is too near to show everybody; None: see `around`.
-        """
+        """The first view: from a camera's place, if not too near, at eye level, with everybody, as in the player."""
         orbit = cls.around(points, up)
         if camera is None:
             return orbit

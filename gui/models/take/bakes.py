@@ -27,12 +27,7 @@ def bake_words(kept: KeptBake) -> str:
 
 
 class Bakes:
-    """See the module. Nothing here blocks, except for listing, which reads small files.
-
-    Attributes:
-        failed: whether it was refused.
-        changed: emitted when a bake has been kept or refused.
-    """
+    """See the module. Nothing here blocks, except for listing, which reads small files."""
 
     def __init__(self) -> None:
         self._worker: LatestWorker[Kept, str] = LatestWorker(_keep, "v3studio bakes", self._made)

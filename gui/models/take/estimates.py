@@ -24,12 +24,7 @@ Figures = Mapping[str, tuple[float, int | None]]
 
 
 class Estimates:
-    """See the module. One measurement at a time, in a child process that ends with the window.
-
-    Attributes:
-        figures: of the presets; empty if unknown.
-        failure: why the last measurement failed, to be shown once.
-    """
+    """See the module. One measurement at a time, in a child process that ends with the window."""
 
     def __init__(self, command: Callable[[], Sequence[str]] = v3studio_command) -> None:
         self._command = command

@@ -57,12 +57,7 @@ _DETECTED = ("clean_plate", "agreed", "median_background", "chroma_key")
 
 @dataclass(frozen=True)
 class Fix:
-    """A button below a warning in the log.
-
-    Attributes:
-        sets: whether the button sets it; else it shows it.
-        done: whether the setting has this value already.
-    """
+    """A button below a warning in the log: sets a setting, or shows it. `done`: it has this value already."""
 
     setting: str
     value: JsonValue = None

@@ -46,12 +46,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class LogLine:
-    """A line of the log.
-
-    Attributes:
-        told: when it was reported, seconds since 1970; 0 if unknown.
-        notice: the warning or error of this run that it tells; None for others.
-    """
+    """A line of the log. `told`: seconds since 1970; 0 if unknown. `notice`: the warning or error that it tells."""
 
     kind: str
     text: str

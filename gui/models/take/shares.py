@@ -37,12 +37,7 @@ _TEXTS = ("title", "credits", "license", "address")
 
 @dataclass
 class ShareRequest(NamedTarget):
-    """A share as chosen in the dialog, text as typed.
-
-    Attributes:
-        folder: where to write to at first.
-        title, credits, license, address: as in `pipelines.share.page.PageText`; empty ones are the stream's own.
-    """
+    """A share as chosen in the dialog, text as typed; empty texts are the stream's own (see `PageText`)."""
 
     does: ClassVar[str] = "Share"
     done: ClassVar[str] = "Shared"

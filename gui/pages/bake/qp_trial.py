@@ -12,11 +12,7 @@ TRIED_QPS = (14, 18, 20, 22, 26, 30, 36)
 
 
 class QpTrial:
-    """Bakes the longest group of the take at several QPs on a thread, exactly as the stage `bake` does.
-
-    Attributes:
-        words: description, or the error.
-    """
+    """Bakes the take's longest group at several QPs on a thread, as the stage does. `words`: or the error."""
 
     def __init__(self) -> None:
         self.results: dict[int, Trial] = {}

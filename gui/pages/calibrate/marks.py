@@ -75,10 +75,7 @@ class TieMarks:
             self._put(replace(point, pixels={name: xy for name, xy in point.pixels.items() if name != camera}))
 
     def describe(self, text: str) -> str:
-        """Set the selected point's name and, optionally, its measured position: "corner of the mat; 0 0.3 0".
-
-        Returns "" or an error message.
-        """
+        """Set name and maybe position of the selected point: "corner of the mat; 0 0.3 0". Returns "" or an error."""
         point = self.point
         if point is None:
             return "Select a point first."

@@ -200,12 +200,7 @@ def draw_garbage(
     size: tuple[int, int],
     corners: Sequence[Point],
 ) -> None:
-    """Draw a camera's polygons over its image.
-
-    Args:
-        shown: from pixels (N, 2) of the image to those of the canvas.
-        corners: of a polygon that is not closed.
-    """
+    """Draw a camera's polygons over its image. `shown`: from its pixels (N, 2) to those of the canvas."""
     import cv2
 
     if polygons is not None:

@@ -24,11 +24,7 @@ _CIRCLE = 48
 
 
 def marked(take: Take, frame: int, view: Camera, means: np.ndarray, x: float, y: float) -> DetailMark | None:
-    """A ball around the part of the performer at a pixel; None if nothing is there.
-
-    Raises:
-        StudioError: as `pipelines.takes.followed.followed`.
-    """
+    """A ball around the part of the performer at a pixel, or None. Raises StudioError, see `followed`."""
     point = picked(view, means, x, y)
     if point is None:
         return None

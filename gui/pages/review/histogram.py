@@ -55,11 +55,7 @@ def bars(opacities: np.ndarray, kept: np.ndarray) -> np.ndarray:
 
 
 def draw_histogram(canvas: Canvas, place: HistogramPlace, counts: np.ndarray, limit: float | None, below: int) -> None:
-    """Draw the bars (logarithmic, as most splats are opaque), those below the limit in the color of a selection.
-
-    Args:
-        limit: opacity below which splats are floaters; None for none.
-    """
+    """Draw the (logarithmic) bars; those below `limit`, the opacity of floaters, look selected."""
     em, size = place.em, round(0.8 * place.em)
     canvas.rect(place.left - 0.6 * em, place.top - 1.8 * em, place.width + 1.2 * em, place.height + 3.4 * em, GROUND)
     canvas.text(place.left, place.top - 1.6 * em, "Highest opacity of the splats", size, TEXT, width=place.width)

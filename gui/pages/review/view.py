@@ -204,12 +204,7 @@ class EditView(OrbitView):
             self.range_wanted.emit(self.counts.get("selected", 0), frames)
 
     def remove_selected(self, frames: tuple[int, int] | None) -> None:
-        """Remove what a lasso or the brush has selected.
-
-        Args:
-            frames: numbers of the first and the last frame in which it is removed, always from whole groups; None: in
-                all.
-        """
+        """Remove what a lasso or the brush has selected, in the whole groups of `frames`; None: in all."""
         edits = self.pending
         if edits is None:
             return
