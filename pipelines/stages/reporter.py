@@ -17,7 +17,7 @@ from studio.progress import ProgressFn
 _LEAST_PAUSE = 0.2
 """Shortest interval in seconds between two progress events of a stage."""
 
-_WARM_SHARE, _WARM_SECONDS = 0.03, 30.0
+_WARM_SHARE, _WARM_SECONDS = 0.3, 30.0
 """Progress and seconds since the first progress of a stage; before either is reached, its time left is unknown. No more
 seconds than these, nor half of all, are taken for warming up."""
 

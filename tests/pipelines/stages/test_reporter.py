@@ -151,6 +151,16 @@ def test_of_a_stage_below_a_minute_the_time_is_about_right(first: float) -> None
     assert all(abs(event.seconds_left - true) < 2 + 0.5 * true for true, event in rows)
 
 
+def test_no_time_is_told_while_a_short_stage_warms_up() -> None:
+    now, events = [0.0], []
+    reporter = StageReporter("train", events.append, clock=lambda: now[0])
+    for seconds, fraction in ((1, 0.005), (9, 0.04), (11, 0.05), (12, 0.1), (14, 0.5), (16, 0.9)):
+        now[0] = seconds
+        reporter.progress(fraction)
+    assert [event.seconds_left for event in events[:4]] == [None] * 4
+    assert all(event.seconds_left < 20 for event in events[4:])
+
+
 def test_a_short_first_stage_does_not_foretell_the_run() -> None:
     rows = warming_up(1, 99)
     assert all(event.total_seconds_left is None for _, event in rows)
