@@ -159,7 +159,7 @@ class EditActions:
     def _list(self) -> None:
         window, editor = self._window, self._window.views.editor
         found = describe(editor.edits)
-        lines = {f"Take back {name}: {text}": name for name, text in found.items()}
+        lines = {f"Take back {name.replace('s ', ' ', 1)}: {text}": name for name, text in found.items()}
 
         def take_back(line: str) -> None:
             editor.commit(without(editor.edits, lines[line]), f"{lines[line]} taken back")

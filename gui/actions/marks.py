@@ -14,7 +14,7 @@ from gui.shell import Shell
 from pipelines.takes.marks import Mark, MarkView
 from studio.errors import Message, StudioError
 
-NO_MARKS = "No frame is marked. The key M marks the frame on screen, with a note."
+NO_MARKS = "No frame is marked. Press M to mark the frame on screen."
 
 
 class MarkActions:

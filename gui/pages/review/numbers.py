@@ -16,7 +16,7 @@ TITLES = {
     "crop": ("Crop box", "Lowest and highest corner, x y z in the new world. Empty: no box."),
     "ground": ("Ground", "Height along up, in the new world. Empty: no ground plane."),
     "floaters": ("Floaters", "Splats that are removed in every group. Empty: no such limit."),
-    "world": ("World", "Of streams and exports. Points and directions in the world of the capture, x y z."),
+    "world": ("World", "World of streams and exports. Up and origin: x y z in the world of the capture."),
     "details": (
         "Detail",
         "The detail marked last. Weight: how much more it counts in training. Leave empty for none.",
@@ -43,10 +43,10 @@ def fields_of(edits: EditList, kind: str, up: np.ndarray) -> list[Field]:
         return [
             (key, label, "" if now is None or getattr(now, key) is None else f"{getattr(now, key):g}")
             for key, label in (
-                ("opacity", "Splats that stay below opacity (0 to 1)"),
+                ("opacity", "Splats that stay below this opacity (0 to 1)"),
                 ("share", "Clusters with less than this share of the splats (0 to 1)"),
-                ("splats", "Clusters of fewer splats"),
-                ("distance", "Distance within clusters, units of the capture"),
+                ("splats", "Clusters with fewer splats than"),
+                ("distance", "Distance within clusters, in units of the capture"),
             )
         ]
     if kind == "world":

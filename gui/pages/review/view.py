@@ -503,13 +503,8 @@ class EditView(OrbitView):
         if not found:
             return "No edits yet. Edits change what is baked and exported."
         # in a narrow window, more would not fit; List shows all
-        shown = {"details": "detail", "regions": "region"}  # each has a number
-
-        def short(name: str, text: str) -> str:
-            kind, _, number = name.partition(" ")
-            return f"trim to {text}" if name == "trim" else f"{shown[kind]} {number}" if number else name
-
-        return f"Edits: {', '.join(short(name, text) for name, text in found.items())}"
+        short = [f"trim to {text}" if name == "trim" else name.replace("s ", " ", 1) for name, text in found.items()]
+        return f"Edits: {', '.join(short)}"
 
 
 @lru_cache(maxsize=1)

@@ -59,7 +59,7 @@ def ask_cameras(
         table.add_child(column)
     table.add_stretch()
     parts: list[gui.Widget] = [
-        dialogs.label("Training learns from cameras that are used and not held out. Evaluation uses held-out ones."),
+        dialogs.label("Training uses the cameras that are not held out; held-out cameras measure quality."),
         table,
     ]
     if error:

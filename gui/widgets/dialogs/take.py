@@ -8,13 +8,14 @@ from open3d.visualization import gui
 
 from gui.drawing.canvas import text_width, wrapped
 from gui.drawing.footage_sheet import FootageSheet
+from gui.drawing.palette import BAD, DIM
 from gui.models.loop import LOOP
 from gui.models.take.page_words import in_page_words
 from gui.models.worker import Done, LatestWorker
 from gui.widgets.dialogs.base import Dialogs, fitted
 from gui.widgets.dialogs.folder import ask_path
-from gui.widgets.dialogs.form import Form, refusal
-from gui.widgets.picture import ImagePanel, lowered, put
+from gui.widgets.dialogs.form import Form
+from gui.widgets.picture import ImagePanel, color, lowered, put
 from pipelines.new_take import AUTO, CALIBRATE, SILENT, Found, NewTake, next_use, uses_words, with_uses
 from studio.errors import Cancelled, StudioError
 
@@ -57,8 +58,7 @@ class NewTakeDialog:
         dialogs.widgets = {}
         self._size = min(round(WIDE * em), dialogs.room), round(HIGH * em)
         form = Form(dialogs, new, gap=0.35)
-        self._refused = refusal(dialogs, error)
-        self._refused.visible = error != ""
+        self._error = error
         for attribute, label, title, wanted in (
             ("footage", "Footage", "Footage folder", "folder"),
             ("settings", "Settings (optional)", "Settings file (YAML)", "file"),
@@ -71,10 +71,10 @@ class NewTakeDialog:
             box.set_on_selection_changed(lambda text, _number, attribute=attribute: self._chosen(attribute, text))
         self._fields = {name: self._field(name) for name in ("fps", "frames")}
         self._fields["frames"].tooltip = "First and last frame, such as 60 to 83"
-        lists, fields = self._lists, self._fields
+        lists = self._lists
         self._row(form, ("Footage files", lists["images"]), ("Camera file", lists["rig"]))
         self._row(form, ("Mask files", lists["masks"]), ("Clean plates", lists["plates"]), ("Sound", lists["audio"]))
-        self._row(form, ("Frame rate (fps)", fields["fps"]), ("Frames", fields["frames"]))
+        self._row(form, ("Frame rate (fps)", self._fields["fps"]), ("Frames", self._fields["frames"]))
         self._fields["take"] = form.widgets["take"]
         self._picture = ImagePanel(self._on_mouse, self._images)
         self._text = dialogs.label("")
@@ -85,7 +85,9 @@ class NewTakeDialog:
                 ("every_frame", "All frames", lambda: self._set_frames("")),
             )
         )
-        parts = [form.grid, self._picture.widget, buttons, self._text, self._refused]
+        fields = gui.Vert(0, gui.Margins(0, 0, 0, -2 * em))  # a grid asks for more height than it takes
+        fields.add_child(form.grid)
+        parts = [fields, self._picture.widget, buttons, self._text]
         self._update()  # before it is shown, as the dialog does not resize
         answers = [("create", "Create take", lambda: self._create(self._new)), ("close", "Cancel", self._close)]
         dialogs.show(NAME, "New take from footage", parts, answers, 110)
@@ -137,7 +139,7 @@ class NewTakeDialog:
 
     def _look(self) -> None:
         """Examine the footage, unless it is what was examined last."""
-        self._refused.visible = False  # it was about what was typed before
+        self._error = ""  # it was about what was typed before
         wanted = replace(self._new, take="", frames="", uses=None)
         if self._asked is not None and (self._asked.footage, self._asked.settings) != (wanted.footage, wanted.settings):
             self._new.uses = None
@@ -177,11 +179,12 @@ class NewTakeDialog:
         """Show what is known."""
         new, found, dialogs = self._new, self._found, self._dialogs
         inspection, widgets = found.inspection, dialogs.widgets
-        words = in_page_words(found.words)
-        if found.uses.uses:
+        words = self._error or in_page_words(found.words)
+        if found.uses.uses and not self._error:
             words = f"{uses_words(new.uses or found.uses)}. {HINT}\n{words_beside(found)}"
         size, wide = round(TEXT_SIZE * dialogs.em), self._size[0]
         lines = [line for part in words.splitlines() for line in wrapped(part, size, wide)]
+        self._text.text_color = color(BAD if self._error else DIM)
         self._text.text = fitted(lines, FOUND_LINES)  # the dialog must keep its size
         rate = self._fields["fps"]
         rate.enabled = found.fps is None
@@ -190,8 +193,8 @@ class NewTakeDialog:
         put(rate, text_value=new.fps if found.fps is None else f"{found.fps:g}")  # it may be edited
         rate.placeholder_text = "30, if nothing is typed" if new.footage or new.settings else ""
         rate.tooltip = "From the files or the settings" if found.fps is not None else "The files do not say it"
-        frames = inspection.frames
-        self._fields["frames"].placeholder_text = f"{frames[0]} to {frames[-1]}" if frames else ""
+        ends = dict.fromkeys((*inspection.frames[:1], *inspection.frames[-1:]))
+        self._fields["frames"].placeholder_text = " to ".join(map(str, ends))
         if not new.take:
             self._fields["take"].placeholder_text = new.proposed_take() or "a new folder"
         there = {
