@@ -119,16 +119,18 @@ def test_killed_between_frames_continues_on_the_side_of_the_keyframe(project, st
 
     unbroken = cli(*run("unbroken"))
     assert unbroken.returncode == 0, unbroken.stderr
-    process = start(*run("killed"))
-    events = stop_when(
-        process,
-        lambda event: is_trained_frame(event) and event.values["index"] == 1,
-        signal.SIGKILL,
-    )
-    frames = [project / name / "train" / "group_000" / "frame_000000.safetensors" for name in ("unbroken", "killed")]
+    for attempt in range(5):  # on a busy machine the kill may come too late
+        killed = f"killed{attempt}"
+        process = start(*run(killed))
+        events = stop_when(
+            process, lambda event: is_trained_frame(event) and event.values["index"] == 1, signal.SIGKILL
+        )
+        frames = [project / name / "train" / "group_000" / "frame_000000.safetensors" for name in ("unbroken", killed)]
+        if not frames[1].exists():
+            break
     assert not frames[1].exists(), "it was killed too late for this test to mean anything"
     assert frames_of(events) == [2, 3, 4, 1]
-    again = cli(*run("killed"))
+    again = cli(*run(killed))
     assert again.returncode == 0, again.stderr
     assert frames_of(events_in(again.stdout)) == [0]
     assert frames[0].read_bytes() == frames[1].read_bytes()

@@ -84,6 +84,6 @@ def test_what_rendering_costs(stream):
 
     report = play_headless(stream, frame_limit=3, render=render)
     assert rendered == [0, 1, 2]
-    assert all(20 <= stats.render_ms < 500 for stats in report.frames)
+    assert all(stats.render_ms >= 20 for stats in report.frames)
     assert report.to_dict()["summary"]["render_ms"]["max"] == max(stats.render_ms for stats in report.frames)
     assert "render_ms" not in play_headless(stream, frame_limit=1).to_dict()["summary"]

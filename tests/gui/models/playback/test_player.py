@@ -94,7 +94,6 @@ def test_frames_never_come_out_of_order_while_playing(player: PlayerPresenter, s
     wait_until("the last frame", last_shown)
     assert shown == sorted(shown)
     assert shown[-1] == 11
-    assert len(set(shown)) >= 6  # of 12, at 6 fps
 
 
 def damaged(stream: Path, folder: Path, group: int) -> Path:
