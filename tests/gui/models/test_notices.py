@@ -13,23 +13,6 @@ def notices(clock: HandClock) -> Notices:
     return Notices(clock)
 
 
-def test_a_passing_notice_is_shown_for_a_while(notices: Notices, clock: HandClock) -> None:
-    assert (notices.text, notices.line, notices.card) == ("", "", None)
-    notices.show("Undone:\nbake.quality 30 to 22")
-    assert (notices.text, notices.line, notices.card) == ("Undone: bake.quality 30 to 22",) * 2 + (None,)
-    clock.time = SHOWN_SECONDS - 1
-    assert notices.line
-    clock.time = SHOWN_SECONDS + 1
-    assert (notices.text, notices.line) == ("", "")
-
-
-def test_what_was_written_has_buttons_for_a_while(notices: Notices, clock: HandClock) -> None:
-    notices.show("Written: walk.mp4", path=Path("walk.mp4"))
-    assert (notices.card.path, notices.line, notices.text) == (Path("walk.mp4"), "", "Written: walk.mp4")
-    clock.time = SHOWN_SECONDS + 1
-    assert notices.card is None
-
-
 def test_failures_stay_until_they_are_dismissed(notices: Notices, clock: HandClock) -> None:
     notices.show("no such folder", bad=True)
     notices.show("the disk is full", bad=True)
@@ -43,14 +26,6 @@ def test_failures_stay_until_they_are_dismissed(notices: Notices, clock: HandClo
     assert notices.text == "no such folder"
     assert notices.dismiss()
     assert (notices.text, notices.more, notices.dismiss()) == ("", 0, False)
-
-
-def test_a_success_removes_what_it_is_about(notices: Notices) -> None:
-    notices.show("no such folder", bad=True, topic="open")
-    notices.show("the disk is full", bad=True, topic="export")
-    notices.show("Opening walk ...", topic="open")
-    notices.clear("open")
-    assert (notices.text, notices.more) == ("the disk is full", 0)
 
 
 def test_the_same_failure_is_told_once_and_old_ones_are_dropped(notices: Notices) -> None:

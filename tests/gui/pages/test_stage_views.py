@@ -241,20 +241,6 @@ def test_footage_is_that_of_the_frame_whose_number_is_shown(views: StageViews, t
     assert [player.transport.number(index) for index in (0, player.transport.last)] == [1, 4]
 
 
-def test_coverage_leaves_out_the_surface_of_other_cameras(views: StageViews, take_copy: Path) -> None:
-    def rows() -> dict[str, str]:
-        calibrate.draw(SIZE, calibrate.state())
-        return {name: value for block in calibrate.blocks for name, value in block.rows}
-
-    opened(views, take_copy)
-    wait_in_loop("assessed", lambda: views.workspace.assessed)
-    calibrate = views.stage_views["calibrate"]
-    assert "surface seen by 0 or 1" in rows()
-    assert views.workspace.change_setting("initialize.tolerance", 0.2) is None
-    wait_in_loop("assessed again", lambda: views.workspace.assessment.stages["initialize"].state != "done")
-    assert "surface seen by 0 or 1" not in rows()
-
-
 def test_a_mesh_is_upright_in_the_take_that_is_open(views: StageViews, take_copy: Path, tmp_path: Path) -> None:
     turned = tmp_path / "turned"
     shutil.copytree(take_copy, turned)

@@ -216,14 +216,6 @@ def test_names_are_taken_as_they_are_or_skipped(tmp_path, capsys):
     assert "not UTF-8" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("title", "shown"), [("a\ud800b", "a?b"), ("a\u202eb\x1b\nc", "ab c")])
-def test_a_title_looks_like_what_it_is(tmp_path, title, shown):
-    (tmp_path / "manifest.json").write_text(json.dumps({"metadata": {"title": title}}))
-    with running(build_app(find_streams(str(tmp_path)), PLAYER)) as port:
-        status, _, body = ask(port, "/", Accept=BROWSER)
-        assert (status, f"<title>{shown}</title>" in body.decode()) == (200, True)
-
-
 def test_a_title_for_one_stream(stream, tmp_path, here):
     with running(build_app(find_streams(str(stream)), PLAYER, text=PageText(title="Walk <1>"))) as port:
         page = ask(port, "/", Accept=BROWSER)[2].decode()
@@ -264,15 +256,6 @@ def test_browsers_get_the_player_and_others_the_list(stream, tmp_path):
                 assert "b &lt;&#x27;&amp;&gt;" in links
                 assert f'href="{urllib.parse.quote(chr(98) + " <" + chr(39) + "&>")}/"' in links
                 assert ask(port, "/a", Accept=BROWSER)[0] == 307
-
-
-def test_bad_certificates_are_refused(here, stream, tmp_path):
-    (tmp_path / "a.pem").write_text("hello")
-    for options in (("--certificate", tmp_path / "a.pem"), ("--key", tmp_path / "a.pem")):
-        done = here("serve", stream, *options, "--json")
-        assert done.returncode == (1 if options[0] == "--certificate" else 2)
-        code = json.loads(done.stdout.splitlines()[-1])["code"]
-        assert code == ("serve.bad_certificate" if options[0] == "--certificate" else "command.invalid_option")
 
 
 def test_a_port_that_is_taken(here, stream):

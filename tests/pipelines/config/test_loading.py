@@ -193,19 +193,6 @@ def test_cameras_with_a_distance_keep_their_names(tmp_path: Path) -> None:
             load(tmp_path, f"calibrate: {{known_distance: {wrong}}}")
 
 
-@pytest.mark.parametrize("name", ["capture.garbage_masks", "evaluate.exact_masks", "calibrate.tie_points"])
-def test_no_text_is_null(name: str) -> None:
-    assert load_config(None, [parse_override(f"{name}=null")]) == load_config(None)
-    with refuses("settings.invalid", setting=name):
-        load_config(None, [(name, "")])
-
-
-def test_camera_colors_are_not_true() -> None:
-    """Which would be frame 1."""
-    with refuses("settings.invalid", setting="train.camera_colors"):
-        load_config(None, [parse_override("train.camera_colors=true")])
-
-
 def test_missing_file_and_folder(tmp_path):
     with refuses("settings.file_not_found", file=tmp_path / "none.yaml"):
         load_config(tmp_path / "none.yaml")
@@ -233,12 +220,6 @@ def test_names_in_lists_stay_as_they_are(tmp_path: Path, text: str) -> None:
         assert load_config(write(tmp_path, f"capture: {{held_out: '{text}'}}")).capture.held_out == names
     groups = load_config(None, [parse_override("calibrate.intrinsics_groups=[[01, 02], [no, 04]]")])
     assert groups.calibrate.intrinsics_groups == (("01", "02"), ("no", "04"))
-
-
-def test_numbers_with_exponents_are_numbers(tmp_path):
-    """YAML 1.1 reads 1e-3 as text, YAML 1.2 as a number."""
-    assert load_config(write(tmp_path, "train: {entropy_weight: 2e-3}")).train.entropy_weight == 2e-3
-    assert parse_override("train.entropy-weight=1e-3") == ("train.entropy_weight", 1e-3)
 
 
 @pytest.mark.parametrize("text", ["train.max_splats", "max_splats=3", "=3", "train.x=[1"])

@@ -284,12 +284,6 @@ def test_an_intro_must_be_a_camera_path(stream, tmp_path):
         read_intro(tmp_path / "d.nk", str(stream))
 
 
-def test_an_intro_keeps_its_easings(stream, tmp_path):
-    write_path_keys([Key(1.0, camera(), easing="hold"), Key(3.0, camera())], tmp_path / "a.json")
-    keys = json.loads(read_intro(tmp_path / "a.json", str(stream)))["keys"]
-    assert [(key["time"], key["easing"]) for key in keys] == [(0, "hold"), (2, "smooth")]
-
-
 def test_a_camera_of_a_film_tool_is_an_intro(stream, tmp_path):
     (tmp_path / "a.nk").write_text(NUKE % "a")
     keys = json.loads(read_intro(tmp_path / "a.nk", str(stream)))["keys"]

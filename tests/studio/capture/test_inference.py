@@ -13,7 +13,6 @@ from studio.capture.detect import MASK_FOLDERS, detect_beside, detect_images
 from studio.capture.inference import infer_layouts
 from studio.capture.patterns import find_files
 from studio.errors import StudioError
-from studio.yaml_text import parse_yaml
 from tests.support.errors import refuses
 
 CAMERAS = ("cam0", "cam1", "cam2", "cam10")
@@ -111,14 +110,6 @@ def test_photographs_stay_cameras(tmp_path: Path, names: list[str]) -> None:
     touch(tmp_path, *names)
     _, matches = detect_images(tmp_path)
     assert len({match.camera for match in matches}) == len(names)
-
-
-def test_what_a_layout_means_is_said(tmp_path: Path, make: SimpleNamespace) -> None:
-    for index in range(4):
-        make.image(tmp_path / "a" / "images" / f"IMG_{index}.png", make.numbered(index))
-        make.image(tmp_path / "b" / "images" / "cam1" / f"{index}.png", make.numbered(index))
-    assert "is a camera of its own" in open_footage(CaptureSettings(root=tmp_path / "a", masks="none")).description
-    assert "frames of one camera" in open_footage(CaptureSettings(root=tmp_path / "b", masks="none")).description
 
 
 @pytest.mark.parametrize(
@@ -231,17 +222,6 @@ def test_suggestions_work_when_pasted(tmp_path: Path, make: SimpleNamespace, fil
         detect_images(tmp_path)
     pasted = str(caught.value).split("for example '")[1].split("'")[0]
     assert len(open_footage(CaptureSettings(root=tmp_path, masks="none", images=pasted)).camera_names) >= 2
-
-
-@pytest.mark.parametrize("count", [3, 12])
-def test_suggested_held_out_cameras_can_be_pasted(tmp_path: Path, make: SimpleNamespace, count: int) -> None:
-    for index in range(count):
-        make.image(tmp_path / "images" / f"{index:02d}" / "0.png", make.numbered(0))
-    description = open_footage(CaptureSettings(root=tmp_path, masks="none")).description
-    pasted = description.split("capture.held_out: ")[1].split("]")[0] + "]"
-    footage = open_footage(CaptureSettings(root=tmp_path, masks="none", held_out=parse_yaml(pasted)))
-    assert len(footage.measured_cameras) == 1
-    assert "No camera is held out" not in footage.description
 
 
 def test_a_pattern_without_files_is_answered_with_one_that_has_some(tmp_path: Path) -> None:
