@@ -59,7 +59,7 @@ class Stage:
 
 STAGES = (
     Stage(
-        "calibrate", "Calibrate", "read the cameras from a file, or calibrate them", version=1, weight=1,
+        "calibrate", "Calibrate", "read the cameras from a file, or calibrate them", version=2, weight=1,
         by_group=False, renders=False,
     ),
     Stage(

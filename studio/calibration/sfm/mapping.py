@@ -1,6 +1,7 @@
 """Mapping with COLMAP: cameras and points from a database of matches. Runs in the worker process."""
 
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +22,16 @@ from studio.calibration.sfm.shared_intrinsics import (
     try_shared_intrinsics,
     with_richer_intrinsics,
 )
-from studio.calibration.sfm.verdict import TRUSTED, match_inlier_ratio, noise
+from studio.calibration.sfm.verdict import TRUSTED, match_inlier_ratio, match_inlier_ratios, noise
 
 _POLISHINGS = 2  # the second uses the noise estimate of the first
 _SPREAD = 1.2  # ratio of focal lengths above which mapping is repeated with shared intrinsics
 _SHARING_LOSS = 0.05
 """Shared intrinsics, which are fewer, may lose this much of the match inlier ratio."""
+_MISPLACED, _MOST_MISPLACED = 0.4, 1 / 3
+"""Match inlier ratio of a single camera below which it is registered again, unless that many cameras have one."""
+_LEAST_INLIERS = 0.1
+"""Of a misplaced camera's matches with points, since most of them are wrong."""
 _POINTS_FOR_CENTER = 100
 """Observations that each camera needs before principal points are estimated."""
 _CAUCHY = 2.4
@@ -75,8 +80,8 @@ class Mapper:
             return None, how
         one = self.with_shared_intrinsics(best)
         if one is not None:
-            return self.polished(one, joint=True), f"{how}, shared intrinsics"
-        return self.polished(best), how
+            return self.polished(self.placed_again(one), joint=True), f"{how}, shared intrinsics"
+        return self.polished(self.placed_again(best)), how
 
     def with_shared_intrinsics(self, best: Any) -> Any:
         """A model mapped with shared intrinsics, if `best` is doubtful or its focal lengths differ.
@@ -167,8 +172,45 @@ class Mapper:
         self.recentered = misfit_growth(model, free, width, 2 * len(free.cameras)) >= LIMIT
         return free if self.recentered else model
 
+    def placed_again(self, model: Any) -> Any:
+        """The model in which cameras that most of their matches contradict are registered again, if that fits better.
+
+        In a room that repeats, a camera that was registered early may be where only a wrong part of the room fits. All
+        other cameras together know better.
+        """
+        ratios = match_inlier_ratios(model, self.database)
+        misplaced = sorted((image for image in ratios if ratios[image] < _MISPLACED), key=lambda image: ratios[image])
+        if not misplaced or len(misplaced) > _MOST_MISPLACED * len(ratios) or self.job.poses:
+            return model
+        better = self._with_own_cameras(model, lambda own: self._registered_again(own, misplaced))
+        return better if self.rank(better) > self.rank(model) else model
+
+    def _registered_again(self, model: Any, images: list[int]) -> Any:
+        """Register images again, with all others; those that fail stay where they were."""
+        import pycolmap
+
+        options = self._options()
+        options.mapper.abs_pose_min_inlier_ratio = _LEAST_INLIERS
+        database = pycolmap.Database.open(self.database)
+        cache = pycolmap.DatabaseCache.create(database, pycolmap.DatabaseCacheOptions())
+        database.close()
+        for image in images:
+            changed = pycolmap.Reconstruction(model)
+            changed.deregister_frame(changed.images[image].frame_id)
+            mapper = pycolmap.IncrementalMapper(cache)
+            mapper.begin_reconstruction(changed)
+            if mapper.register_next_image(options.mapper, image):
+                mapper.triangulate_image(options.triangulation, image)
+                model = changed
+            mapper.end_reconstruction(discard=False)
+        return model
+
     def _completed(self, model: Any) -> Any:
-        """The model with missing points triangulated, which needs the database's cameras, one per image."""
+        """The model with missing points triangulated."""
+        return self._with_own_cameras(model, lambda own: self._triangulated(own, again=False))
+
+    def _with_own_cameras(self, model: Any, change: Callable[[Any], Any]) -> Any:
+        """The changed model; `change` gets it with the database's cameras, one per image."""
         import pycolmap
 
         joint, intrinsics_of = camera_of_image(model), self.job.intrinsics_of
@@ -178,7 +220,7 @@ class Mapper:
         for camera in model.cameras.values():
             database.update_camera(camera)
         database.close()
-        model = self._triangulated(model, again=False)
+        model = change(model)
         return rebuilt(model, {joint[image]: model.cameras[own[image]] for image in joint}, joint)
 
     def _triangulated(self, model: Any, *, again: bool, options: Any = None) -> Any:

@@ -19,6 +19,21 @@ def match_inlier_ratio(model: Any, database: Path) -> float:
     Returns:
         0 to 1, over all pairs of registered images; 0 if there are none.
     """
+    good, total = np.sum([(0, 0), *_matches(model, database).values()], axis=0).tolist()
+    return good / total if total else 0.0
+
+
+def match_inlier_ratios(model: Any, database: Path) -> dict[int, float]:
+    """The same of the pairs of each registered image that has matches, by image id."""
+    sums: dict[int, np.ndarray] = {}
+    for pair, counts in _matches(model, database).items():
+        for image in pair:
+            sums[image] = sums.get(image, 0) + np.array(counts)
+    return {image: good / total for image, (good, total) in sums.items()}
+
+
+def _matches(model: Any, database: Path) -> dict[tuple[int, int], tuple[int, int]]:
+    """Verified matches whose features observe the same point, and all, of each pair of registered images with some."""
     import pycolmap
 
     seen: dict[int, np.ndarray] = {}
@@ -26,16 +41,17 @@ def match_inlier_ratio(model: Any, database: Path) -> float:
         points = model.images[image_id].points2D
         seen[image_id] = np.array([point.point3D_id if point.has_point3D() else -1 for point in points], np.int64)
     source = pycolmap.Database.open(database)
-    good = total = 0
+    found: dict[tuple[int, int], tuple[int, int]] = {}
     for key in source.read_two_view_geometry_num_inliers()[0]:
         first, second = pycolmap.pair_id_to_image_pair(key)
         if first in seen and second in seen:
             matches = np.asarray(source.read_two_view_geometry(first, second).inlier_matches).reshape(-1, 2)
             ids = seen[first][matches[:, 0]]
-            good += int(((ids >= 0) & (ids == seen[second][matches[:, 1]])).sum())
-            total += len(matches)
+            good = int(((ids >= 0) & (ids == seen[second][matches[:, 1]])).sum())
+            if len(matches):
+                found[first, second] = good, len(matches)
     source.close()
-    return good / total if total else 0.0
+    return found
 
 
 def reprojection_errors(model: Any) -> np.ndarray:

@@ -20,7 +20,7 @@ from studio.calibration.sfm.focal_lengths import guess_focal_lengths
 from studio.calibration.sfm.job import SfmCamera, SfmJob, SfmSolution, neighbors
 from studio.calibration.sfm.mapping import Mapper
 from studio.calibration.sfm.shared_intrinsics import focal_spread
-from studio.calibration.sfm.verdict import match_inlier_ratio
+from studio.calibration.sfm.verdict import match_inlier_ratio, match_inlier_ratios
 from studio.calibration.sfm.worker import Worker
 from studio.camera_files.colmap_model import intrinsics
 from studio.cameras import Camera, Rig
@@ -359,3 +359,22 @@ def test_the_global_mapper_estimates_focal_lengths_only_if_unknown(
     assert (model.num_reg_images(), how) == (8, "global")
     assert not is_any_unknown(database)
     assert asked == ["focal_lengths.db"]
+
+
+def test_a_misplaced_camera_is_registered_again(tmp_path: Path) -> None:
+    synthesize(tmp_path, 8, 1000)
+    mapper = Mapper(tmp_path, tmp_path / "database.db", job_of(8))
+    model = max(mapper.incremental(lenient=False), key=mapper.rank)
+    frame = model.frames[model.images[3].frame_id]
+    before = pycolmap.Rigid3d(np.array(frame.rig_from_world.matrix()))  # a copy
+    frame.rig_from_world = pycolmap.Rigid3d(np.array([[0.8, 0, 0.6, 0], [0, 1, 0, 0], [-0.6, 0, 0.8, 0]])) * before
+    pycolmap.ObservationManager(model).filter_all_points3D(4.0, 1.5)
+    ratios = match_inlier_ratios(model, mapper.database)
+    assert ratios[3] < 0.1
+    assert min(ratio for image, ratio in ratios.items() if image != 3) > 0.5
+
+    again = mapper.placed_again(model)
+
+    assert min(match_inlier_ratios(again, mapper.database).values()) > 0.8
+    moved = np.asarray((again.images[3].cam_from_world() * before.inverse()).matrix())
+    assert moved == pytest.approx(np.eye(3, 4), abs=0.01)
