@@ -137,6 +137,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> C
         figures: dict[str, str | float] = {"mean_error_px": report.reprojection.mean}
         if report.verdict is not None:
             figures["grade"] = report.verdict.grade
+            reporter.log(f"cameras: {report.verdict.grade}. {report.verdict.reason}")
         if report.match_inlier_ratio is not None:
             figures["match_inlier_ratio"] = report.match_inlier_ratio
         summary = summary.model_copy(update=figures)

@@ -18,8 +18,9 @@ Cameras = Mapping[str, Camera]
 FITS = 0.85
 """Fraction of the matches that a correct rig fits at least: 0.91 to 0.99 on the rigs that were tried; folded rigs have
 0.29 to 0.45."""
-_DOUBTFUL = 0.5
-"""A camera whose matches with the others fit less often than this is placed wrongly."""
+_DOUBTFUL, _TELLING = 0.5, 5 * LEAST_MATCHES
+"""A camera whose matches with the others fit less often than this is placed wrongly, if it has so many: with 73, false
+matches of two repeating panels had outweighed those of a camera in the right place."""
 _MOST = 1 / 3
 """Of the cameras: if more disagree, it is the rig, or the masks, and not single cameras."""
 _REPEATING = 0.2
@@ -139,6 +140,7 @@ class _Evidence:
                 name: share
                 for name in self.cameras
                 if name not in found
+                and self.total(name) >= _TELLING
                 and (share := _share({pair: n for pair, n in counts.items() if _counts(*pair, [name], found)}))
                 is not None
             }
