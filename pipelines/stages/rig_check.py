@@ -111,7 +111,11 @@ def _judged(inputs: Inputs, frame: int, reporter: StageReporter) -> RigVerdict:
         frames = set(footage.frames_of(name)) & set(range(frame - _NEAR, frame + _NEAR + 1)) - {frame}
         return {one: footage.mask(name, one) for one in sorted(frames)}
 
-    views = [footage.view(name, frame) for name in names]
+    looking = reporter.part("comparing the masks", 0.02, 0.02)
+    views = []
+    for number, name in enumerate(names):
+        looking(number, len(names))
+        views.append(footage.view(name, frame))
     return judge_views({camera.name: camera for camera in footage.rig}, pairs, views, near)
 
 
