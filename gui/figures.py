@@ -42,7 +42,7 @@ class QualityFigures:
         camera = camera if camera in evaluation.cameras else ""
         series = {name: evaluation.series(name, frames, camera) for name in PLOTTED}
         whose = evaluation.whose(camera), evaluation.whose_briefly(camera)
-        window.timeline.plots = plots_of(series, whose[0], others, whose[1])
+        window.timeline.plots = plots_of(series, whose[0], others, whose[1], ", earlier bake" * evaluation.stale)
         self._waveform = None
         against = f"\nYellow, and in parentheses: {other.label}." if other is not None else ""
         window.timeline.explanation = evaluation.explanation + against

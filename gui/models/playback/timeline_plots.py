@@ -89,7 +89,9 @@ PLOTTED = (f"{MAIN.name}_trained", f"{MAIN.name}_decoded", "bytes", FLICKER.name
 """What is shown of every frame."""
 
 
-def plots_of(series: Series, whose: str = "mean", other: Series | None = None, short: str = "") -> tuple[Plot, ...]:
+def plots_of(
+    series: Series, whose: str = "mean", other: Series | None = None, short: str = "", of: str = ""
+) -> tuple[Plot, ...]:
     """The plots of a take that have values. `whose`: camera or cameras of the quality; `short`: in fewer words."""
     trained, decoded, size, flicker = ((series.get(name, ()), (other or {}).get(name, ())) for name in PLOTTED)
     kilobytes, others = ([None if one is None else one / 1000 for one in values] for values in size)
@@ -102,8 +104,8 @@ def plots_of(series: Series, whose: str = "mean", other: Series | None = None, s
     plots = (
         quality("trained", SECOND, trained),
         quality("decoded", ACCENT, decoded),
-        Plot("KB per frame, group mean", kilobytes, SECOND, "KB", bars=True, other=others),
-        Plot(FLICKER.title.capitalize(), flicker[0], ACCENT, "/255", bars=True, other=flicker[1]),
+        Plot(f"KB per frame{of or ', group mean'}", kilobytes, SECOND, "KB", bars=True, other=others),
+        Plot(f"{FLICKER.title.capitalize()}{of}", flicker[0], ACCENT, "/255", bars=True, other=flicker[1]),
     )
     return tuple(plot for plot in plots if plot.range is not None)
 

@@ -215,7 +215,7 @@ class LogView:
             words, left, _ = self.filter
             canvas.text(left, 0.3 * em, words, size, ACCENT if self.only_warnings else DIM)
         if not self.rows:
-            canvas.text(0.6 * em, top, "No warnings." if self.only_warnings else "No run yet.", size, DIM)
+            canvas.text(0.6 * em, top, "No warnings." if self.only_warnings else "The log is empty.", size, DIM)
         left = _indent(em)
         for number, row in enumerate(self.shown):
             y = top + number * step

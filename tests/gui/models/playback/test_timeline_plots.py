@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gui.drawing.palette import BAD, FAIR, PANEL, RAISED, TEXT
-from gui.models.playback.timeline_plots import LEAST_SPAN, RULER, TimelinePlots, plots_of
+from gui.models.playback.timeline_plots import LEAST_SPAN, PLOTTED, RULER, TimelinePlots, plots_of
 from gui.models.playback.timeline_zoom import LEAST_FRAMES, TimelineZoom
 
 VIEW = TimelinePlots(900, 160, 16.0, 4)
@@ -60,6 +60,8 @@ def test_values_under_the_pointer() -> None:
 def test_only_what_was_measured_has_a_row() -> None:
     assert len(plots_of({"psnr_trained": [30.0, 31.0], "flicker": [None, None]})) == 1
     *_, flicker = plots_of({"psnr_trained": [30.0, 31.0], "flicker": [None, 1.5]})
+    stale = plots_of({name: [1.0, 2.0] for name in PLOTTED}, "mean, earlier bake", of=", earlier bake")
+    assert all(plot.title.endswith(", earlier bake") for plot in stale), "no row passes for one of the bake on screen"
     assert flicker.values == [None, 1.5]
     assert flicker.range == (0, 1.5 * 1.05)
 
