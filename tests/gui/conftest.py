@@ -36,6 +36,9 @@ ARTIFACTS = Path(__file__).parents[2] / "test-artifacts"
 
 FPS = 12.0
 GROUPS = ((0, 8), (8, 4))  # first frame, frames
+SIZE = "1024x800"
+"""Of the window, as small as all dialogs allow: a software renderer takes time for each pixel."""
+
 STILL = 25
 """Ticks without a change after which a widget counts as still. Panels show a change only when they are next drawn,
 up to `gui.window.LONGER_PAUSE` later; a tick takes at least 9.5 ms."""
@@ -161,7 +164,7 @@ class RunningWindow:
         settings.write_text(json.dumps({**chosen, "play_on_opening": plays}))
         self.stderr = log.with_suffix(".stderr")
         with self.stderr.open("wb") as errors:
-            command = (*program, "--log-state", log, *arguments)
+            command = (*program, "--log-state", log, "--size", SIZE, *arguments)  # the last size counts
             self.process = warm_python().popen(command, env=self.environment, output=errors)
 
     def states(self) -> list[dict[str, Any]]:

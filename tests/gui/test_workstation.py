@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from tests.gui.conftest import SIZE
+
 STAGES = ("capture", "calibrate", "initialize", "train", "bake", "review")
 
 
@@ -86,12 +88,12 @@ def test_from_footage_to_a_wipe_and_a_run_that_outlives_the_window(
     (mark,) = marks["marks"]
     assert (mark["frame"], mark["note"], mark["view"]["camera"]) == (0, "here it is worst", "cam4")
     window.key("f")
-    full = window.wait_for("fullscreen", lambda s: s["fullscreen"] and s["widgets"]["viewport"][2] > 1200)
+    full = window.wait_for("fullscreen", lambda s: s["fullscreen"] and s["widgets"]["viewport"][2] > 1000)
     assert full["widgets"]["viewport"][3] > 700
     window.key("Escape")
-    window.wait_for("the panels again", lambda s: not s["fullscreen"] and s["widgets"]["viewport"][2] < 1000)
+    window.wait_for("the panels again", lambda s: not s["fullscreen"] and s["widgets"]["viewport"][2] < 800)
     assert window.process.poll() is None, "Escape does not close the window"
-    _check_frames(window, 1280, 800)
+    _check_frames(window, *map(int, SIZE.split("x")))
     window.key("question")
     window.wait_for("the shortcuts", lambda s: s["dialog"] == "message")
     window.key("Escape")

@@ -121,7 +121,7 @@ def main(paths: Path, results: Path) -> int:
                     yield
 
     window.MainWindow = DrivenWindow  # type: ignore[misc]
-    return app.main([])
+    return app.main(["--size", "640x480"])  # a software renderer takes time for each pixel
 
 
 if __name__ == "__main__":
