@@ -356,4 +356,4 @@ def broken(text: str) -> str:
     """Wrap text to the width of a dialog."""
     import textwrap
 
-    return "\n".join(line for part in text.splitlines() for line in textwrap.wrap(part, 100) or [""])
+    return "\n".join(line for part in text.splitlines() for line in textwrap.wrap(part, 84) or [""])

@@ -10,7 +10,7 @@ from gui.widgets.dialogs.form import refusal
 from gui.widgets.picture import lowered
 from pipelines.takes.camera_uses import CameraUses
 
-ROWS, COLUMNS = 18, 2
+ROWS, COLUMNS = 17, 2
 """Of a page of cameras."""
 
 
@@ -58,12 +58,8 @@ def ask_cameras(
     for column in columns:
         table.add_child(column)
     table.add_stretch()
-    parts: list[gui.Widget] = [
-        dialogs.label("Training uses the cameras that are not held out; held-out cameras measure quality."),
-        table,
-    ]
-    if error:
-        parts.append(refusal(dialogs, error))
+    words = "Training uses the cameras that are not held out; held-out cameras measure quality."
+    parts = [refusal(dialogs, error) if error else dialogs.label(words), table]
 
     def done() -> None:
         refused = save(chosen[0])
