@@ -15,7 +15,7 @@ from studio.training import Correction, RefinedCameras, TrainingView, TrainSetti
 from studio.training.camera_refinement import WORTH
 from tests.studio.training.test_group import ball, cameras, views
 
-SETTINGS = TrainSettings(keyframe_iterations=400, dropout=0.0, opacity_reg=0.0, scale_reg=0.0)
+SETTINGS = TrainSettings(keyframe_iterations=300, dropout=0.0, opacity_reg=0.0, scale_reg=0.0)
 HELD_OUT = 3
 
 
@@ -103,7 +103,7 @@ def test_the_rig_as_a_whole_stays_where_it_is(given: list[Camera], found: Refine
     trained = [camera for number, camera in enumerate(given) if number != HELD_OUT]
     centers = Rig(tuple(one.of(camera) for camera, one in zip(trained, found.corrections, strict=True))).centers
     before = Rig(tuple(trained)).centers
-    assert np.allclose(centers.mean(0), before.mean(0), atol=0.01)
+    assert np.allclose(centers.mean(0), before.mean(0), atol=0.015)
     spread = [np.linalg.norm(one - one.mean(0), axis=1).mean() for one in (centers, before)]
     assert spread[0] == pytest.approx(spread[1], rel=0.01)
 

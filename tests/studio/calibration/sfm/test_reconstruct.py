@@ -215,7 +215,7 @@ def test_masks_keep_features_out_and_names_have_any_letters(
     COLMAP's C++ code interprets file names according to the locale of the worker process.
     """
     monkeypatch.setenv("LC_ALL", "C")
-    images = {f"caméra 影 {name}": image for name, image in scene[0].items()}
+    images = {f"caméra 影 {name}": image for name, image in list(scene[0].items())[:4]}
     masks = {name: np.zeros(image.shape[:2], np.uint8) for name, image in images.items()}
     for mask in masks.values():
         mask[:, SIZE[0] // 2 :] = 255
