@@ -223,7 +223,7 @@ def test_a_trickle_is_no_stream(server):
 
     server.faults["/s/file"] = trickle
     with (
-        contextlib.closing(HttpSource(server.url, stall=3, first_patience=0.5)) as source,
+        contextlib.closing(HttpSource(server.url, stall=3, patience=1.5)) as source,
         refuses("source.unavailable", reason="too_slow"),
     ):
         source.read("file", len(CONTENT))
