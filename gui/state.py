@@ -27,6 +27,7 @@ def state_of(window: Shell) -> JsonObject:
         "message": window.message.text,  # over the view
         "opening": window.workspace.opening,
         "dialog": window.dialogs.name,
+        "heading": window.dialogs.title,
         "typing": window.dialogs.typing,  # whether the dialog's text field has the keyboard focus
         "lines": window.dialogs.lines,
         "stage": views.stage,
@@ -43,10 +44,8 @@ def state_of(window: Shell) -> JsonObject:
         "number": transport.number(transport.frame),  # of this frame in the footage
         "frames": transport.frame_count,
         "playing": transport.playing,
-        "loop": transport.loop,
         "span": transport.span,
         "fixes": window.inspector.fixes if window.layout.shows_figures else {},  # places of the buttons in the log
-        "left_out": player.left_out,
         "what": player.what,
         "compare": player.mode,
         "wipe": round(player.wipe, 3),
@@ -57,7 +56,7 @@ def state_of(window: Shell) -> JsonObject:
         "shown": player.picture.frame if player.picture else None,  # frame of the newest image
         "settled": views.settled,
         "pictures": window.pictures,  # number of images shown so far
-        "handed_over": round(player.rate),  # images per second
+        "plots": [plot.title for plot in window.timeline.plots],
         "notice": window.notices.text,
         "start": window.start.shown,
         "cards": [[card.name, card.state, card.quality] for card in window.start.cards],
@@ -73,6 +72,7 @@ def state_of(window: Shell) -> JsonObject:
         "background": player.background,
         "timeline_left": window.timeline.plots_view.left,  # column where frame 0 begins
         "timeline_width": window.timeline.plots_view.timeline.width,  # columns of all frames
+        "zoom": window.timeline.zoom.shown,  # frames in the timeline; None for all
         "hint": window.hints.text,
         "keys": [window.input.reports.passed, window.input.reports.again],  # passed on; dropped, as of one press
         "widgets": {

@@ -6,8 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from gui.drawing.palette import FAIR
+from gui.models.playback.sources import TrainedSource
 from pipelines.config import load_config
 from pipelines.takes.edits import read_edits
+from pipelines.takes.take import Take
 from studio.calibration import read_tie_points
 from studio.capture import CaptureSettings
 from studio.edits import EditList
@@ -41,6 +43,12 @@ def wider(window: RunningWindow, before: int) -> int:
     return bright(window) - before
 
 
+def splats(take: Path) -> list[int]:
+    """Number of splats of each frame that are left by the edits."""
+    source = TrainedSource(Take.open(take), 25.0)
+    return [len(source.gaussians(frame)) for frame in range(source.frame_count)]
+
+
 def test_edits_the_scene_cameras_and_points(open_window: Callable[..., RunningWindow], take_copy: Path) -> None:
     def capture() -> CaptureSettings:
         return load_config(take_copy / "config.yaml").capture
@@ -67,14 +75,17 @@ def test_edits_the_scene_cameras_and_points(open_window: Callable[..., RunningWi
     assert large > 0, "a larger circle has more pixels"
     window.key("minus")
     window.drag("viewport", (0.45, 0.5), (0.55, 0.5))
-    window.wait_for("a selection", lambda s: s["selected"] > 0)
+    selected = window.wait_for("a selection", lambda s: s["selected"] > 0 and s["settled"])["selected"]
+    there = splats(take_copy)
     window.click("remove")
-    window.wait_for("the frames", lambda s: s["dialog"] == "remove")
+    state = window.wait_for("the frames", lambda s: s["dialog"] == "remove")
+    assert state["heading"] == f"Remove {selected} splats in"
     window.click("dialog choice0")
     window.wait_for("one group to bake", lambda s: "regions 1" in s["edits"] and s["stages"]["bake"][0] == "partial")
     (region,) = read_edits(take_copy / "edits.json").regions
     assert region.radius is not None
     assert region.frames == (0, 0)
+    assert splats(take_copy) == [*(count - selected for count in there[:3]), *there[3:]], "its group, and no other"
     window.click("look")
     window.wait_for("no tool", lambda s: "look" in s["mode"])
     window.click("numbers")

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from gui.platform.clipboard import Clipboard
@@ -14,6 +15,41 @@ from tests.support.waiting import wait_until
 
 ROWS = 12
 """Of the list in the queue's dialog."""
+
+
+OF_TAKE = (
+    "alone", "camera", "compare", "edits", "error", "frames", "marks", "message", "mode", "orbit", "path", "places",
+    "plots", "span", "stages", "texts", "what",
+)  # fmt: skip
+"""Parts of the state that belong to the open take."""
+
+
+def ready(state: dict[str, Any]) -> bool:
+    """Whether an opened take is shown."""
+    return bool(not state["start"] and not state["opening"] and state["settled"] and state["shown"] is not None)
+
+
+def lay_down(rig: Path) -> None:
+    """Turn the cameras of a rig about x: what was up is at the side."""
+    turn = np.eye(4)[[0, 2, 1, 3]] * [1, 1, -1, 1]
+    found = json.loads(rig.read_text())
+    for camera in found["cameras"]:
+        camera["world_to_camera"] = (np.array(camera["world_to_camera"]) @ turn).tolist()
+    rig.write_text(json.dumps(found))
+
+
+def initialized(window: Any) -> np.ndarray:
+    """What *Initialize* shows; *Review* is shown again."""
+    window.stage("initialize")
+    window.drawn()
+    pixels: np.ndarray = window.pixels("viewport")
+    window.stage("review")
+    return pixels
+
+
+def same(one: np.ndarray, other: np.ndarray) -> bool:
+    """Whether two pictures of the window are the same, but for noise."""
+    return one.shape == other.shape and bool(np.abs(one.astype(int) - other).mean() < 0.5)
 
 
 @pytest.fixture
@@ -74,6 +110,41 @@ def test_from_the_start_page_to_a_notice_and_a_queue(
     window.wait_for(
         "the take", lambda s: not s["start"] and s["shown"] is not None and s["title"] == "take - V3 Studio"
     )
+
+    # another take, in which much is changed; nothing of it is left in the first one
+    mesh = initialized(window)
+    fresh = window.wait_for("its picture", lambda s: ready(s) and s["plots"])
+    other = Path(shutil.copytree(take_copy, tmp_path / "other"))
+    lay_down(other / "calibrate" / "rig.json")
+
+    def paste(path: Path) -> dict[str, Any]:
+        """Open a take from the start page; its state once it is shown."""
+        window.key("h")
+        window.wait_for("the start page", lambda s: s["start"])
+        assert clipboard.copy(str(path))
+        window.chord("v")
+        title = f"{path.name} - V3 Studio"
+        found: dict[str, Any] = window.wait_for(
+            path.name, lambda s: clipboard.poll() is None and s["title"] == title and ready(s)
+        )
+        return found
+
+    state = paste(other)
+    assert state["orbit"] != fresh["orbit"]
+    window.drag("timeline", (window.across_frame(1), 0.1), (window.across_frame(3), 0.1))
+    window.wait_for("a span", lambda s: s["span"] == [1, 3])
+    window.key("m")
+    window.wait_for("the question", lambda s: s["dialog"] == "mark" and s["typing"])
+    window.key("Return")
+    window.wait_for("the mark", lambda s: s["marks"] and not s["dialog"])
+    window.key("d")
+    window.key("c")
+    window.wait_for("a comparison from a camera", lambda s: s["compare"] == "difference" and s["camera"] and ready(s))
+    assert not same(initialized(window), mesh), "up is at the side, in this take only"
+    paste(take_copy)
+    assert same(initialized(window), mesh)
+    again = window.wait_for("its picture", ready)
+    assert {key: again[key] for key in OF_TAKE} == {key: fresh[key] for key in OF_TAKE}
 
     # back to the start page; a copied path that is wrong; its message is copied
     window.key("h")

@@ -86,6 +86,17 @@ def test_a_stream_is_played_shared_and_served(
     window.key("r")
     window.wait_for("the first view", lambda s: s["orbit"] == first["orbit"])
 
+    # the wheel over an open list is for the list, also where the timeline is below it
+    across, down = window.point("speed")
+    window.press(across, down)
+    wheel = ("mousemove", across, down - 60, "click", 4, "click", 4)
+    window.send(*wheel)
+    window.ticks(30)
+    assert window.states()[-1]["zoom"] is None
+    window.click("viewport")  # which closes the list
+    window.send(*wheel)
+    window.wait_for("a zoomed timeline", lambda s: s["zoom"])
+
     # commands are found by typing, and run by Enter or a click
     window.chord("k")
     state = window.wait_for(*LIST)

@@ -27,7 +27,12 @@ def test_from_footage_to_a_wipe_and_a_run_that_outlives_the_window(
     window.menu("File", "new")
     window.wait_for("the dialog", lambda s: s["dialog"] == "new take")
     window.click("dialog footage")
-    window.enter_text("dialog footage", str(footage_project / "capture"))
+    window.enter_text("dialog footage", str(footage_project / "cupture"))
+    window.click("dialog create")
+    window.wait_for("a refusal", lambda s: "dialog refused" in s["widgets"])
+    window.retype("dialog footage", str(footage_project / "capture"))
+    window.key("Return")
+    window.wait_for("no refusal of a valid folder", lambda s: "dialog refused" not in s["widgets"])
     window.click("dialog settings")
     window.enter_text("dialog settings", str(footage_project / "ball.yaml"))
     window.click("dialog take")
@@ -63,6 +68,27 @@ def test_from_footage_to_a_wipe_and_a_run_that_outlives_the_window(
     state = window.wait_for("all done", lambda s: done(s) and not s["busy"], 600)
     for stage in STAGES[1:5]:
         window.stage(stage)
+
+    # the title said what the list of stages did, which is drawn with it
+    titles = {
+        s["title"].removesuffix(" - take - V3 Studio") for s in window.states() if s["busy"] and "%" in s["title"]
+    }
+    rows = [(name, row) for s in window.states() for name, row in s["stages"].items() if row[0] == "running"]
+    assert titles
+    assert titles <= {f"{row[1].split(',')[0]} {name.capitalize()}" for name, row in rows}
+
+    # figures of an earlier bake say so
+    plots = [name for name in state["plots"] if "PSNR" in name]
+    assert plots
+    assert not any("earlier bake" in name for name in plots)
+    window.retype("setting bake.quality", "26")
+    window.key("Return")
+    window.wait_for("a stale bake", lambda s: s["stages"]["bake"][0] == "stale")
+    window.click("run")
+    window.saw("a run", lambda s: s["busy"])
+    state = window.wait_for("another bake", lambda s: s["stages"]["bake"][0] == "done" and not s["busy"], 600)
+    assert state["stages"]["review"][0] == "stale"
+    window.wait_for("them", lambda s: all("earlier bake" in name for name in s["plots"] if "PSNR" in name))
 
     window.key("3")  # to the review
     window.wait_for("the decoded stream", lambda s: s["stage"] == "review" and s["what"] == "decoded")

@@ -37,7 +37,7 @@ class Dialogs:
 
     Attributes:
         widgets: widgets of the open dialog by key; empty if none is open.
-        name: name of the open dialog; "" if none is open.
+        name, title: of the open dialog; "" if none is open.
         typing: whether its text field has the keyboard focus.
         lines: what the list in it shows, where that changes on its own.
         last_folder: the folder in which something was chosen last; "" if nothing was.
@@ -57,7 +57,7 @@ class Dialogs:
         self.shade.visible = False
         self.em = window.theme.font_size
         self.widgets: dict[str, gui.Widget] = {}
-        self.name = ""
+        self.name = self.title = ""
         self.typing = False
         self.lines: list[str] = []
         self.last_folder = ""
@@ -88,7 +88,7 @@ class Dialogs:
         if self.name:
             self._window.close_dialog()
         self.shade.visible = False
-        self.widgets, self.name, self.lines = {}, "", []
+        self.widgets, self.name, self.title, self.lines = {}, "", "", []
         self.pictures, self.on_key, self.on_press = [], None, None
         self.expected = False
 
@@ -130,7 +130,7 @@ class Dialogs:
             row.add_child(self.button(key, label, action, accent=key == accent))
         column.add_child(row)
         dialog.add_child(column)
-        self.name, self.shade.visible = name, True
+        self.name, self.title, self.shade.visible = name, title, True
         self._window.show_dialog(dialog)
 
     def button(self, key: str, label: str, action: Callable[[], None], accent: bool = False) -> gui.Button:

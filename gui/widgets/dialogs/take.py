@@ -78,6 +78,7 @@ class NewTakeDialog:
         self._fields["take"] = form.widgets["take"]
         self._picture = ImagePanel(self._on_mouse, self._images)
         self._text = dialogs.label("")
+        dialogs.widgets |= {"refused": self._text} if error else {}
         buttons = dialogs.row(
             (
                 ("suggested", "Hold out every eighth camera", lambda: self._use("suggested", "held out")),
@@ -140,6 +141,7 @@ class NewTakeDialog:
     def _look(self) -> None:
         """Examine the footage, unless it is what was examined last."""
         self._error = ""  # it was about what was typed before
+        self._dialogs.widgets.pop("refused", None)
         wanted = replace(self._new, take="", frames="", uses=None)
         if self._asked is not None and (self._asked.footage, self._asked.settings) != (wanted.footage, wanted.settings):
             self._new.uses = None
