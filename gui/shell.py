@@ -90,8 +90,8 @@ class Shell:
         self.window = gui.Application.instance.create_window("V3 Studio", *size)
         self.em = float(self.window.theme.font_size)
         self.x = XDisplay()
-        self.close_requests = CloseRequests(lambda: self.x.escape_down)
         self.input = InputOrder(self.x.window)
+        self.close_requests = CloseRequests(lambda: self.x.escape_down or self.input.escapes.recent)
         self.dialogs = Dialogs(self.window, titles)
         self.message, self.status = plain_label(TEXT, GROUND), plain_label(DIM, PANEL)
         self.message.visible = False
@@ -221,7 +221,7 @@ class Layout:
         area = panels.window.content_rect
         x, y, width, height = area.x, area.y, area.width, area.height
         self._width = width
-        panels.dialogs.shade.frame = gui.Rect(x, y, width, height)
+        panels.dialogs.place(gui.Rect(x, y, width, height))
         figures = self.shows_figures
         for widget in panels.inspector.widgets:
             widget.visible = figures

@@ -96,7 +96,8 @@ class UserInput:
         if window.dialogs.name or window.dialogs.expected:
             window.dialogs.escape()
         elif self._menu_bar.opened:
-            window.input.click(*self._menu_bar.empty)  # the toolkit's menus know no keys
+            self._menu_bar.closed()
+            window.dialogs.close_menu()
         elif not (
             self._overlays.escape()
             or window.camera_menu.close()

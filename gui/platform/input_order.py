@@ -233,17 +233,6 @@ class InputOrder:
         self._kept = kept
         return found
 
-    def click(self, x: int, y: int) -> None:
-        """Press and release the left button at a position in the window, as the user would; the pointer comes back."""
-        there, back = (x, y), self.pointer or (x, y)
-        steps = (("move", 6, there), ("press", 4, there), ("release", 5, there), ("move", 6, back))
-        for kind, number, (x, y) in steps:
-            event = InputEvent(type=number, x=x, y=y, x_root=x, y_root=y, same_screen=1)
-            event.time = int(1000 * time.monotonic()) & 0xFFFFFFFF  # X servers count like this
-            event.code = 1 if kind != "move" else 0
-            event.state = 1 << 8 if kind == "release" else 0
-            self._kept.append(Input(kind, event.code, event=event))  # type: ignore[arg-type]
-
     def _read(self) -> Iterator[Input]:
         while self._x.XPending(self._display):
             event = InputEvent()

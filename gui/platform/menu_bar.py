@@ -33,11 +33,6 @@ class MenuBar:
         """Whether a menu is open, as far as the toolkit shows."""
         return self._open is not None
 
-    @property
-    def empty(self) -> tuple[int, int]:
-        """A place in the bar without a title, pixels; a click there closes the menu."""
-        return round(self._ends[-1] * 1.1), round(self.height / 2)
-
     def closed(self) -> None:
         """Note that no menu is open."""
         self._open = None

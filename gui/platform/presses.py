@@ -138,6 +138,11 @@ class Escapes:
         """Note a release that is passed on to the toolkit."""
         self._last = self._tick
 
+    @property
+    def recent(self) -> bool:
+        """Whether a press or release was passed on so recently that the toolkit may not have handled it yet."""
+        return self._tick < self._last + PATIENCE
+
     def heard(self, again: bool) -> bool:
         """Note that the toolkit reports a press; returns whether it is one that nothing was done about.
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from open3d.visualization import gui
 
 from gui.drawing.palette import ACCENT_DARK, DIM, RAISED
+from gui.models.loop import LOOP
 from gui.platform.fonts import TEXT_SIZE, TITLE_SIZE
 from gui.platform.keyboard import BACKSPACE, END, HOME, TAB, send_key, tap_key, type_keys
 from gui.platform.presses import typed_code
@@ -68,6 +69,7 @@ class Dialogs:
         self.expected = False
         self._drawn: int | None = None
         self._confirm: int | None = None  # frames to draw until the dialog is confirmed
+        self._unseen: gui.Dialog | None = None
         self._field: gui.TextEdit | None = None
         self._before = ""
         self._early: list[tuple[int, bool]] = []  # keys pressed before the field had the focus
@@ -82,7 +84,7 @@ class Dialogs:
 
     def close(self) -> None:
         """Close the open dialog, if any."""
-        self._on_enter = self._drawn = self._confirm = self._field = None
+        self._on_enter = self._drawn = self._confirm = self._field = self._unseen = None
         self.typing = self._early_enter = False
         self._early = []
         if self.name:
@@ -244,6 +246,19 @@ class Dialogs:
         """Handle the Escape key: like Cancel or Close, if there is one."""
         self._on_escape()
 
+    def close_menu(self) -> None:
+        """Close the toolkit's menu, which knows no keys: it does so for a dialog. This one is nowhere on the screen."""
+        self.name, self._unseen, self._on_escape = "menu", gui.Dialog(""), self.close
+        self._window.show_dialog(self._unseen)
+        self._window.set_needs_layout()
+
+    def place(self, window: gui.Rect) -> None:
+        """Lay out what is not left to the toolkit. It draws meanwhile."""
+        self.shade.frame = window
+        if self._unseen is not None:
+            self._unseen.frame = gui.Rect(-99, -99, 1, 1)
+            LOOP.post(self.close)
+
     def message(self, title: str, text: str) -> None:
         """Show a message."""
         self.widgets = {}
@@ -289,7 +304,7 @@ class Dialogs:
     @property
     def focusing(self) -> bool:
         """Whether a text field is about to get the keyboard focus, for which the window must be drawn often."""
-        return self._drawn is not None or self.expected
+        return self._drawn is not None or self.expected or self._unseen is not None
 
     def expect(self) -> None:
         """A dialog with a text field is about to open. No effect while one is open."""
