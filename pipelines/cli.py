@@ -112,7 +112,10 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
         named = parser = commands[pair]
         arguments = arguments[2:]
     else:  # errors in the arguments of a command show the usage of that command
-        named = commands.get(arguments[0], parser) if arguments else parser
+        first = arguments[0] if arguments else ""
+        named = commands.get(first, parser)
+        if first not in commands and (begun := [name for name in commands if name.startswith(f"{first} ")]):
+            parser.error(f"there is no command '{first}'; there is {' and '.join(begun)}")
     known, unknown = parser.parse_known_args(long_settings_as_set(arguments, named))
     if unknown:
         named.refuse(unknown)

@@ -241,6 +241,8 @@ def test_typos_are_answered_with_what_is_similar(here):
         assert done.returncode == 2
         assert f"did you mean {meant}?" in done.stderr
     assert "did you mean" not in here("zzzzzz").stderr
+    done = here("models")
+    assert (done.returncode, "models list and models get" in done.stderr) == (2, True)
 
 
 def test_frame_ranges_are_those_of_python():
