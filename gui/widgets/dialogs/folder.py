@@ -59,7 +59,7 @@ class _PathDialog:
         path.add_child(self._path)
         hint = {
             "folder": "Select a folder, or double-click to enter it. With no selection, Open uses the current folder.",
-            "take": "Select a take, stream or cast and press Open. Double-click to enter a folder.",
+            "take": "Select one and press Open. Double-click to enter a folder.",
             "file": "Select a file and press Open. Double-click to enter a folder.",
         }[self._found.wanted]
         parts: list[gui.Widget] = [path, self._list, self._selected, dialogs.label(hint), self._message]
