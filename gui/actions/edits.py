@@ -13,7 +13,7 @@ from gui.pages.review.session import edits_of
 from gui.shell import Shell
 from gui.widgets.dialogs.numbers import ask_numbers
 from gui.widgets.picture import holds
-from pipelines.takes.edits import describe
+from pipelines.takes.edits import describe, singular
 from studio.counts import counted
 from studio.edits.edit_list import EditList
 
@@ -159,7 +159,7 @@ class EditActions:
     def _list(self) -> None:
         window, editor = self._window, self._window.views.editor
         found = describe(editor.edits)
-        lines = {f"Take back {name.replace('s ', ' ', 1)}: {text}": name for name, text in found.items()}
+        lines = {f"Take back {singular(name)}: {text}": name for name, text in found.items()}
 
         def take_back(line: str) -> None:
             editor.commit(without(editor.edits, lines[line]), f"{lines[line]} taken back")

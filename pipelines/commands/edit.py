@@ -344,7 +344,7 @@ def _detail(arguments: argparse.Namespace) -> int:
 
 
 def _remove(arguments: argparse.Namespace) -> int:
-    from pipelines.takes.edits import NAMES, change_edits, read_edits
+    from pipelines.takes.edits import NAMES, change_edits, read_edits, singular
     from studio.edits.edit_list import EditList
 
     take, name = _take(arguments), _MANY.get(arguments.name, arguments.name)
@@ -357,12 +357,12 @@ def _remove(arguments: argparse.Namespace) -> int:
         if name not in _MANY.values() or not 1 <= arguments.number <= len(getattr(edits, name)):
             raise invalid_option(
                 "NUMBER",
-                f"there is no {_one(name)} {arguments.number}",
+                f"there is no {singular(name)} {arguments.number}",
                 f"`v3studio edit list {shlex.quote(str(arguments.take))}` shows the numbers.",
                 arguments.number,
             )
         new = edits.without(name, arguments.number - 1)
-        change_edits(take.edits, new, f"{_one(name)} {arguments.number} removed", edits)
+        change_edits(take.edits, new, f"{singular(name)} {arguments.number} removed", edits)
     elif name == "all":
         change_edits(take.edits, EditList(), "all edits removed", edits)
     elif not getattr(edits, name):
@@ -371,13 +371,9 @@ def _remove(arguments: argparse.Namespace) -> int:
         return 0
     else:
         change_edits(take.edits, edits.without(name), f"{name} removed", edits)
-    print(f"removed: {name if arguments.number is None else f'{_one(name)} {arguments.number}'}", file=arguments.output)
+    removed = name if arguments.number is None else singular(f"{name} {arguments.number}")
+    print(f"removed: {removed}", file=arguments.output)
     return 0
-
-
-def _one(name: str) -> str:
-    """Name of one edit: "detail" for "details"."""
-    return next((one for one, all_of_them in _MANY.items() if all_of_them == name), name)
 
 
 def _undo(arguments: argparse.Namespace) -> int:
@@ -398,7 +394,7 @@ def _change(take: Take, name: str, value: object, file: Path | None = None) -> i
     """Set an edit to JSON-ready values, which may come from a file, and say what it is now."""
     from pydantic import ValidationError
 
-    from pipelines.takes.edits import change_edits, describe, frame_of, read_edits
+    from pipelines.takes.edits import change_edits, describe, frame_of, read_edits, singular
     from studio.edits.edit_list import EditList
     from studio.errors import violation
 
@@ -413,9 +409,9 @@ def _change(take: Take, name: str, value: object, file: Path | None = None) -> i
             f"{where} {violation(first)}",
             file=file,
             value=None if isinstance(first["input"], dict | list | tuple) else first["input"],
-            fix=f"Remove one first: `v3studio edit remove TAKE {_one(name)} NUMBER`."
+            fix=f"Remove one first: `v3studio edit remove TAKE {singular(name)} NUMBER`."
             if first["type"] == "too_long"
-            else f"`v3studio edit {_one(name)} --help` shows what is possible.",
+            else f"`v3studio edit {singular(name)} --help` shows what is possible.",
             edit=name,
         ) from None
     words = list(describe(after, frame_of(take)).items())

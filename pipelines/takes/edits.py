@@ -221,6 +221,12 @@ def describe(edits: EditList, frame: Similarity | None = None) -> dict[str, str]
     return found
 
 
+def singular(name: str) -> str:
+    """A kind of edit, or a name of `describe`, as people say it: "region 1" for "regions 1"."""
+    kind, space, number = name.partition(" ")
+    return f"{kind.removesuffix('s') if kind in ('regions', 'details') else kind}{space}{number}"
+
+
 def words_of(edit: Trim | CropBox | Ground | Floaters | Region | World | DetailMark, placed: Similarity) -> str:
     """An edit in a few words, with positions and sizes in the world to which `placed` leads from the capture's.
 

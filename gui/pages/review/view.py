@@ -36,7 +36,7 @@ from gui.pages.review.picture import Stroke
 from gui.pages.review.session import change, edits_of
 from gui.pages.review.tools import BRUSH, BRUSH_STEP, LEAST_BRUSH, MOST_BRUSH, TOOLS, hint
 from gui.pages.stage_view import OrbitView, Size
-from pipelines.takes.edits import describe
+from pipelines.takes.edits import describe, singular
 from pipelines.takes.frame_numbers import FrameNumbers
 from pipelines.takes.take import Take
 from studio.cameras import Camera
@@ -503,7 +503,7 @@ class EditView(OrbitView):
         if not found:
             return "No edits yet. Edits change what is baked and exported."
         # in a narrow window, more would not fit; List shows all
-        short = [f"trim to {text}" if name == "trim" else name.replace("s ", " ", 1) for name, text in found.items()]
+        short = [f"trim to {text}" if name == "trim" else singular(name) for name, text in found.items()]
         return f"Edits: {', '.join(short)}"
 
 
