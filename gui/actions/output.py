@@ -81,9 +81,13 @@ class OutputActions:
 
     def _choose_frames(self, request: ExportRequest) -> None:
         """Choose the frames that are usual for the format: the span, the frame under review as a file, else all."""
-        window, names = self._window, [*request.ranges]
+        every, present, *span = request.ranges
+        window = self._window
         reviewed = window.views.stage == "review" and not window.player.transport.playing
-        request.frames = names[2 if len(names) > 2 else reviewed and EXPORTS[request.kind].holds == "frame"]
+        if span:
+            request.frames = span[0]
+        else:
+            request.frames = present if reviewed and EXPORTS[request.kind].holds == "frame" else every
 
     @property
     def _stale(self) -> bool:

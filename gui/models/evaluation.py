@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from pipelines.takes.evaluation import FrameQuality, Quality, read_evaluation
@@ -84,19 +84,21 @@ class Evaluation:
         """What figures refer to, for a title: "camera cam05" if it was evaluated, else "mean of held-out cameras";
         "mean" if nothing was evaluated."""
         if self.stale:  # more would not fit
-            return f"{replace(self, stale=False).whose_briefly(camera)}, earlier bake"
+            return f"{self._in_few_words(camera)}, earlier bake"
         if camera in self.cameras:
             return f"camera {camera}"
         return f"mean of {'held-out' if self.held_out else 'training'} cameras" if self.frames else "mean"
 
     def whose_briefly(self, camera: str = "") -> str:
         """The same in fewer words: "cam05" or "held-out mean"."""
-        earlier = ", earlier" * self.stale
+        if not self.stale:
+            return self._in_few_words(camera)
+        return f"{self._in_few_words(camera) if camera in self.cameras else 'mean'}, earlier"
+
+    def _in_few_words(self, camera: str) -> str:
         if camera in self.cameras:
-            return f"{'camera ' * camera.isdecimal()}{camera}{earlier}"
-        if self.stale or not self.frames:
-            return f"mean{earlier}"
-        return f"{'held-out' if self.held_out else 'training'} mean"
+            return f"camera {camera}" if camera.isdecimal() else camera
+        return f"{'held-out' if self.held_out else 'training'} mean" if self.frames else "mean"
 
     @property
     def explanation(self) -> str:
