@@ -130,8 +130,7 @@ def _run(known: argparse.Namespace) -> tuple[int, Message | None]:
         code = command(known)
         known.output.flush()
     except StudioError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return _exit_code(error), error.message
+        return _refused(error)
     except (Cancelled, KeyboardInterrupt):
         return EXIT_CANCELLED, Message("run.cancelled", "the command was cancelled")
     except BrokenPipeError:  # `v3studio config | head`
@@ -141,15 +140,21 @@ def _run(known: argparse.Namespace) -> tuple[int, Message | None]:
         if error.filename is None:
             raise
         file = Path(os.fsdecode(error.filename))
-        failed = StudioError(
-            "file.failed",
-            f"cannot be read or written ({reason_of(error)})",
-            file=file.parent if PARTIAL in file.name else file,
-            fix="Check the path and its permissions.",
+        return _refused(
+            StudioError(
+                "file.failed",
+                f"cannot be read or written ({reason_of(error)})",
+                file=file.parent if PARTIAL in file.name else file,
+                fix="Check the path and its permissions.",
+            )
         )
-        print(f"error: {failed}", file=sys.stderr)
-        return 1, failed.message
     return code, None
+
+
+def _refused(error: StudioError) -> tuple[int, Message]:
+    """Print the error; its exit code and message."""
+    print(f"error: {error}", file=sys.stderr)
+    return _exit_code(error), error.message
 
 
 def _exit_code(error: StudioError) -> int:

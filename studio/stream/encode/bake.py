@@ -133,8 +133,9 @@ def bake_group(
                     own = own.replace(quality=rung.qp)
                 steps = _Steps(progress, len(made), len(rungs))
                 values = _identity(rung, group, first_frame, len(frames), single=not settings.ladder)
-                given = (steps, threads, fps or NOMINAL_FPS, quality, unsmoothed)
-                job = _Job(prepared, partial, values, own, rung.qp, *given)
+                job = _Job(
+                    prepared, partial, values, own, rung.qp, steps, threads, fps or NOMINAL_FPS, quality, unsmoothed
+                )
                 made[rung.id] = _stored(*job.encode(), partial, directory, own)
             del prepared
         return GroupEntry(
