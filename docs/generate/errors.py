@@ -2,7 +2,7 @@
 
 import ast
 import re
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,11 +38,12 @@ def errors_page(root: Path, packages: tuple[str, ...]) -> str:
     """Markdown of all codes that the packages under `root` name, by area."""
     found: dict[str, list[Site]] = defaultdict(list)
     files = [file for package in packages for file in sorted((root / package).rglob("*.py"))]
-    sources = [file.read_text(encoding="utf-8") for file in files]
-    named = [one for source in sources for one in _constants(source).items()]
-    known = {name: value for name, value in named if [one for one, _ in named].count(name) == 1}
-    for source in sources:
-        for site in sites(source, known):
+    modules = [ast.parse(file.read_text(encoding="utf-8")) for file in files]
+    constants = [_constants(module) for module in modules]
+    uses = Counter(name for one in constants for name in one)
+    unique = {name: value for one in constants for name, value in one.items() if uses[name] == 1}
+    for module, own in zip(modules, constants, strict=True):
+        for site in _sites(module, {**unique, **own}):
             found[site.code].append(site)
     areas: dict[str, list[str]] = defaultdict(list)
     for name in sorted(found):
@@ -63,14 +64,15 @@ def _words(site: Site) -> str:
     return f"{site.problem}{fix}"
 
 
-def sites(source: str, constants: Mapping[str, ast.expr] | None = None) -> Iterator[Site]:
-    """Every call in a module's source that makes a message with a code.
+def sites(source: str) -> Iterator[Site]:
+    """Every call in a module's source that makes a message with a code."""
+    module = ast.parse(source)
+    return _sites(module, _constants(module))
 
-    Args:
-        constants: values of other modules' constants.
-    """
-    known = {**(constants or {}), **_constants(source)}
-    for node in ast.walk(ast.parse(source)):
+
+def _sites(module: ast.Module, known: Mapping[str, ast.expr]) -> Iterator[Site]:
+    """The same, with the values of constants."""
+    for node in ast.walk(module):
         if not isinstance(node, ast.Call) or not node.args:
             continue
         first = node.args[0]
@@ -83,11 +85,11 @@ def sites(source: str, constants: Mapping[str, ast.expr] | None = None) -> Itera
             yield Site(first.value, _text(problem, known), fix)
 
 
-def _constants(source: str) -> dict[str, ast.expr]:
+def _constants(module: ast.Module) -> dict[str, ast.expr]:
     """Texts and numbers that a module gives a name in capitals."""
     return {
         node.targets[0].id: node.value
-        for node in ast.parse(source).body
+        for node in module.body
         if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name) and node.targets[0].id.isupper()
         if isinstance(node.value, (ast.Constant, ast.JoinedStr))
     }
