@@ -84,6 +84,8 @@ def test_commands_run_in_the_order_of_their_page(
     monkeypatch.syspath_prepend(tmp_path / "masks")
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     for command in commands.splitlines():
+        for name in re.findall(r"(?<!--out )\b[\w/]+\.yaml", command):
+            assert (tmp_path / name).exists(), f"{command}: nothing has written {name} yet"
         if any(re.match(pattern, command) for pattern in NOT_HERE.values()):
             continue
         command, pipe, reader = command.partition(" | ")

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -85,9 +86,11 @@ def test_kb_per_frame_is_all_that_playing_takes_divided_by_frames_everywhere(
     compared = here("compare", take.root, "--frames", "::5", "--images", 0, "--out", out, "--json")
     (measured,) = result_of(compared.stdout)["takes"]
     assert measured["total_bytes"] / measured["stream_frames"] == per_frame
-    assert f"{per_frame / 1000:.1f} KB" in (take.root / "report.html").read_text()
+    report = (take.root / "report.html").read_text()
+    assert re.findall(r"([\d.]+) KB(?: per frame|</b>)", report) == [f"{per_frame / 1000:.1f}"] * 2
     (mean,) = (line for line in here("evaluate", take.root).stdout.splitlines() if line.strip().startswith("mean"))
     assert mean.split()[-1] == f"{per_frame / 1000:.1f}"
+    assert f"{per_frame / 1000:.1f}" in here("bake", "list", take.root).stdout.split()
 
 
 @pytest.mark.parametrize(
