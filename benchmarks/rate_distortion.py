@@ -285,7 +285,7 @@ def bd_rate(anchor: list[Point], other: list[Point], measure: str) -> float | No
 
 
 def kilobytes_at(points: list[Point], psnr: float, measure: str) -> float | None:
-    """Rate in kB per frame at a given PSNR, interpolated in log rate; None outside the range of the points."""
+    """Rate in KB per frame at a given PSNR, interpolated in log rate; None outside the range of the points."""
     ordered = sorted(points, key=lambda point: getattr(point, measure))
     values = [getattr(point, measure) for point in ordered]
     if not values[0] <= psnr <= values[-1]:

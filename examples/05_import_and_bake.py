@@ -32,7 +32,7 @@ def main() -> None:
     video = v3.open_import(plys, arguments.fps)
     print(f"{plys}: {video.frame_count} frames; groups start at frames {video.group_starts}")
     manifest = v3.bake_video(video, arguments.out or scratch / "stream", v3.BakeSettings(quality=arguments.qp))
-    print(f"{manifest.total_bytes:,} bytes, {manifest.total_bytes / manifest.frame_count / 1000:.1f} kB per frame")
+    print(f"{manifest.total_bytes:,} bytes, {manifest.total_bytes / manifest.frame_count / 1000:.1f} KB per frame")
     assert manifest.frame_count == video.frame_count
 
 

@@ -28,7 +28,7 @@ def main() -> None:
             ]
         found.append((manifest.total_bytes, sum(psnrs) / len(psnrs)))
         print(
-            f"QP {qp}: {manifest.total_bytes / len(frames) / 1000:.1f} kB per frame, {found[-1][1]:.2f} dB, "
+            f"QP {qp}: {manifest.total_bytes / len(frames) / 1000:.1f} KB per frame, {found[-1][1]:.2f} dB, "
             f"worst {min(psnrs):.2f} dB"
         )
     if arguments.qps == sorted(set(arguments.qps)):

@@ -35,7 +35,7 @@ _ENDS_SCRIPT = re.compile(r"<(?=/script|!--)", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class ShareSize:
-    """What sharing a stream would take, without the poster (some 50 to 150 kB).
+    """What sharing a stream would take, without the poster (some 50 to 150 KB).
 
     Attributes:
         stream_bytes: of all files of the stream.

@@ -2,7 +2,7 @@
 
 Zhang et al., "The Unreasonable Effectiveness of Deep Features as a Perceptual Metric", 2018. This is version 0.1 of the
 metric, as computed by the authors' package `lpips`. That package is not a dependency because it needs torchvision, each
-release of which requires a specific release and build of torch. The fitted linear weights (10 kB) are stored next to
+release of which requires a specific release and build of torch. The fitted linear weights (10 KB) are stored next to
 this file under their own license; the weights of the network are those published by torchvision.
 """
 

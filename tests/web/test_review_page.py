@@ -93,7 +93,7 @@ def test_curves_and_figures_are_those_of_the_evaluation(page, take):
         text = page.handle.locator(".v3-review .readout").inner_text()
         assert f"Frame {frame}" in text
         assert f"decoded {row['psnr_decoded']:.2f} dB, trained {row['psnr_trained']:.2f} dB" in text
-        assert f"size {row['bytes'] / 1000:.1f} kB" in text
+        assert f"size {row['bytes'] / 1000:.1f} KB" in text
     box = page.handle.locator(".v3-review .area").bounding_box()
     page.handle.mouse.click(box["x"] + box["width"] * 0.5, box["y"] + box["height"] * 0.5)
     page.wait("player.state.frame === 2")

@@ -37,7 +37,7 @@ from studio.stream.sources.source import FolderSource
 
 INLINE_BYTES = 12 << 10
 """Groups in the manifest itself take this many bytes at most, unless the first is larger: what a player must have
-before the first group. A manifest of 14 kB is what a server sends in the first round trip (ten segments, RFC 6928)."""
+before the first group. A manifest of 14 KB is what a server sends in the first round trip (ten segments, RFC 6928)."""
 
 PAGE_BYTES = 256 << 10
 """The same for a page, which a player must have after seeking."""

@@ -44,7 +44,7 @@ def test_over_the_samples_it_is_the_plate(tmp_path, make_video, space, shutter):
     assert counts.max() == 6
     assert all((np.diff(one) >= 0).all() for one in distances.ravel() if one is not None)
     found = np.array([composited(one) for one in colors.ravel()]).reshape(*colors.shape, 4)[5:-5, 5:-5]
-    np.testing.assert_allclose(found, sharp, atol=2.5e-3)
+    np.testing.assert_allclose(found, sharp, rtol=0, atol=0.5 / 255)
     assert sharp[..., 3].max() > 0.9
 
 

@@ -5,6 +5,8 @@ import pytest
 
 from studio.capture.settings import DifferenceSettings
 from studio.masks.clean_plate import difference_evidence, match_exposure, noise_of
+from studio.masks.median_background import Background
+from studio.masks.plates import PlateMaskSource
 
 PLAIN = DifferenceSettings(mask_shadows="none")
 BRIGHTER = 20.0
@@ -66,3 +68,19 @@ def test_exposure_is_the_median_ratio_of_usable_pixels() -> None:
     known[:, 60:] = True
     image[:, 40:60] = 0
     np.testing.assert_allclose(match_exposure(image, plate, known)[:2], [1.25, 0.8], rtol=0.01)
+
+
+def test_backgrounds_of_a_large_rig_are_dropped_and_loaded_again() -> None:
+    loaded = []
+
+    def load(camera: str) -> Background:
+        loaded.append(camera)
+        return Background(np.broadcast_to(np.uint8(0), (20_000, 10_000, 3)))  # 600 MB, of which it takes one byte
+
+    source = PlateMaskSource(load, [])
+    for camera in "abcddcb":
+        source.background(camera)
+    assert loaded == ["a", "b", "c", "d"], "2 GB hold three"
+    source.background("a")
+    source.background("c")
+    assert loaded == ["a", "b", "c", "d", "a"]

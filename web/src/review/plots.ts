@@ -56,8 +56,8 @@ export class Plots {
       const kilobytes = quality.bytes.map((value) => (value === null ? null : value / 1000));
       const sizes = sizeRange(kilobytes);
       if (sizes !== null) {
-        const title = `Size of each frame, 0 to ${sizes[1]} kB`;
-        const plot = this.plot("size", title, ["size: the group's files, divided by its frames"], `0 to ${sizes[1]} kB`, sizes);
+        const title = `Size of each frame, 0 to ${sizes[1]} KB`;
+        const plot = this.plot("size", title, ["size: the group's files, divided by its frames"], `0 to ${sizes[1]} KB`, sizes);
         plot.append(draw("path", { class: "bytes", d: areaPath(kilobytes, sizes[1], WIDTH) }));
       }
     }
@@ -183,7 +183,7 @@ export class Plots {
         parts.push(`${title}, ${this.cameras}: decoded ${own}, trained ${before}`);
         if (camera !== null && this.several) parts.push(`${camera} only: ${figure(by_camera[camera], digits, unit)}`);
       }
-      parts.push(`size ${figure(quality.bytes, 1, "kB", 1e-3)}`);
+      parts.push(`size ${figure(quality.bytes, 1, "KB", 1e-3)}`);
     }
     this.readout.replaceChildren(...parts.map((text) => make("span", {}, text)));
   }

@@ -8,7 +8,7 @@ export function clock(seconds: number): string {
 }
 
 export function bytes(count: number): string {
-  if (count < 1e6) return `${(count / 1e3).toFixed(0)} kB`;
+  if (count < 1e6) return `${(count / 1e3).toFixed(0)} KB`;
   return count < 1e9 ? `${(count / 1e6).toFixed(1)} MB` : `${(count / 1e9).toFixed(2)} GB`;
 }
 

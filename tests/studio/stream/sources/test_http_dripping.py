@@ -83,7 +83,7 @@ BROKEN = {
     "an impossible status": (b"HTTP/1.1 99999 What\r\nContent-Length: 0\r\n\r\n", b""),
     "control characters": (b"HTTP/1.1 404 \x1b[2J\x1b[31m\x07\r\nContent-Length: 0\r\n\r\n", b""),
     "a redirect to nowhere": (b"HTTP/1.1 302 Found\r\nContent-Length: 0\r\n\r\n", b""),
-    "a redirect of 60 kB": (
+    "a redirect of 60 KB": (
         b"HTTP/1.1 302 Found\r\nLocation: /" + b"a" * 60000 + b"\r\nContent-Length: 0\r\n\r\n",
         b"",
     ),
