@@ -6,7 +6,7 @@ import traceback
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from pipelines.config import Config, load_config
+from pipelines.config import Config
 from pipelines.events import (
     Emit,
     Log,
@@ -27,7 +27,7 @@ from pipelines.stages import STAGE_NAMES, STAGES, Executor, Stage, stage_named
 from pipelines.stages.evaluate import lpips_of
 from pipelines.stages.inputs import Inputs
 from pipelines.stages.reporter import Countdown, StageReporter
-from pipelines.takes.atomic_files import disk_errors, remove, write_text
+from pipelines.takes.atomic_files import disk_errors, remove, write_model, write_text
 from pipelines.takes.cancel_request import cancelled_on_request
 from pipelines.takes.integrity import refuse_damage
 from pipelines.takes.kept_bakes import free_name, keep_bake, note_evaluation
@@ -139,10 +139,6 @@ class _Run:
         """Run the stages that are not up to date."""
         inputs, started = self.inputs, self.clock()
         take, settings = inputs.take, inputs.config.run
-        kept = inputs.config.bake.quality
-        if take.config.is_file():
-            with contextlib.suppress(StudioError):  # a damaged file is replaced
-                kept = load_config(take.config).bake.quality
         save_config(take.config, inputs.config)
         # report unreadable footage and edits before anything else
         _ = inputs.footage.raw, inputs.footage.digest, inputs.edits
@@ -167,12 +163,7 @@ class _Run:
             with _executor(inputs, todo) as executor:
                 if evaluates:  # report weights that cannot be loaded before hours of work, too
                     lpips_of(inputs.config, inputs.device if executor is None else "cpu")
-                try:
-                    self._run_stages(todo, executor, started)
-                except StudioError as error:
-                    if error.code == "bake.target_missed":  # else each further run would be refused, too
-                        set_settings(take.config, {"bake.quality": kept})
-                    raise
+                self._run_stages(todo, executor, started)
         if "evaluate" in names and not evaluates:
             _update_marks(inputs, self.emit)
         if "evaluate" in names:
@@ -211,6 +202,7 @@ class _Run:
             if dependency in _CHECKED:
                 refuse_damage(take, dependency)
         self.emit(StageStarted(stage=stage.name, reason=reason))
+        baked = read_record(take, "bake")
         take.forget(stage.name)
         if self.force:
             remove(take.work(stage.name))
@@ -232,6 +224,9 @@ class _Run:
             # on a full disk the record cannot be written either; the event and the exit code report the failure
             with contextlib.suppress(OSError):
                 write_failure(take, stage.name, message)
+                if message.code == "bake.target_missed" and baked is not None:  # the take still has that stream
+                    write_model(take.record("bake"), baked)
+                    set_settings(take.config, {"bake.quality": baked.params["bake.quality"]})
             raise
         self.emit(StageFinished(stage=stage.name, seconds=round(seconds, 2), summary=summary.to_json()))
 

@@ -224,8 +224,11 @@ def test_bake_to_a_target(here, finished, tmp_path):
         assert group.bytes <= 1000 * target * group.frame_count
     assert {group.video.qp for group in baked("--bake.quality", "40")} == {40}, "the target is replaced, too"
     assert "misses the target" in here("bake", "--take", take, "--bake.quality", "99 dB").stderr
+    set_settings(take / "config.yaml", {"bake.quality": "98 dB"})  # as the window and --detach do, before the run
+    assert "misses the target of 98" in here("bake", take).stderr
     assert "quality: 40" in (take / "config.yaml").read_text(), "a level that is out of reach is not stored"
-    stages = result_of(here("bake", "--take", take, "--json").stdout)["stages"]
+    assert result_of(here("status", take, "--json").stdout)["stages"]["bake"]["state"] == "done"
+    stages = result_of(here("bake", take, "--json").stdout)["stages"]
     assert list(stages) == ["calibrate", "initialize", "train", "bake"], "nothing measured this bake yet"
 
 
