@@ -213,7 +213,21 @@ def make_parser() -> tuple[CommandParser, dict[str, CommandParser]]:
     for name in _OF_PAIRS:
         import_module(f"pipelines.commands.{name}").register(pairs)
     completion.register(commands, make_parser)
-    return parser, {**commands.choices, **pairs.parsers}
+    named = {**commands.choices, **pairs.parsers}
+    for name, command in named.items():
+        if name != "open":  # becomes another program
+            _add_json(command)
+    return parser, named
+
+
+def _add_json(command: argparse.ArgumentParser) -> None:
+    """Add `--json` to a command, or to each of the commands in it."""
+    for action in command._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for kind in action.choices.values():
+                _add_json(kind)
+            return
+    command.add_argument("--json", action="store_true", help="print events as JSON lines; the last one has the result")
 
 
 class _MainParser(CommandParser):

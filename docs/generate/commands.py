@@ -10,7 +10,7 @@ from generate.markdown import code, escaped, table
 INTRODUCTION = """# Commands
 
 All commands take `--help`. Commands with the option `--set` also take any [setting](settings.md) as
-`--SECTION.NAME VALUE`. With `--json`, a command prints [events](events.md).
+`--SECTION.NAME VALUE`. With `--json`, which all but `open` take, they print [events](events.md).
 
 Exit codes: 0 for success, 1 for a failure or bad input, 2 for wrong usage, 130 if stopped. A failure is one sentence on
 standard error.

@@ -5,7 +5,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.common.arguments import add_command, add_json, add_overwrite, invalid_option
+from pipelines.commands.common.arguments import add_command, add_overwrite, invalid_option
 from pipelines.outputs import check_output, replacing
 
 _NOTE = """The first variant is the full method with the settings in CONFIG; each other variant leaves out one part.
@@ -41,7 +41,6 @@ def register(commands: Any) -> None:
         "--qps", default=",".join(map(str, QPS)), metavar="N,N", help="QPs to bake at (default: %(default)s)"
     )
     parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
-    add_json(parser)
 
 
 def _ablate(arguments: argparse.Namespace) -> int:

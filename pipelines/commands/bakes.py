@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import add_command, add_json
+from pipelines.commands.common.arguments import add_command
 
 if TYPE_CHECKING:
     from pipelines.takes.kept_bakes import KeptBake
@@ -15,8 +15,7 @@ if TYPE_CHECKING:
 
 
 def register(commands: Any) -> None:
-    listing = _command(commands, "list", "list the bakes that a take keeps, with size and quality", _list)
-    add_json(listing)
+    _command(commands, "list", "list the bakes that a take keeps, with size and quality", _list)
     keep = _command(
         commands,
         "keep",
@@ -25,7 +24,6 @@ def register(commands: Any) -> None:
         "It becomes the folder TAKE/bakes/NAME, which can be played, exported, shared, and compared like a take.",
     )
     keep.add_argument("name", metavar="NAME", help="name of the bake, such as qp26")
-    add_json(keep)
     choose = _command(
         commands, "choose", "make a kept bake the take's stream again, with its settings and evaluation", _choose
     )
@@ -82,13 +80,13 @@ def _keep(arguments: argparse.Namespace) -> int:
     def keep(take: Take) -> None:
         arguments.result = {"path": str(keep_bake(take, arguments.name).take.root.absolute())}
 
-    return _change(arguments.take, "keep", keep)
+    return _change(arguments, "keep", keep)
 
 
 def _choose(arguments: argparse.Namespace) -> int:
     from pipelines.takes.kept_bakes import choose_bake
 
-    return _change(arguments.take, "choose", lambda take: choose_bake(take, arguments.name))
+    return _change(arguments, "choose", lambda take: choose_bake(take, arguments.name))
 
 
 def _remove(arguments: argparse.Namespace) -> int:
@@ -100,14 +98,16 @@ def _remove(arguments: argparse.Namespace) -> int:
         for name in arguments.name:
             remove_bake(take, name)
 
-    return _change(arguments.take, "remove", remove)
+    return _change(arguments, "remove", remove)
 
 
-def _change(folder: Path, name: str, change: Callable[[Take], object]) -> int:
+def _change(arguments: argparse.Namespace, name: str, change: Callable[[Take], object]) -> int:
     from pipelines.takes.atomic_files import disk_errors
+    from pipelines.takes.kept_bakes import kept_bakes
     from pipelines.takes.take import Take
 
-    take = Take.open(folder)
+    take = Take.open(arguments.take)
     with take.locked(f"v3studio bake {name}"), disk_errors(take.root):
         change(take)
+        arguments.result |= {"bakes": [kept.to_json() for kept in kept_bakes(take)]}
     return 0

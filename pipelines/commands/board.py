@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.common.arguments import add_json, invalid_option
+from pipelines.commands.common.arguments import invalid_option, tell
 from pipelines.commands.common.source import add_source, read_settings
 
 
@@ -86,11 +86,12 @@ def _board(arguments: argparse.Namespace) -> int:
     names += ["marker", "dictionary"] if target.kind == "charuco" else []
     names += ["inverted"] if target.inverted else []
     values = {"calibrate": {"board": {name: getattr(target, name) for name in names}}}
-    print(
+    arguments.result = {"path": str(arguments.file.absolute()), "width": width, "height": height, **values}
+    tell(
+        arguments,
         f"{arguments.file}: {width:g} x {height:g} mm. Print at 100%, measure a square, and use these settings with "
-        "the measured size:"
+        f"the measured size:\n{dump_yaml(values).rstrip()}",
     )
-    print(dump_yaml(values), end="")
     return 0
 
 
@@ -108,7 +109,6 @@ def _add_sync(commands: Any) -> None:
         help="what to compare (default: auto, which is sound or else motion)",
     )
     sync.add_argument("--seconds", type=float, default=1.0, metavar="S", help="largest offset in seconds (default: 1)")
-    add_json(sync)
     sync.set_defaults(command=_sync)
 
 

@@ -5,7 +5,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.common.arguments import add_command
+from pipelines.commands.common.arguments import add_command, tell
 
 _STOP_SECONDS = 60.0
 """How long a run may take to stop. A network file system may show a request seconds late."""
@@ -39,5 +39,6 @@ def _cancel(arguments: argparse.Namespace) -> int:
                 fix="Look at it on that machine; a paused run stops when it is resumed.",
             )
         time.sleep(0.2)
-    print("The run was stopped.", file=arguments.output)
+    arguments.result = {"take": str(take.root), "pid": holder.get("pid"), "host": holder.get("host")}
+    tell(arguments, "The run was stopped.")
     return 0

@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import add_json, invalid_option
+from pipelines.commands.common.arguments import invalid_option
 from studio.counts import counted
 from studio.errors import StudioError, shown
 from studio.progress import ProgressFn
@@ -33,7 +33,6 @@ def register(commands: Any) -> None:
     command.add_argument(
         "--remove", action="store_true", help="delete damaged files of a take, so that the next run makes them"
     )
-    add_json(command)
     command.set_defaults(command=_check)
 
 

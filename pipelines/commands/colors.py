@@ -3,6 +3,7 @@
 import argparse
 from typing import Any
 
+from pipelines.commands.common.arguments import tell
 from pipelines.commands.common.source import add_source, read_settings
 
 
@@ -25,24 +26,27 @@ def register(commands: Any) -> None:
 
 
 def _colors(arguments: argparse.Namespace) -> int:
-    from pipelines.commands.common.working import working
+    from pipelines.commands.common.working import json_output, working
     from studio.capture import open_footage
     from studio.capture.color_chart import fit_chart_colors
 
     capture = read_settings(arguments.source, arguments.overrides).capture
     footage = open_footage(capture.replace(masks="none", audio=None), None, strict=False)
     try:
-        with working("colors", None) as progress:
+        with working("colors", json_output(arguments)) as progress:
             fit = fit_chart_colors(footage, arguments.chart_frame, footage.train_cameras, progress)
     finally:
         footage.close()
+    settings = {"train": {"camera_colors": fit.frame}}
+    without = {name: error.problem for name, error in fit.without.items()}
+    figures = {"before": fit.before, "after": fit.after, "without": without, "patches": fit.patches}
+    arguments.result = {**figures, **settings}
     for name in footage.train_cameras:
         if name in fit.matrices:
-            print(
-                f"{name}: found, {fit.before[name]:.1f} levels of 255 from the mean camera, {fit.after[name]:.1f} after"
-            )
+            before, after = fit.before[name], fit.after[name]
+            tell(arguments, f"{name}: found, {before:.1f} levels of 255 from the mean camera, {after:.1f} after")
         else:
-            print(f"{name}: {fit.without[name].problem}; not corrected")
-    print(f"{len(fit.matrices)} of {len(footage.train_cameras)} cameras, {fit.patches} of 24 patches. To correct them:")
-    print(f"train: {{camera_colors: {fit.frame}}}")
+            tell(arguments, f"{name}: {without[name]}; not corrected")
+    found = f"{len(fit.matrices)} of {len(footage.train_cameras)} cameras, {fit.patches} of 24 patches"
+    tell(arguments, f"{found}. To correct them:\ntrain: {{camera_colors: {fit.frame}}}")
     return 0

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import add_command, add_frames, add_json, add_overwrite, invalid_option
+from pipelines.commands.common.arguments import add_command, add_frames, add_overwrite, invalid_option
 from pipelines.outputs import check_output
 from studio.comparison.protocols import PROTOCOLS
 
@@ -54,7 +54,6 @@ def register(commands: Any) -> None:
         "--images", type=int, default=2, metavar="N", help="number of images per camera (default: %(default)s)"
     )
     parser.add_argument("--device", default="auto", help="torch device, as the setting run.device")
-    add_json(parser)
 
 
 def _compare(arguments: argparse.Namespace) -> int:

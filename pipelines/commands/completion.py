@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Callable
 from typing import Any
 
-from pipelines.commands.common.arguments import CommandParser
+from pipelines.commands.common.arguments import CommandParser, tell
 
 _NOTE = """To use it:
   bash    v3studio completion bash > ~/.local/share/bash-completion/completions/v3studio
@@ -35,5 +35,6 @@ def _completion(
         for action in command.arguments:
             if action.choices is None and action.nargs != 0 and action.type not in _WITHOUT_FILES:
                 action.complete = shtab.FILE  # type: ignore[attr-defined]
-    print(shtab.complete(main, shell=arguments.shell), file=arguments.output)
+    arguments.result = {"script": shtab.complete(main, shell=arguments.shell)}
+    tell(arguments, arguments.result["script"])
     return 0

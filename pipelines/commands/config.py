@@ -3,7 +3,7 @@
 import argparse
 from typing import Any
 
-from pipelines.commands.common.arguments import SETTINGS_NOTE, invalid_option, nearest
+from pipelines.commands.common.arguments import SETTINGS_NOTE, invalid_option, nearest, tell
 from pipelines.commands.common.source import source_path
 
 SECTIONS = ("capture", "calibrate", "initialize", "train", "bake", "evaluate", "run")
@@ -34,6 +34,7 @@ def _config(arguments: argparse.Namespace) -> int:
     from pipelines.commands.common.source import read_settings
     from pipelines.config import Config, describe, load_config
     from pipelines.config.presets import values_of
+    from studio.yaml_text import parse_yaml
 
     sections = [word for word in arguments.words if word in SECTIONS]
     sources = [word for word in arguments.words if word not in SECTIONS]
@@ -56,5 +57,6 @@ def _config(arguments: argparse.Namespace) -> int:
     ]
     whole = not sections and not arguments.changed
     text = describe(config, None if whole else names) if names else "# All settings have their defaults.\n"
-    print(text, end="", file=arguments.output)
+    arguments.result = {"settings": parse_yaml(text) or {}}
+    tell(arguments, text.rstrip())
     return 0

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 import shlex
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import add_command, add_json, frame_range, invalid_option
+from pipelines.commands.common.arguments import add_command, frame_range, invalid_option, tell
 from studio.counts import counted
 from studio.errors import StudioError
 
@@ -43,8 +44,7 @@ def register(commands: Any) -> None:
     )
     kinds = command.add_subparsers(title="commands", required=True, metavar="COMMAND")
 
-    listing = _kind(kinds, "list", "show the edits", _list)
-    add_json(listing)
+    _kind(kinds, "list", "show the edits", _list)
     _kind(kinds, "count", "count the splats that the edits remove, by group", _count)
 
     trim = _kind(kinds, "trim", "keep a range of frames", _trim)
@@ -118,8 +118,18 @@ def register(commands: Any) -> None:
     _kind(kinds, "redo", "redo the last undone change", _redo)
 
 
-def _kind(kinds: Any, name: str, text: str, command: Any) -> argparse.ArgumentParser:
-    parser = add_command(kinds, name, text, command)
+def _kind(kinds: Any, name: str, text: str, command: Callable[[argparse.Namespace], str]) -> argparse.ArgumentParser:
+    """Add a command that returns what it says to people; its result is the edits, as they are then."""
+
+    def run(arguments: argparse.Namespace) -> int:
+        from pipelines.takes.edits import read_edits
+
+        words = command(arguments)
+        arguments.result = arguments.result or read_edits(_take(arguments).edits).model_dump(mode="json")
+        tell(arguments, words)
+        return 0
+
+    parser = add_command(kinds, name, text, run)
     parser.add_argument("take", type=Path, metavar="TAKE", help="folder of the take")
     return parser
 
@@ -143,24 +153,20 @@ def _take(arguments: argparse.Namespace) -> Take:
     return Take.open(arguments.take)
 
 
-def _list(arguments: argparse.Namespace) -> int:
+def _list(arguments: argparse.Namespace) -> str:
     from pipelines.takes.edits import describe, frame_of, read_edits_file
 
     take = _take(arguments)
     found = read_edits_file(take.edits)
-    arguments.result = found.edits.model_dump(mode="json")
-    if arguments.json:
-        return 0
-    for name, words in describe(found.edits, frame_of(take)).items():
-        print(f"{name:<12}{words}", file=arguments.output)
+    lines = [f"{name:<12}{words}" for name, words in describe(found.edits, frame_of(take)).items()]
     if found.edits == type(found.edits)():
-        print("no edits", file=arguments.output)
+        lines.append("no edits")
     if found.undo:
-        print(f"last change: {found.undo[-1].words}", file=arguments.output)
-    return 0
+        lines.append(f"last change: {found.undo[-1].words}")
+    return "\n".join(lines)
 
 
-def _count(arguments: argparse.Namespace) -> int:
+def _count(arguments: argparse.Namespace) -> str:
     from pipelines.takes.edited import EditedGroup
     from pipelines.takes.edits import read_edits
     from pipelines.takes.frame_numbers import trained_groups
@@ -171,19 +177,21 @@ def _count(arguments: argparse.Namespace) -> int:
         raise StudioError(
             "take.not_trained", "no trained frames yet", file=take.root, fix="Run `v3studio train`.", stage="train"
         )
+    lines, rows = [], []
     for group in groups:
         found = EditedGroup(take, group, edits).selection()
-        kinds = ", ".join(f"{name} {count:,}" for name, count in found.counts.items() if count)
-        removed = found.removed
-        print(
-            f"group {group.index}: {int(removed.sum()):,} of {counted(len(removed), 'splat')} removed"
-            f"{f' ({kinds})' if kinds else ''}",
-            file=arguments.output,
+        counts = {name: count for name, count in found.counts.items() if count}
+        removed, splats = int(found.removed.sum()), len(found.removed)
+        rows.append({"group": group.index, "splats": splats, "removed": removed, "by_edit": counts})
+        kinds = ", ".join(f"{name} {count:,}" for name, count in counts.items())
+        lines.append(
+            f"group {group.index}: {removed:,} of {counted(splats, 'splat')} removed{f' ({kinds})' if kinds else ''}"
         )
-    return 0
+    arguments.result = {"groups": rows}
+    return "\n".join(lines)
 
 
-def _trim(arguments: argparse.Namespace) -> int:
+def _trim(arguments: argparse.Namespace) -> str:
     take, (start, stop, step) = _take(arguments), arguments.frames
     frames = _frames(take)
     if step != 1 or (None in (start, stop) and not frames):
@@ -201,7 +209,7 @@ def _trim(arguments: argparse.Namespace) -> int:
     return _change(take, "trim", {"first": first, "last": last})
 
 
-def _crop(arguments: argparse.Namespace) -> int:
+def _crop(arguments: argparse.Namespace) -> str:
     import numpy as np
 
     from pipelines.takes.edits import frame_of, placed_world, read_edits
@@ -224,7 +232,7 @@ def _crop(arguments: argparse.Namespace) -> int:
     return _change(take, "crop", box)
 
 
-def _ground(arguments: argparse.Namespace) -> int:
+def _ground(arguments: argparse.Namespace) -> str:
     from pipelines.takes.edits import frame_of, placed_world, read_edits
 
     take = _take(arguments)
@@ -256,13 +264,13 @@ def _up(take: Take, edits: EditList) -> np.ndarray:
     return read_rig(take.rig).up
 
 
-def _floaters(arguments: argparse.Namespace) -> int:
+def _floaters(arguments: argparse.Namespace) -> str:
     names = ("opacity", "splats", "share", "distance")
     given = {name: getattr(arguments, name) for name in names if getattr(arguments, name) is not None}
     return _change(_take(arguments), "floaters", given)
 
 
-def _world(arguments: argparse.Namespace) -> int:
+def _world(arguments: argparse.Namespace) -> str:
     import numpy as np
 
     from pipelines.takes.edits import frame_of, read_edits
@@ -296,7 +304,7 @@ def _world(arguments: argparse.Namespace) -> int:
     return _change(take, "world", values)
 
 
-def _region(arguments: argparse.Namespace) -> int:
+def _region(arguments: argparse.Namespace) -> str:
     from pipelines.takes.edits import read_edits
     from studio.bounded_files import TextError, parse_json, read_bounded
     from studio.errors import reason_of
@@ -315,7 +323,7 @@ def _region(arguments: argparse.Namespace) -> int:
     return _change(take, "regions", regions, arguments.file)
 
 
-def _detail(arguments: argparse.Namespace) -> int:
+def _detail(arguments: argparse.Namespace) -> str:
     import numpy as np
 
     from pipelines.takes.edits import frame_of, placed_world, read_edits
@@ -343,7 +351,7 @@ def _detail(arguments: argparse.Namespace) -> int:
     return _change(take, "details", [one.model_dump(mode="json") for one in (*edits.details, mark)])
 
 
-def _remove(arguments: argparse.Namespace) -> int:
+def _remove(arguments: argparse.Namespace) -> str:
     from pipelines.takes.edits import NAMES, change_edits, read_edits, singular
     from studio.edits.edit_list import EditList
 
@@ -367,31 +375,26 @@ def _remove(arguments: argparse.Namespace) -> int:
         change_edits(take.edits, EditList(), "all edits removed", edits)
     elif not getattr(edits, name):
         missing = f"are no {name}" if name in _MANY.values() else f"is no {name} edit"
-        print(f"nothing to remove: there {missing}", file=arguments.output)
-        return 0
+        return f"nothing to remove: there {missing}"
     else:
         change_edits(take.edits, edits.without(name), f"{name} removed", edits)
-    removed = name if arguments.number is None else singular(f"{name} {arguments.number}")
-    print(f"removed: {removed}", file=arguments.output)
-    return 0
+    return f"removed: {name if arguments.number is None else singular(f'{name} {arguments.number}')}"
 
 
-def _undo(arguments: argparse.Namespace) -> int:
+def _undo(arguments: argparse.Namespace) -> str:
     from pipelines.takes.edits import undo_edit
 
-    print(f"undone: {undo_edit(_take(arguments).edits)[1]}", file=arguments.output)
-    return 0
+    return f"undone: {undo_edit(_take(arguments).edits)[1]}"
 
 
-def _redo(arguments: argparse.Namespace) -> int:
+def _redo(arguments: argparse.Namespace) -> str:
     from pipelines.takes.edits import redo_edit
 
-    print(f"redone: {redo_edit(_take(arguments).edits)[1]}", file=arguments.output)
-    return 0
+    return f"redone: {redo_edit(_take(arguments).edits)[1]}"
 
 
-def _change(take: Take, name: str, value: object, file: Path | None = None) -> int:
-    """Set an edit to JSON-ready values, which may come from a file, and say what it is now."""
+def _change(take: Take, name: str, value: object, file: Path | None = None) -> str:
+    """Set an edit to JSON-ready values, which may come from a file; returns what it is now, in words."""
     from pydantic import ValidationError
 
     from pipelines.takes.edits import change_edits, describe, frame_of, read_edits, singular
@@ -417,9 +420,7 @@ def _change(take: Take, name: str, value: object, file: Path | None = None) -> i
     words = list(describe(after, frame_of(take)).items())
     shown = [f"{one}: {text}" for one, text in words if one.split()[0] == name][-1:]
     change_edits(take.edits, after, (shown or [name])[0], before)
-    for line in shown:
-        print(line)
-    return 0
+    return "".join(shown)
 
 
 def _frames(take: Take) -> tuple[int, ...]:

@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
-from pipelines.commands.common.arguments import add_command, add_json
+from pipelines.commands.common.arguments import add_command
 from pipelines.commands.common.source import add_source, is_take, read_settings
 from pipelines.commands.common.working import json_output, working
 from studio.counts import counted
@@ -35,7 +35,6 @@ def register(commands: Any) -> None:
         epilog=_NOTE,
     )
     add_source(parser)
-    add_json(parser)
     parser.add_argument(
         "--presets", action="store_true", help="estimate the presets preview, standard and final too; about a minute"
     )

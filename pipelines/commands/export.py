@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 from pipelines.commands.common.arguments import (
     ALL_FRAMES,
     add_frames,
-    add_json,
     add_overwrite,
     invalid_option,
     three_numbers,
@@ -120,7 +119,6 @@ def register(commands: Any) -> None:
     )
     export.add_argument("--turns", type=float, default=1.0, help="turntable: number of turns (default: 1)")
     export.add_argument("--elevation", type=float, default=10.0, help="turntable: elevation in degrees (default: 10)")
-    add_json(export)
     export.set_defaults(command=_export)
 
 

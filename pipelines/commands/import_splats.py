@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.common.arguments import add_json, add_overwrite, invalid_option, three_numbers
+from pipelines.commands.common.arguments import add_overwrite, invalid_option, three_numbers
 from pipelines.commands.common.working import json_output, say_note, working
 from pipelines.outputs import replacing
 from studio.counts import counted
@@ -33,7 +33,6 @@ def register(commands: Any) -> None:
         help="up direction (default: what the file says; otherwise 0,1,0 for SPZ, 0,-1,0 for others)",
     )
     parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
-    add_json(parser)
     parser.set_defaults(command=_import)
 
 

@@ -1,10 +1,11 @@
 """`v3studio init`: writes a commented configuration for footage."""
 
 import argparse
+import shlex
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.common.arguments import add_overwrite, invalid_option
+from pipelines.commands.common.arguments import add_overwrite, invalid_option, tell
 from pipelines.commands.common.source import add_preset, add_source, is_footage, read_settings
 from pipelines.outputs import replacing
 from studio.errors import StudioError
@@ -49,6 +50,7 @@ def _init(arguments: argparse.Namespace) -> int:
     text = "\n".join([*lines, *(f"# {line}" for line in found), "", describe(config, names)])
     with replacing(out, arguments.overwrite, Path.is_file), disk_errors(out.absolute().parent):
         write_text(out, text)
-    print("\n".join(found), file=arguments.output)
-    print(f"{out}: written. To run it: v3studio run {out} --take takes/first", file=arguments.output)
+    arguments.result = {"path": str(out.absolute()), "footage": list(found)}
+    words = f"{out}: written. To run it: v3studio run {shlex.quote(str(out))} --take takes/first"
+    tell(arguments, "\n".join([*found, words]))
     return 0

@@ -4,11 +4,11 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.common.arguments import add_command, add_json
+from pipelines.commands.common.arguments import add_command
 
 
 def register(pairs: Any) -> None:
-    add_json(add_command(pairs, "models list", "list the matting models that can be downloaded", _list))
+    add_command(pairs, "models list", "list the matting models that can be downloaded", _list)
     get = pairs.add_parser(
         "models get",
         help="download a matting model for masks",
@@ -17,7 +17,6 @@ def register(pairs: Any) -> None:
     get.add_argument("name", metavar="NAME", help="name of the model")
     get.add_argument("--out", type=Path, default=Path(), metavar="FOLDER", help="where to write NAME.onnx (default: .)")
     get.add_argument("--package", type=Path, metavar="FILE", help="the package, if it has been downloaded before")
-    add_json(get)
     get.set_defaults(command=_get)
 
 

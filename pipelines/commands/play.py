@@ -7,7 +7,7 @@ import shlex
 import sys
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import add_frames, add_json, invalid_option
+from pipelines.commands.common.arguments import add_frames, invalid_option
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
@@ -34,7 +34,6 @@ def register(commands: Any) -> None:
     play.add_argument("--realtime", action="store_true", help="play at the stream's frame rate and drop late frames")
     play.add_argument("--render", action="store_true", help="also render each frame from the stream's suggested camera")
     add_frames(play, "play", steps=False)
-    add_json(play)
     play.set_defaults(command=_play)
 
 

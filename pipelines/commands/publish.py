@@ -5,7 +5,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.common.arguments import add_json
 from pipelines.commands.common.working import json_output, working
 from pipelines.commands.share import add_page_options, page_text
 from studio.counts import counted
@@ -29,7 +28,6 @@ def register(commands: Any) -> None:
         help="also put index.html and the browser player there, with the options below",
     )
     add_page_options(command)
-    add_json(command)
     command.set_defaults(command=_publish)
 
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 import signal
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import add_command, add_json
+from pipelines.commands.common.arguments import add_command, tell
 from pipelines.commands.common.source import add_source, is_take, read_settings
 
 if TYPE_CHECKING:
@@ -29,8 +30,7 @@ def register(commands: Any) -> None:
     add_source(add)
     add.add_argument("--take", type=Path, metavar="TAKE", help="folder of the take; created when it is run")
 
-    listing = _kind(kinds, "list", "show the takes and their states", _list)
-    add_json(listing)
+    _kind(kinds, "list", "show the takes and their states", _list)
 
     _kind(kinds, "run", "run all waiting takes, including those added meanwhile", _run)
 
@@ -74,7 +74,8 @@ def _add(arguments: argparse.Namespace) -> int:
         source, take = None, source
     read_settings(source, arguments.overrides, take=take)  # report invalid settings now, not overnight
     entry = _file(arguments).add(take, source, tuple(arguments.set))
-    print(f"take {entry.number}: {entry.take}")
+    arguments.result = entry.model_dump(mode="json")
+    tell(arguments, f"take {entry.number}: {entry.take}")
     return 0
 
 
@@ -109,9 +110,9 @@ def _list(arguments: argparse.Namespace) -> int:
 
 def _run(arguments: argparse.Namespace) -> int:
     from pipelines.batch.run_queue import run_queue
-    from pipelines.events import Event
+    from pipelines.events import Event, Finished, Log
     from pipelines.events.cancellation import Cancellation
-    from pipelines.runs.console import Bars
+    from pipelines.runs.console import Bars, JsonLines
 
     stopped = Cancellation()
 
@@ -122,45 +123,59 @@ def _run(arguments: argparse.Namespace) -> int:
     signal.signal(signal.SIGTERM, interrupt)
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # as for a job in the background of a shell
         signal.signal(signal.SIGINT, interrupt)
+    lines = JsonLines(arguments.output) if arguments.json else None
     shown: list[Bars] = []
 
+    def say(entry: QueuedTake, words: str) -> None:
+        text = f"take {entry.number}: {words}"
+        print(f"== {text}", flush=True) if lines is None else lines(Log(message=text))
+
     def starts(entry: QueuedTake) -> None:
-        print(f"== take {entry.number}: {entry.take}", flush=True)
-        shown.append(Bars().__enter__())
+        say(entry, str(entry.take))
+        if lines is None:
+            shown.append(Bars().__enter__())
 
     def emit(event: Event) -> None:
-        shown[-1](event)
+        if lines is None:
+            shown[-1](event)
+        elif not isinstance(event, Finished):  # of one take; that of the queue is the last
+            lines(event)
 
     def ended(entry: QueuedTake) -> None:
-        shown.pop().__exit__()
-        print(f"== take {entry.number}: {entry.state}{f' ({entry.message})' if entry.message else ''}", flush=True)
+        if lines is None:
+            shown.pop().__exit__()
+        say(entry, f"{entry.state}{f' ({entry.message})' if entry.message else ''}")
 
     try:
         done, failed = run_queue(_file(arguments), starts, emit, ended, check=stopped.check)
     finally:
         for bars in shown:
             bars.__exit__()
-    print(f"{done} done, {failed} failed")
+    arguments.result = {"done": done, "failed": failed}
+    tell(arguments, f"{done} done, {failed} failed")
     return 1 if failed else 0
 
 
 def _stop(arguments: argparse.Namespace) -> int:
-    print(f"stopping process {_file(arguments).stop()}")
+    arguments.result = {"pid": _file(arguments).stop()}
+    tell(arguments, f"stopping process {arguments.result['pid']}")
     return 0
 
 
 def _move(arguments: argparse.Namespace) -> int:
-    _file(arguments).move(arguments.number, arguments.place)
-    return 0
+    return _changed(arguments, lambda queue: queue.move(arguments.number, arguments.place))
 
 
 def _remove(arguments: argparse.Namespace) -> int:
-    queue = _file(arguments)
-    for number in arguments.number:
-        queue.remove(number)
-    return 0
+    return _changed(arguments, lambda queue: [queue.remove(number) for number in arguments.number])
 
 
 def _retry(arguments: argparse.Namespace) -> int:
-    _file(arguments).retry(arguments.number)
+    return _changed(arguments, lambda queue: queue.retry(arguments.number))
+
+
+def _changed(arguments: argparse.Namespace, change: Callable[[QueueFile], object]) -> int:
+    queue = _file(arguments)
+    change(queue)
+    arguments.result = queue.read().model_dump(mode="json")
     return 0

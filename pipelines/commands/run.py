@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import add_command, add_json, invalid_option
+from pipelines.commands.common.arguments import add_command, invalid_option
 from pipelines.commands.common.source import add_preset, add_source, is_footage, is_take, read_settings
 from pipelines.stages import STAGE_NAMES, STAGES
 from studio.errors import StudioError
@@ -102,7 +102,6 @@ def _stage_parser(commands: Any, name: str, text: str) -> argparse.ArgumentParse
     add_source(parser, nargs="?", note=" (default: the settings in the take)")
     parser.add_argument("--take", type=Path, metavar="TAKE", help="folder of the take; created if needed")
     add_preset(parser)
-    add_json(parser)
     return parser
 
 

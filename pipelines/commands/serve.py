@@ -11,7 +11,7 @@ import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import add_json, invalid_option
+from pipelines.commands.common.arguments import invalid_option
 from pipelines.commands.share import add_view_option
 from pipelines.events import Serving
 from studio.errors import StudioError
@@ -94,7 +94,6 @@ def register(commands: Any) -> None:
         metavar="ORIGIN",
         help="let pages of this origin, such as https://example.org, or of all ('*') play the stream; may be repeated",
     )
-    add_json(serve)
     serve.add_argument(
         "--end-with-stdin",
         action="store_true",

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
-from pipelines.commands.common.arguments import add_json, add_overwrite, invalid_option
+from pipelines.commands.common.arguments import add_overwrite, invalid_option
 from pipelines.commands.common.working import json_output, working
 
 if TYPE_CHECKING:
@@ -33,7 +33,6 @@ def register(commands: Any) -> None:
     )
     add_overwrite(share)
     add_page_options(share)
-    add_json(share)
     share.set_defaults(command=_share)
 
 

@@ -4,8 +4,6 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.common.arguments import add_json
-
 
 def register(commands: Any) -> None:
     status = commands.add_parser(
@@ -15,7 +13,6 @@ def register(commands: Any) -> None:
     )
     status.add_argument("take", type=Path, metavar="TAKE", help="folder of the take")
     status.add_argument("--check", action="store_true", help="exit with 1 unless all stages are known to be up to date")
-    add_json(status)
     status.set_defaults(command=_status)
 
 

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.common.arguments import add_json
+from pipelines.commands.common.arguments import tell
 from pipelines.stages import CHAIN, GROUP_STAGES
 from studio.errors import StudioError
 from studio.memory import require_memory
@@ -46,7 +46,6 @@ def register(commands: Any) -> None:
         help="what --print-commands prints: plain, a command per line for GNU parallel and OpenCue's cuecmd (default); "
         "deadline, the same for Deadline's CommandScript; sbatch, a batch file for Slurm",
     )
-    add_json(parser)
     parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
     parser.set_defaults(command=_work)
 
@@ -70,7 +69,8 @@ def _work(arguments: argparse.Namespace) -> int:
         from pipelines.runs.print_commands import printed_commands
 
         text = printed_commands(take, config, stages, arguments.format, arguments.set)
-        print(text, end="", file=arguments.output)
+        arguments.result = {"text": text}
+        tell(arguments, text.rstrip())
         return 0
 
     from pipelines.runs.console import Bars, JsonLines

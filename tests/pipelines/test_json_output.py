@@ -1,13 +1,15 @@
 """With --json, standard output is only JSON, whatever libraries print in between, at exit or in child processes."""
 
+import argparse
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
 from pipelines.events import Finished, Log, Progress, StageFinished, parse_event
+from tests.support.events import result_of
 from tests.support.warm_python import warm_python
 
 ROOT = Path(__file__).parents[2]
@@ -125,21 +127,60 @@ def test_every_command_with_json_prints_json_only(
         assert words in done.stderr.decode("utf-8", "replace")
 
 
-def test_every_command_that_knows_json_is_tried_above(cli: Callable) -> None:
+SHORT = """
+bake keep take fine
+bake choose take fine
+bake remove take fine
+edit trim take 1:4
+edit undo take
+edit redo take
+edit list take
+edit count take
+edit remove take trim
+init capture --out new.yaml
+board board.pdf
+config bake --changed --bake.quality 30
+completion bash
+models list
+work take --print-commands
+queue add take --queue queue.json
+queue move 1 1 --queue queue.json
+queue list --queue queue.json
+queue remove 1 --queue queue.json
+"""
+
+
+def test_short_commands_have_a_result(
+    take_of: Callable[[], Path], finished: Path, here: Callable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(take_of().parent)
+    Path("capture").symlink_to(finished / "capture")
+    results = {}
+    for line in SHORT.strip().splitlines():
+        done = here(*line.split(), "--json").ok()
+        assert (done.stdout.count("\n"), done.stderr) == (1, ""), line
+        results[line] = result_of(done.stdout)
+        assert results[line], line
+    assert results["edit undo take"]["trim"] is None
+    assert results["edit redo take"]["trim"] == {"first": 1, "last": 3}
+    assert results["bake choose take fine"]["bakes"][0]["is_stream"]
+    assert results["bake remove take fine"]["bakes"] == []
+    assert results["config bake --changed --bake.quality 30"] == {"settings": {"bake": {"quality": 30}}}
+    assert results["board board.pdf"]["path"] == str(Path("board.pdf").absolute())
+
+
+def test_every_command_but_the_window_takes_json() -> None:
     from pipelines.cli import make_parser
 
-    parsers = make_parser()[1]
-    knowing = {name for name, parser in parsers.items() if "--json" in parser.format_help()}
-    stages = {"run", "calibrate", "initialize", "train", "bake", "evaluate"}  # one function, tried with bake
-    elsewhere = {
-        "serve": "commands",
-        "work": "runs",
-        "ablate": "commands",
-        "estimate": "estimate",
-        "models list": "models",
-        "models get": "models",
-    }
-    assert knowing == stages | set(COMMANDS) | set(elsewhere)
+    def names(name: str, parser: argparse.ArgumentParser) -> Iterator[tuple[str, bool]]:
+        kinds = [kinds.choices for kinds in parser._actions if isinstance(kinds, argparse._SubParsersAction)]
+        for kind, one in (kinds[0] if kinds else {}).items():
+            yield from names(f"{name} {kind}", one)
+        if not kinds:
+            yield name, "--json" in parser.format_help()
+
+    found = dict(pair for name, parser in make_parser()[1].items() for pair in names(name, parser))
+    assert [name for name, known in found.items() if not known] == ["open"]
 
 
 def test_settings_printed_as_yaml_are_free_of_native_output(project: Path) -> None:
@@ -173,6 +214,11 @@ FAILURES = {
     "a bad value": (("export", "none", "--format", "ply", "--out", "x", "--size", "1", "--json"), 2, "command."),
     "a bad setting": (("run", "none", "--take", "x", "--bake.quality", "99", "--json"), 1, "settings."),
     "an unknown option": (("play", "none", "--jsn", "--json"), 2, "command.usage"),
+    "no run to cancel": (("cancel", "none", "--json"), 1, "take.not_found"),
+    "no edits to undo": (("edit", "undo", "none", "--json"), 1, "take.not_found"),
+    "no such entry": (("queue", "retry", "9", "--queue", "q.json", "--json"), 1, "queue."),
+    "not a PDF": (("board", "x.png", "--json"), 2, "command.invalid_option"),
+    "no footage to init": (("init", "none", "--json"), 2, "command.not_footage"),
     "an unknown command": (("plya", "none", "--json"), 2, "command.usage"),
 }
 

@@ -135,9 +135,10 @@ def long_settings_as_set(arguments: Sequence[str], parser: CommandParser) -> lis
     return plain
 
 
-def add_json(parser: argparse.ArgumentParser) -> None:
-    """Add the option `--json`."""
-    parser.add_argument("--json", action="store_true", help="print events as JSON lines; the last one has the result")
+def tell(arguments: argparse.Namespace, text: str) -> None:
+    """Print what a command says to people: nothing with `--json`, where `arguments.result` is for programs."""
+    if text and not arguments.json:
+        print(text)
 
 
 def add_overwrite(parser: argparse.ArgumentParser, text: str = "replace the output if it exists") -> None:

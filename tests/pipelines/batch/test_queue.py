@@ -16,7 +16,7 @@ import pytest
 
 from pipelines.batch.queue_file import QueuedTake, QueueFile, default_queue
 from pipelines.batch.run_queue import run_queue
-from pipelines.events import Event, Log
+from pipelines.events import Event, Finished, Log, RunStarted, parse_event
 from pipelines.events.cancellation import EXIT_CANCELLED, Cancellation
 from pipelines.takes.take import Take
 from studio.errors import Cancelled, StudioError
@@ -274,8 +274,11 @@ def test_the_commands(finished: Path, tmp_path: Path, here: Callable[..., Any], 
     missing = add(settings)
     assert (missing.returncode, "--take takes/first" in missing.stderr) == (2, True)
     assert "queue run` starts it" in here("queue", "list", *option).stdout
-    done = cli("queue", "run", *option)
-    assert (done.returncode, "1 done, 1 failed" in done.stdout) == (1, True), done.stdout + done.stderr
+    done = cli("queue", "run", "--json", *option)
+    events = [parse_event(line) for line in done.stdout.splitlines()]
+    assert (done.returncode, result_of(done.stdout)) == (1, {"done": 1, "failed": 1}), done.stderr
+    assert sum(isinstance(event, Finished) for event in events) == 1, "not those of the takes"
+    assert any(isinstance(event, RunStarted) for event in events)
     takes = result_of(here("queue", "list", "--json", *option).stdout)["takes"]
     assert [entry["state"] for entry in takes] == ["failed", "done"]
     assert "nothing" in takes[0]["message"]
