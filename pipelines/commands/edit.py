@@ -56,7 +56,7 @@ def register(commands: Any) -> None:
     _vector(crop, "--min", "lowest corner of the box, in the world of `v3studio edit world`", required=True)
     _vector(crop, "--max", "highest corner", required=True)
     crop.add_argument(
-        "--training", action="store_true", help="also limit training to the box's outline; trains the take again"
+        "--training", action="store_true", help="also mask the training images to the box; trains the take again"
     )
 
     ground = _kind(kinds, "ground", "remove what is below a plane", _ground)
@@ -68,21 +68,21 @@ def register(commands: Any) -> None:
     )
 
     floaters = _kind(kinds, "floaters", "remove faint splats, and small clusters apart from all others", _floaters)
-    floaters.add_argument("--opacity", type=float, metavar="X", help="remove splats never above this opacity (0 to 1)")
-    floaters.add_argument("--splats", type=int, metavar="N", help="remove clusters of fewer splats")
-    floaters.add_argument("--share", type=float, metavar="X", help="remove clusters with a smaller share of the splats")
+    floaters.add_argument("--opacity", type=float, metavar="X", help="remove splats whose opacity never exceeds X")
+    floaters.add_argument("--splats", type=int, metavar="N", help="remove clusters of fewer than N splats")
+    floaters.add_argument("--share", type=float, metavar="X", help="remove clusters of less than this share of all splats")
     floaters.add_argument(
         "--distance",
         type=float,
         metavar="D",
-        help="splats closer than this are in one cluster, units of the capture (default: 2%% of the performer's size)",
+        help="splats closer than this are in one cluster; in units of the capture (default: 2%% of the performer)",
     )
 
-    world = _kind(kinds, "world", "set up, origin and scale of streams and exports", _world)
+    world = _kind(kinds, "world", "set the up direction, origin and scale of streams and exports", _world)
     _vector(world, "--up", "direction that becomes +y, in the world of the capture")
     _vector(world, "--origin", "point that becomes the origin, in the world of the capture")
-    world.add_argument("--scale", type=float, metavar="S", help="new units in one unit of the capture")
-    _vector(world, "--from", "with --to and --distance instead of --scale: a point, in the world of the capture")
+    world.add_argument("--scale", type=float, metavar="S", help="new units per unit of the capture")
+    _vector(world, "--from", "instead of --scale, with --to and --distance: a point in the world of the capture")
     _vector(world, "--to", "another point")
     world.add_argument("--distance", type=float, metavar="D", help="distance of the two points in new units")
 

@@ -61,8 +61,8 @@ def register(commands: Any) -> None:
     )
     export.add_argument(
         "--axes", choices=("world", "viewer"),
-        help="ply, spz, glb, usd, exr, cameras of film tools: axes of the capture (world), or upright by the format's "
-        "convention (viewer); default: world for ply, viewer for the others",
+        help="ply, spz, glb, usd, exr, and film tools' cameras in --path: axes of the capture (world), or upright by "
+        "the format's convention (viewer); default: world for ply, viewer for the others",
     )  # fmt: skip
     export.add_argument(
         "--sh-degree",
@@ -72,7 +72,7 @@ def register(commands: Any) -> None:
         help="truncate spherical harmonics to degree N, 0 to 3",
     )
     export.add_argument(
-        "--spz-version", type=int, choices=(3, 4), help="spz: 4 (default), or 3 for viewers that cannot read it yet"
+        "--spz-version", type=int, choices=(3, 4), help="spz: 4 (default), or 3 for viewers that cannot read 4"
     )
     export.add_argument("--qp", type=int, default=22, help="videogs: QP of H.264, 0 (lossless) to 51 (default: 22)")
     export.add_argument(
@@ -91,14 +91,14 @@ def register(commands: Any) -> None:
     export.add_argument("--camera", metavar="NAME", help="exr: camera of the footage; with --path, camera of that file")
     export.add_argument(
         "--start-number", type=int, metavar="N",
-        help="usd, exr, and cameras of film tools: number of the first frame (default: that in the footage)",
+        help="usd, exr, and film tools' cameras in --path: number of the first frame (default: that in the footage)",
     )  # fmt: skip
     export.add_argument(
         "--color-space", choices=("acescg", "rec709", "srgb"), default="acescg",
         help="exr: scene-linear ACEScg (default) or Rec.709, or sRGB values as trained",
     )  # fmt: skip
     export.add_argument(
-        "--overscan", type=int, default=0, metavar="PIXELS", help="exr: beyond each side of the image (default: 0)"
+        "--overscan", type=int, default=0, metavar="PIXELS", help="exr: pixels added on each side (default: 0)"
     )
     export.add_argument(
         "--shutter", type=float, default=0.0, metavar="DEGREES",

@@ -27,8 +27,7 @@ def register(commands: Any) -> None:
         "play",
         help="decode a stream and measure the time and size of each frame",
         description="Decode a stream from a folder or a web server and measure the time and size of each frame. "
-        "Damaged groups are skipped and reported, with exit code 1. To watch a stream, use v3studio-gui or `v3studio "
-        "serve`.",
+        "Damaged groups are skipped and reported, with exit code 1. To watch a stream, use `v3studio open`.",
     )
     play.add_argument("stream", metavar="STREAM", help="folder of a stream or a take, a .v3s file, or a URL")
     play.add_argument("--realtime", action="store_true", help="play at the stream's frame rate and drop late frames")

@@ -38,7 +38,7 @@ def register(commands: Any) -> None:
         stage.add_argument("--force", action="store_true", help="run from scratch even if it is up to date")
         if name == "bake":
             _add_stream_options(stage)
-            stage.add_argument("--keep", metavar="NAME", help="keep the bake under this name, too")
+            stage.add_argument("--keep", metavar="NAME", help="also keep the bake under this name")
         if name == "train":
             _add_live(stage)
         _add_detach(stage)
@@ -74,7 +74,7 @@ def _add_stream_options(stage: argparse.ArgumentParser) -> None:
         action=_Ladder,
         const="cut",
         nargs=0,
-        help="like --ladder, but without fine-tuning: quicker, needs no images, worse",
+        help="like --ladder, but without fine-tuning: faster, needs no images, lower quality",
     )
 
 

@@ -48,7 +48,7 @@ def register(commands: Any) -> None:
     serve.add_argument(
         "--https",
         action="store_true",
-        help="encrypt; without --certificate, a certificate is made for this run, of which browsers warn: compare its "
+        help="encrypt; without --certificate, a certificate is made for this run. Browsers warn about it: compare its "
         "fingerprint with the printed one",
     )
     serve.add_argument("--certificate", type=Path, metavar="FILE", help="certificate in PEM format; implies --https")
@@ -97,7 +97,7 @@ def register(commands: Any) -> None:
     serve.add_argument(
         "--end-with-stdin",
         action="store_true",
-        help="stop when standard input ends: for programs whose server must not outlive them, even if they are killed",
+        help="stop when standard input closes, so that the server never outlives the program that started it",
     )
     serve.set_defaults(command=_serve)
 

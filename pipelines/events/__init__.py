@@ -110,7 +110,7 @@ class Progress(Event):
     Attributes:
         fraction: of the stage, 0 to 1.
         total_fraction: of all stages of this run, 0 to 1 (an estimate).
-        seconds_left: of the stage; None while unknown, in any case in its first ten seconds.
+        seconds_left: of the stage; None while unknown, always in its first ten seconds.
         total_seconds_left: of the run; likewise.
         label: the step in progress ("group 1, frame 7: motion").
         figures: depending on the stage: loss, psnr, splats, iteration, group, frame and others.
@@ -263,7 +263,7 @@ class Finished(Notice):
     """The last event of every command, also of one that failed.
 
     Attributes:
-        outcome: "done" (exit code 0), "failed" or "cancelled". A check that found something has failed, without a code.
+        outcome: "done" (exit code 0), "failed" or "cancelled"; "failed" without a code if a check found a fault.
         seconds: work time, without pauses.
         result: what the command found or made; empty if it has nothing to say.
     """

@@ -104,21 +104,21 @@ class FileSettings(Settings):
 
     masks: Annotated[MaskKind | ImportPath, Heading("Masks")] = "auto"
     """How to separate the performer from the background. alpha: the images' alpha channel. files: mask files.
-    clean_plate: difference from images of the empty set. agreed: the performer as all cameras together see them, before
-    clean plates or a background that is estimated from the footage; for static, calibrated cameras. median_background:
-    difference from a background that is estimated for each camera alone. chroma_key: a screen of one color. plain: the
-    performer has already been cut out on plain white or black. model: a matting model. none: everything is foreground.
+    clean_plate: difference from images of the empty set. agreed: all cameras vote, each with its difference from a
+    clean plate or from an estimated background; for static, calibrated cameras. median_background: difference from a
+    background that is estimated for each camera alone. chroma_key: a screen of one color. plain: the performer has
+    already been cut out on plain white or black. model: a matting model. none: everything is foreground.
     MODULE:NAME: a source of your own in a Python module. auto: the first of alpha, files, clean_plate and plain that
     fits the capture; otherwise, if there are at least 10 frames, agreed with 6 or more cameras for training, else
     median_background. If none fits, steps that need masks stop. See docs/guides/masks.md."""
 
     mask_files: str = "auto"
-    """Pattern of the mask files; anything but 0 is the performer, unless the values are soft. auto: search folders
-    with names such as masks, mattes, seg or alpha."""
+    """Pattern of the mask files: soft masks, or labels, of which all but 0 are the performer. auto: search folders with
+    names such as masks, mattes, seg or alpha."""
 
     mask_labels: tuple[Annotated[int, Field(ge=0, le=65535)], ...] = ()
-    """If the values of mask files are labels, such as numbers of people: the labels of the performer. Empty: every
-    value but 0. [0] inverts the masks, also soft ones."""
+    """If the values of mask files are labels, such as numbers of people: the labels of the performer. Empty: all but 0.
+    [0] inverts the masks, also soft ones."""
 
     clean_plates: str = "auto"
     """Pattern of the clean plates, one image (or a video, whose median is used) per camera. auto: search folders named

@@ -162,7 +162,7 @@ def add_frames(parser: argparse.ArgumentParser, verb: str, note: str = "", steps
         type=frame_range,
         default=ALL_FRAMES,
         metavar="A:B[:S]" if steps else "A:B",
-        help=f"{verb} only the frames A to B - 1{every} by their numbers in the footage (a stream's: from 0){note}",
+        help=f"{verb} only the frames A to B - 1{every} by their numbers in the footage (in a stream: from 0){note}",
     )
 
 

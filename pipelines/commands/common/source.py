@@ -40,8 +40,8 @@ def add_preset(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--preset",
         choices=PRESETS,
-        help="how long to train: preview, standard (for CPUs) or final (the paper's, for GPUs); default for footage: "
-        "the one for this machine",
+        help="training schedule: preview, standard (for CPUs) or final (the paper's, for GPUs); for a folder of "
+        "footage, by default the one that suits this machine",
     )
 
 

@@ -4,7 +4,7 @@ Before a clean plate, the difference from it is all the evidence. Before a set t
 three clues are added. Where nothing has moved for a moment, connected to most of the image, there is the set. A pixel
 that equals the empty set up to the noise shows the set, and so does a color that occurs in the set only. Where cameras
 have agreed that an estimated set is empty, differences count in full. The weights were fitted by logistic regression to
-masks of one frame of real footage (27 cameras), and rounded.
+masks of two frames of real footage (27 cameras), and rounded.
 """
 
 from collections.abc import Sequence
