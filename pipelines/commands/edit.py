@@ -70,7 +70,7 @@ def register(commands: Any) -> None:
     floaters = _kind(kinds, "floaters", "remove faint splats, and small clusters apart from all others", _floaters)
     floaters.add_argument("--opacity", type=float, metavar="X", help="remove splats whose opacity never exceeds X")
     floaters.add_argument("--splats", type=int, metavar="N", help="remove clusters of fewer than N splats")
-    floaters.add_argument("--share", type=float, metavar="X", help="remove clusters of less than this share of all splats")
+    floaters.add_argument("--share", type=float, metavar="X", help="remove clusters below this share of the splats")
     floaters.add_argument(
         "--distance",
         type=float,
