@@ -38,7 +38,7 @@ GROUPS = {
     "Prepare a capture": ("board", "sync", "colors", "models list", "models get"),
     "Use streams and takes": ("open", "play", "serve", "share", "publish", "export", "import"),
     "Use other machines": ("work",),
-    "Keep takes": ("edit", "check", "bake list", "bake keep", "bake choose", "bake remove"),
+    "Manage takes": ("edit", "check", "bake list", "bake keep", "bake choose", "bake remove"),
     "Research": ("compare", "ablate"),
 }
 """Commands in the order of `v3studio --help`."""

@@ -136,8 +136,8 @@ class DifferenceSettings(Settings):
     mask_shadows: Literal["none", "gray", "colored"] = "gray"
     """For masks from clean plates, agreed, median or screen: which parts of the background count as shadow rather than
     performer. gray: darkened background. colored (not for screens): also where its color changes, as in shadows of
-    colored lights, or where it is very dark (down to 0.12). Thin or dark parts of the performer in front of a set
-    without texture can be lost; see docs/guides/masks.md."""
+    colored lights, or where it is very dark (down to 12% of its brightness). Thin or dark parts of the performer in
+    front of a set without texture can be lost; see docs/guides/masks.md."""
 
     mask_components: int | None = Field(default=None, ge=1)
     """For masks from clean plates, agreed, median, screen or model: maximum number of connected components per camera,
