@@ -40,7 +40,6 @@ VARIANTS = (
 """The paper's ablations (section 6 and its figure on group size), and group sizes around its 20."""
 
 OPTIONS = (
-    Variant("by-motion", "groups chosen by motion", {"train.grouping": "motion"}),
     Variant("fixed-positions", "means are not fine-tuned", {"train.finetune_means": False}),
     Variant("paper-entropy", "residual entropy loss with the paper's weight", {"train.entropy_weight": 1e-4}),
     Variant("mcmc", "splats relocated instead of cloned and split", {"train.strategy": "mcmc"}),

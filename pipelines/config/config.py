@@ -21,12 +21,9 @@ class GroupSettings(Settings):
     """Where groups begin."""
 
     group_size: Annotated[int, Heading("Groups"), Affects("grouping")] = Field(default=GROUP_SIZE, ge=1, le=1000)
-    """Maximum number of frames per group. The one in the middle is trained first, as a keyframe, and the frames after
-    and before it follow. The paper uses 20, and begins with the keyframe."""
-
-    grouping: Annotated[Literal["fixed", "motion"], Affects("grouping")] = "fixed"
-    """Where groups begin. fixed: every group_size frames. motion: earlier where the performer would look too different
-    from the keyframe, but after at least 4 frames."""
+    """Maximum number of frames per group. Groups are shorter where the performer moves fast: a group's frames are not
+    farther from its keyframe than about half the performer's size. The frame in the middle is trained first, as a
+    keyframe, and the frames after and before it follow. The paper uses 20, and begins with the keyframe."""
 
 
 # Fields of the last base come first.

@@ -33,8 +33,7 @@ def printed_commands(
             commands name them, since they read that file.
 
     Raises:
-        StudioError: the footage cannot be read, where groups begin is not known yet (`work.groups_unknown`), or a word
-            cannot be quoted for Deadline (`work.cannot_quote`).
+        StudioError: the footage cannot be read, or a word cannot be quoted for Deadline (`work.cannot_quote`).
     """
     inputs = Inputs(take, config)
     groups = known_groups(inputs)

@@ -16,8 +16,9 @@ from pipelines.events.cancellation import Cancellation
 from pipelines.runs.finishing import finishing
 from pipelines.runs.out_of_memory import memory_errors
 from pipelines.runs.staleness import DONE, StageStatus, assess, not_ready
-from pipelines.stages import GROUP_STAGES, Stage, grouping, stage_named
+from pipelines.stages import GROUP_STAGES, Stage, stage_named
 from pipelines.stages.group_scheduler import threads_of_groups
+from pipelines.stages.grouping import find_motion
 from pipelines.stages.inputs import Inputs
 from pipelines.stages.reporter import StageReporter
 from pipelines.takes.atomic_files import disk_errors
@@ -27,6 +28,7 @@ from pipelines.takes.take import Take
 from pipelines.version import program_version
 from studio.counts import counted
 from studio.errors import StudioError
+from studio.progress import no_progress
 
 
 def work(
@@ -73,7 +75,7 @@ def work(
 
 
 def group_of(inputs: Inputs, index: int) -> Group:
-    """The group of this number. Raises StudioError: `work.no_such_group`, `work.groups_unknown`."""
+    """The group of this number. Raises StudioError: `work.no_such_group`."""
     groups = known_groups(inputs)
     if not 0 <= index < len(groups):
         raise StudioError(
@@ -87,15 +89,9 @@ def group_of(inputs: Inputs, index: int) -> Group:
 
 
 def known_groups(inputs: Inputs) -> tuple[Group, ...]:
-    """The take's groups."""
-    if not grouping.is_known(inputs.footage):
-        raise StudioError(
-            "work.groups_unknown",
-            "where groups begin is not known yet (train.grouping is motion)",
-            file=inputs.take.root,
-            fix="Run `v3studio initialize` first.",
-            setting="train.grouping",
-        )
+    """The take's groups, which any machine finds if none has."""
+    if inputs.take.rig.is_file():
+        find_motion(inputs, no_progress)
     return inputs.groups
 
 

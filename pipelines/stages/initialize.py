@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipelines.stages import Executor, grouping, stage_named
+from pipelines.stages import Executor, stage_named
+from pipelines.stages.grouping import find_motion, motion_key
 from pipelines.stages.inputs import Inputs
 from pipelines.stages.params import Params, derived_seed, key_of, settings_affecting
 from pipelines.stages.reporter import StageReporter
@@ -61,7 +62,7 @@ def params(inputs: Inputs) -> Params:
         **inputs.footage.seen_by_training(),
         **settings_affecting(inputs.config, "initial_points"),
         "keyframes": [group.keyframe for group in inputs.groups],
-        **({} if inputs.config.train.grouping == "fixed" else {"groups by motion": grouping.key(inputs.footage)}),
+        "motion": motion_key(inputs),
     }
 
 
@@ -88,8 +89,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> I
         reporter.log(line)  # what was found, in particular what auto chose
     for warning in inputs.footage.calibrated.warnings:
         reporter.warn(warning)
-    first = 0.0 if grouping.is_known(inputs.footage) else 0.3
-    grouping.find_groups(inputs.footage, reporter.part("finding groups", 0.0, first))
+    first = 0.3 if find_motion(inputs, reporter.part("finding groups", 0.0, 0.3)) else 0.0
     groups = inputs.groups
     check_rig(inputs, group_key(inputs, groups[0]), groups[0].keyframe, reporter)
     todo = [group for group in groups if not group_done(inputs, group)]

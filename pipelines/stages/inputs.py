@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 from pipelines.config import Config
 from pipelines.stages.footage import TakeFootage
-from pipelines.stages.grouping import groups_of
-from pipelines.takes.groups import Group
+from pipelines.takes.atomic_files import read_model
+from pipelines.takes.groups import Group, cut_into_groups
+from pipelines.takes.stage_files import FoundMotion
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 
@@ -43,8 +44,11 @@ class Inputs:
 
     @property
     def groups(self) -> tuple[Group, ...]:
-        """The take's frames in groups; see `pipelines.stages.grouping`."""
-        return groups_of(self.footage)
+        """The take's frames in groups: as if nobody moved until `pipelines.stages.grouping` knows how they do."""
+        path, frames = self.take.motion, self.footage.raw.frames
+        found = read_model(path, FoundMotion) if path.is_file() else FoundMotion()
+        known = found.frames == frames
+        return cut_into_groups(frames, self.config.train.group_size, found.motion if known else None)
 
     @property
     def threads(self) -> int:

@@ -25,7 +25,7 @@ from pipelines.stages.camera_refinement import drop_refined_cameras, ensure_refi
 from pipelines.stages.footage_check import footage_check
 from pipelines.stages.group_scheduler import groups_at_once, refuse_too_little_memory, run_groups, threads_of_groups
 from pipelines.stages.inputs import Inputs
-from pipelines.stages.params import Params, key_of, settings_affecting, settings_of, without
+from pipelines.stages.params import Params, key_of, settings_affecting, without
 from pipelines.stages.reporter import StageReporter
 from pipelines.stages.train_group import GroupWork, TrainClock, before_joint
 from pipelines.stages.training_views import details_at
@@ -48,9 +48,8 @@ def params(inputs: Inputs) -> Params:
         **_recipe(inputs),
         **settings_affecting(inputs.config, "joint_frames"),
         **edit_params(inputs.edits, "details"),
-        **settings_of(inputs.config, "train.group_size"),
         "frames": list(inputs.footage.raw.frames),
-        **({} if inputs.config.train.grouping == "fixed" else {"groups": [one.first for one in inputs.groups]}),
+        "groups": [one.first for one in inputs.groups],
     }
 
 

@@ -4,8 +4,19 @@ Frames are trained outward from it, toward the end and toward the beginning: err
 frames as from the first one, and the two sides do not need each other.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
+
+import numpy as np
+
+FEWEST = 4
+"""Number of frames that a group may have however the performer moves: keyframes take the most time and bytes."""
+
+MOST_MOTION = 0.48
+"""Longest path of the performer between a keyframe and its group's first or last frame, in sizes of the performer. In
+the sample's 30 frames, which are best as one group, it is 0.25; in groups of 12 to 15 frames with fast limbs up to
+0.44, and in twice as long ones, which are worse, 0.53 to 0.72."""
 
 
 @dataclass(frozen=True)
@@ -48,15 +59,28 @@ class Group:
         return [position - step * number for number in range(steps, 0, -1)]
 
 
-def cut_into_groups(frames: Sequence[int], size: int) -> tuple[Group, ...]:
-    """Split frames into groups of `size`; the last group may be shorter."""
-    return cut_at(frames, range(0, len(frames), size))
+@lru_cache(maxsize=8)
+def cut_into_groups(frames: tuple[int, ...], size: int, motion: tuple[float, ...] | None = None) -> tuple[Group, ...]:
+    """Split frames into as few groups as possible, as even as possible: of `size` frames at most, with a path of at
+    most `MOST_MOTION` between the keyframe and either end, or of at most `FEWEST` frames.
 
-
-def cut_at(frames: Sequence[int], starts: Sequence[int]) -> tuple[Group, ...]:
-    """Split frames into groups that begin at the indices `starts`: ascending, the first is 0."""
-    ends = [*starts[1:], len(frames)]
-    return tuple(
-        Group(index, first, tuple(frames[first:end]))
-        for index, (first, end) in enumerate(zip(starts, ends, strict=True))
-    )
+    Args:
+        motion: of the performer from each frame to the next, see `studio.capture.motion`; None: they do not move.
+    """
+    path = np.cumsum([0.0, *(motion or (0.0,) * (len(frames) - 1))])
+    counts, unevenness, before = np.zeros(len(frames) + 1), np.zeros(len(frames) + 1), [0] * (len(frames) + 1)
+    for end in range(1, len(frames) + 1):
+        starts = np.arange(max(0, end - size), end)
+        lengths = end - starts
+        middles = starts + lengths // 2
+        moved = np.maximum(path[middles] - path[starts], path[end - 1] - path[middles])
+        count = np.where((moved <= MOST_MOTION) | (lengths <= FEWEST), counts[starts] + 1, np.inf)
+        whole = (path[end - 1] - path[starts]) / (2 * MOST_MOTION)
+        uneven = unevenness[starts] + (lengths / size) ** 2 + whole**2
+        best = np.lexsort((-starts, uneven.round(9), count))[0]
+        counts[end], unevenness[end], before[end] = count[best], uneven[best], int(starts[best])
+    ends = [len(frames)]
+    while ends[-1] > 0:
+        ends.append(before[ends[-1]])
+    borders = pairwise(reversed(ends))
+    return tuple(Group(index, first, frames[first:end]) for index, (first, end) in enumerate(borders))

@@ -154,14 +154,15 @@ class BakedGroupNote(Result):
     """Least and greatest corner of the box of what one sees, world units; None: not known, or nothing can be seen."""
 
 
-class FoundGroups(Result):
-    """initialize/groups.json: where groups begin with train.grouping = motion."""
+class FoundMotion(Result):
+    """initialize/motion.json: how far the performer moves, which decides where groups begin."""
 
     key: str = ""
-    """Digest of everything that the groups were found from."""
+    """Digest of everything that the motion was found from."""
 
-    starts: tuple[int, ...] = ()
-    """Indices of the groups' first frames in the take, counted from 0."""
+    frames: tuple[int, ...] = ()
+    motion: tuple[float, ...] = ()
+    """From each frame to the next, in sizes of the performer: see `studio.capture.motion`."""
 
     cameras: tuple[str, ...] = ()
 

@@ -67,8 +67,8 @@ class Take:
     """Sparse points, if the cameras were calibrated from footage."""
     rig_verdict = _At("initialize/verdict.json")
     """Whether cameras, images and masks agree."""
-    grouping = _At("initialize/groups.json")
-    """Where groups begin, with train.grouping = motion."""
+    motion = _At("initialize/motion.json")
+    """How far the performer moves, which decides where groups begin."""
     camera_colors = _At("train/camera_colors.json")
     """Color matrices of the cameras, with train.camera_colors."""
     refined_rig = _At("train/rig.json")

@@ -7,7 +7,7 @@ from pydantic import Field, ValidationError, ValidatorFunctionWrapHandler, field
 from studio.dilation import DILATION, MAX_DILATION, MIN_DILATION
 from studio.settings import Affects, Conflict, Heading, Settings
 
-GROUP_SIZE = 20
+GROUP_SIZE = 30
 """Frames per group in the paper."""
 
 MEANS_FINAL_RATE = 6e-6

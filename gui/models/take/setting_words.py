@@ -108,7 +108,7 @@ BASIC = frozenset(
         "capture.masks", "capture.rig", "capture.root", "capture.scale", "capture.frames",
         "evaluate.lpips", "initialize.points", "initialize.resolution",
         "run.groups_at_once", "train.alpha_weight", "train.dropout",
-        "train.finetune_iterations", "train.group_size", "train.grouping", "train.keyframe_iterations",
+        "train.finetune_iterations", "train.group_size", "train.keyframe_iterations",
         "train.max_splats", "train.motion_iterations", "train.scale_reg", "train.sh_degree",
     }
 )  # fmt: skip

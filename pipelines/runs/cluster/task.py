@@ -44,7 +44,7 @@ belongs into it is not mounted."""
 VISIBLE_SECONDS = 20.0
 """How long files that another node wrote may take to appear: network file systems cache folders."""
 
-_MAY_BECOME_VISIBLE = (NOT_VISIBLE, "stage.dependency", "work.groups_unknown", "work.take_changed")
+_MAY_BECOME_VISIBLE = (NOT_VISIBLE, "stage.dependency", "work.take_changed")
 """Codes of errors before the work that an older state of the take may cause."""
 
 LOOK_AGAIN = 1.0

@@ -26,8 +26,7 @@ def test_final_has_the_defaults_and_standard_the_schedule_of_the_sample() -> Non
     sample = load_config(ROOT / "sample_configs" / "quickstart.yaml")
     assert preset_of(sample) == "standard"
     assert set(differing(sample, "standard")) == {
-        "initialize.resolution", "train.group_size", "train.alpha_weight", "train.scale_reg", "train.dropout",
-        "train.crop_margin",
+        "initialize.resolution", "train.alpha_weight", "train.scale_reg", "train.dropout", "train.crop_margin",
     }  # fmt: skip
 
 

@@ -119,12 +119,6 @@ def test_what_cannot_be_done_is_refused(project, here):
         ("--group", "2"): "there is no group 2: the take has 2 groups, numbered from 0. Choose 0 to 1.",
         (): "specify either --group or --print-commands",
         ("--stage", "evaluate", "--group", "0"): "the stage evaluate needs train, which is missing",
-        (
-            "--group",
-            "0",
-            "--train.grouping",
-            "motion",
-        ): "where groups begin is not known yet (train.grouping is motion)",
     }.items():
         done = here("work", take, *arguments)
         assert done.returncode == (2 if arguments == () else 1)

@@ -1,74 +1,70 @@
-"""Groups that begin where the performer's appearance has changed."""
+"""Groups that are as long as the performer's motion allows."""
 
 import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
-from pipelines.stages import grouping
-from pipelines.stages.grouping import FEWEST, starts_of
-from pipelines.takes.groups import cut_at, cut_into_groups
+from pipelines.takes import groups
+from pipelines.takes.groups import FEWEST, MOST_MOTION, cut_into_groups
 
 
-def half(share: float) -> np.ndarray:
-    """An image whose upper part is white to a given fraction; `change` between two follows from the areas."""
-    picture = np.zeros((20, 20, 4), np.float32)
-    picture[: round(20 * share)] = 1
-    return picture
+def lengths(motion: list[float], size: int = 30) -> list[int]:
+    return [len(group.frames) for group in cut_into_groups(tuple(range(len(motion) + 1)), size, tuple(motion))]
 
 
-def test_cutting_keeps_every_frame_once() -> None:
+def test_every_frame_is_in_one_group() -> None:
     frames = tuple(range(10, 40, 3))
-    for groups in (cut_at(frames, [0, 4, 5]), cut_into_groups(frames, 4)):
-        assert sum((group.frames for group in groups), ()) == frames
-        assert [group.first for group in groups] == [frames.index(group.frames[0]) for group in groups]
-    assert [len(group.frames) for group in cut_at(frames, [0, 4, 5])] == [4, 1, 5]
-    assert [len(group.frames) for group in cut_into_groups(frames, 4)] == [4, 4, 2]
+    found = cut_into_groups(frames, 4, (0.2, 0.0, 0.9, 0.1, 0.1, 0.3, 0.0, 0.0, 0.2))
+    assert sum((group.frames for group in found), ()) == frames
+    assert [(group.index, group.first) for group in found] == [
+        (number, frames.index(group.frames[0])) for number, group in enumerate(found)
+    ]
 
 
-def test_a_performer_who_stands_still_has_the_longest_groups() -> None:
-    assert starts_of([[half(0.5)]] * 12, 5, 0.1) == [0, 5, 10]
+@pytest.mark.parametrize(
+    ("count", "expected"), [(1, [1]), (30, [30]), (31, [16, 15]), (60, [30, 30]), (75, [25, 25, 25])]
+)
+def test_a_performer_who_stands_still_has_few_even_groups(count: int, expected: list[int]) -> None:
+    assert lengths([0.0] * (count - 1)) == expected
 
 
-def test_no_frame_of_a_group_differs_too_much_from_its_keyframe() -> None:
-    """Against 0.5, 1.0 has changed by 1/2. With 6 + 6 frames, the keyframe is the first of 1.0."""
-    looks = [[half(share)] for share in [0.5] * 6 + [1.0] * 20]
-    assert starts_of(looks, 20, 0.6) == [0, 20]
-    assert starts_of(looks, 20, 0.4) == [0, 6]
-    rows = range(4, 21)
-    looks = [[half(row / 20)] for row in rows]
-    groups = cut_at(tuple(rows), starts_of(looks, 20, 0.41))
-    assert [len(group.frames) for group in groups] == [5, 12]
-    for group in groups:
-        assert 1 - group.frames[0] / group.keyframe <= 0.41 >= 1 - group.keyframe / group.frames[-1]
-    restless = [[half(0.2 if frame % 2 else 1.0)] for frame in range(11)]
-    assert np.diff(starts_of(restless, 20, 0.4)).min() >= FEWEST
+def test_steady_motion_gives_groups_of_known_length() -> None:
+    """2 k + 1 frames at a speed of v have a path of k v from the keyframe to each end."""
+    speed = MOST_MOTION / 7.01
+    assert lengths([speed] * 14) == [15]
+    assert lengths([speed] * 15) == [8, 8]
+    assert lengths([speed] * 44) == [15, 15, 15]
+    assert lengths([speed / 2] * 44) == [23, 22]
 
 
-def test_a_camera_that_does_not_see_him_says_nothing() -> None:
-    looks = [[half(0.5), None]] + [[half(1.0), half(0.1)]] * 6
-    assert starts_of(looks, 20, 0.6) == [0]
-    assert starts_of(looks, 20, 0.4) == [0, 4]
+def test_borders_are_where_the_motion_is() -> None:
+    assert lengths([0.01] * 12 + [1.0] + [0.01] * 16) == [13, 17], "one jump"
+    fast_end = lengths([0.01] * 15 + [0.08] * 14)
+    assert fast_end[0] > fast_end[-1], "shorter where they move faster"
 
 
-def test_a_take_grouped_by_motion(project: Path, here: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_groups_have_the_fewest_frames_however_the_performer_moves() -> None:
+    assert lengths([9.0] * 11) == [FEWEST] * 3
+
+
+def test_a_take_whose_ball_moves(project: Path, here: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
     take = project / "take"
-    options = ("--train.group-size", 5, "--train.grouping", "motion", "--until", "train")
+    found = take / "initialize" / "motion.json"
 
-    def run(most_change: float) -> list[int]:
-        monkeypatch.setattr(grouping, "MOST_CHANGE", most_change)
-        here("run", project / "ball.yaml", "--take", take, *options).ok()
-        return json.loads((take / "initialize" / "groups.json").read_text())["starts"]
+    def run(most_motion: float) -> list[int]:
+        cut_into_groups.cache_clear()
+        monkeypatch.setattr(groups, "FEWEST", 1)
+        monkeypatch.setattr(groups, "MOST_MOTION", most_motion)
+        here("run", project / "ball.yaml", "--take", take, "--train.group-size", 5, "--until", "train").ok()
+        return [len(list(folder.glob("frame_*"))) for folder in sorted((take / "train").glob("group_*"))]
 
-    assert run(0.001) == [0, 4]
-    written = (take / "initialize" / "groups.json").stat().st_mtime_ns
-    assert len(list((take / "initialize").glob("group_*"))) == 2
-    assert run(0.001) == [0, 4]
-    assert (take / "initialize" / "groups.json").stat().st_mtime_ns == written, "found once"
-    keyframe = (take / "train" / "group_000" / "frame_000000.safetensors").read_bytes()
-    assert run(0.9) == [0], "the ball only moves, which does not count"
-    assert (take / "train" / "group_000" / "frame_000000.safetensors").read_bytes() == keyframe
-    assert not (take / "train" / "group_001").exists()
+    assert run(0.05) == [3, 2]
+    written = found.stat().st_mtime_ns
+    assert run(1.0) == [5]
+    assert found.stat().st_mtime_ns == written, "found once"
+    here("work", take, "--print-commands", "--set", "capture.frames=1:", "--train.group-size", "2").ok()
+    assert json.loads(found.read_text())["frames"] == [1, 2, 3, 4], "found by any command that needs it"
+    cut_into_groups.cache_clear()

@@ -14,7 +14,7 @@ def test_frames_are_trained_from_the_middle_to_the_end_and_to_the_start(frames: 
 
 
 def test_a_frame_starts_from_those_between_it_and_the_keyframe() -> None:
-    (group,) = cut_into_groups(range(100, 111), 20)
+    (group,) = cut_into_groups(tuple(range(100, 111)), 20)
     before = {position: group.trained_before(position) for position in range(11)}
     assert before[5] == []
     assert (before[6], before[7], before[10]) == ([5], [5, 6], [7, 8, 9])

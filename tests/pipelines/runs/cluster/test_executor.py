@@ -125,7 +125,7 @@ class Run:
     def go(self) -> None:
         self.ray.events = self.take.group_events
         self.take.private.mkdir(exist_ok=True)
-        groups = cut_into_groups(range(6), 2)
+        groups = cut_into_groups(tuple(range(6)), 2)
         inputs: Any = SimpleNamespace(
             take=self.take,
             config=Config.model_validate({"capture": {"root": "/footage"}, "run": self.settings}),
