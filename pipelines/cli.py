@@ -22,6 +22,7 @@ from pipelines.commands.common.arguments import (
     WordPairs,
     WrongUsage,
     long_settings_as_set,
+    nearest,
     overrides,
 )
 from pipelines.events import Finished, as_message
@@ -118,7 +119,8 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
             parser.error(f"there is no command '{first}'; there is {' and '.join(begun)}")
     known, unknown = parser.parse_known_args(long_settings_as_set(arguments, named))
     if unknown:
-        named.refuse(unknown)
+        seconds = [name.removeprefix(f"{arguments[0]} ") for name in commands if name.startswith(f"{arguments[0]} ")]
+        named.refuse(unknown, nearest(arguments[1], seconds) if seconds else "")
     return known
 
 

@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import add_command, frame_range, invalid_option, tell
+from pipelines.commands.common.arguments import add_command, frame_range, invalid_option, number, tell
 from studio.counts import counted
 from studio.errors import StudioError
 
@@ -141,7 +141,7 @@ def _vector(parser: argparse.ArgumentParser, name: str, text: str, required: boo
 
 
 def _coordinate(text: str) -> float:
-    value = float(text)
+    value = number(text)
     if not abs(value) <= 1e12:
         raise argparse.ArgumentTypeError(f"{text} is not a coordinate between -1e12 and 1e12")
     return value
@@ -407,11 +407,12 @@ def _change(take: Take, name: str, value: object, file: Path | None = None) -> s
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(part for part in first["loc"] if isinstance(part, str) and part not in _MANY.values()) or name
+        given = None if isinstance(first["input"], dict | list | tuple) else first["input"]
         raise StudioError(
             "edits.invalid",
-            f"{where} {violation(first)}",
+            f"{where}{'' if given is None else f' = {given}'} {violation(first)}",
             file=file,
-            value=None if isinstance(first["input"], dict | list | tuple) else first["input"],
+            value=given,
             fix=f"Remove one first: `v3studio edit remove TAKE {singular(name)} NUMBER`."
             if first["type"] == "too_long"
             else f"`v3studio edit {singular(name)} --help` shows what is possible.",

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pipelines.commands.common.arguments import add_command, invalid_option
-from pipelines.commands.common.source import add_preset, add_source, is_footage, is_take, read_settings
+from pipelines.commands.common.source import add_preset, add_source, is_take, read_settings
 from pipelines.stages import STAGE_NAMES, STAGES
 from studio.errors import StudioError
 from studio.memory import require_memory
@@ -146,7 +146,7 @@ def _run(arguments: argparse.Namespace) -> int:
         Take.open(folder)  # says what is missing
     # validate settings and footage before creating the folder
     config = read_settings(source, arguments.overrides, arguments.preset, folder)
-    if fresh and (source is None or is_footage(source)):
+    if fresh:
         open_footage(config.capture, None, strict=False).close()
     with disk_errors(folder):
         take = Take.create(folder)

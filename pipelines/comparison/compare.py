@@ -71,11 +71,12 @@ def compare(
         frames = [one for one in common if (start or 0) <= one and (stop is None or one < stop)][::step]
         steady = step == 1
         if not frames:
+            others = f"only {common[0]} to {common[-1]}" if common else "nor others"
             raise StudioError(
                 "compare.no_common_frame",
-                "the takes have no frame in common",
+                f"the takes have no such frames in common, {others}",
                 value=str(folders[0]),
-                fix="Compare takes of the same footage.",
+                fix="Compare takes of the same footage, and frames that they have.",
             )
         closing.enter_context(_writable(out))
         shown = {frames[at] for at in np.linspace(0, len(frames) - 1, min(images, len(frames))).round().astype(int)}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -39,7 +40,7 @@ def for_another_take(config: Config, path: Path | None, other: Path | None = Non
         path: the file that they are from; None: the defaults.
         other: folder of the other take, if there is one already; the settings stay as they are if `path` is in it.
     """
-    if path is None or (other is not None and path.absolute().parent.resolve() == other.resolve()):
+    if path is None or (other is not None and os.path.realpath(path.absolute().parent) == os.path.realpath(other)):
         return config
     capture = with_garbage_of(config.capture, Take(path.absolute().parent))
     return config if capture is config.capture else config.replace(capture=capture)

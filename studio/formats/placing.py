@@ -45,4 +45,5 @@ def _new(path: Path, what: str) -> Iterator[Path]:
         problem = "cannot be written: a part of the path is a file, not a folder"
         raise StudioError("export.write_failed", problem, file=path, fix="Choose another folder.") from None
     except OSError as error:
-        raise StudioError("export.write_failed", f"cannot be written ({reason_of(error)})", file=path) from None
+        problem, fix = f"cannot be written ({reason_of(error)})", "Check the path and its permissions."
+        raise StudioError("export.write_failed", problem, file=path, fix=fix) from None

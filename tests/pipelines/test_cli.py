@@ -237,6 +237,7 @@ def test_typos_are_answered_with_what_is_similar(here):
         (("statsu", "x"), "status"),
         (("edit", "trimm", "x", "0:3"), "trim"),
         (("bake", "x", "--kep", "fine"), "--keep"),
+        (("bake", "lst", "x"), "list"),
         (("export", "x", "--out", "y", "--format", "plyy"), "ply"),
         (("run", "x", "--preset", "previw"), "preview"),
     ):

@@ -219,6 +219,7 @@ FAILURES = {
     "no such entry": (("queue", "retry", "9", "--queue", "q.json", "--json"), 1, "queue."),
     "not a PDF": (("board", "x.png", "--json"), 2, "command.invalid_option"),
     "no footage to init": (("init", "none", "--json"), 2, "command.not_footage"),
+    "no value": (("run", "none", "--take", "x", "--bake.quality", "--json"), 2, "command.usage"),
     "an unknown command": (("plya", "none", "--json"), 2, "command.usage"),
 }
 

@@ -42,7 +42,7 @@ class CommandParser(argparse.ArgumentParser):
         self.arguments: list[argparse.Action] = []
         super().__init__(*arguments, **{"allow_abbrev": False, "formatter_class": _HelpFormatter, **options})
         self.register("type", int, _integer)
-        self.register("type", float, _number)
+        self.register("type", float, number)
 
     def add_argument(self, *names: Any, **options: Any) -> argparse.Action:
         """Called by argparse and by commands."""
@@ -56,11 +56,11 @@ class CommandParser(argparse.ArgumentParser):
         print(f"{self.prog}: error: {message}", file=sys.stderr)
         raise WrongUsage(message)
 
-    def refuse(self, words: Sequence[str]) -> NoReturn:
-        """Say that arguments are not known. Raises WrongUsage."""
+    def refuse(self, words: Sequence[str], meant: str = "") -> NoReturn:
+        """Say that arguments are not known, and perhaps what was `meant`. Raises WrongUsage."""
         options = [option for action in self.arguments for option in action.option_strings]
         near = [nearest(word.partition("=")[0], options) for word in words if word.startswith("-")]
-        self.error(f"unrecognized arguments: {' '.join(words)}{''.join(near)}")
+        self.error(f"unrecognized arguments: {' '.join(words)}{meant}{''.join(near)}")
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         """Called by argparse for arguments with choices."""
@@ -107,7 +107,8 @@ def _integer(text: str) -> int:
         raise argparse.ArgumentTypeError(f"'{text}' is not an integer; example: 24") from None
 
 
-def _number(text: str) -> float:
+def number(text: str) -> float:
+    """The type of finite numbers."""
     try:
         value = float(text)
     except ValueError:
@@ -128,7 +129,7 @@ def long_settings_as_set(arguments: Sequence[str], parser: CommandParser) -> lis
             continue
         if not equals:
             following = next(words, None)
-            if following is None:
+            if following is None or following.startswith("--"):
                 parser.error(f"--{name} needs a value")
             value = following
         plain.append(f"--set={name}={value}")

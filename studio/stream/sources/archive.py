@@ -1,5 +1,6 @@
 """Reads a stream in one file: a ZIP archive of stored entries, by ranges (docs/STREAM.md, "One file")."""
 
+import errno
 import io
 import os
 import re
@@ -174,7 +175,7 @@ class _Seekable(io.RawIOBase):
     def seek(self, offset: int, whence: int = 0) -> int:
         target = offset + (0, self._at, self._size)[whence]
         if target < 0:
-            raise ValueError("a position before the beginning")
+            raise OSError(errno.EINVAL, "a position before the beginning")  # zipfile expects it
         self._at = target
         return target
 

@@ -70,7 +70,10 @@ def test_a_preset_comes_between_the_file_and_the_command_line(here: Callable, pr
 
 def test_without_footage_there_is_no_take(here: Callable, project: Path) -> None:
     (project / "empty").mkdir()
+    (project / "loop").symlink_to("loop")
     for arguments in (
+        (project / "ball.yaml", "--take", project / "take", "--capture.held_out", "cam9"),
+        (project / "ball.yaml", "--take", project / "loop"),
         (project / "empty", "--take", project / "take"),
         ("--take", project / "take", "--capture.root", project / "none"),
         ("--take", project / "take"),
