@@ -14,15 +14,10 @@ CAMERAS = 4
 """Maximum number of training cameras to look at, evenly spaced."""
 
 
-def motion_key(inputs: Inputs) -> str:
-    """Digest of everything that the motion depends on."""
-    footage = inputs.footage
-    return digest_of([1, footage.seen_by_training(), list(footage.raw.frames), result_of(inputs.take, "calibrate")])
-
-
 def find_motion(inputs: Inputs, progress: ProgressFn) -> bool:
     """Find how far the performer moves and write it to `Take.motion`. False: it was known."""
-    path, key = inputs.take.motion, motion_key(inputs)
+    path, seen, frames = inputs.take.motion, inputs.footage.seen_by_training(), inputs.footage.raw.frames
+    key = digest_of([1, seen, list(frames), result_of(inputs.take, "calibrate")])
     if path.is_file() and read_model(path, FoundMotion).key == key:
         return False
     from studio.capture.motion import motion

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pipelines.stages import Executor, stage_named
-from pipelines.stages.grouping import find_motion, motion_key
+from pipelines.stages.grouping import find_motion
 from pipelines.stages.inputs import Inputs
 from pipelines.stages.params import Params, derived_seed, key_of, settings_affecting
 from pipelines.stages.reporter import StageReporter
@@ -62,13 +62,13 @@ def params(inputs: Inputs) -> Params:
         **inputs.footage.seen_by_training(),
         **settings_affecting(inputs.config, "initial_points"),
         "keyframes": [group.keyframe for group in inputs.groups],
-        "motion": motion_key(inputs),
+        "frames": list(inputs.footage.raw.frames),
     }
 
 
 def results(inputs: Inputs) -> list[Path]:
-    """mesh.ply and points.ply of each group."""
-    return [
+    """The motion, and mesh.ply and points.ply of each group."""
+    return [inputs.take.motion] + [
         inputs.take.initialize_group(group.index) / name
         for group in inputs.groups
         for name in ("mesh.ply", "points.ply")
