@@ -95,7 +95,7 @@ def estimate(work: Work, measured: Measured, qp: int | None) -> Estimate:
                 work.waves({count: _group(work, measured, count) for count in set(work.groups)}) + refinement + reading,
                 measured.memory + work.at_once * work.memory_of_group,
                 frames * splats * 4 * (11 + sh) * (2 if work.train.joint_iterations else 1),
-                "assumes that keyframes have train.densify_max_splats splats before pruning",
+                "assumes train.densify_max_splats splats before pruning, and the longest groups until they are known",
             ),
             StageEstimate(
                 "bake",

@@ -113,9 +113,8 @@ class StageReporter:
 
     def _progress(self, fraction: float, label: str, figures: Mapping[str, JsonData]) -> None:
         now = self.clock()
+        fraction = self._fraction = max(self._fraction, fraction)  # a part may begin again
         raw = self._seconds_left(now - self._started, fraction)
-        # estimates of the time left may grow, but progress never decreases
-        fraction = self._fraction = max(self._fraction, fraction)
         if now - self._last < _LEAST_PAUSE and fraction < 1:
             return
         self._last = now

@@ -161,6 +161,16 @@ def test_no_time_is_told_while_a_short_stage_warms_up() -> None:
     assert all(event.seconds_left < 20 for event in events[4:])
 
 
+def test_a_part_that_begins_again_does_not_take_hours() -> None:
+    """The cameras are checked after the groups are found, and report from 0 again."""
+    now, events = [0.0], []
+    reporter = StageReporter("initialize", events.append, clock=lambda: now[0])
+    for step in range(1, 121):
+        now[0] = step
+        reporter.progress(step / 200 if step <= 60 else 0.02 * (step - 60) / 60)
+    assert max(event.seconds_left or 0.0 for event in events) < 300
+
+
 def test_a_short_first_stage_does_not_foretell_the_run() -> None:
     rows = warming_up(1, 99)
     assert all(event.total_seconds_left is None for _, event in rows)
