@@ -109,6 +109,7 @@ class PlayerPresenter(Viewpoint):
         self.transport = Transport(1, FALLBACK_FPS, now=self._now)
         self.transport.numbers = opened.numbers
         self._fit_transport()
+        self.transport.seek(self.transport.group_starts[0])  # the first that there is
         self._look_home(first)
         self.picture = None
         self._asked = self._left_out = None
@@ -205,7 +206,6 @@ class PlayerPresenter(Viewpoint):
 
     def _look_home(self, first: Gaussians | None) -> None:
         assert self.opened is not None
-        self.transport.seek(max(self.transport.frame, self.transport.group_starts[0]))  # the first that there is
         self.home = OrbitCamera(up=self.opened.up)
         self._points = np.zeros((0, 3))
         if first is not None:

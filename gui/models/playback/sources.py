@@ -108,7 +108,7 @@ class TrainedSource:
         self.group_starts: Sequence[int] = tuple(
             next((index for index in group.indices if index in self._files), group.first) for group in groups
         )
-        self.frame_count = max(self._files) + 1
+        self.frame_count = groups[-1].first + len(groups[-1].frames)
         self.numbers = FrameNumbers.of(groups)
         edits = read_edits(take.edits)
         self._groups = [

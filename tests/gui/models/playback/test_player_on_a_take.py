@@ -74,6 +74,21 @@ def test_a_half_trained_group_shows_the_frames_that_are_there(take_copy: Path) -
     assert player.close()
 
 
+@pytest.mark.parametrize("frame", [0, 2])
+def test_the_frame_stays_when_the_keyframe_is_trained(take_copy: Path, tmp_path: Path, frame: int) -> None:
+    shutil.rmtree(take_copy / "stream")
+    trained = (take_copy / "train").rename(tmp_path / "train")
+    player = PlayerPresenter()
+    assert player.open(take_copy), player.message
+    player.span(5, (0, 3), 25.0)  # of the footage
+    player.transport.seek(frame)
+    others = shutil.ignore_patterns("frame_000000.*", "frame_000002.*", "group_001")
+    shutil.copytree(trained, take_copy / "train", ignore=others)
+    assert player.refresh()
+    assert (player.transport.frame, player.transport.frame_count) == (frame, 3)
+    assert player.close()
+
+
 def test_comparing_without_a_camera_compares_decoded_with_trained(player: PlayerPresenter) -> None:
     assert player.what == "decoded"
     player.choose_mode("side by side")
