@@ -22,10 +22,8 @@ from studio.storage import is_address
 MOST_FPS = 10_000
 """Limit of `capture.fps`."""
 
-AUTO = "found automatically"
 CALIBRATE = "none: calibrate from the footage"
-SILENT = "as in the settings"
-"""Choices besides those that were found."""
+"""A choice of camera file besides those that were found."""
 
 
 @dataclass(frozen=True)
@@ -55,10 +53,11 @@ class NewTake:
         settings: YAML file with settings; empty for the preset for this machine.
         take: folder of the new take; empty for `proposed_take`.
         fps: frames per second, where the footage gives none; empty for that of the settings.
-        images: pattern of the footage; `AUTO` for that of the settings.
-        rig: calibration file; `AUTO` for that of the settings.
-        masks, plates: patterns of mask files and clean plates; `AUTO` for those of the settings.
-        audio: sound file; `SILENT` for that of the settings.
+        images: pattern of the footage; here and below "" is what the settings say.
+        rig: calibration file.
+        masks, plates: patterns of mask files and clean plates.
+        audio: sound file.
+        preset: one of `PRESETS`; "" without settings is that for this machine.
         frames: "60 to 83"; empty for those of the settings.
         uses: what each camera is used for; None: as the settings say.
     """
@@ -67,13 +66,20 @@ class NewTake:
     settings: str = ""
     take: str = ""
     fps: str = ""
-    images: str = AUTO
-    rig: str = AUTO
-    masks: str = AUTO
-    plates: str = AUTO
-    audio: str = SILENT
+    images: str = ""
+    rig: str = ""
+    masks: str = ""
+    plates: str = ""
+    audio: str = ""
+    preset: str = ""
     frames: str = ""
     uses: CameraUses | None = None
+
+    def unchosen(self) -> dict[str, str]:
+        """Of what is chosen in lists, the words for "", by attribute."""
+        given = "as in the settings" if self.settings.strip() else ""
+        own = dict.fromkeys(("images", "rig", "masks", "plates"), "found automatically")
+        return {**own, "audio": given or "none", "preset": given or preset_here()}
 
     def config(self) -> Config:
         """The initial settings of the take.
@@ -130,22 +136,23 @@ class NewTake:
         overrides: list[tuple[str, object]] = []
         if self.footage.strip():
             overrides.append(("capture.root", _footage_folder(self.footage.strip())))
-        if self.images != AUTO:
+        if self.images:
             overrides.append(("capture.images", self.images))
-        if self.rig != AUTO:
+        if self.rig:
             overrides.append(("capture.rig", None if self.rig == CALIBRATE else self.rig))
-        if self.masks != AUTO:
+        if self.masks:
             overrides.append(("capture.mask_files", self.masks))
-        if self.plates != AUTO:
+        if self.plates:
             overrides.append(("capture.clean_plates", self.plates))
-            if self.masks == AUTO:  # else the masks are used
+            if not self.masks:  # else the masks are used
                 overrides.append(("capture.masks", "clean_plate"))
-        if self.audio != SILENT:
+        if self.audio:
             overrides.append(("capture.audio", self.audio))
         if self.settings.strip():
             path = Path(self.settings.strip()).expanduser()
-            return for_another_take(load_config(path, overrides), path)
-        return with_values(load_config(None, overrides), PRESETS[preset_here()])
+            config = for_another_take(load_config(path, overrides), path)
+            return with_values(config, PRESETS[self.preset]) if self.preset else config
+        return with_values(load_config(None, overrides), PRESETS[self.preset or preset_here()])
 
     def found(self, progress: ProgressFn | None = None) -> Found:
         """What is known about the footage, or why it cannot be read; `progress` as for `inspect`."""
@@ -156,12 +163,11 @@ class NewTake:
         except StudioError as error:
             images = tuple(error.value) if error.code == "footage.ambiguous_layout" else ()
             return Found(str(error), images=images)
-        preset = "" if self.settings.strip() else f" The preset is {preset_here()}."
         problems = found.problems
         more = f"{counted(len(problems), 'problem')}: {problems[0]}\n" if problems else ""
         given = (None if self.fps.strip() else config.capture.fps) or found.filmed_fps  # as `open_footage`
         left_out = [name for name in found.cameras if name not in found.used]
-        return Found(more + "\n".join(found.lines) + preset, given, found, uses=with_uses(uses, left_out, "not used"))
+        return Found(more + "\n".join(found.lines), given, found, uses=with_uses(uses, left_out, "not used"))
 
     def proposed_take(self) -> str:
         """Path of a new folder next to the footage, or in the home folder if none can be made there; in the working

@@ -27,6 +27,7 @@ MOST_LABEL = 8.0
 ABOVE_HEADING, BELOW_HEADING = 0.6, 0.3
 """How much farther a heading is from the fields above it, and nearer to those below, than a field would be, em."""
 
+PRESET = "Preset: a schedule of training with a size of the stream, for Initialize and Train"
 FILTER = "Show settings whose name, heading or documentation contains all of these words"
 
 
@@ -63,7 +64,7 @@ class SettingsList:
         self.widget = gui.Widget()
         self.widget.background_color = color(PANEL)
         self.preset = gui.Combobox()
-        self.preset.tooltip = "Preset: a schedule of training with a size of the stream, for Initialize and Train"
+        self.preset.tooltip = PRESET
         for name in PRESETS:
             self.preset.add_item(name)
         self.preset.set_on_selection_changed(lambda _, number: actions.choose(list(PRESETS)[number]))

@@ -358,10 +358,10 @@ def filled(lines: Sequence[str], count: int) -> list[str]:
 
 def in_lines(text: str, count: int) -> str:
     """The text wrapped to the width of a dialog, in exactly so many lines."""
-    return fitted(broken(text).splitlines(), count)
+    return exactly(broken(text).splitlines(), count)
 
 
-def fitted(lines: Sequence[str], count: int) -> str:
+def exactly(lines: Sequence[str], count: int) -> str:
     """Exactly so many lines; dots at the end of the last one if there are more."""
     shown = lines if len(lines) <= count else [*lines[: count - 1], f"{lines[count - 1]} ..."]
     return "\n".join(filled(shown, count))

@@ -12,11 +12,13 @@ from gui.drawing.palette import BAD, DIM
 from gui.models.loop import LOOP
 from gui.models.take.page_words import in_page_words
 from gui.models.worker import Done, LatestWorker
-from gui.widgets.dialogs.base import Dialogs, fitted
+from gui.widgets.dialogs.base import Dialogs, exactly
 from gui.widgets.dialogs.folder import ask_path
 from gui.widgets.dialogs.form import Form
 from gui.widgets.picture import ImagePanel, color, lowered, put
-from pipelines.new_take import AUTO, CALIBRATE, SILENT, Found, NewTake, next_use, uses_words, with_uses
+from gui.widgets.settings import PRESET
+from pipelines.config.presets import PRESETS
+from pipelines.new_take import CALIBRATE, Found, NewTake, next_use, uses_words, with_uses
 from studio.errors import Cancelled, StudioError
 
 NAME = "new take"
@@ -30,9 +32,6 @@ WIDE, HIGH = 58, 11
 """Size of the image, em."""
 
 HINT = "Click a camera to hold it out; again: not to use it. Drag across the frames to use some of them."
-CHOSEN = {"images": AUTO, "rig": AUTO, "masks": AUTO, "plates": AUTO, "audio": SILENT}
-"""Attributes of a new take with a list to choose from, and what is chosen at first."""
-
 SHOWN = ("capture.held_out", "Held out: ", "Without masks, so not used: ", "capture.fps")
 """Of lines about what the image and the fields show, and may differ from by now."""
 
@@ -66,16 +65,22 @@ class NewTakeDialog:
         ):
             edit = self._field(attribute)
             form.browsed(attribute, label, edit, attribute, self._browse(attribute, title, wanted))
-        self._lists = {attribute: gui.Combobox() for attribute in CHOSEN}
+        self._lists = {attribute: gui.Combobox() for attribute in new.unchosen()}
         for attribute, box in self._lists.items():
             box.set_on_selection_changed(lambda text, _number, attribute=attribute: self._chosen(attribute, text))
-        self._fields = {name: self._field(name) for name in ("fps", "frames")}
-        self._fields["frames"].tooltip = "First and last frame, such as 60 to 83"
+        fields = self._fields = {name: self._field(name) for name in ("fps", "frames")}
+        fields["frames"].tooltip = "First and last frame, such as 60 to 83"
         lists = self._lists
+        lists["preset"].tooltip = PRESET
+        sound, preset = gui.Vert(), gui.Vert()
+        for place, attribute in ((sound, "audio"), (preset, "preset")):
+            place.preferred_width = 10 * em  # of "as in the settings": a list keeps its width with wider items
+            place.add_child(lists[attribute])
         self._row(form, ("Footage files", lists["images"]), ("Camera file", lists["rig"]))
-        self._row(form, ("Mask files", lists["masks"]), ("Clean plates", lists["plates"]), ("Sound", lists["audio"]))
-        self._row(form, ("Frame rate (fps)", self._fields["fps"]), ("Frames", self._fields["frames"]))
-        self._fields["take"] = form.widgets["take"]
+        self._row(form, ("Mask files", lists["masks"]), ("Clean plates", lists["plates"]), ("Sound", sound))
+        others = ("Frames", fields["frames"]), ("Preset", preset)
+        self._row(form, ("Frame rate (fps)", fields["fps"]), *others)
+        fields["take"] = form.widgets["take"]
         self._picture = ImagePanel(self._on_mouse, self._images)
         self._text = dialogs.label("")
         dialogs.widgets |= {"refused": self._text} if error else {}
@@ -86,9 +91,9 @@ class NewTakeDialog:
                 ("every_frame", "All frames", lambda: self._set_frames("")),
             )
         )
-        fields = gui.Vert(0, gui.Margins(0, 0, 0, -2 * em))  # a grid asks for more height than it takes
-        fields.add_child(form.grid)
-        parts = [fields, self._picture.widget, buttons, self._text]
+        grid = gui.Vert(0, gui.Margins(0, 0, 0, -2 * em))  # a grid asks for more height than it takes
+        grid.add_child(form.grid)
+        parts = [grid, self._picture.widget, buttons, self._text]
         self._update()  # before it is shown, as the dialog does not resize
         answers = [("create", "Create take", lambda: self._create(self._new)), ("close", "Cancel", self._close)]
         dialogs.show(NAME, "New take from footage", parts, answers, 110)
@@ -132,8 +137,9 @@ class NewTakeDialog:
         return browse
 
     def _chosen(self, attribute: str, text: str) -> None:
-        if text != getattr(self._new, attribute):
-            setattr(self._new, attribute, text)
+        chosen = "" if text == self._new.unchosen()[attribute] else text
+        if chosen != getattr(self._new, attribute):
+            setattr(self._new, attribute, chosen)
             self._look()
 
     # Examining
@@ -142,12 +148,12 @@ class NewTakeDialog:
         """Examine the footage, unless it is what was examined last."""
         self._error = ""  # it was about what was typed before
         self._dialogs.widgets.pop("refused", None)
-        wanted = replace(self._new, take="", frames="", uses=None)
+        wanted = replace(self._new, take="", frames="", preset="", uses=None)
         if self._asked is not None and (self._asked.footage, self._asked.settings) != (wanted.footage, wanted.settings):
             self._new.uses = None
-            for attribute, usual in CHOSEN.items():
-                setattr(self._new, attribute, usual)
-                setattr(wanted, attribute, usual)
+            for attribute in self._lists:
+                setattr(self._new, attribute, "")
+                setattr(wanted, attribute, "")
         if wanted != self._asked:
             self._asked = wanted
             if not wanted.footage.strip() and not wanted.settings.strip():
@@ -187,7 +193,7 @@ class NewTakeDialog:
         size, wide = round(TEXT_SIZE * dialogs.em), self._size[0]
         lines = [line for part in words.splitlines() for line in wrapped(part, size, wide)]
         self._text.text_color = color(BAD if self._error else DIM)
-        self._text.text = fitted(lines, FOUND_LINES)  # the dialog must keep its size
+        self._text.text = exactly(lines, FOUND_LINES)  # the dialog must keep its size
         rate = self._fields["fps"]
         rate.enabled = found.fps is None
         if found.fps is not None:
@@ -201,11 +207,11 @@ class NewTakeDialog:
             self._fields["take"].placeholder_text = new.proposed_take() or "a new folder"
         there = {
             "images": found.images, "rig": (*inspection.rigs, CALIBRATE), "masks": inspection.masks,
-            "plates": inspection.plates, "audio": inspection.sounds,
+            "plates": inspection.plates, "audio": inspection.sounds, "preset": PRESETS,
         }  # fmt: skip
-        for attribute, usual in CHOSEN.items():
-            kept, choices = getattr(new, attribute), (usual, *there[attribute])
-            _set_items(self._lists[attribute], [*choices, *([] if kept in choices else [kept])], kept)
+        for attribute, usual in new.unchosen().items():
+            kept = getattr(new, attribute) or usual
+            _set_items(self._lists[attribute], list(dict.fromkeys((usual, *there[attribute], kept))), kept)
         uses = (new.uses or found.uses).uses
         dialogs.lines = [f"{name}: {use}" for name, use in uses.items()]
         widgets["suggested"].enabled = bool(inspection.suggested) and "held out" not in uses.values()
