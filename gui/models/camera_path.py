@@ -161,7 +161,7 @@ class PathEditor:
                     value=key.frame,
                     fix="Drag its diamond on the timeline to another frame, or remove this view.",
                 )
-            found.append(Key(key.time, fitted(key.camera, width, height), float(frame), key.easing))
+            found.append(Key(key.time, reframed(key.camera, width, height), float(frame), key.easing))
         return found
 
     def _with(self, index: int, key: PathKey, words: str) -> None:
@@ -198,7 +198,7 @@ class PathEditor:
         self.keys = keys
 
 
-def fitted(camera: Camera, width: int, height: int) -> Camera:
+def reframed(camera: Camera, width: int, height: int) -> Camera:
     """The view at another image size: same vertical field of view, with the sides cropped or extended."""
     scale = height / camera.height
     K = camera.K.copy()

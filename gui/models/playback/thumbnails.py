@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gui.models.camera_path import fitted
+from gui.models.camera_path import reframed
 from gui.models.loop import Signal
 from gui.models.playback.sources import FrameSource, open_path
 from gui.models.playback.viewpoint import BACKGROUNDS
@@ -86,7 +86,7 @@ class Thumbnails:
         if self._source is None:
             raise LookupError("nothing to draw")
         frame = min(request.frame, self._source.frame_count - 1)
-        return draw(self._source.gaussians(frame), fitted(request.camera, *request.size), BACKGROUNDS["dark"])
+        return draw(self._source.gaussians(frame), reframed(request.camera, *request.size), BACKGROUNDS["dark"])
 
     def _close_source(self) -> None:
         if self._source is not None:

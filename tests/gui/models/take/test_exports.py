@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gui.models.camera_path import fitted
+from gui.models.camera_path import reframed
 from gui.models.scene.orbit import OrbitCamera
 from gui.models.take.exports import ExportRequest, Exports
 from pipelines.events import Log
@@ -142,7 +142,7 @@ def test_views_of_a_stream_become_those_of_its_exports(tmp_path: Path, monkeypat
 
 def test_a_view_keeps_its_height_in_another_shape() -> None:
     camera = OrbitCamera(target=np.array([0.2, 0.1, 0.3]), yaw=0.4, pitch=0.2).camera(700, 560)
-    wide = fitted(camera, 1280, 720)
+    wide = reframed(camera, 1280, 720)
     points = np.random.default_rng(1).normal(0, 0.3, (50, 3))
     before, after = camera.project(points)[0], wide.project(points)[0]
     assert after[:, 1] == pytest.approx(before[:, 1] * 720 / 560)
