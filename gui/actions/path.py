@@ -82,11 +82,8 @@ class PathActions:
             if error.code != "camera_path.which_camera":
                 window.notices.show(str(error), bad=True, topic="path")
                 return
-            names = error.message.fields.get("expected", [])
-            window.dialogs.line(
-                "camera", "Which camera?", f"The file has {', '.join(names)}:", names[0],
-                [("read", "Open", lambda name: self.read(file, name)), ("close", "Cancel", lambda _: None)],
-            )  # fmt: skip
+            names, title = error.message.fields.get("expected", []), f"Which camera of {Path(file).name}?"
+            window.dialogs.choose("camera", title, names, lambda name: self.read(file, name))
             return
         if self._done(lambda: self.editor.load(keys)) and not window.path_panel.shown:
             self.toggle()

@@ -7,6 +7,7 @@ from open3d.visualization import gui
 
 from gui.models.loop import later
 from gui.shell import Shell
+from gui.widgets.dialogs.numbers import ask_numbers
 
 
 class PointActions:
@@ -34,30 +35,15 @@ class PointActions:
             key.DOWN: lambda: stage_view.step_point(1),
         }
 
-    def _describe(self, problem: str = "", text: str | None = None) -> None:
+    def _describe(self) -> None:
         marks = self._window.views.points.marks
         point = marks.point if marks is not None else None
         if marks is None or point is None:
             return
-        if text is None:
-            text = point.name + ("; " + " ".join(f"{value:g}" for value in point.world) if point.world else "")
-
-        def save(words: str) -> None:
-            wrong = marks.describe(words)
-            if wrong:
-                self._describe(wrong, words)
-
-        help_text = (
-            "Name; optionally a semicolon and the measured position x y z in meters (z up).\n"
-            "Example: mat corner; 0 0.3 0"
-        )
-        self._window.dialogs.line(
-            "point",
-            "Edit point",
-            f"{problem}\n\n{help_text}" if problem else help_text,
-            text,
-            [("save", "Save", save), ("close", "Cancel", lambda _: None)],
-        )
+        place = " ".join(f"{value:g}" for value in point.world or ())
+        fields = [("name", "Name", point.name), ("place", "Position (optional)", place)]
+        text = "Position: as measured, x y z in meters, z up. Example: 0 0.3 0."
+        ask_numbers(self._window.dialogs, "Edit point", text, fields, lambda typed: marks.describe(**typed))
 
     def _run(self) -> None:
         """Calibrate the take from these points."""

@@ -1,6 +1,5 @@
 """What the menu Share does, and its dialogs."""
 
-from functools import partial
 from pathlib import Path
 
 from open3d.visualization import gui
@@ -30,7 +29,7 @@ class ShareActions:
         self._window = window
         window.workspace.changed.connect(self._show_stale)
         window.serving.started.connect(later(self._started))
-        window.serving.failed.connect(partial(window.notices.show, bad=True, topic="serve"))
+        window.serving.failed.connect(self._failed)
 
     def ask(self, form: str) -> None:
         """Ask for the options, then share. `form` is a key of `FORMS`."""
@@ -75,8 +74,7 @@ class ShareActions:
                 return
             dialogs.ask(
                 "Replace the earlier share?",
-                f"{request.path}\nis there already. If it is an earlier share, it is replaced; anything else is "
-                "refused.",
+                f"{request.path}\nalready exists. It is replaced only if it is an earlier share.",
                 [
                     ("replace", "Replace", write),
                     ("back", "Choose another name", again),
@@ -141,6 +139,11 @@ class ShareActions:
         window.notices.clear("serve")
         if window.serving.address and not window.dialogs.name:  # what is being typed elsewhere must not be lost
             self._show_serving()
+
+    def _failed(self, why: str) -> None:
+        if self._window.dialogs.name == "serving":
+            self._window.dialogs.close()
+        self._window.notices.show(why, bad=True, topic="serve")
 
     def _show_serving(self) -> None:
         """Show the address and its QR code."""

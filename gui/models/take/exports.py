@@ -176,11 +176,8 @@ class Exports:
 
     def _check_idle(self) -> None:
         if self._process is not None:
-            raise StudioError(
-                "export.running",
-                "another export is running",
-                fix="Wait for it to finish, or stop it from the Export menu.",
-            )
+            fix = "Wait for it to finish, or stop it from the Export menu."
+            raise StudioError("export.running", "another export is running", fix=fix)
 
     def _run(self, request: NamedTarget, arguments: list[str], scratch: Path) -> None:
         self._process = ChildProcess([*v3studio_command(), *arguments], scratch / "errors.txt", scratch)

@@ -36,24 +36,15 @@ class Serving:
     @property
     def words(self) -> str:
         """For the status line; "" if nothing is served."""
-        return f"serving at {self.address}" if self.address else ""
+        return f"serving at {self.address}" if self.address else "serving: starting" if self.running else ""
 
     def start(self, source: str, https: bool) -> None:
         """Serve a folder on all interfaces, at any free port, in place of what is served."""
         self.stop()
         scratch = Path(tempfile.mkdtemp(prefix="v3studio-serve-"))
-        command = [
-            *v3studio_command(),
-            "serve",
-            source,
-            "--host",
-            "0.0.0.0",
-            "--port",
-            "0",
-            "--json",
-            "--end-with-stdin",
-        ]
-        self._process = ChildProcess([*command, *["--https"] * https], scratch / "errors.txt", scratch, tied=True)
+        options = ["--host", "0.0.0.0", "--port", "0", "--json", "--end-with-stdin", *["--https"] * https]
+        command = [*v3studio_command(), "serve", source, *options]
+        self._process = ChildProcess(command, scratch / "errors.txt", scratch, tied=True)
         self._process.output.connect(self._receive)
         self.source = source
 

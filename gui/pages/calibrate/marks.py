@@ -74,18 +74,18 @@ class TieMarks:
         if point is not None and camera in point.pixels:
             self._put(replace(point, pixels={name: xy for name, xy in point.pixels.items() if name != camera}))
 
-    def describe(self, text: str) -> str:
-        """Set name and maybe position of the selected point: "corner of the mat; 0 0.3 0". Returns "" or an error."""
+    def describe(self, name: str, place: str) -> str:
+        """Set the name of the selected point and its position, "" or such as "0 0.3 0". Returns "" or an error."""
         point = self.point
         if point is None:
             return "Select a point first."
-        name, _, place = (part.strip() for part in text.partition(";"))
+        name = name.strip()
         if not name:
             return "A point needs a name."
         if any(other.name == name for other in self.points if other is not point):
             return f"Another point is named '{name}'. Choose a unique name."
         world = None
-        if place:
+        if place.strip():
             words = place.replace(",", " ").split()
             try:
                 numbers = [float(word) for word in words]

@@ -78,9 +78,10 @@ def with_numbers(
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(str(part) for part in first["loc"]) or kind
-        return f"{where} {violation(first)}."
+        words = f"{where} {violation(first)}"
     except ValueError as error:
-        return f"{error}."
+        words = str(error)
+    return f"{words[:1].upper()}{words[1:]}."
 
 
 def _with_numbers(edits: EditList, kind: str, texts: dict[str, str], up: np.ndarray, frames: FrameNumbers) -> EditList:
@@ -129,7 +130,7 @@ def _with_numbers(edits: EditList, kind: str, texts: dict[str, str], up: np.ndar
 
 def _frame(number: float, frames: FrameNumbers) -> int:
     if not number.is_integer() or frames.index(int(number)) is None:
-        raise ValueError(f"the take has no frame {number:g}")
+        raise ValueError(f"the take has frames {frames.known[0]} to {frames.known[-1]}, not {number:g}")
     return int(number)
 
 

@@ -1,4 +1,4 @@
-"""A dialog with numbers in fields."""
+"""A dialog with fields, mostly for numbers."""
 
 from collections.abc import Callable, Sequence
 from types import SimpleNamespace

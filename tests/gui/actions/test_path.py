@@ -1,9 +1,8 @@
 """A camera path from a file, in the window's editor."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -26,12 +25,11 @@ class Window:
         self.player, self.notices, self.exports = PlayerPresenter(), Notices(), Exports()
         self.player.opened = SimpleNamespace(path=stream, sources={"decoded": None}, take=None)  # type: ignore[assignment]
         self.exports.path.open(None, History())
-        self.dialogs, self.path_panel = SimpleNamespace(line=self._line), SimpleNamespace(shown=True)
+        self.dialogs, self.path_panel = SimpleNamespace(choose=self._choose), SimpleNamespace(shown=True)
         self.changed: Signal[[]] = Signal()
-        self.answers: dict[str, Callable[[str], None]] = {}
 
-    def _line(self, kind: str, title: str, text: str, note: str, answers: Any) -> None:
-        self.answers = {name: act for name, _, act in answers}
+    def _choose(self, name: str, title: str, choices: Sequence[str], chosen: Callable[[str], object]) -> None:
+        self.choices, self.chosen = choices, chosen
 
 
 @pytest.fixture
@@ -45,7 +43,8 @@ def test_a_camera_of_a_film_tool_becomes_the_path(window: Window, tmp_path: Path
     file = tmp_path / "shot.nk"
     file.write_text(NUKE % "first" + NUKE.replace("30", "40") % "second")
     actions.read(str(file))
-    window.answers["read"]("second")
+    assert window.choices == ["first", "second"]
+    window.chosen("second")
     path = window.exports.path
     assert [key.frame for key in path.keys] == [1, 2, 3, 4]
     cameras = [path.path(640, 360).camera(seconds) for seconds in (0, path.duration)]

@@ -141,18 +141,18 @@ def test_footage_that_is_gone(workspace: Workspace, take_copy: Path, tmp_path: P
 
 def test_names_and_places(tmp_path: Path) -> None:
     marks = TieMarks(tmp_path / "points.yaml")
-    assert marks.describe("x") == "Select a point first."
+    assert marks.describe("x", "") == "Select a point first."
     marks.mark("a", 1, 2, 0)
-    assert marks.describe("mat corner; 0 0.3, 1") == ""
+    assert marks.describe(" mat corner", "0 0.3, 1") == ""
     assert read_tie_points(marks.path) == (TiePoint("mat corner", {"a": (1.0, 2.0)}, (0.0, 0.3, 1.0), 0),)
-    assert "is not a position" in marks.describe("mat corner; 0 0.3")
-    assert "is not a position" in marks.describe("mat corner; 0 0.3 x")
-    assert marks.describe(" ; 1 2 3") == "A point needs a name."
+    assert "is not a position" in marks.describe("mat corner", "0 0.3")
+    assert "is not a position" in marks.describe("mat corner", "0 0.3 x")
+    assert marks.describe(" ", "1 2 3") == "A point needs a name."
     marks.add()
-    assert "Another point is named 'mat corner'" in marks.describe("mat corner")
-    assert marks.describe("bolt") == ""
+    assert "Another point is named 'mat corner'" in marks.describe("mat corner", "")
+    assert marks.describe("bolt", "") == ""
     marks.choose(0)
-    assert marks.describe("mat corner") == ""
+    assert marks.describe("mat corner", "") == ""
     assert read_tie_points(marks.path)[0].world is None
 
 
