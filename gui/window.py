@@ -221,6 +221,7 @@ class MainWindow(Shell):
         self.actions.bakes.close()
         self.actions.cameras.thumbnails.close()
         self.actions.path.close()
+        self.actions.edits.close()
         self.timeline.filmstrip.close()
         self.workspace.close()
         self.places.close()
@@ -328,7 +329,7 @@ class MainWindow(Shell):
         if self.layout.fullscreen or self.start.shown:
             return False
         stage_view = self.views.stage_view
-        changed, layout = self.controls.update()
+        changed, layout = self.controls.update(self.views.edits_take)
         if layout:
             self.window.set_needs_layout()
         row, chosen, idle = self.views.row, self.views.chosen(), self.views.idle

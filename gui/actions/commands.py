@@ -181,7 +181,7 @@ class Actions:
         except StudioError as error:
             words = str(error)
         self._window.notices.show(words)
-        self.edits.changed()
+        self._window.views.editor.pending = None  # what was selected belongs to other edits
 
     def _review(self, choice: str) -> None:
         views = self._window.views

@@ -8,19 +8,29 @@ import numpy as np
 from open3d.visualization import gui
 
 from gui.models.loop import later
+from gui.models.worker import Done, LatestWorker
 from gui.pages.review.numbers import TITLES, fields_of, with_numbers
 from gui.pages.review.session import edits_of
 from gui.shell import Shell
 from gui.widgets.dialogs.numbers import ask_numbers
 from gui.widgets.picture import holds
+from pipelines.takes.edited import newly_removed
 from pipelines.takes.edits import describe, singular
+from pipelines.takes.take import Take
 from studio.counts import counted
 from studio.edits.edit_list import EditList
+from studio.errors import Cancelled
 
-OTHER_GROUPS = (
-    "Each group has its own splats. In other groups, splats are removed that are\n"
-    "inside the region in at least half of the frames."
+REMOVED = (
+    "A splat is removed from all frames of its group. In other groups, those are\n"
+    "removed that are inside the region in at least half of the frames."
 )
+
+Ranges = dict[str, tuple[int, int] | None]
+"""First and last frame by the words of a choice, numbers of the footage; None: all."""
+
+Removal = tuple[Take, EditList, EditList, Ranges]
+"""The take, its edits without a removal and with it in all frames, and where it may be removed."""
 
 _NUMBERS_OF = {
     "crop": "crop",
@@ -40,8 +50,10 @@ class EditActions:
     def __init__(self, window: Shell) -> None:
         self._window = window
         self._known = EditList()
+        self._counter: LatestWorker[Removal, list[int]] = LatestWorker(self._count, "v3studio count", self._counted)
+        self._removal: Removal | None = None
         views, notices = window.views, window.notices
-        views.edit_dialog.connect(later(self._show_dialog))
+        views.edit_dialog.connect(later(lambda key: self._list() if key == "list" else self._numbers()))
         views.editor.two_points.connect(later(self._ask_distance))
         views.editor.range_wanted.connect(later(self._ask_range))
         views.editor.refusal.connect(partial(notices.show, bad=True, topic="edits"))
@@ -54,20 +66,10 @@ class EditActions:
         window.views.edit()
         window.window.set_needs_layout()
 
-    def changed(self) -> None:
-        """After undo and redo: what was selected belongs to other edits."""
-        self._window.views.editor.pending = None
-
     def moved(self) -> None:
         """The pointer has moved: the brush follows it."""
         editor = self._window.views.editor
         editor.pointer = self._pointer() if editor.tool == "brush" else None
-
-    def _show_dialog(self, key: str) -> None:
-        if key == "list":
-            self._list()
-        else:
-            self._numbers()
 
     def _follow_edits(self) -> None:
         now = edits_of(self._window.workspace)
@@ -134,27 +136,46 @@ class EditActions:
                 return editor.refused
             return ""
 
-        ask_numbers(
-            self._window.dialogs,
-            "Scale",
-            f"The two points are {now:.4g} apart. How far is that really?",
-            [("distance", "Distance", f"{now:.4g}")],
-            save,
-        )
+        text = f"The two points are {now:.4g} apart. How far is that really?"
+        ask_numbers(self._window.dialogs, "Scale", text, [("distance", "Distance", f"{now:.4g}")], save)
 
-    def _ask_range(self, selected: int, group: range) -> None:
+    def _ask_range(self, group: range) -> None:
         """In which frames what is selected is to be removed."""
-        window = self._window
+        window, editor = self._window, self._window.views.editor
+        assert window.workspace.take is not None
         words, span = window.player.transport.range_words, window.player.transport.span
         number = window.player.transport.number
         own = number(group[0])
-        ranges: dict[str, tuple[int, int] | None] = {f"{words(group[0], group[-1])}, their group": (own, own)}
+        ranges: Ranges = {f"{words(group[0], group[-1])}, this frame's group": (own, own)}
         if span is not None and span[0] <= group[-1] and group[0] <= span[1]:
             ranges[f"{words(*span)}, the span"] = number(span[0]), number(span[1])
         ranges["All frames"] = None
-        remove = window.views.editor.remove_selected
-        title = f"Remove {counted(selected, 'splat')} in"
-        window.dialogs.choose("remove", title, list(ranges), lambda line: remove(ranges[line]), note=OTHER_GROUPS)
+        remove = editor.remove_selected
+        window.dialogs.choose("remove", "Remove from", list(ranges), lambda line: remove(ranges[line]), note=REMOVED)
+        self._removal = window.workspace.take, editor.edits, editor.reaching(None), ranges
+        self._counter.ask(self._removal)
+
+    def _count(self, removal: Removal) -> list[int]:
+        def progress(*_: object, **_figures: object) -> None:
+            if self._window.dialogs.name != "remove":
+                raise Cancelled
+
+        take, before, after, ranges = removal
+        return newly_removed(take, before, after, list(ranges.values()), progress)
+
+    def _counted(self, done: Done[Removal, list[int]]) -> None:
+        """Show how many splats would be removed."""
+        dialogs, ranges = self._window.dialogs, done.request[3]
+        if dialogs.name == "remove" and done.request is self._removal:
+            counts = [counted(count, "splat") for count in done.result or ()] or ["cannot be counted"] * len(ranges)
+            dialogs.lines = [f"{words}: {count}" for words, count in zip(ranges, counts, strict=True)]
+            for number, line in enumerate(dialogs.lines):
+                dialogs.widgets[f"choice{number}"].text = line
+            self._window.changed()
+
+    def close(self) -> None:
+        """End the thread."""
+        self._counter.close()
 
     def _list(self) -> None:
         window, editor = self._window, self._window.views.editor
@@ -162,18 +183,9 @@ class EditActions:
         lines = {f"Take back {singular(name)}: {text}": name for name, text in found.items()}
 
         def take_back(line: str) -> None:
-            editor.commit(without(editor.edits, lines[line]), f"{lines[line]} taken back")
+            kind, _, number = lines[line].partition(" ")
+            left = editor.edits.without(kind, int(number) - 1 if number else None)
+            editor.commit(left, f"{lines[line]} taken back")
 
-        window.dialogs.choose("edits", "Edits", list(lines), take_back, answers=self._all_answers())
-
-    def _all_answers(self) -> list[tuple[str, str, partial[bool]]]:
-        editor = self._window.views.editor
-        if editor.edits == EditList():
-            return []
-        return [("clear", "Take back all", partial(editor.commit, EditList(), "all edits taken back"))]
-
-
-def without(edits: EditList, name: str) -> EditList:
-    """The edits without one, by its name in `describe`."""
-    kind, _, number = name.partition(" ")
-    return edits.without(kind, int(number) - 1 if number else None)
+        every = ("clear", "Take back all", partial(editor.commit, EditList(), "all edits taken back"))
+        window.dialogs.choose("edits", "Edits", list(lines), take_back, answers=[every] if found else [])

@@ -62,7 +62,7 @@ class StageViews:
         self._edits = EditList()  # before the changes since they are on screen
         self.stage = "review"
         self._left_scene_of: object = None
-        self._looks: tuple[str, OrbitCamera | None] = ("", None)
+        self._looks: tuple[OrbitCamera | None, OrbitCamera | None] = (None, None)
         self._numbered: tuple[object, ...] = (None, None, None)
         self._newest = NewestImage(now)
         self._rest = Rest(now)
@@ -111,7 +111,7 @@ class StageViews:
         self._go("review")
         self.editing, self._edits = True, self.editor.edits
         self.editor.begin(player.orbit, player.opened.up, player.opened.reach)
-        self._looks = (player.camera, player.orbit)
+        self._looks = (player.orbit, player.orbit)
         self.show_again()
 
     def leave_edits(self) -> bool:
@@ -267,15 +267,14 @@ class StageViews:
         """Leave a capture camera, as in Review, once the edits' view is not its own any more; if another one is chosen
         over the edits, look from there. The free view is the edits' own."""
         player, editor = self.player, self.editor
-        camera, orbit = self._looks
-        if player.camera != camera:
-            if player.camera:
-                editor.orbit = player.orbit
-        elif camera and editor.orbit is not orbit:
+        seen, orbit = self._looks
+        if player.orbit is not seen:
+            editor.orbit = player.orbit
+        elif player.camera and editor.orbit is not orbit:
             player.look_through("")
         if not player.camera and editor.orbit is not None:
             player.orbit = editor.orbit
-        self._looks = (player.camera, editor.orbit)
+        self._looks = (player.orbit, editor.orbit)
 
     def _poll(self, size: tuple[int, int], render_size: tuple[int, int], em: float) -> np.ndarray | None:
         stage_view = self.stage_view

@@ -124,8 +124,9 @@ class ControlsPanel:
             self._hint(self._volume, tooltip)
         return changed
 
-    def update(self) -> tuple[bool, bool]:
-        """Show the state of the player; return (whether a widget changed, whether a layout is due)."""
+    def update(self, free: bool) -> tuple[bool, bool]:
+        """Show the state of the player; return (whether a widget changed, whether a layout is due). `free`: what is on
+        screen has a free view, also if it begins where a camera is."""
         player, transport = self._player, self._player.transport
         speed = next((name for name, value in SPEEDS.items() if value == transport.speed), "1x")
         held_out = player.held_out
@@ -139,7 +140,7 @@ class ControlsPanel:
         changed = put(self.buttons["play"], text=icon("pause" if transport.playing else "play"))
         changed |= put(self._loop, checked=transport.loop) | put(self._speed, selected_text=speed)
         if self._camera.number_of_items:
-            changed |= put(self._camera, selected_text=labels.get(player.camera, FREE))
+            changed |= put(self._camera, selected_text=labels.get("" if free else player.camera, FREE))
         changed |= self._update_volume()
         # what cannot be used takes no room: in a narrow window it would cost a line
         layout |= put(self._volume, visible=player.audio is not None) | put(self._camera, visible=bool(labels))

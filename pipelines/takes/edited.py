@@ -6,9 +6,11 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from pipelines.takes.frame_files import read_frame
+from pipelines.takes.frame_numbers import trained_groups
 from pipelines.takes.groups import Group
 from pipelines.takes.take import Take
 from studio.errors import StudioError
+from studio.progress import ProgressFn
 
 if TYPE_CHECKING:
     import torch
@@ -19,13 +21,12 @@ if TYPE_CHECKING:
 
 def edits_of_group(edits: EditList, group: Group) -> EditList:
     """Those that concern a trained group: without the regions that hold for other frames only, and without a trim."""
-    first, last = group.frames[0], group.frames[-1]
-    regions = tuple(
-        region
-        for region in edits.regions
-        if region.frames is None or (region.frames[0] <= last and first <= region.frames[1])
-    )
-    return edits.with_(regions=regions, trim=None)
+    return edits.with_(regions=tuple(one for one in edits.regions if concerns(one.frames, group)), trim=None)
+
+
+def concerns(frames: tuple[int, int] | None, group: Group) -> bool:
+    """Whether a range of frames of the footage, as `Region.frames`, has frames of a group."""
+    return frames is None or (frames[0] <= group.frames[-1] and group.frames[0] <= frames[1])
 
 
 def read_paths(take: Take, group: Group) -> Paths:
@@ -56,6 +57,23 @@ def of_two_trainings(take: Take, group: int) -> StudioError:
         fix="Finish it with `v3studio train` first.",
         stage="train",
     )
+
+
+def newly_removed(
+    take: Take, before: EditList, after: EditList, ranges: Sequence[tuple[int, int] | None], progress: ProgressFn
+) -> list[int]:
+    """How many splats `after` removes that `before` does not, in the groups that each of the ranges concerns. Reads all
+    trained frames. Raises StudioError as `read_paths`."""
+    from studio.edits import select
+
+    counts, groups = [0] * len(ranges), trained_groups(take)
+    for done, group in enumerate(groups):
+        progress(done, len(groups))
+        paths = read_paths(take, group)
+        old, new = (select(edits_of_group(edits, group), paths).removed for edits in (before, after))
+        for at, frames in enumerate(ranges):
+            counts[at] += int((new & ~old).sum()) * concerns(frames, group)
+    return counts
 
 
 class EditedGroup:

@@ -74,18 +74,28 @@ def test_edits_the_scene_cameras_and_points(open_window: Callable[..., RunningWi
     large = wider(window, before + small)
     assert large > 0, "a larger circle has more pixels"
     window.key("minus")
-    window.drag("viewport", (0.45, 0.5), (0.55, 0.5))
-    selected = window.wait_for("a selection", lambda s: s["selected"] > 0 and s["settled"])["selected"]
+    window.drag("timeline", (window.across_frame(1), 0.1), (window.across_frame(3), 0.1))
+    window.key("Home")
+    window.wait_for("a span", lambda s: s["span"] == [1, 3] and s["shown"] == 0 and s["settled"])
     there = splats(take_copy)
-    window.click("remove")
-    state = window.wait_for("the frames", lambda s: s["dialog"] == "remove")
-    assert state["heading"] == f"Remove {selected} splats in"
-    window.click("dialog choice0")
-    window.wait_for("one group to bake", lambda s: "regions 1" in s["edits"] and s["stages"]["bake"][0] == "partial")
-    (region,) = read_edits(take_copy / "edits.json").regions
-    assert region.radius is not None
-    assert region.frames == (0, 0)
-    assert splats(take_copy) == [*(count - selected for count in there[:3]), *there[3:]], "its group, and no other"
+    for choice, frames in enumerate(((0, 0), (1, 3), None)):  # the frame's group, the span, all
+        window.drag("viewport", (0.45, 0.5), (0.55, 0.5))
+        selected = window.wait_for("a selection", lambda s: s["selected"] > 0 and s["settled"])["selected"]
+        window.click("remove")
+        lines = window.wait_for("counts", lambda s: s["dialog"] == "remove" and len(s["lines"]) == 3)["lines"]
+        window.click(f"dialog choice{choice}")
+        window.wait_for("it to be removed", lambda s: "regions 1" in s["edits"] and not s["dialog"])
+        (region,) = read_edits(take_copy / "edits.json").regions
+        assert region.radius is not None
+        assert region.frames == frames
+        gone = [before - now for before, now in zip(there, splats(take_copy), strict=True)]
+        assert gone == [selected] * 3 + [gone[-1]] * 2, "the same in all frames of a group"
+        assert (gone[-1] > 0) == (choice > 0), "of the second group only where it was chosen"
+        assert int(lines[choice].rpartition(": ")[2].split()[0]) == selected + gone[-1], "the count shown before"
+        if choice == 0:
+            window.wait_for("one group to bake", lambda s: s["stages"]["bake"][0] == "partial")
+        window.chord("z")
+        window.wait_for("no edits", lambda s: s["edits"] == {} and s["settled"])
     window.click("look")
     window.wait_for("no tool", lambda s: "look" in s["mode"])
     window.click("numbers")
@@ -96,7 +106,6 @@ def test_edits_the_scene_cameras_and_points(open_window: Callable[..., RunningWi
     window.enter_text("dialog height", "0.1")
     window.key("Return")
     window.wait_for("a ground", lambda s: s["dialog"] == "" and "ground" in s["edits"])
-    window.chord("z")
     window.chord("z")
     window.wait_for("no edits", lambda s: s["edits"] == {} and s["stages"]["bake"][0] == "done")
     assert read_edits(take_copy / "edits.json") == EditList()
@@ -209,8 +218,9 @@ def test_edits_the_scene_cameras_and_points(open_window: Callable[..., RunningWi
     window.click("viewport", 0.6, 0.55)
     wait_until("two marks in the file", lambda: len(read_tie_points(file)[0].pixels) == 2)
     window.key("e")
-    window.wait_for("the dialog", lambda s: s["dialog"] == "point" and s["typing"])
-    window.retype("dialog line", "corner; 0 0 1")
+    window.wait_for("the dialog", lambda s: s["dialog"] == "numbers" and s["typing"])
+    window.enter_text("dialog name", "corner", selected=True)
+    window.retype("dialog place", "0 0 1")
     window.key("Return")
     window.wait_for("no dialog", lambda s: not s["dialog"])
     assert read_tie_points(file)[0].name == "corner"

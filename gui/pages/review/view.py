@@ -76,8 +76,8 @@ class EditView(OrbitView):
         clicks: picked points, world.
         brush: radius of the brush, relative to the height of the image.
         pointer: where the pointer is over the image, relative to its width and height; None elsewhere.
-        range_wanted: emitted with the number of splats that are selected and the frames of their group, to ask for the
-            frames in which they are to be removed (`remove_selected`).
+        range_wanted: emitted with the frames of the group in which splats are selected, to ask for those in which they
+            are to be removed (`remove_selected`).
         two_points: emitted with two points, whose distance gives the scale.
         refused: why the last change was refused, or what to do; "" if it was not.
         refusal: emitted with `refused`.
@@ -88,7 +88,7 @@ class EditView(OrbitView):
 
     def __init__(self, workspace: Workspace) -> None:
         super().__init__(workspace)
-        self.range_wanted: Signal[[int, range]] = Signal()
+        self.range_wanted: Signal[[range]] = Signal()
         self.tool, self.show_removed = "look", False
         self.pending: EditList | None = None
         self.clicks: tuple[tuple[float, ...], ...] = ()
@@ -201,15 +201,18 @@ class EditView(OrbitView):
         else:
             frames = range(starts[group], (*starts, count)[group + 1])
             self._refuse("")
-            self.range_wanted.emit(self.counts.get("selected", 0), frames)
+            self.range_wanted.emit(frames)
 
     def remove_selected(self, frames: tuple[int, int] | None) -> None:
         """Remove what a lasso or the brush has selected, in the whole groups of `frames`; None: in all."""
-        edits = self.pending
-        if edits is None:
-            return
-        last = edits.regions[-1].model_copy(update={"frames": frames})
-        self.commit(edits.with_(regions=(*edits.regions[:-1], last)), f"{self.tool} removal")
+        if self.pending is not None:
+            self.commit(self.reaching(frames), f"{self.tool} removal")
+
+    def reaching(self, frames: tuple[int, int] | None) -> EditList:
+        """The edits with what a lasso or the brush has selected, removed in the whole groups of `frames`."""
+        edits = self.pending or self.edits
+        *others, last = edits.regions
+        return edits.with_(regions=(*others, last.model_copy(update={"frames": frames})))
 
     def commit(self, edits: EditList, words: str) -> bool:
         """Write the edits as one change; returns whether that was possible, and sets `refused` if not."""
