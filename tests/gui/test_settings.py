@@ -123,6 +123,16 @@ def test_settings_help_a_fix_and_a_span(open_window: Callable[..., RunningWindow
     window.key("period")
     window.wait_for("the marked frame", lambda s: s["number"] == 2 and s["shown"] == 2 and s["settled"])
     window.stage("train")
+
+    # why presets cannot be estimated is told until it is over
+    save_config(take.config, load_config(take.config, [("capture.rig", None)]))
+    window.wait_for("no camera file", lambda s: "not from the camera file" in s["stages"]["calibrate"][2])
+    cameras = take.rig.rename(take.root / "rig.json")
+    window.wait_for("no cameras", lambda s: "was deleted" in s["stages"]["calibrate"][2])
+    window.click("estimate")
+    window.wait_for("a refusal", lambda s: "the cameras are not known yet" in s["error"])
+    cameras.rename(take.rig)
+    window.wait_for("no refusal", lambda s: s["error"] == "")
     before = window.states()[-1]["widgets"]["stages"][2]
     window.drag("stages", (0.99, 0.5), (1.25, 0.5))
     state = window.wait_for("a wider panel", lambda s: s["widgets"]["stages"][2] > before + 40)

@@ -145,10 +145,12 @@ def test_from_footage_to_a_wipe_and_a_run_that_outlives_the_window(
         small.stage("train")
         small.click("pause")
         small.wait_for("a pause", lambda s: s["stages"]["train"][1] == "paused")
+        small.menu("File", "report")  # it would evaluate the take first
+        small.wait_for("a refusal", lambda s: s["notice"].startswith("Another run is in progress"))
         small.click("pause")
         small.wait_for("the run going on", lambda s: "%" in s["stages"]["train"][1])
         small.click("cancel")
-        small.wait_for("its end", lambda s: not s["busy"])
+        small.wait_for("its end, and that of the refusal", lambda s: not s["busy"] and s["notice"] == "")
     finally:
         with contextlib.suppress(ProcessLookupError):
             os.kill(lock["pid"], signal.SIGKILL)
