@@ -41,7 +41,9 @@ from pipelines.stages.compared_view import ComparedView, compared_cameras, compa
 from pipelines.stages.inputs import Inputs
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.take import Take
+from studio.atomic_files import write_json
 from studio.errors import StudioError
+from studio.formats.videogs import open_videogs
 from studio.gaussians import Gaussians
 from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
 from studio.stream.layout import plane_side
@@ -153,20 +155,6 @@ def encode_released(planes: list[np.ndarray], path: Path, qp: int, b_frames: boo
         out.mux(stream.encode())
 
 
-def decode_released(path: Path, side: int) -> list[np.ndarray]:
-    import av
-
-    with av.open(str(path)) as container:
-        container.streams.video[0].codec_context.thread_count = 1
-        found = []
-        for frame in container.decode(video=0):
-            plane = frame.planes[0]
-            found.append(
-                np.frombuffer(memoryview(plane), np.uint8).reshape(-1, plane.line_size)[:, :side].reshape(-1).copy()
-            )
-        return found
-
-
 def bake_released(
     frames: Sequence[Gaussians], folder: Path, qp: int, b_frames: bool, pool: ThreadPoolExecutor
 ) -> tuple[int, list[Gaussians], float, float]:
@@ -183,7 +171,7 @@ def bake_released(
         np.floor((v - a) / np.where(b > a, b - a, 1) * levels).astype(np.int64)
         for v, a, b in zip(values, lows, highs, strict=True)
     ]
-    jobs: list[tuple[str, list[np.ndarray], int]] = []
+    jobs: list[tuple[list[np.ndarray], int]] = []
     opacity = channels - 8
     for c in range(channels):
         channel_qp = qp if c == opacity else min(qp, 22)
@@ -194,43 +182,18 @@ def bake_released(
                 plane = np.zeros(side * side, np.uint8)
                 plane[:count] = frame[c] >> 8 if part == "high" else frame[c] & 255
                 planes.append(plane.reshape(side, side))
-            jobs.append((f"{c}_{part}", planes, part_qp))
-    folder.mkdir(parents=True)
-    list(pool.map(lambda job: encode_released(job[1], folder / f"{job[0]}.mp4", job[2], b_frames), jobs))
+            jobs.append((planes, part_qp))
+    place = folder / "group0"
+    place.mkdir(parents=True)
+    list(pool.map(lambda n: encode_released(jobs[n][0], place / f"{n}.mp4", jobs[n][1], b_frames), range(len(jobs))))
     encoded = time.perf_counter()
-    size = sum(path.stat().st_size for path in folder.iterdir())
-    found = dict(
-        zip(
-            (job[0] for job in jobs),
-            pool.map(lambda job: decode_released(folder / f"{job[0]}.mp4", side), jobs),
-            strict=True,
-        )
-    )
-    decoded = []
-    for f in range(len(frames)):
-        rows = []
-        for c in range(channels):
-            if c < 3:
-                code = found[f"{c}_high"][f].astype(np.int64) << 8 | found[f"{c}_low"][f]
-            else:
-                code = found[f"{c}_all"][f]
-            rows.append(code[:count] / levels[c, 0] * (highs[f][c] - lows[f][c]) + lows[f][c])
-        decoded.append(released_gaussians(np.array(rows), count))
+    size = sum(path.stat().st_size for path in place.iterdir())
+    ranges = [np.hstack([low, high]).ravel().tolist() for low, high in zip(lows, highs, strict=True)]
+    write_json(folder / "group_info.json", {"0": {"frame_index": [0, len(frames) - 1]}})
+    write_json(folder / "viewer_min_max.json", {str(f): {"num": count, "info": info} for f, info in enumerate(ranges)})
+    video = open_videogs(folder)
+    decoded = [video.read(f) for f in range(len(frames))]
     return size, decoded, encoded - began, time.perf_counter() - encoded
-
-
-def released_gaussians(rows: np.ndarray, count: int) -> Gaussians:
-    def tensor(array: np.ndarray) -> torch.Tensor:
-        return torch.from_numpy(np.ascontiguousarray(array)).float()
-
-    opacity = np.clip(rows[-8], 1e-6, 1 - 1e-6)
-    return Gaussians(
-        means=tensor(rows[:3].T),
-        quats=tensor(rows[-4:].T),
-        log_scales=tensor(np.log(np.maximum(rows[-7:-4].T, 1e-9))),
-        logit_opacities=tensor(np.log(opacity / (1 - opacity))),
-        sh=tensor(rows[6:-8].T.reshape(count, -1, 3)),
-    )
 
 
 # ---- ours ------------------------------------------------------------------------------------------------------------
