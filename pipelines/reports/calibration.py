@@ -8,7 +8,7 @@ from pipelines.takes.checked_cameras import NOT_CHECKED, CheckedCameras, checked
 from pipelines.takes.take import Take
 from studio.calibration.report import CalibrationReport
 from studio.errors import Message
-from studio.json_types import JsonObject
+from studio.json_types import JsonData
 
 _SPARSE = 0.4
 """Smallest fraction of the image with observations; elsewhere lens distortion is extrapolated."""
@@ -50,7 +50,7 @@ def write_calibration_page(take: Take) -> None:
         write_text(take.calibration_report.with_suffix(".html"), page)
 
 
-def calibration_figures(report: CalibrationReport) -> JsonObject:
+def calibration_figures(report: CalibrationReport) -> dict[str, JsonData]:
     """Figures for an event: reprojection errors over all cameras and the mean of each, pixels; cameras without a pose,
     with the reason; and the share of matches that agree, if it was measured."""
     errors, ratio = report.reprojection, report.match_inlier_ratio

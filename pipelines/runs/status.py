@@ -12,7 +12,7 @@ from pipelines.runs.runner import status
 from pipelines.takes.checked_cameras import checked_cameras
 from pipelines.takes.take import Take
 from studio.errors import StudioError
-from studio.json_types import JsonObject
+from studio.json_types import JsonData
 
 
 @dataclass(frozen=True)
@@ -130,13 +130,13 @@ def _running(now: Running) -> tuple[str, str, str]:
     return f"{progress.fraction:.0%}", left, escaped(progress.label or now.reason)
 
 
-def status_values(take: Take, config: Config) -> JsonObject:
+def status_values(take: Take, config: Config) -> dict[str, JsonData]:
     """The same for programs. `running` says which stage runs; its state in `stages` is "running"."""
     stages = {name: asdict(state) for name, state in status(take, config).items()}
     now = running(take)
     if now is None:
         return {"take": str(take.root), "running": None, "stages": stages}
-    found: dict[str, object] = {
+    found: dict[str, JsonData] = {
         "pid": now.pid,
         "host": now.host or socket.gethostname(),
         "command": now.command,
