@@ -75,8 +75,9 @@ def cut_into_groups(frames: tuple[int, ...], size: int, motion: tuple[float, ...
         middles = starts + lengths // 2
         moved = np.maximum(path[middles] - path[starts], path[end - 1] - path[middles])
         count = np.where((moved <= MOST_MOTION) | (lengths <= FEWEST), counts[starts] + 1, np.inf)
+        # frames count more than motion: two groups of 12 are better than one of 6 with the fast ones and one of 18
         whole = (path[end - 1] - path[starts]) / (2 * MOST_MOTION)
-        uneven = unevenness[starts] + (lengths / size) ** 2 + whole**2
+        uneven = unevenness[starts] + (lengths / size) ** 2 + (whole / 2) ** 2
         best = np.lexsort((-starts, uneven.round(9), count))[0]
         counts[end], unevenness[end], before[end] = count[best], uneven[best], int(starts[best])
     ends = [len(frames)]
