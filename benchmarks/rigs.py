@@ -115,7 +115,9 @@ def wrong(footage: Footage, views: Views) -> Iterator[Trial]:
         folded = views | {name: turned(views[name], middle, up, degrees) for name in order[::2]}
         yield Trial(f"folded by {degrees} degrees", folded, True, whole("This rig is wrong"))
     for one, other in ((a, b), (b, d), (c, order[order.index(c) + 1])):
-        yield Trial("two cameras exchanged", exchanged(views, one, other), True, names(one, other, blamed="cam"))
+        yield Trial(
+            "two cameras exchanged", exchanged(views, one, other), True, names(one, other, says="are exchanged")
+        )
     for factor in (0.7, 1.1, 1.3):
         scaled = {name: zoomed(view, factor) for name, view in views.items()}
         yield Trial(f"all focal lengths x {factor}", scaled, True, whole("focal lengths"))

@@ -31,7 +31,7 @@ _NAMED_PLACES = 3
 _NEAR = 8
 """Frames before and after in which it is searched whether a camera is late."""
 
-_VERSION = 5
+_VERSION = 6
 """Of the judgment: another one judges again."""
 
 

@@ -43,6 +43,10 @@ def posed(camera: Camera, change: Callable[[np.ndarray], np.ndarray]) -> Camera:
     return replace(camera, world_to_camera=change(camera.world_to_camera))
 
 
+def exchanged(rig: Cameras, first: str, second: str) -> Cameras:
+    return {**rig, first: replace(rig[second], name=first), second: replace(rig[first], name=second)}
+
+
 def turned(degrees: float) -> np.ndarray:
     pose = np.eye(4)
     pose[:3, :3] = cv2.Rodrigues(np.array([0, 0, np.radians(degrees)]))[0]
@@ -77,19 +81,33 @@ def test_a_wrong_rig_is_called_wrong_for_its_reason(
 
 
 def test_single_cameras_are_named(rig: Cameras, pairs: list[PairMatches]) -> None:
-    exchanged = {
-        **rig,
-        "cam02": replace(rig["cam07"], name="cam02"),
-        "cam07": replace(rig["cam02"], name="cam07"),
-    }
-    verdict = judge(exchanged, pairs, None)
+    verdict = judge(exchanged(rig, "cam02", "cam07"), pairs, None)
     assert (verdict.grade, set(verdict.doubtful)) == ("usable", {"cam02", "cam07"})
-    assert "exchanged" in verdict.reason
+    assert "cam02 and cam07 are exchanged" in verdict.reason
 
     zoomed = {**rig, "cam03": replace(rig["cam03"], K=intrinsics(600.0, (640, 360)))}
     verdict = judge(zoomed, pairs, None)
     assert verdict.doubtful == ("cam03",)
     assert "focal length 0.8" in verdict.reason
+
+
+@pytest.mark.parametrize("second", ["cam03", "cam04", "cam08"])
+def test_exchanged_cameras_are_named_though_one_has_few_matches_and_a_third_of_them_false(
+    rig: Cameras, pairs: list[PairMatches], second: str
+) -> None:
+    random, few = np.random.default_rng(0), []
+    for pair in pairs:
+        if "cam02" in (pair.first, pair.second):
+            pixels = pair.second_pixels[:12].copy()
+            pixels[:4] = random.uniform(0, 360, (4, 2))
+            pair = PairMatches(pair.first, pair.second, pair.first_pixels[:12], pixels)
+        few.append(pair)
+    assert judge(rig, few, None).grade == "good"
+    verdict = judge(exchanged(rig, "cam02", second), few, None)
+    assert (verdict.grade, set(verdict.doubtful)) == ("usable", {"cam02", second})
+    assert f"cam02 and {second} are exchanged" in verdict.reason
+    turned_away = {**rig, second: posed(rig[second], lambda pose: pose @ turned(40.0))}
+    assert "exchanged" not in judge(turned_away, few, None).reason
 
 
 def test_masks_are_blamed_only_if_the_images_fit(rig: Cameras, pairs: list[PairMatches]) -> None:
@@ -99,8 +117,7 @@ def test_masks_are_blamed_only_if_the_images_fit(rig: Cameras, pairs: list[PairM
     assert judge(rig, [], errors, list(rig)[:6]).blamed == "cameras or masks"
     few = judge(rig, pairs, errors, ["cam05"])
     assert (few.grade, few.doubtful, few.blamed) == ("usable", ("cam05",), "masks")
-    swapped = {**rig, "cam02": replace(rig["cam07"], name="cam02"), "cam07": replace(rig["cam02"], name="cam07")}
-    both = judge(swapped, pairs, errors, list(rig)[:6])
+    both = judge(exchanged(rig, "cam02", "cam07"), pairs, errors, list(rig)[:6])
     assert (both.grade, both.blamed) == ("wrong", "cameras"), "misplaced cameras contradict all masks"
 
 
