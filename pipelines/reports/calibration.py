@@ -14,6 +14,8 @@ _SPARSE = 0.4
 """Smallest fraction of the image with observations; elsewhere lens distortion is extrapolated."""
 _UNSURE = 0.02
 """Largest 1-sigma camera position uncertainty, as a fraction of the distance to the points."""
+_WEAK = 0.005
+"""The same of cameras from footage: 2 sigma are 1 cm per meter."""
 _FAR_OFF = 5
 """Largest error of a measured point, in units of the accuracy of measured positions."""
 _NEAR, _FAR = 0.05, 100
@@ -65,7 +67,7 @@ def calibration_figures(report: CalibrationReport) -> dict[str, JsonData]:
 
 def calibration_warnings(report: CalibrationReport) -> list[Message]:
     """Warnings about a calibration; codes `calibration.*`."""
-    from studio.calibration.sfm.verdict import TRUSTED
+    from studio.calibration.sfm.verdict import MISPLACED, TRUSTED
 
     found = tie_warnings(report)
     mean = report.reprojection.mean
@@ -117,6 +119,21 @@ def calibration_warnings(report: CalibrationReport) -> list[Message]:
                 fix="Try calibrate.shared_intrinsics if the lenses are identical, different or more frames "
                 "(calibrate.frame, calibrate.frame_count), or a calibration target.",
                 fields={"expected": TRUSTED, "setting": "calibrate.shared_intrinsics"},
+            )
+        )
+    weak = {
+        name: f"{name} (position {report.uncertain[name]:.1%} of the distance to the points, {degrees:.2f} degrees)"
+        for name, degrees in report.uncertain_degrees.items()
+        if report.uncertain[name] > _WEAK
+    }
+    weak |= {n: f"{n} ({share:.0%} of its matches agree)" for n, share in report.agree.items() if share < MISPLACED}
+    if weak:
+        found.append(
+            Message(
+                "calibration.weak_cameras",
+                f"these cameras are less certain than the others (1 sigma): {', '.join(weak.values())}",
+                fix="Use more frames (calibrate.frame_count), or marked points.",
+                fields={"cameras": list(weak), "setting": "calibrate.frame_count"},
             )
         )
     known = report.known_intrinsics

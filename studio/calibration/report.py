@@ -158,6 +158,8 @@ class CalibrationReport(ReprojectionReport):
 
     unregistered: dict[str, str] = {}
     """Cameras without a pose, with the reason."""
+    uncertain: dict[str, float] = {}
+    """1-sigma uncertainty of each camera's position, as a fraction of the distance to the points."""
 
     # structure from motion
     mapper: str | None = None
@@ -168,6 +170,10 @@ class CalibrationReport(ReprojectionReport):
     """Verified matches per camera."""
     match_inlier_ratio: float | None = None
     """Fraction of the verified matches that agree with the solution, 0 to 1."""
+    agree: dict[str, float] = {}
+    """The same per camera, if its matches were counted."""
+    uncertain_degrees: dict[str, float] = {}
+    """1-sigma uncertainty of each camera's orientation, in degrees."""
     sharing: list[SharedIntrinsicsReport] = []
     recentered: bool = False
     """Whether principal points were estimated; otherwise they are in the middle of the images or known."""
@@ -183,8 +189,6 @@ class CalibrationReport(ReprojectionReport):
     # tie points
     tie_points: dict[str, TiePointReport] = {}
     left_out: list[RejectedMark] = []
-    uncertain: dict[str, float] = {}
-    """1-sigma uncertainty of each camera's position, as a fraction of the distance to the points."""
     world_accuracy: float | None = None
     """Standard deviation of measured positions, in meters."""
     known_intrinsics: list[str] = []

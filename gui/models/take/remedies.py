@@ -36,6 +36,7 @@ REMEDIES: Mapping[str, Remedy] = {
     "calibration.focal_length": Remedy("calibrate.shared_intrinsics"),
     "calibration.match_inlier_ratio": Remedy("calibrate.frame_count"),
     "calibration.reprojection_error": Remedy("calibrate.camera_model"),
+    "calibration.weak_cameras": Remedy("calibrate.frame_count"),
     "cluster.no_node": Remedy("run.memory_per_group"),
     "cluster.out_of_memory": Remedy("run.memory_per_group"),
     "coverage.gaps": Remedy("bake.view_range", lambda _fields: "none"),
@@ -82,8 +83,7 @@ def fix_of(notice: Notice | None, config: Config | None) -> Fix | None:
         remedy = Remedy("capture.masks")
     if not stage_of(remedy.setting):
         return None
-    value = remedy.value(notice.fields) if remedy.value is not None else None
-    if value is None:
+    if remedy.value is None or (value := remedy.value(notice.fields)) is None:
         return Fix(remedy.setting)
     known = cast(JsonValue, value)
     return Fix(remedy.setting, known, sets=True, done=setting_value(config, remedy.setting) == known)

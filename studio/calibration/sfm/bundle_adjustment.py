@@ -22,32 +22,40 @@ def adjust(
     """
     import pycolmap
 
-    options = pycolmap.BundleAdjustmentOptions()
-    options.refine_principal_point = centers
-    options.refine_rig_from_world = not job.fix_poses
-    options.print_summary = False
+    options, config = problem(model, job, threads, centers)
     robust = width is not None or not last
     options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY if robust else pycolmap.LossFunctionType.TRIVIAL
-    solver = options.ceres.solver_options
-    solver.num_threads = threads
     if width is not None:
         options.ceres.loss_function_scale = width
         # a fifth of the iterations of 1e-12; the error of the cameras is within 2% of that
+        solver = options.ceres.solver_options
         solver.max_num_iterations = 100
         solver.function_tolerance = 1e-6
         solver.gradient_tolerance = solver.parameter_tolerance = 1e-12
-    config = pycolmap.BundleAdjustmentConfig()
-    for image_id in model.reg_image_ids():
-        config.add_image(image_id)
-    for index, one in enumerate(job.intrinsics):
-        if one.known and job.fix_intrinsics:
-            config.set_constant_cam_intrinsics(index + 1)
     if not job.fix_poses:
         config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
     pycolmap.create_default_bundle_adjuster(options, config, model).solve()
     # outliers under the robust loss are not observations
     manager = pycolmap.ObservationManager(model)
     manager.filter_all_points3D(4.0 if last else 12.0, 1.5)
+
+
+def problem(model: Any, job: SfmJob, threads: int, centers: bool) -> tuple[Any, Any]:
+    """Options and configuration of a bundle adjustment of all registered images, see `adjust`; the gauge is free."""
+    import pycolmap
+
+    options = pycolmap.BundleAdjustmentOptions()
+    options.refine_principal_point = centers
+    options.refine_rig_from_world = not job.fix_poses
+    options.print_summary = False
+    options.ceres.solver_options.num_threads = threads
+    config = pycolmap.BundleAdjustmentConfig()
+    for image_id in model.reg_image_ids():
+        config.add_image(image_id)
+    for index, one in enumerate(job.intrinsics):
+        if one.known and job.fix_intrinsics:
+            config.set_constant_cam_intrinsics(index + 1)
+    return options, config
 
 
 def known_model(path: Path, poses: Sequence[Any]) -> Any:

@@ -90,6 +90,10 @@ class SolvedCamera(_Model):
     params: tuple[float, ...]
     pose: tuple[tuple[float, ...], ...]
     """(3, 4) world to camera."""
+    agree: float | None
+    """See `verdict.match_inlier_ratios`; None without matches."""
+    uncertain: tuple[float, float] | None
+    """See `uncertainty.uncertainties`; None if not known."""
 
 
 class SharedIntrinsicsTest(_Model):

@@ -22,14 +22,14 @@ from studio.calibration.sfm.shared_intrinsics import (
     try_shared_intrinsics,
     with_richer_intrinsics,
 )
-from studio.calibration.sfm.verdict import TRUSTED, match_inlier_ratio, match_inlier_ratios, noise
+from studio.calibration.sfm.verdict import MISPLACED, TRUSTED, match_inlier_ratio, match_inlier_ratios, noise
 
 _POLISHINGS = 2  # the second uses the noise estimate of the first
 _SPREAD = 1.2  # ratio of focal lengths above which mapping is repeated with shared intrinsics
 _SHARING_LOSS = 0.05
 """Shared intrinsics, which are fewer, may lose this much of the match inlier ratio."""
-_MISPLACED, _MOST_MISPLACED = 0.4, 1 / 3
-"""Match inlier ratio of a single camera below which it is registered again, unless that many cameras have one."""
+_MOST_MISPLACED = 1 / 3
+"""Cameras with a ratio below `MISPLACED` are not registered again if they are more than this fraction."""
 _LEAST_INLIERS = 0.1
 """Of a misplaced camera's matches with points, since most of them are wrong."""
 _POINTS_FOR_CENTER = 100
@@ -179,7 +179,7 @@ class Mapper:
         other cameras together know better.
         """
         ratios = match_inlier_ratios(model, self.database)
-        misplaced = sorted((image for image in ratios if ratios[image] < _MISPLACED), key=lambda image: ratios[image])
+        misplaced = sorted((image for image in ratios if ratios[image] < MISPLACED), key=lambda image: ratios[image])
         if not misplaced or len(misplaced) > _MOST_MISPLACED * len(ratios) or self.job.poses:
             return model
         better = self._with_own_cameras(model, lambda own: self._registered_again(own, misplaced))

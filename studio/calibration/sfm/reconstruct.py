@@ -179,6 +179,7 @@ def _read(folder: Path, names: Sequence[str], sizes: Mapping[str, tuple[int, int
         SharedIntrinsicsReport(images=[names[number] for number in test.images], shared=test.shared, misfit=test.misfit)
         for test in solution.sharing
     ]
+    uncertain = {names[one.number]: one.uncertain for one in solution.cameras if one.uncertain is not None}
     report = report.model_copy(
         update={
             "unregistered": {},
@@ -186,6 +187,9 @@ def _read(folder: Path, names: Sequence[str], sizes: Mapping[str, tuple[int, int
             "features": features,
             "matches": matches,
             "match_inlier_ratio": solution.match_inlier_ratio,
+            "agree": {names[one.number]: round(one.agree, 3) for one in solution.cameras if one.agree is not None},
+            "uncertain": {n: round(position, 5) for n, (position, _) in uncertain.items()},
+            "uncertain_degrees": {n: round(degrees, 3) for n, (_, degrees) in uncertain.items()},
             "sharing": sharing,
             "recentered": solution.recentered,
         }

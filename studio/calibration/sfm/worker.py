@@ -19,7 +19,8 @@ import numpy as np
 from studio.calibration.sfm.features import find_matches, say
 from studio.calibration.sfm.job import SfmJob, SfmSolution, SolvedCamera
 from studio.calibration.sfm.mapping import Mapper
-from studio.calibration.sfm.verdict import match_inlier_ratio
+from studio.calibration.sfm.uncertainty import uncertainties
+from studio.calibration.sfm.verdict import match_inlier_ratio, match_inlier_ratios
 from studio.process import claim_stdout
 
 
@@ -58,6 +59,8 @@ class Worker:
         observations: list[tuple[int, int, float, float]] = []
         ids: dict[int, int] = {}
         if model is not None:
+            agreeing = match_inlier_ratios(model, database_path)
+            uncertain = uncertainties(model, self.job, self.job.threads, centers=mapper.recentered)
             for order, key in enumerate(sorted(model.points3D)):
                 ids[key] = order
             for image in sorted(model.images.values(), key=lambda image: image.name):
@@ -71,6 +74,8 @@ class Worker:
                         model=camera.model.name,
                         params=tuple(float(p) for p in camera.params),
                         pose=np.asarray(image.cam_from_world().matrix()).tolist(),
+                        agree=agreeing.get(image.image_id),
+                        uncertain=uncertain.get(image.image_id),
                     )
                 )
                 for point in image.points2D:

@@ -73,6 +73,21 @@ def test_warnings():
     assert "calibration.match_inlier_ratio" not in [message.code for message in fine]
 
 
+def test_weak_cameras_are_named_with_their_uncertainty():
+    figures = {"agree": {"left <1>": 0.32, "right": 0.8}, "uncertain_degrees": {"left <1>": 0.1, "right": 0.41}}
+    report = report_with(0.3, uncertain={"left <1>": 0.002, "right": 0.012}, **figures)
+    weak = calibration_warnings(report)[0]
+    assert weak.code == "calibration.weak_cameras"
+    assert weak.fields["cameras"] == ["right", "left <1>"]
+    assert "right (position 1.2% of the distance to the points, 0.41 degrees)" in str(weak)
+    assert "left <1> (32% of its matches agree)" in str(weak)
+    page = Page()
+    page.feed(render_calibration(report, ["left <1>", "right"], CheckedCameras(report, None, None)))
+    assert {"1.20%,\xa00.41°", "80%"} <= set(page.words)
+    sure = report_with(0.3, agree={"right": 0.8}, uncertain={"right": 0.002}, uncertain_degrees={"right": 0.1})
+    assert "calibration.weak_cameras" not in [message.code for message in calibration_warnings(sure)]
+
+
 def test_a_focal_length_that_cannot_be():
     found = calibration_warnings(with_camera(report_with(0.3), "right", usual_focal=50.0))[0]
     assert (found.code, found.value) == ("calibration.focal_length", 100)
