@@ -36,15 +36,6 @@ def test_the_tables_of_a_take(
         assert psnr[0] > psnr[1] > 10
 
 
-def test_the_speed_at_any_number_of_splats(
-    finished: Path, script: ModuleType, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert script.main([str(finished / "take"), "--groups", "1", "--speed"]) == 0
-    text = capsys.readouterr().out
-    assert "| 500 | motion |" in text
-    assert "| 500 | planes |" in text
-
-
 def test_bd_rate(script: ModuleType) -> None:
     curve = [script.Point("a", 0, 10.0 * 1.2**step, 30.0 + step, 30.0 + step, 0.0, 0.0) for step in range(6)]
     half = [script.Point("b", 0, point.kilobytes / 2, point.footage_psnr, 0.0, 0.0, 0.0) for point in curve]

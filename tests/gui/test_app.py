@@ -28,10 +28,6 @@ class Ticks:
         return run_ticks(self.tick, lambda: self.completed, report or (lambda error: self.reported.append(str(error))))
 
 
-def test_without_failures_it_ends_when_the_window_is_closed() -> None:
-    assert Ticks("ok", "ok", "closed").run()
-
-
 def test_a_failure_is_reported_and_the_window_goes_on(capsys: pytest.CaptureFixture[str]) -> None:
     ticks = Ticks("ok", "event", *["ok", "tick"] * (2 * MOST_FAILURES), "closed")
     assert ticks.run()

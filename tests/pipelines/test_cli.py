@@ -1,15 +1,10 @@
-import argparse
-import os
 import shutil
-import signal
-import socket
 import subprocess
 import sys
 
 import pytest
 
 from pipelines.cli import make_parser
-from pipelines.commands.common.arguments import frame_range
 from pipelines.events import Finished, StageFailed, parse_event
 from pipelines.takes.settings_file import set_settings
 from studio.stream import StreamReader
@@ -21,13 +16,6 @@ def test_every_command_explains_itself(here):
     for name in make_parser()[1]:
         assert f"\n    {name}" in text
         here(*name.split(), "--help").ok()
-
-
-def test_config_prints_documented_settings_with_overrides_in_both_spellings(here, project):
-    text = here("config", project / "ball.yaml", "--set", "bake.quality=30", "--train.max-splats", "77").stdout
-    assert "\n  # Maximum number of frames per group" in text
-    for line in ("quality: 30", "max_splats: 77", "group_size: 3", "sh_degree: 0"):
-        assert f"\n  {line}\n" in text
 
 
 def test_wrong_usage_is_2_and_a_failure_1(here, tmp_path):
@@ -151,44 +139,6 @@ def test_status_of_a_new_and_of_a_finished_take(here, project, finished):
     assert "not a take" in here("status", project / "capture").stderr
 
 
-def test_a_second_run_on_the_take_is_refused_at_once(cli, project, start):
-    process = start("run", project / "ball.yaml", "--take", project / "take", "--json")
-    process.stdout.readline()  # the run has locked the take now
-    os.kill(process.pid, signal.SIGSTOP)
-    try:
-        second = cli("run", project / "ball.yaml", "--take", project / "take")
-        assert second.returncode == 1
-        assert f"{project / 'take'}: another run is in progress (process {process.pid}, v3studio run)" in second.stderr
-        assert f"process {process.pid}" in cli("status", project / "take").stdout
-    finally:
-        os.kill(process.pid, signal.SIGCONT)
-
-
-def test_status_says_what_a_baking_take_is_doing(cli, start, finished, tmp_path):
-    shutil.copytree(finished, tmp_path / "copy")
-    take = tmp_path / "copy" / "take"
-    process = start("bake", take, "--force", "--json")
-    while parse_event(process.stdout.readline()).kind != "stage_started":
-        pass
-    process.stdout.readline()  # the event before it is in the log now
-    os.kill(process.pid, signal.SIGSTOP)
-    try:
-        found = result_of(cli("status", take, "--json").stdout)
-        assert found["running"]["pid"] == process.pid
-        assert found["running"]["host"] == socket.gethostname()
-        assert (found["running"]["stage"], found["running"]["reason"]) == ("bake", "forced")
-        assert found["stages"]["bake"]["state"] == "running"
-        text = cli("status", take).stdout
-        assert "never run" not in text
-        assert any("bake" in line and "running" in line for line in text.splitlines())
-    finally:
-        os.kill(process.pid, signal.SIGKILL)
-        process.wait()
-    found = result_of(cli("status", take, "--json").stdout)
-    assert found["running"] is None
-    assert found["stages"]["bake"]["reason"] != "never run"
-
-
 def test_status_answers_without_torch(finished):
     script = (
         "import sys\n"
@@ -247,20 +197,6 @@ def test_typos_are_answered_with_what_is_similar(here):
     assert "did you mean" not in here("zzzzzz").stderr
     done = here("models")
     assert (done.returncode, "models list and models get" in done.stderr) == (2, True)
-
-
-def test_frame_ranges_are_those_of_python():
-    for text, found in {
-        "2:5": [2, 3, 4],
-        ":3": [0, 1, 2],
-        "7:": [7, 8, 9],
-        "1:8:3": [1, 4, 7],
-        "::4": [0, 4, 8],
-    }.items():
-        assert list(range(10))[slice(*frame_range(text))] == found
-    for text in ("", "3", "5:5", "5:2", "a:b", "1:2:0", "-1:2", "1:2:3:4"):
-        with pytest.raises(argparse.ArgumentTypeError):
-            frame_range(text)
 
 
 def test_bash_completes_commands_options_and_choices(here, tmp_path):

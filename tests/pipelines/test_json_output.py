@@ -79,17 +79,6 @@ def test_a_run_whose_stage_prints_gives_events_only(take_of: Callable[[], Path])
         assert words in done.stderr.decode("utf-8", "replace"), "shown, not lost"
 
 
-def test_a_failure_still_ends_in_its_sentence_and_its_event(take_of: Callable[[], Path]) -> None:
-    done = noisy(NOISY_STAGE, "bake", take_of(), "--force", "--json", "--train.group_size", "2")
-    assert done.returncode == 1
-    events = [parse_event(line) for line in done.stdout.decode().splitlines()]
-    assert isinstance(events[-1], Finished)
-    assert events[-1].outcome == "failed"
-    assert events[-1].code == "stage.dependency"
-    assert events[-1].fields["dependency"] == "train"
-    assert b"error: the stage bake needs train" in done.stderr
-
-
 COMMANDS = {
     "status": ("status", "{take}", "--json"),
     "compare": ("compare", "{take}", "--out", "{out}", "--json"),
@@ -183,13 +172,6 @@ def test_every_command_but_the_window_takes_json() -> None:
     assert [name for name, known in found.items() if not known] == ["open"]
 
 
-def test_settings_printed_as_yaml_are_free_of_native_output(project: Path) -> None:
-    done = noisy(NOISY_COMMAND.replace("noise()", "os.write(1, b'native')"), "config", project / "ball.yaml")
-    assert done.returncode == 0
-    assert done.stdout.startswith(b"# All settings")
-    assert b"native" not in done.stdout
-
-
 def test_a_reader_that_leaves_early_is_no_error() -> None:
     process = subprocess.Popen(
         [sys.executable, "-m", "pipelines.cli", "config"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=ROOT
@@ -235,16 +217,3 @@ def test_a_command_that_fails_ends_with_its_result(name: str, here: Callable) ->
     assert (event.outcome, event.result) == ("failed", {})
     assert event.code.startswith(error)
     assert event.message
-
-
-def test_a_check_that_finds_something_has_a_result(take_of: Callable[[], Path], here: Callable) -> None:
-    take = take_of()
-    (take / "calibrate" / "rig.json").unlink()
-    done = here("check", take, "--json")
-    assert done.returncode == 1
-    last = parse_event(done.stdout.splitlines()[-1])
-    assert isinstance(last, Finished)
-    assert (last.outcome, last.code) == ("failed", "")
-    assert last.result["damage"][0]["file"] == "calibrate/rig.json"
-    assert here("status", take, "--check").returncode == 1
-    here("status", take).ok()

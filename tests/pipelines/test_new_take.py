@@ -58,30 +58,6 @@ def test_a_frame_rate_that_makes_no_sense_is_refused_in_a_sentence(typed: str, t
     assert new.proposed_take().endswith("shots-take"), "other fields are not touched"
 
 
-def test_the_frame_rate_of_videos_and_of_settings_is_shown(project: Path, tmp_path: Path) -> None:
-    assert NewTake(str(write_video(tmp_path / "videos"))).found().fps == pytest.approx(24)
-    settings = tmp_path / "rate.yaml"
-    settings.write_text("capture:\n  fps: 50\n")
-    assert NewTake(str(images(tmp_path / "shots")), str(settings)).found().fps == 50
-    new = NewTake(str(tmp_path / "videos"), str(settings))
-    capture = new.config().capture
-    assert new.found().fps == open_footage(capture, None, strict=False).fps == 50, "settings come before the files"
-
-
-def write_video(folder: Path) -> Path:
-    import av
-
-    folder.mkdir()
-    for camera in ("a", "b"):
-        with av.open(str(folder / f"{camera}.mp4"), "w") as file:
-            stream = file.add_stream("libx264", rate=24)
-            stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
-            for _ in range(4):
-                file.mux(stream.encode(av.VideoFrame.from_ndarray(np.zeros((48, 64, 3), np.uint8), format="rgb24")))
-            file.mux(stream.encode())
-    return folder
-
-
 def test_frames_and_cameras_are_chosen(project: Path, tmp_path: Path) -> None:
     new = NewTake(str(project / "capture"), take=str(tmp_path / "take"))
     counts: list[tuple[int, int]] = []

@@ -14,12 +14,6 @@ from studio.formats.placing import new_file
 from tests.support.errors import refuses
 
 
-def test_a_new_output_needs_nothing(tmp_path: Path) -> None:
-    with replacing(tmp_path / "out", False, Path.is_file):
-        (tmp_path / "out").write_text("new")
-    assert (tmp_path / "out").read_text() == "new"
-
-
 def test_an_output_is_replaced_only_when_asked(tmp_path: Path) -> None:
     out = tmp_path / "out"
     out.write_text("old")
@@ -31,20 +25,6 @@ def test_an_output_is_replaced_only_when_asked(tmp_path: Path) -> None:
         out.write_text("new")
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
     assert out.read_text() == "new"
-
-
-def test_an_empty_folder_is_no_obstacle(tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    out.mkdir()
-    with replacing(out, False, Path.is_file):
-        out.write_text("new")
-    assert out.read_text() == "new"
-
-
-def test_folders_above_it_are_made(tmp_path: Path) -> None:
-    with replacing(tmp_path / "a" / "b", False, Path.is_file), new_file(tmp_path / "a" / "b") as temporary:
-        temporary.write_text("new")
-    assert (tmp_path / "a" / "b").read_text() == "new"
 
 
 def test_a_failure_restores_what_was_there(tmp_path: Path) -> None:

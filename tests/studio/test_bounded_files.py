@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from pipelines.config.loading import load_config
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.take import Take
-from studio.bounded_files import Bounds, TextError, check_value, parse_json, parse_toml, read_bounded, read_bounded_text
+from studio.bounded_files import Bounds, TextError, check_value, parse_json, parse_toml, read_bounded
 from studio.calibration.manual.file import read_tie_points
 from studio.camera_files import read_rig
 from studio.errors import StudioError
@@ -108,15 +108,6 @@ def test_what_is_not_json_is_refused(data: bytes) -> None:
 TERABYTE = 1 << 40
 
 
-def test_up_to_the_limit_it_is_the_whole_file(tmp_path: Path) -> None:
-    file = tmp_path / "a"
-    file.write_bytes(b"one\r\ntwo\n")
-    assert read_bounded(file, 9) == b"one\r\ntwo\n"
-    assert read_bounded_text(file) == "one\ntwo\n"
-    with pytest.raises(OSError, match="more than the 8 bytes"):
-        read_bounded(file, 8)
-
-
 def test_what_has_no_size_takes_no_more_memory_than_it_has_bytes(tmp_path: Path) -> None:
     (tmp_path / "empty").touch()
     assert read_bounded(tmp_path / "empty", 1 << 60) == b""
@@ -154,11 +145,3 @@ def test_a_terabyte_is_refused(tmp_path: Path, name: str, start: bytes, read: Ca
         read(file)
     assert name in str(caught.value)
     assert len(str(caught.value)) < 400
-
-
-def test_a_ply_file_needs_the_end_of_its_header_early(tmp_path: Path) -> None:
-    """The parser would read a line without an end byte by byte: a megabyte takes it a second."""
-    file = tmp_path / "a.ply"
-    file.write_bytes(b"ply\nformat ascii 1.0\ncomment " + b"x" * (1 << 20) + b"\nend_header\n")
-    with pytest.raises(StudioError, match="no end of the header in the first"):
-        read_splats(file)

@@ -24,11 +24,6 @@ def cgroups(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "fs"
 
 
-def test_without_limits_it_is_the_machines_memory(cgroups: Path) -> None:
-    (cgroups / "outer" / "memory.max").write_text("max\n")
-    assert memory_limit() == psutil.virtual_memory().total
-
-
 def test_a_container_limits_it_at_any_level(cgroups: Path) -> None:
     (cgroups / "outer" / "inner" / "memory.max").write_text(f"{1 << 32}\n")
     assert memory_limit() == 1 << 32
@@ -36,16 +31,6 @@ def test_a_container_limits_it_at_any_level(cgroups: Path) -> None:
     (cgroups / "outer" / "memory.max").write_text(f"{own + (64 << 20)}\n")
     assert memory_limit() == own + (64 << 20)
     assert memory_available() < 128 << 20, "less what this process has, which may just have changed a little"
-
-
-def test_cgroups_of_version_1(cgroups: Path) -> None:
-    (cgroups.parent / "cgroup").write_text("5:devices:/other\n4:cpu,memory:/docker/abc\n")
-    place = cgroups / "memory" / "docker" / "abc"
-    place.mkdir(parents=True)
-    (cgroups / "memory" / "memory.limit_in_bytes").write_text("9223372036854771712\n")
-    assert memory_limit() == psutil.virtual_memory().total
-    (place / "memory.limit_in_bytes").write_text(f"{3 << 30}\n")
-    assert memory_limit() == 3 << 30
 
 
 def test_limits_of_the_session_count(cgroups: Path) -> None:

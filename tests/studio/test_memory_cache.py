@@ -5,7 +5,6 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-import pytest
 
 from studio.memory_cache import MemoryCache, image_cache
 
@@ -34,16 +33,6 @@ def test_the_least_recently_used_values_are_dropped_first() -> None:
     assert (cache.used, list(cache)) == (0, [])
 
 
-def test_some_values_are_kept_whatever_their_size() -> None:
-    cache: MemoryCache[int, str] = MemoryCache(3, len, least=2)
-    for number in range(4):
-        cache.put(number, "long")
-    assert list(cache) == [2, 3]
-    for number in range(4, 8):
-        cache.put(number, "1")
-    assert list(cache) == [5, 6, 7]
-
-
 def test_values_are_made_once_and_keys_do_not_wait_for_each_other() -> None:
     cache: MemoryCache[str, int] = MemoryCache(math.inf)
     made: list[str] = []
@@ -62,10 +51,3 @@ def test_values_are_made_once_and_keys_do_not_wait_for_each_other() -> None:
         wait.set()
         assert [result.result() for result in results] == [1, 1, 1]
     assert made == ["slow"]
-
-
-def test_a_value_that_could_not_be_made_is_made_at_the_next_call() -> None:
-    cache: MemoryCache[str, int] = MemoryCache(math.inf)
-    with pytest.raises(ZeroDivisionError):
-        cache.get_or_make("a", lambda key: 1 // 0)
-    assert cache.get_or_make("a", lambda key: 3) == 3

@@ -15,12 +15,6 @@ def pair(height: int = 31, width: int = 43) -> tuple[torch.Tensor, torch.Tensor]
     return a, (a + 0.2 * torch.randn(a.shape, generator=generator, dtype=torch.float64)).clamp(0, 1)
 
 
-def test_psnr_of_a_constant_difference() -> None:
-    a = torch.full((5, 7, 3), 0.3, dtype=torch.float64)
-    assert psnr(a, a + 0.1).item() == pytest.approx(20.0)
-    assert psnr(a, a).item() == float("inf")
-
-
 def test_psnr_within_a_mask() -> None:
     a = torch.zeros(4, 4, 3)
     b = a.clone()
@@ -53,11 +47,6 @@ def test_ssim_is_opencvs() -> None:
     mask = torch.zeros(31, 43)
     mask[10:20, 5:30] = 1
     assert ssim(a, b, mask).item() == pytest.approx(expected[10:20, 5:30].mean())
-
-
-def test_ssim_of_an_image_with_itself_is_one() -> None:
-    a, _ = pair()
-    assert ssim(a, a).item() == pytest.approx(1.0)
 
 
 def test_ssim_gradient() -> None:

@@ -2,7 +2,6 @@
 
 import json
 import struct
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from pipelines.takes.videos import decoded_video
 from studio.cameras import Camera, Rig
-from studio.formats import read_splats, write_splats
+from studio.formats import read_splats
 from studio.formats.baking import bake_video
 from studio.formats.sequence import axes_of, export_sequence, open_import
 from studio.formats.videogs import export_videogs
@@ -72,11 +71,6 @@ def test_ordinary_cameras_stay_and_others_become_ordinary(radius, middle, scaled
         pixels = [camera.project(points[None])[0] for camera, points in ((before, point), (after, frame.points(point)))]
         np.testing.assert_allclose(pixels[1], pixels[0], atol=1e-4)
     np.testing.assert_allclose(frame.inverse.after(frame).points(point), point)
-
-
-def test_one_camera_is_not_scaled():
-    assert own_frame(ring(cameras=1)).is_identity
-    assert own_frame(ring(middle=FAR, cameras=1)).scale == 1
 
 
 def video(original: Similarity) -> SplatVideo:
@@ -143,14 +137,6 @@ def test_imports_far_away_get_their_own_frame_and_exports_undo_it(tmp_path, orig
     np.testing.assert_allclose(np.sort(sizes), np.sort(wanted), atol=0.05)  # baking may swap axes
 
 
-def test_float32_positions_far_away_have_lost_digits(tmp_path):
-    splats = video(Similarity()).read(0)
-    write_splats(replace(splats, means=splats.means + 5e6), tmp_path / "far.ply")
-    found = open_import(tmp_path / "far.ply")
-    assert any("steps of 0.5 units" in note for note in found.notes)
-    np.testing.assert_allclose(found.original.points(found.read(0).means.numpy()), splats.means + 5e6, atol=1e-3)
-
-
 def test_files_for_viewers_have_the_units_but_not_the_place(tmp_path, original):
     take = video(original)
     rotation = axes_of(take, (0, 1, 0), True)
@@ -160,19 +146,6 @@ def test_files_for_viewers_have_the_units_but_not_the_place(tmp_path, original):
     np.testing.assert_allclose(found, meant, atol=1e-3 * original.scale)
     with refuses("splat_file.position_range"):  # no more digits than for whole meters
         export_sequence(take, tmp_path / "far", ".spz")
-
-
-def test_a_take_in_place_is_written_as_before(tmp_path):
-    export_sequence(video(Similarity()), tmp_path / "ply", ".ply")
-    rows = PlyData.read(str(tmp_path / "ply" / "frame_0000.ply"))["vertex"]
-    assert rows["x"].dtype == np.float32
-    np.testing.assert_array_equal(rows["x"], video(Similarity()).read(0).means[:, 0])
-
-
-def test_a_placed_world_keeps_its_origin():
-    frame = own_frame(ring(3000.0, FAR))
-    placed = undone(frame, placed=True)
-    assert (placed.scale, placed.translation.any()) == (1 / frame.scale, False)
 
 
 def test_the_stream_knows_where_it_was(original):

@@ -30,16 +30,6 @@ def test_a_quarter_turn_about_z_scalar_first() -> None:
     np.testing.assert_allclose(matrices_to_quats(matrix), quat, atol=1e-15)
 
 
-def test_matrices_and_back() -> None:
-    """Includes half turns, where w is 0."""
-    quats = np.concatenate([unit_quats(50), np.eye(4)]).reshape(2, 27, 4)
-    matrices = quats_to_matrices(quats)
-    assert matrices.shape == (2, 27, 3, 3)
-    back = matrices_to_quats(matrices)
-    assert (back[..., 0] >= 0).all()
-    np.testing.assert_allclose(np.abs((back * quats).sum(-1)), 1, atol=1e-12)
-
-
 @pytest.mark.parametrize("bad", [[0.0, 0, 0, 0], [np.nan, 0, 0, 1]])
 def test_no_rotation_is_made_up(bad: list[float]) -> None:
     with pytest.raises(ValueError, match=r"(?i)finite|norm"):

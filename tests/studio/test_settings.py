@@ -10,7 +10,6 @@ from pydantic.fields import FieldInfo
 
 from pipelines.config import Config
 from pipelines.config.description import allowed_values
-from studio.calibration import CalibrationTarget
 from studio.errors import StudioError
 from studio.settings import RESULTS, Settings, Unbounded, affected, all_names, marker, submodel
 from studio.stream import BakeSettings
@@ -107,12 +106,6 @@ def test_what_settings_affect_is_said_at_the_field_the_section_or_the_class() ->
     assert found["run.check_footage"] == found["run.threads"] == ()
     assert found["calibrate.board.square"] == found["calibrate.board.kind"]  # from the field that contains its model
     assert set(found) == set(all_names(Config))
-
-
-def test_a_replaced_target_forgets_what_was_computed() -> None:
-    target = CalibrationTarget()
-    assert target.corners.max() == pytest.approx(7 * 0.06)
-    assert target.replace(square=0.1).corners.max() == pytest.approx(7 * 0.1)
 
 
 @pytest.mark.parametrize(

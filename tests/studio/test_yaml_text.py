@@ -32,14 +32,6 @@ def test_what_plain_values_mean(text: str, value: object) -> None:
         assert type(found) is type(value)
 
 
-def test_not_a_number() -> None:
-    assert math.isnan(parse_yaml(".nan"))
-
-
-def test_anchors_and_merges() -> None:
-    assert parse_yaml("a: &x {b: 1, c: 2}\nd: {<<: *x, c: 3}") == {"a": {"b": 1, "c": 2}, "d": {"b": 1, "c": 3}}
-
-
 @pytest.mark.parametrize(
     ("text", "line", "problem"),
     [

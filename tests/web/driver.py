@@ -32,7 +32,6 @@ class Site:
         bytes_per_second: rate limit; None for no limit.
         cut: {path suffix: bytes}: the connection is closed after this many bytes of the body, once per request,
             until `cuts_left` reaches 0.
-        down: whether connections are closed without a response.
         requests: (path, range header) of all requests.
     """
 
@@ -41,7 +40,6 @@ class Site:
         self.bytes_per_second: float | None = None
         self.cut: dict[str, int] = {}
         self.cuts_left = 0
-        self.down = False
         self.requests: list[tuple[str, str | None]] = []
         site = self
 
@@ -82,10 +80,6 @@ class Site:
         path = handler.path.split("?")[0]
         wanted = handler.headers.get("Range")
         self.requests.append((path, wanted))
-        if self.down:
-            handler.close_connection = True
-            handler.connection.shutdown(socket.SHUT_RDWR)
-            return
         file = self.folder / (path.lstrip("/") or "index.html")
         if path.endswith("/"):
             file = self.folder / path.strip("/") / "index.html"

@@ -18,10 +18,6 @@ SMALL = """() => {
     return Math.min(width, height) < 44 ? [`${name}: ${width} x ${height}`] : [];
   });
 }"""
-FOCUS = """() => {
-  const {activeElement: one} = document.querySelector('v3-player').shadowRoot;
-  return one === null ? null : one.dataset.act ?? one.className;
-}"""
 
 
 def luminance(pixels: np.ndarray) -> np.ndarray:
@@ -99,21 +95,6 @@ def test_radio_buttons_respond_to_arrow_keys(page):
     assert page.evaluate(focused) == "true", "one stop for each group"
 
 
-def test_escape_returns_the_focus_to_what_opened_a_sheet(page):
-    for act in ("settings", "info"):
-        button = page.handle.locator(f"v3-player .bar [data-act='{act}']")
-        button.focus()
-        page.handle.keyboard.press("Enter")
-        page.handle.locator(f"v3-player .{act}").wait_for()
-        page.handle.keyboard.press("Tab")
-        page.handle.keyboard.press("Escape")
-        assert page.evaluate(FOCUS) == act
-    page.click("settings")
-    page.handle.locator("v3-player .settings [data-act='help']").click()
-    page.handle.keyboard.press("Escape")
-    assert page.evaluate(FOCUS) == "settings"
-
-
 def test_the_focus_passes_through(page):
     """From the element before the player to the one after it, with Tab alone, also while a sheet is open."""
     page.evaluate(
@@ -131,16 +112,3 @@ def test_the_focus_passes_through(page):
             seen.append(page.evaluate("() => document.activeElement.id"))
         assert seen[-1] == "after"
     page.evaluate("() => { for (const id of ['before', 'after']) document.getElementById(id).remove(); }")
-
-
-def test_a_short_press_of_a_key_turns_the_view(page):
-    turned = page.evaluate(
-        """() => {
-          const player = document.querySelector('v3-player');
-          const stage = player.shadowRoot.querySelector('.stage');
-          for (const kind of ['keydown', 'keyup'])
-            stage.dispatchEvent(new KeyboardEvent(kind, {key: 'ArrowRight', bubbles: true, composed: true}));
-          return player.state.view.azimuth;
-        }"""
-    )
-    assert turned < -0.5

@@ -126,26 +126,6 @@ def test_fingers_and_their_help(stream, open_page):
     assert page.state["view"] == home
 
 
-def test_inertia_unless_motion_is_reduced(page):
-    # A fling within one task: on a busy machine, simulated mouse events are too slow for a fling.
-    throw = """() => {
-      const stage = document.querySelector('v3-player').shadowRoot.querySelector('.stage');
-      const send = (kind, x) => stage.dispatchEvent(
-        new PointerEvent(kind, {pointerId: 7, clientX: x, clientY: 200, buttons: 1, bubbles: true}));
-      send('pointerdown', 100);
-      for (const x of [110, 120, 130, 140]) send('pointermove', x);
-      send('pointerup', 140);
-      return document.querySelector('v3-player').state.view.azimuth;
-    }"""
-    still = page.evaluate(throw)
-    page.handle.wait_for_timeout(300)
-    assert page.state["view"]["azimuth"] == still
-    page.handle.emulate_media(reduced_motion="no-preference")
-    start = page.evaluate(throw)
-    page.wait("player.state.view.azimuth > argument + 2", start)
-    page.handle.emulate_media(reduced_motion="reduce")
-
-
 def test_a_first_visit_with_reduced_motion(stream, open_page):
     """Nothing plays automatically; a hint and a large button invite, and neither is in the way."""
     spinner = """document.addEventListener('v3-ready', () => {
@@ -182,36 +162,6 @@ def test_a_first_visit_with_reduced_motion(stream, open_page):
     page.handle.mouse.click(*center())
     page.wait("player.state.playing")
     assert not start.is_visible()
-
-
-def test_backgrounds(page):
-    page.click("settings")
-    shown = "all => all.filter(one => one.offsetParent !== null).map(one => getComputedStyle(one).backgroundColor)"
-    colors = page.handle.locator("v3-player .swatch:not(.none)").evaluate_all(shown)
-    assert len(colors) == len(set(colors)) >= 3, "those that look the same are offered once"
-    assert page.handle.locator("v3-player .swatch[aria-checked=true]").is_visible()
-    for name, color in (("white", [1, 1, 1]), ("none", None)):
-        page.handle.locator(f"v3-player [data-background='{name}']").click()
-        assert page.evaluate("() => document.querySelector('v3-player').engine.background") == color
-        chosen = page.handle.locator("v3-player [data-background][aria-checked='true']")
-        assert chosen.get_attribute("data-background") == name
-
-
-def test_a_paused_picture_is_sorted_for_the_view(page):
-    """Also after playing, when the worker has decoded the next frame already."""
-    page.call("play")
-    page.wait("(seen.time ?? []).length > 2")
-    page.call("pause")
-    page.evaluate(
-        """() => {
-          const {engine} = document.querySelector('v3-player');
-          window.orders = [];
-          engine.stream.on('order', ({frame}) => orders.push(frame));
-        }"""
-    )
-    page.call("setView", {"azimuth": 150})
-    page.wait("window.orders.length > 0")
-    assert set(page.evaluate("() => window.orders")) == {page.state["frame"]}
 
 
 def test_keys(page):
@@ -388,27 +338,6 @@ def test_an_iframe_is_commanded_by_messages(site, stream, open_page):
     assert {**after, "view": None} == {**state, "view": None}  # the view is still being reset
 
 
-def test_the_element_refuses_what_is_no_value(page):
-    """And changes nothing; each error names the method."""
-    before = page.state
-    messages = page.evaluate(
-        """() => {
-          const player = document.querySelector('v3-player'), messages = [];
-          const calls = {
-            seek: [NaN, '1', null], setSpeed: [0, 'fast', Infinity], setBackground: ['constructor', null],
-            setView: [{azimuth: NaN}, {target: [1, 2]}, {distance: 0}, 'x', null], setLoop: ['false'], setMuted: [1],
-          };
-          for (const [name, values] of Object.entries(calls))
-            for (const value of values)
-              try { player[name](value); messages.push('accepted'); } catch (error) { messages.push(error.message); }
-          return messages;
-        }"""
-    )
-    assert len(messages) == 15
-    assert all(message.startswith(("seek ", "set")) for message in messages), messages
-    assert page.state == before
-
-
 def test_the_component_in_another_page_with_a_poster(site, stream, open_page):
     from PIL import Image
 
@@ -461,27 +390,6 @@ def test_all_controls_are_on_the_screen(page, size):
     assert title["y"] + title["height"] <= notice["y"]
     assert notice["x"] >= 0
     assert notice["x"] + notice["width"] <= size[0]
-
-
-def test_a_link_is_copied_without_the_clipboard_api(page):
-    """As on http pages; where the browser refuses that too, the link is there to be copied by hand."""
-    page.evaluate("() => Object.defineProperty(navigator, 'clipboard', {value: undefined, configurable: true})")
-    page.click("link")
-    page.wait("location.search.includes('view=') && player.shadowRoot.querySelector('.notice.shown')")
-    address = page.evaluate("() => location.href")
-    page.evaluate("() => document.body.append(Object.assign(document.createElement('textarea'), { id: 'paste' }))")
-    page.handle.locator("#paste").focus()
-    page.handle.keyboard.press("Control+v")
-    assert page.evaluate("() => document.querySelector('#paste').value") == address
-    page.evaluate("() => { document.execCommand = () => false; }")
-    page.click("link")
-    field = page.handle.locator("v3-player .copy input")
-    assert field.input_value() == address
-    assert field.evaluate("one => [one.selectionStart, one.selectionEnd]") == [0, len(address)]
-    page.handle.keyboard.press("Escape")
-    assert not field.is_visible()
-    page.evaluate("() => { delete navigator.clipboard; delete document.execCommand; }")
-    page.evaluate("() => document.querySelector('#paste').remove()")
 
 
 def test_the_picture_fades_where_nothing_was_filmed(site, baked, open_page):

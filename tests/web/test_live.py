@@ -87,14 +87,6 @@ def replacing(site, new, served):
     return lambda handle: handle.route("**/stream/files/*", lambda route: answer(handle, route))
 
 
-def test_a_stream_that_is_baked_again_before_its_first_image(site, baked, open_page):
-    shutil.copytree(baked(), site.stream)
-    page = open_page(setup=replacing(site, baked(qp=34), 0))
-    assert len(page.seen("updated")) == 1
-    assert not page.seen("error")
-    assert not page.seen("notice")
-
-
 def test_a_stream_that_is_baked_again_during_playback(site, baked, open_page):
     """One notice with a button, which shows the new version at the same time and view; no group is left out."""
     shutil.copytree(baked(lengths=(3,) * 8), site.stream)

@@ -14,20 +14,6 @@ DIFFERENT = "new Set(seen.time.map(({frame}) => frame)).size"
 """How many different frames were shown."""
 
 
-def set_up(handle):
-    """`window.before` is called with what the worker sends, before the player takes it."""
-    handle.add_init_script(
-        """{
-          const descriptor = Object.getOwnPropertyDescriptor(Worker.prototype, 'onmessage');
-          Object.defineProperty(Worker.prototype, 'onmessage', {
-            set(handler) {
-              descriptor.set.call(this, event => { window.before?.(event.data); handler(event); });
-            },
-          });
-        }"""
-    )
-
-
 def test_it_plays_automatically_and_loops_until_it_shall_stop(site, stream, open_page):
     """Loops fetch nothing again."""
     # Slow, so that a busy machine drops few frames.
@@ -68,16 +54,6 @@ def test_seeking_shows_the_very_frame(page):
     assert page.state["frame"] == 7
 
 
-def test_speed(page):
-    page.call("setSpeed", 0.25)
-    began = page.evaluate("() => performance.now()")
-    page.call("play")
-    page.wait("(seen.looped ?? []).length >= 1")
-    assert page.state["speed"] == 0.25
-    seconds = (page.evaluate("() => performance.now()") - began) / 1000
-    assert seconds > 0.9  # nine frames at 25 / 4 per second take 1.44; at full speed 0.36
-
-
 def test_damaged_groups_are_left_out(site, baked, open_page):
     stream = shutil.copytree(baked(lengths=(3,) * 8), site.stream)
     files = [group_files(stream, 1)[0], group_files(stream, 3)[1], group_files(stream, 5)[1]]
@@ -115,16 +91,6 @@ def test_a_cut_connection_is_resumed_where_it_broke(site, stream, open_page):
     assert not page.seen("error")
 
 
-def test_the_server_restarts(site, stream, open_page):
-    page = open_page("?t=0", wait=False)
-    site.down = True
-    page.handle.wait_for_timeout(1500)
-    site.down = False
-    page.wait_ready()
-    page.call("play")
-    page.wait("(seen.looped ?? []).length >= 1")
-
-
 _LOSE = """() => new Promise(done => {
   const canvas = document.querySelector('v3-player').shadowRoot.querySelector('canvas');
   const lose = canvas.getContext('webgl2').getExtension('WEBGL_lose_context');
@@ -144,26 +110,6 @@ def test_the_context_is_lost_and_restored(page):
     assert (page.picture(view) == before).all()
     page.call("play")
     page.wait("(seen.looped ?? []).length >= 1")
-
-
-def test_seeking_while_the_restored_context_is_filled(page):
-    """The group's setup comes with the picture that is not wanted any more."""
-    page.seek_frame(2)
-    page.evaluate(
-        f"""async () => {{
-          const engine = document.querySelector('v3-player').engine;
-          const sought = new Promise(done => {{
-            engine.on('seeked', event => {{ if (event.frame === 3) done(); }});
-            window.before = ({{type, picture}}) => {{
-              if (type !== 'picture' || picture.setup === null) return;
-              window.before = undefined;
-              engine.seekFrame(3);
-            }};
-          }});
-          await ({_LOSE})();
-          await sought;
-        }}"""
-    )
 
 
 def test_a_hidden_page_does_not_run_on(page):

@@ -244,27 +244,6 @@ def test_a_note_that_is_not_saved_is_not_replaced(page, take):
     assert read_marks(take.marks)[0].note == "the hand is blurred"
 
 
-def test_a_comment_is_written_in_one_glance_on_a_phone(page):
-    """Above its keyboard: what is written, by whom, and the button that saves it; the picture too."""
-    page.handle.set_viewport_size({"width": 360, "height": 740})
-    page.handle.get_by_role("button", name="Mark this frame").click()
-    page.handle.set_viewport_size({"width": 360, "height": 400})
-    # The page scrolls to the form in its own time.
-    page.wait("[...document.querySelectorAll('.v3-review form button')].at(-1).getBoundingClientRect().bottom <= 400")
-    parts = [page.handle.get_by_placeholder("Note"), page.handle.get_by_placeholder("Your name")]
-    parts += [page.handle.get_by_role("button", name=name, exact=True) for name in ("Save", "Cancel")]
-    boxes = [part.bounding_box() for part in (*parts, page.handle.locator("v3-player canvas").first)]
-    for box in boxes:
-        assert box["x"] >= 0
-        assert box["x"] + box["width"] <= 360
-        assert box["y"] >= 0
-        assert box["y"] + box["height"] <= 400
-    assert boxes[-1]["height"] >= 180
-    assert boxes[1]["width"] >= 120
-    parts[-1].click()
-    page.handle.wait_for_selector(".v3-review .plots")
-
-
 def copied(page: Page, which: str) -> str:
     """The link that is copied after the page has asked which one, of which it copied none before."""
     page.handle.evaluate("() => { navigator.clipboard.writeText = async text => { window.copied = text; }; }")
@@ -277,19 +256,6 @@ def copied(page: Page, which: str) -> str:
     page.wait("window.copied")
     link: str = page.evaluate("() => window.copied")
     return link
-
-
-def test_the_link_to_the_review_is_copied_by_name(page, address):
-    page.handle.get_by_role("button", name="Compare with footage").click()
-    page.seek_frame(3)
-    link = copied(page, "Share link to this review")
-    assert link.startswith(f"{address}{SECRET}/?t=0.12")
-    assert "can change marks" in page.handle.locator("v3-player .notice").inner_text()
-    page.handle.goto(link)
-    page.handle.get_by_role("button", name="End comparison").wait_for()
-    page.wait("player.state.frame === 3")
-    page.handle.wait_for_timeout(200)
-    assert not page.evaluate(f"() => {WIPE}.hidden"), "opening the stream does not end the comparison"
 
 
 def test_the_link_to_watch_shows_no_review_and_cannot_write(page, take, address, browser):

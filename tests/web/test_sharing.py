@@ -136,15 +136,6 @@ def test_a_shared_page_plays_no_other_stream_under_its_title(baked, open_page, t
     assert "video" in notice
 
 
-def test_a_page_for_any_stream_shows_the_streams_own_title(baked, open_page, site):
-    shutil.copytree(baked(lengths=(2,), metadata={"title": "Other \u202efigure"}), site.stream)
-    page = site.folder / "index.html"
-    page.write_text(page.read_text().replace("allow-src", 'allow-src data-title="Mine" data-credits="Me"'))
-    shown = open_page("?src=stream/&t=0")
-    assert head(shown) == ("Other figure", "")
-    assert shown.handle.title() == "Other figure"
-
-
 def test_a_single_file_plays_from_the_disk(baked, open_page, tmp_path):
     file = tmp_path / "take é.html"
     share(baked(), file, TEXT)

@@ -1,49 +1,13 @@
 """Pictures compared: wipe, side by side, heat map; and the visible part of a camera's image."""
 
-import itertools
-
 import numpy as np
 import pytest
 
-from gui.drawing import compare
-from gui.drawing.palette import ACCENT, GROUND
 from gui.models.playback.frame_renderer import faded
 from gui.models.playback.image_zoom import ImageZoom
 from studio.cameras import Camera
 from studio.coverage import view_range
 from tests.support.rigs import camera_at
-
-
-def plain(value: int, width: int = 80, height: int = 60) -> np.ndarray:
-    return np.full((height, width, 3), value, np.uint8)
-
-
-@pytest.mark.parametrize("at", [0.0, 0.25, 0.5, 1.0])
-def test_wipe_shows_one_picture_left_and_the_other_right_of_its_line(at: float) -> None:
-    box = compare.boxes((80, 60), 1, 1.0)[0]
-    picture = compare.wipe((80, 60), box, plain(50), plain(200), at, ("footage", "decoded"))
-    row = picture[58, :, 0]  # below the labels and the line's handle
-    line = round(at * 80)
-    away = np.abs(np.arange(80) - line) > 1
-    assert (row[(np.arange(80) < line) & away] == 50).all()
-    assert (row[(np.arange(80) >= line) & away] == 200).all()
-    if 0 < line < 80:
-        assert tuple(picture[58, line]) == ACCENT
-
-
-@pytest.mark.parametrize(
-    ("count", "shape", "rows"), [(2, 1.0, 1), (3, 0.4, 1), (4, 0.4, 1), (4, 16 / 9, 2), (3, 3.0, 3), (1, 0.2, 1)]
-)
-def test_boxes_are_equal_do_not_overlap_and_are_arranged_for_what_they_show(
-    count: int, shape: float, rows: int
-) -> None:
-    boxes = compare.boxes((720, 400), count, shape)
-    assert len({(box.width, box.height) for box in boxes}) == 1
-    assert len({box.y for box in boxes}) == rows
-    for one, other in itertools.combinations(boxes, 2):
-        assert one.x + one.width < other.x or one.y + one.height < other.y
-    assert max(box.x + box.width for box in boxes) <= 720
-    assert max(box.y + box.height for box in boxes) <= 400
 
 
 def camera() -> Camera:
@@ -72,29 +36,6 @@ def test_what_is_drawn_and_what_was_filmed_lie_on_each_other(image_zoom: ImageZo
     middle = np.array([(columns * picture).sum(), (rows * picture).sum()]) / picture.sum()
     tolerance = 0.35 * max(image_zoom.scale(camera(), *size), 1.0)
     assert middle == pytest.approx(expected, abs=tolerance)
-
-
-def test_outside_of_the_image_nothing_is_shown() -> None:
-    picture = plain(99, 100, 48)
-    ImageZoom().mask_outside(picture, camera())  # the image is 64 wide, in the middle
-    assert (picture[:, :18] == GROUND).all()
-    assert (picture[:, 82:] == GROUND).all()
-    assert (picture[:, 18:82] == 99).all()
-
-
-def test_what_is_thin_is_not_cut_and_what_floats_is_ignored() -> None:
-    generator = np.random.default_rng(0)
-    body = generator.uniform([-0.1, -0.2, -0.1], [0.1, 0.2, 0.1], (4000, 3))
-    handle = np.linspace([0.1, 0.0, 0.0], [0.17, 0.0, 0.0], 12)  # 0.3 % of the points, beyond the body's margin
-    plain, held, floats = (
-        ImageZoom.around(np.concatenate(parts), camera(), 100, 200)
-        for parts in ((body,), (body, handle), (body, handle, [[1.5, 0.0, 0.0]]))
-    )
-    tip = np.array([[0.17, 0.0, 0.0]])
-    ends = [float(zoom.camera(camera(), 100, 200).project(tip)[0][0, 0]) for zoom in (plain, held, floats)]
-    assert ends[0] > 100, "it would be cut"
-    assert ends[1] < 98
-    assert floats.zoom == pytest.approx(held.zoom, rel=0.01), "one splat in 4,000 does not zoom out"
 
 
 def test_views_from_where_nothing_was_filmed_are_faded():

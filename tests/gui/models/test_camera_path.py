@@ -7,12 +7,10 @@ import pytest
 
 from gui.models.camera_path import PathEditor
 from gui.models.history import History
-from gui.models.playback.thumbnails import Thumbnails
 from gui.models.scene.orbit import OrbitCamera
 from pipelines.takes.frame_numbers import FrameNumbers
 from studio.formats.camera_path import read_path_keys
 from tests.support.errors import refuses
-from tests.support.looping import heard, wait_in_loop
 
 ORBIT = OrbitCamera(target=np.array([0.0, 0.0, 0.9]))
 
@@ -89,24 +87,6 @@ def test_a_damaged_path_is_left_alone(tmp_path: Path) -> None:
     with refuses("camera_path.damaged"):
         editor.add(ORBIT.camera(640, 360), 0)
     assert (file.read_text(), editor.keys) == ("{", ())
-
-
-def test_thumbnails_are_of_their_view(stream_folder: Path) -> None:
-    thumbnails = Thumbnails()
-    views = [ORBIT.camera(640, 360), ORBIT.orbit(450, 0).camera(640, 360)]
-
-    def picture(number: int) -> np.ndarray | None:
-        return thumbnails.get(stream_folder, (), views[number], 3, (64, 36))
-
-    changes, pictures = heard(thumbnails.changed), []
-    for number in range(2):
-        assert picture(number) is None
-        wait_in_loop("a thumbnail", lambda number=number: len(changes) == number + 1)
-        found = picture(number)
-        pictures.append(found.astype(float))
-    assert pictures[0].shape == (36, 64, 3)
-    assert np.abs(pictures[0] - pictures[1]).mean() > 1, "from the other side it has other colors"
-    assert thumbnails.close()
 
 
 @pytest.mark.parametrize("easing", ["ease", "hold", "linear"])

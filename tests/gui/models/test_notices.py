@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from gui.models.notices import MOST_FAILURES, SHOWN_SECONDS, Notices
+from gui.models.notices import SHOWN_SECONDS, Notices
 from tests.support.waiting import HandClock
 
 
@@ -26,12 +26,3 @@ def test_failures_stay_until_they_are_dismissed(notices: Notices, clock: HandClo
     assert notices.text == "no such folder"
     assert notices.dismiss()
     assert (notices.text, notices.more, notices.dismiss()) == ("", 0, False)
-
-
-def test_the_same_failure_is_told_once_and_old_ones_are_dropped(notices: Notices) -> None:
-    for _ in range(3):
-        notices.show("the disk is full", bad=True)
-    assert notices.more == 0
-    for number in range(2 * MOST_FAILURES):
-        notices.show(f"failure {number}", bad=True)
-    assert notices.more == MOST_FAILURES - 1

@@ -2,7 +2,7 @@
 
 import pytest
 
-from gui.pages.report_table import Sorting, table_text
+from gui.pages.report_table import Sorting
 
 NAMES = ["cam10", "cam2", "cam1", "cam3"]
 COLUMNS = {"error px": ["0.40", "from file", "1.20", "0.40"], "coverage": ["50%", "", "9%", "100%"]}
@@ -28,10 +28,3 @@ def test_clicks_on_titles_sort(clicks: list[str], order: list[str]) -> None:
     for title in clicks:
         sorting = sorting.clicked(title)
     assert [NAMES[row] for row in sorting.order(NAMES, COLUMNS)] == order
-
-
-def test_the_text_is_what_spreadsheets_paste() -> None:
-    lines = table_text(NAMES, COLUMNS, [2, 0]).splitlines()
-    assert [line.split("\t") for line in lines] == [
-        ["camera", "error px", "coverage"], ["cam1", "1.20", "9%"], ["cam10", "0.40", "50%"],
-    ]  # fmt: skip

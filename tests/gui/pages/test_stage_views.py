@@ -1,8 +1,6 @@
 """The stage views on a real take; settings, preferences and new takes."""
 
 import json
-import shutil
-import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -10,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from gui.drawing.palette import ACCENT, BAD, FAIR, GOOD, GROUND, HELD_OUT, SECOND
+from gui.drawing.palette import BAD, FAIR, GOOD, GROUND, HELD_OUT, SECOND
 from gui.models.evaluation import Evaluation
 from gui.models.loop import LOOP
 from gui.models.marks import Marks
@@ -19,30 +17,26 @@ from gui.models.preferences import RECENT, Preferences
 from gui.models.take.inspector import review_blocks
 from gui.models.take.workspace import Workspace
 from gui.pages.bake.qp_trial import TRIED_QPS
-from gui.pages.bake.view import BakeView, shares
+from gui.pages.bake.view import BakeView
 from gui.pages.calibrate.points_view import PointsView
-from gui.pages.capture.view import FootageCheck, grid
+from gui.pages.capture.view import grid
 from gui.pages.stage_views import StageViews
 from gui.pages.train import NOT_RUN, TrainView
 from gui.widgets.raycast import RaycastMesh
-from pipelines.config import Config, dump_config, load_config
+from pipelines.config import dump_config, load_config
 from pipelines.new_take import NewTake
-from pipelines.stages.inputs import Inputs
 from pipelines.takes.atomic_files import write_text
 from pipelines.takes.camera_uses import CameraUses
 from pipelines.takes.take import Take
-from studio.camera_files import read_rig, write_rig
-from studio.cameras import Camera, Rig
+from studio.camera_files import read_rig
 from studio.edits import EditList
 from studio.errors import StudioError
-from studio.gaussians import Gaussians
-from studio.similarity import Similarity
 from studio.stream import StreamReader
 from studio.stream.settings import LEVELS
 from tests.support.errors import refuses
 from tests.support.looping import heard, wait_in_loop
 from tests.support.object_store import ObjectStore
-from tests.support.waiting import HandClock, wait_until
+from tests.support.waiting import wait_until
 
 SIZE = (720, 500)
 
@@ -173,39 +167,6 @@ def test_calibrate_draws_a_frustum_where_each_camera_is(views: StageViews, finis
         assert nearest < 30, f"no apex of {camera.name} at {x}, {y}"
 
 
-def test_coverage_counts_training_cameras_and_is_told_in_the_inspector(
-    views: StageViews, finished_project: Path
-) -> None:
-    """Six cameras, 60 degrees apart; the one that is held out leaves a gap of 120 degrees."""
-    opened(views, finished_project / "take")
-    wait_in_loop("assessed", lambda: views.workspace.assessed)
-    views.select("calibrate")
-    views.choose("coverage")
-    picture = shown(views, lambda picture: has(picture, GOOD) > 0)
-    assert has(picture, GOOD) > has(picture, FAIR) > 0
-    assert has(picture, HELD_OUT) > 0
-    blocks = {block.title: block for block in views.stage_views["calibrate"].blocks}
-    assert "no lens distortion" in blocks["Camera file"].note
-    told = dict(blocks["Coverage"].rows)
-    assert told["training cameras"] == "5"
-    assert int(told["farthest view"].split()[0]) == pytest.approx(60, abs=3)
-    assert "surface seen by 0 or 1" in told
-    views.choose("cameras")
-    shown(views, lambda picture: not has(picture, GOOD))
-
-
-def test_coverage_is_of_the_take_that_is_open(views: StageViews, finished_project: Path, tmp_path: Path) -> None:
-    opened(views, finished_project / "take")
-    views.select("calibrate")
-    shown(views)
-    calibrate = views.stage_views["calibrate"]
-    assert calibrate.blocks
-    opened(views, NewTake(str(finished_project / "capture"), "", str(tmp_path / "fresh")).create())
-    with refuses("take.no_cameras"):
-        calibrate.draw(SIZE, calibrate.state())
-    assert not calibrate.blocks
-
-
 def test_frames_have_the_numbers_of_the_footage_that_they_were_trained_on(views: StageViews, take_copy: Path) -> None:
     opened(views, take_copy)
     take = Take.open(take_copy)
@@ -224,114 +185,6 @@ def test_frames_have_the_numbers_of_the_footage_that_they_were_trained_on(views:
     assert rows["frame"] == "63 (60 to 64)", "trained on other frames than the settings name now"
     player.transport.select_span(1, 2)
     assert "Frames 61 to 62" in [block.title for block in review_blocks(player, Evaluation(), Marks(None))]
-
-
-def test_footage_is_that_of_the_frame_whose_number_is_shown(views: StageViews, take_copy: Path) -> None:
-    """When the settings choose other frames, trained ones keep theirs, and so does the footage beside them."""
-    opened(views, take_copy)
-    player = views.player
-    views.select("review")
-    wait_in_loop("assessed", lambda: views.workspace.assessment.numbers)
-    shown(views)
-    player.look_through("cam1")
-    assert player.choose("footage")
-    player.transport.seek(3)
-    shown(views, lambda _: player.current and player.settled)
-    before = player.picture.image
-    assert views.workspace.change_setting("capture.frames", "1:") is None
-    wait_in_loop("other frames", lambda: views.workspace.assessment.numbers[0] == 1)
-    shown(views, lambda picture: bool((picture == before).all()))
-    assert player.transport.number(player.transport.frame) == 3
-    views.select("capture")
-    shown(views)
-    views.fit_transport()
-    assert [player.transport.number(index) for index in (0, player.transport.last)] == [1, 4]
-
-
-def test_a_mesh_is_upright_in_the_take_that_is_open(views: StageViews, take_copy: Path, tmp_path: Path) -> None:
-    turned = tmp_path / "turned"
-    shutil.copytree(take_copy, turned)
-    rig, quarter = read_rig(Take.open(take_copy).rig), np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
-    other = Take.open(turned)
-    write_rig(Rig(tuple(Similarity(rotation=quarter).camera(camera) for camera in rig)), other.rig)
-    initialize = views.stage_views["initialize"]
-    for path, up in ((take_copy, [0, 0, 1]), (turned, quarter @ [0, 0, 1])):
-        opened(views, path)
-        views.forget()
-        initialize.draw(SIZE, initialize.state())
-        assert initialize.home.up == pytest.approx(up, abs=0.1)  # type: ignore[attr-defined]
-
-
-def test_cameras_are_shown_when_the_points_of_the_first_group_are_damaged(views: StageViews, take_copy: Path) -> None:
-    take = Take.open(take_copy)
-    (take.initialize_group(0) / "points.ply").write_bytes(b"ply")
-    opened(views, take_copy)
-    calibrate = views.stage_views["calibrate"]
-    calibrate.em = 16
-    for mode in ("cameras", "report", "coverage"):
-        calibrate.mode = mode
-        assert calibrate.draw(SIZE, calibrate.state()).std() > 0
-    assert {"Coverage", "Camera file"} <= {block.title for block in calibrate.blocks}
-
-
-def test_bake_draws_bars_in_proportion_to_the_bytes(views: StageViews, finished_project: Path) -> None:
-    opened(views, finished_project / "take")
-    views.select("bake")
-    views.choose("bytes")
-    accent = (shown(views) == ACCENT).all(axis=2).sum(axis=1)
-    starts = np.flatnonzero((accent > 0) & (np.concatenate([[0], accent[:-1]]) == 0))
-    with StreamReader.open(finished_project / "take" / "stream") as reader:
-        rows = [row.bytes for row in shares(reader)]
-    bars = accent[starts + 1]
-    whole = SIZE[0] - 16 * (1 + 15) - 16 * 12  # pixels of a bar of 100%
-    drawn = [size for size in rows if int(size / sum(rows) * whole) > 0]
-    assert bars == pytest.approx(np.array(drawn) / sum(rows) * whole, abs=1.5)
-    copied = [line.split("\t") for line in views.stage_views["bake"].table_text.splitlines()[1:]]
-    assert [float(line[2].rstrip("%")) for line in copied] == pytest.approx(
-        [100 * size / sum(rows) for size in rows], abs=0.051
-    )
-
-
-def test_a_missing_image_is_named_and_the_others_are_shown(
-    views: StageViews, tmp_path: Path, footage_project: Path
-) -> None:
-    import shutil
-
-    shutil.copytree(footage_project / "capture", tmp_path / "capture")
-    (tmp_path / "capture" / "images" / "cam2" / "001.png").unlink()
-    (tmp_path / "capture" / "images" / "cam3" / "002.png").write_bytes(b"no picture")
-    new = NewTake(str(tmp_path / "capture"), str(footage_project / "ball.yaml"))
-    assert "cam2" in new.found().words
-    opened(views, new.create())
-    views.select("capture")
-    shown(views, lambda picture: has(picture, BAD) > 20)
-    views.capture.check()
-    shown(views, lambda picture: not views.capture.footage_check.running)
-    words = " ".join(views.capture.footage_check.problems)
-    assert "cam3" in words
-
-
-def test_the_check_tells_of_white_balance_that_changes(tmp_path: Path) -> None:
-    """Camera b turns 10% bluer in two of its six frames."""
-    rng = np.random.default_rng(3)
-    for camera in ("a", "b"):
-        room = rng.uniform(60, 170, (120, 160, 3))
-        mask = np.zeros((120, 160), np.uint8)
-        mask[30:90, 60:100] = 255
-        for frame in range(6):
-            gain = (1.1, 1, 1) if camera == "b" and frame in (2, 3) else (1, 1, 1)  # blue, green, red
-            for kind, pixels in (("images", np.rint(room * gain).astype(np.uint8)), ("masks", mask)):
-                path = tmp_path / "capture" / kind / camera / f"{frame:03d}.png"
-                path.parent.mkdir(parents=True, exist_ok=True)
-                cv2.imwrite(str(path), pixels)
-    config = Config.model_validate({"capture": {"root": str(tmp_path / "capture"), "masks": "files"}})
-    check = FootageCheck()
-    check.start(Inputs(Take.create(tmp_path / "take"), config))
-    wait_until("the check", lambda: not check.running)
-    (problem,) = check.problems
-    assert "Camera 'b'" in problem
-    assert "10% in blue in frames 2-3" in problem
-    assert check.words == "1 problem found"
 
 
 def test_stages_that_have_not_run_say_what_to_do(views: StageViews, footage_project: Path, tmp_path: Path) -> None:
@@ -416,26 +269,6 @@ def test_a_new_take_from_footage_in_object_storage(
     assert not list(tmp_path.glob("s3*")), "no folder is named like the address"
 
 
-def test_footage_that_is_mounted_elsewhere(views: StageViews, footage_project: Path, tmp_path: Path) -> None:
-    """Where `run.paths` says: in the capture view, its check, the uses of cameras, and tie points."""
-    take = Take.create(tmp_path / "take")
-    paths = {"/mnt/nowhere": [str(footage_project)]}
-    changes = [("capture.root", "/mnt/nowhere/capture"), ("run.paths", paths), ("calibrate.tie_points", "points.yaml")]
-    write_text(take.config, dump_config(load_config(footage_project / "ball.yaml", changes)))
-    opened(views, take.root)
-    views.select("capture")
-    shown(views, lambda picture: (picture != GROUND).any())
-    stage_view = views.stage_views["capture"]
-    stage_view.draw(SIZE, stage_view.state())  # raises if the picture above was only a message
-    views.capture.check()
-    shown(views, lambda picture: not views.capture.footage_check.running)
-    assert not views.capture.footage_check.problems
-    assert len(CameraUses.of(views.workspace.context.footage.capture).uses) == 6
-    points = PointsView(views.workspace)
-    assert points.path == footage_project / "capture" / "points.yaml"
-    assert points.close()
-
-
 def test_preferences_survive_and_damage_is_no_obstacle(tmp_path: Path) -> None:
     path = tmp_path / "deep" / "window.json"
     preferences = Preferences.read(path)
@@ -452,47 +285,6 @@ def test_preferences_survive_and_damage_is_no_obstacle(tmp_path: Path) -> None:
     assert Preferences.read(path) == Preferences()
     path.write_text("{")
     assert Preferences.read(path) == Preferences()
-
-
-def test_another_picture_is_dimmed_until_the_chosen_one_is_there(
-    workspace: Workspace, clock: HandClock, finished_project: Path
-) -> None:
-    gate = threading.Event()
-    gate.set()
-
-    def draw(gaussians: Gaussians, camera: Camera, background: object) -> np.ndarray:
-        assert gate.wait(60)
-        return np.full((camera.height, camera.width, 3), 200, np.uint8)
-
-    views = StageViews(workspace, PlayerPresenter(draw), RaycastMesh, clock)
-    opened(views, finished_project / "take")
-    views.choose("trained")
-    first = shown(views)
-    assert first.mean() == 200
-    gate.clear()
-    views.choose("decoded")
-    assert views.poll(SIZE, SIZE, 16.0) is None, "not at once: that would flicker"
-    assert not views.player.current
-    assert "rendering" in views.player.status
-    clock.time = 1.0
-    waiting = views.poll(SIZE, SIZE, 16.0)
-    assert np.median(waiting) < 100, "dimmed"
-    assert waiting.max() > 180, "with a word"
-    assert views.poll(SIZE, SIZE, 16.0) is None
-    gate.set()
-    assert shown(views).mean() == 200
-    assert views.player.current
-
-    # a window that ticks seldom would show the wrong picture for another draw
-    gate.clear()
-    clock.time = 3.0
-    views.choose("trained")
-    slow = views.poll(SIZE, SIZE, 16.0)
-    assert slow is not None
-    assert np.median(slow) < 100, "dimmed at once"
-    gate.set()
-    assert shown(views).mean() == 200
-    assert views.close()
 
 
 def test_qps_are_tried_on_a_whole_group_and_chosen_by_a_click(views: StageViews, take_copy: Path) -> None:

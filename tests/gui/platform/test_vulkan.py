@@ -1,8 +1,5 @@
 """The Vulkan probe: its error messages, and its result if there is a driver."""
 
-import subprocess
-import sys
-
 import pytest
 
 from gui.app import check_display
@@ -14,14 +11,6 @@ def test_missing_loader_names_the_packages() -> None:
     with refuses("gui.no_vulkan_loader", value="libthere-is-no-such-loader.so.1") as caught:
         vulkan_devices("libthere-is-no-such-loader.so.1")
     assert "apt-get install libvulkan1 mesa-vulkan-drivers" in str(caught.value)
-
-
-def test_missing_driver_names_the_package() -> None:
-    code = "from gui.platform.vulkan import vulkan_devices; vulkan_devices()"
-    nowhere = {"VK_ICD_FILENAMES": "/dev/null/none.json", "VK_DRIVER_FILES": "/dev/null/none.json", "PYTHONPATH": "."}
-    done = subprocess.run([sys.executable, "-c", code], env=nowhere, capture_output=True, text=True, timeout=280)
-    assert "mesa-vulkan-drivers" in done.stderr
-    assert done.returncode == 1  # an exception, not a native abort
 
 
 def test_devices_are_listed_where_a_driver_is_installed() -> None:

@@ -18,9 +18,3 @@ def keys(typed: str) -> list[str]:
 )
 def test_parts_of_words_find_commands(typed: str, first: str) -> None:
     assert keys(typed)[0] == first
-
-
-def test_words_may_be_in_any_order_and_nothing_shows_all() -> None:
-    assert keys("view path") == keys("path view") == ["add_key"]
-    assert keys("  ") == [command.key for command in COMMANDS]
-    assert keys("no such thing") == []

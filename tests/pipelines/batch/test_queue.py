@@ -14,16 +14,15 @@ from typing import Any
 
 import pytest
 
-from pipelines.batch.queue_file import QueuedTake, QueueFile, default_queue
+from pipelines.batch.queue_file import QueuedTake, QueueFile
 from pipelines.batch.run_queue import run_queue
 from pipelines.events import Event, Finished, Log, RunStarted, parse_event
-from pipelines.events.cancellation import EXIT_CANCELLED, Cancellation
+from pipelines.events.cancellation import Cancellation
 from pipelines.takes.take import Take
 from studio.errors import Cancelled, StudioError
 from tests.support.errors import refuses
 from tests.support.events import result_of
 from tests.support.tiny_capture import ROOT
-from tests.support.warm_python import WarmProcess
 
 pytestmark = pytest.mark.long
 
@@ -132,21 +131,6 @@ def test_it_is_stopped_from_elsewhere(queue: QueueFile, tmp_path: Path) -> None:
     assert lock.read_text() == "", "the next program is never taken for this one"
 
 
-def test_the_command_ends_when_it_is_asked_to(
-    queue: QueueFile, tmp_path: Path, start: Callable[..., WarmProcess]
-) -> None:
-    """SIGTERM, with the handler of `v3studio queue run` itself, while it waits for another program."""
-    take = Take.create(tmp_path / "take")
-    queue.add(take.root, None, ())
-    with take.locked("v3studio run"):
-        process = start("queue", "run", "--queue", queue.path)
-        assert process.stdout is not None
-        assert any(line.startswith("== take 1") for line in process.stdout)
-        process.terminate()
-        assert process.wait() == EXIT_CANCELLED
-    assert queue.read().takes[0].state == "waiting"
-
-
 def test_a_request_to_stop_that_raised_nothing_is_noticed(queue: QueueFile, tmp_path: Path) -> None:
     """Python drops what a signal's handler raises within a destructor; the queue then waited for ever."""
     take, stopped = Take.create(tmp_path / "take"), Cancellation()
@@ -168,14 +152,6 @@ def test_changes_at_the_same_time_are_all_kept(queue: QueueFile, tmp_path: Path)
         thread.join()
     assert numbers(queue) == list(range(1, 41))
     assert len({entry.take for entry in queue.read().takes}) == 40
-
-
-def test_the_users_queue(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    assert default_queue() == tmp_path / "v3studio" / "queue.json"
-    monkeypatch.setenv("XDG_STATE_HOME", "relative")  # to be ignored, says the specification
-    monkeypatch.setenv("HOME", str(tmp_path))
-    assert default_queue() == tmp_path / ".local" / "state" / "v3studio" / "queue.json"
 
 
 PROGRAM = """

@@ -39,13 +39,6 @@ def test_distances_between_curves_that_are_known():
     assert entries[4].to_json()["bd_rate_percent"] is None, "written as null"
 
 
-def test_a_point_that_costs_more_and_is_worse_does_not_break_the_comparison():
-    bent = curve(1, 0)
-    bent.append(RatePoint(qp=9, kb_per_frame=200.0, psnr_decoded=bent[-1].psnr_decoded - 1))
-    entries = compare([VariantResult(name="x", title="x", points=tuple(points)) for points in (curve(1, 0), bent)])
-    assert entries[1].bd_rate_percent == pytest.approx(0, abs=1e-6)
-
-
 def test_the_full_method_is_always_first_and_names_are_checked():
     assert [variant.name for variant in chosen(["group-20", "no-motion"])] == ["full", "no-motion", "group-20"]
     with refuses("ablation.unknown_variant", value="nothing") as caught:
@@ -86,8 +79,3 @@ def test_command_shares_keyframes_measures_and_goes_on(project, cli):
     refused = cli(*arguments[:-1], "10,x")
     assert refused.returncode == 2
     assert "--qps '10,x' is not" in refused.stderr
-
-
-def test_settings_beyond_the_paper_are_measured_by_name_only() -> None:
-    assert [variant.name for variant in chosen(["mcmc", "no-motion"])] == ["full", "no-motion", "mcmc"]
-    assert "mcmc" not in [variant.name for variant in chosen([])]

@@ -191,16 +191,6 @@ def test_what_is_removed_has_a_name_and_a_number(here, take) -> None:
     assert here("edit", "remove", take, "crop").ok().stdout == "nothing to remove: there is no crop edit\n"
 
 
-def test_damaged_edits_stop_what_needs_them(here, take) -> None:
-    (take / "edits.json").write_text("{")
-    for command in ("train", "bake", "run"):
-        result = here(command, take)
-        assert result.returncode == 1, command
-        assert "edits.json: the edits are damaged" in result.stderr
-        assert result.stderr.count("the edits are damaged") == 1
-    assert states(here, take)["bake"]["state"] != "done"
-
-
 def test_frames_of_two_trainings_are_told(here, take) -> None:
     path = Take.open(take).trained_frame(0, 1)
     write_frame(path, read_frame(path)[:-3], read_about(path))

@@ -16,7 +16,7 @@ from pipelines.events import Finished, Log, Progress
 from pipelines.takes.edits import change_edits
 from pipelines.takes.frame_files import FrameMetadata, write_frame
 from pipelines.takes.take import Take
-from pipelines.takes.videos import decoded_video, trained_video
+from pipelines.takes.videos import trained_video
 from studio.camera_files import write_rig_json
 from studio.cameras import Rig
 from studio.edits.edit_list import EditList, Trim
@@ -65,20 +65,6 @@ def take(tmp_path_factory: pytest.TempPathFactory) -> Path:
     metadata = {"suggested_camera": RIG["side"].to_dict(), "up": [0.0, 0.0, 1.0], "background": [1.0, 0.0, 0.0]}
     write_manifest(take.stream, entries, 12.5, settings, metadata)
     return take.root
-
-
-def test_what_a_take_and_a_stream_hold(take):
-    trained = trained_video(take)
-    with StreamReader.open(take / "stream") as reader:
-        decoded = decoded_video(reader)
-        for video in (trained, decoded):
-            assert (video.frame_count, video.fps, video.group_starts) == (5, 12.5, (0, 3))
-            np.testing.assert_allclose(video.up, [0, 0, 1], atol=0.25)
-        assert trained.background == (0, 0, 1)
-        assert decoded.background == (1, 0, 0)
-        assert decoded.view.name == "side"
-        assert torch.equal(trained.read(4).means, body(4, 75).means)
-        assert not torch.equal(decoded.read(4).means, body(4, 75).means)
 
 
 def test_ply_of_the_trained_or_the_decoded_splats(here, take, tmp_path):
@@ -280,16 +266,6 @@ def test_mistakes_are_one_sentence(here, take, tmp_path):
     done = here("import", take, "--out", out)
     assert done.returncode == 1
     assert "no .ply, .spz, .sog, .splat, .ksplat files" in done.stderr
-
-
-def test_a_trimmed_take_of_which_a_part_is_trained(take, tmp_path):
-    whole = Path(shutil.copytree(take, tmp_path / "take"))
-    change_edits(whole / "edits.json", EditList(trim=Trim(first=1, last=4)), "trim")
-    assert trained_video(whole).frame_count == 4
-    Take.open(whole).trained_frame(1, 4).unlink()
-    video = trained_video(whole)
-    assert (video.frame_count, video.group_starts) == (3, (0, 2))
-    assert torch.equal(video.read(2).means, body(3, 75).means)
 
 
 def test_frames_have_their_numbers_in_the_footage(here, take, tmp_path):

@@ -9,9 +9,6 @@ from pipelines.config import load_config, presets
 from pipelines.config.presets import preset_of
 from pipelines.takes.take import Take
 from studio.yaml_text import parse_yaml
-from tests.support.events import result_of
-
-SMALL = ("--train.keyframe_iterations", "20", "--initialize.points", "300")
 
 
 @pytest.mark.parametrize("gpu", [False, True])
@@ -36,26 +33,6 @@ def test_a_take_that_was_killed_at_once_is_begun_again(here: Callable, project: 
     assert here("calibrate", take).returncode == 1, "where its footage is, is not known"
     here("calibrate", project / "capture", "--take", take).ok()
     assert load_config(take / "config.yaml").capture.root == project / "capture"
-
-
-def test_the_setting_of_the_footage_is_enough_for_a_new_take(here: Callable, project: Path) -> None:
-    take = project / "new"
-    here("calibrate", "--take", take, "--capture.root", project / "capture").ok()
-    assert (take / "calibrate" / "rig.json").is_file()
-
-
-def test_cameras_that_are_added_to_the_footage_are_calibrated(here: Callable, project: Path) -> None:
-    away = (project / "capture" / "images" / "cam5").rename(project / "cam5")
-    run = ("calibrate", project / "ball.yaml", "--take", project / "t")
-    here(*run).ok()
-    assert "cam5" not in (project / "t" / "calibrate" / "rig.json").read_text()
-    away.rename(project / "capture" / "images" / "cam5")
-    stages = result_of(here("status", project / "t", "--json").stdout)["stages"]
-    assert (stages["calibrate"]["state"], "cam5" in stages["calibrate"]["reason"]) == ("stale", True)
-    here(*run).ok()
-    assert "cam5" in (project / "t" / "calibrate" / "rig.json").read_text()
-    (project / "capture" / "images" / "cam5").rename(project / "cam5")
-    assert result_of(here("status", project / "t", "--json").stdout)["stages"]["calibrate"]["state"] == "done"
 
 
 def test_a_preset_comes_between_the_file_and_the_command_line(here: Callable, project: Path) -> None:
@@ -111,24 +88,3 @@ def test_sections_and_changed_settings(here: Callable, project: Path) -> None:
     assert "sh_degree_every" not in changed["train"]
     assert parse_yaml(here("config", "--changed").stdout) is None
     assert here("config", project / "ball.yaml", project / "other.yaml").returncode == 2
-
-
-def test_the_window_opens_on_what_is_named(cli: Callable, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.delenv("DISPLAY", raising=False)
-    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    done = cli("open", tmp_path)
-    assert done.returncode == 2
-    assert "v3studio-gui: the window needs a display" in done.stderr
-
-
-def test_status_of_a_take_whose_keyframe_is_begun(here: Callable, project: Path) -> None:
-    take = project / "take"
-    assert here("initialize", project / "ball.yaml", "--take", take).returncode in (0, 1)
-    here("run", take, "--until", "initialize").ok()
-    before = result_of(here("status", take, "--json").stdout)["stages"]["train"]
-    assert (before["state"], before["reason"]) == ("missing", "never run")
-    (take / "train" / "group_000").mkdir(parents=True)
-    (take / "train" / "group_000" / "keyframe.checkpoint").write_bytes(b"begun")
-    after = result_of(here("status", take, "--json").stdout)["stages"]["train"]
-    assert after["state"] == "partial"
-    assert "resumes" in after["reason"]

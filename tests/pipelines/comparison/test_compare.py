@@ -3,7 +3,6 @@
 import json
 import shutil
 import signal
-from contextlib import ExitStack
 from pathlib import Path
 
 import cv2
@@ -11,13 +10,11 @@ import numpy as np
 import pytest
 
 from pipelines.comparison.compare import compare
-from pipelines.comparison.opened_takes import open_takes
-from pipelines.comparison.results import Measures
-from pipelines.config import dump_config, load_config, parse_override
+from pipelines.config import load_config, parse_override
 from pipelines.runs.runner import run
-from pipelines.takes.evaluation import MEASURES, Quality, read_evaluation
+from pipelines.takes.evaluation import read_evaluation
 from pipelines.takes.take import Take
-from studio.comparison import METRICS, PROTOCOLS, measure
+from studio.comparison import PROTOCOLS, measure
 from tests.support.errors import refuses
 from tests.support.events import result_of
 from tests.support.streams import contents
@@ -187,20 +184,3 @@ def test_mistakes_are_one_sentence(two, here, tmp_path):
     assert not (tmp_path / "out").exists()
     done = here("compare", two[0], "--out", two[1], "--overwrite")
     assert "is not an earlier output" in done.stderr
-
-
-def test_footage_that_is_mounted_elsewhere(finished, tmp_path):
-    shutil.copytree(finished / "take", tmp_path / "take")
-    paths = {"/mnt/nowhere": [str(finished)]}
-    take = Take.open(tmp_path / "take")
-    changes = [("capture.root", "/mnt/nowhere/capture"), ("run.paths", paths)]
-    take.config.write_text(dump_config(load_config(take.config, changes)))
-    with ExitStack() as closing:
-        (opened,), cameras = open_takes([take.root], PROTOCOLS["box"], (), closing)
-        assert cameras == ("cam4",)
-        assert opened.footage.raw_image("cam4", 0).any()
-
-
-def test_results_have_a_field_for_each_metric():
-    assert set(MEASURES) <= set(Quality.model_fields)
-    assert {metric.name for metric in METRICS} == set(Measures.model_fields)

@@ -2,11 +2,8 @@
 
 from pathlib import Path
 
-import pytest
-
 from pipelines.config import Config, load_config
 from pipelines.config.presets import PRESETS, differing, preset_of, values_of, with_values
-from studio.errors import StudioError
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -28,12 +25,3 @@ def test_final_has_the_defaults_and_standard_the_schedule_of_the_sample() -> Non
     assert set(differing(sample, "standard")) == {
         "initialize.resolution", "train.alpha_weight", "train.scale_reg", "train.dropout", "train.crop_margin",
     }  # fmt: skip
-
-
-def test_what_differs_has_the_values_of_the_preset() -> None:
-    config = with_values(Config(), {**PRESETS["standard"], "train.max_splats": 7, "train.rates.opacity": 0.5})
-    config = with_values(config, {"capture.scale": 0.5, "calibrate.floor": True})
-    assert differing(config, "standard") == {"train.max_splats": 36_000, "train.rates.opacity": 0.05}
-    assert with_values(config, differing(config, "standard")).train == with_values(Config(), PRESETS["standard"]).train
-    with pytest.raises(StudioError):
-        with_values(Config(), {"train.max_splats": -1})

@@ -44,20 +44,6 @@ def train_seconds(work: Work, measured: Measured) -> float:
     return stage.seconds
 
 
-def test_splats_and_rounds_of_pruning_follow_from_the_settings() -> None:
-    assert WORK.splats == 7000
-    more = replace(WORK, train=SETTINGS.replace(max_splats=6000))
-    assert (more.pruning_rounds, more.splats) == (2, 6000)
-    grown = replace(WORK, train=SETTINGS.replace(densify_until=900, densify_max_splats=20_000, max_splats=20_000))
-    assert grown.splats == 14_000
-
-
-def test_groups_wait_for_a_free_worker() -> None:
-    # two workers: the first two groups take 50 s, then the third 30 s
-    assert WORK.waves({5: 50.0, 3: 30.0}) == 80.0
-    assert replace(WORK, at_once=3).waves({5: 50.0, 3: 30.0}) == 50.0
-
-
 def test_each_kind_of_step_is_paid_for() -> None:
     # the busiest worker has the groups of 5 and 3 frames: four frames beside a keyframe, and two others
     assert train_seconds(WORK, Measured(motion_step=1.0)) == 4 * 80 + 2 * 50
@@ -72,11 +58,6 @@ def test_each_kind_of_step_is_paid_for() -> None:
     assert refined == pytest.approx(2 * (1000 + 85) + 100 + 2 * (300 + 300))
     # 13 frames of 4 cameras, on two threads
     assert train_seconds(WORK, Measured(view=1.0)) == 26
-
-
-def test_a_hull_at_another_resolution() -> None:
-    stage = estimate(WORK, Measured(hull_fixed=1.0, hull_square=1e-4), None).stages[0]
-    assert stage.seconds == pytest.approx(3 * (1.0 + 1.0))
 
 
 def test_sizes() -> None:

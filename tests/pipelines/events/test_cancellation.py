@@ -4,9 +4,6 @@ import sys
 
 import pytest
 
-from pipelines.events.cancellation import Cancellation
-from studio.errors import Cancelled
-
 LOOP = """
 import sys, time, hashlib
 from pipelines.events.cancellation import Cancellation, stop_on_signals
@@ -39,12 +36,3 @@ def test_a_signal_ends_the_work(body, said, number):
     finally:
         if process.poll() is None:
             process.kill()
-
-
-def test_the_flag():
-    flag = Cancellation()
-    flag.check()
-    flag.cancel()
-    assert flag.cancelled
-    with pytest.raises(Cancelled):
-        flag.check()

@@ -39,13 +39,3 @@ def test_a_new_log_with_the_inode_of_the_old_one_is_noticed(tmp_path: Path) -> N
         path.write_text("".join(line(text, time) for text in texts))  # in place, as if the inode were used again
         assert path.stat().st_ino == inode
         assert messages(follower) == (True, texts)
-
-
-def test_what_is_no_event_is_passed_over_and_a_replaced_log_is_noticed(tmp_path: Path) -> None:
-    path = tmp_path / "events.jsonl"
-    follower = LogFollower(path)
-    path.write_bytes(b"\xff garbage\n\n" + line("one", 1.0).encode() + b"[" * 100_000 + b"\n")
-    assert messages(follower) == (True, ["one"])
-    (tmp_path / "new").write_text(line("one", 1.0))
-    (tmp_path / "new").replace(path)
-    assert messages(follower) == (True, ["one"])

@@ -1,17 +1,8 @@
 """Pauses do not count as work: the clock alone, and a run that is actually suspended."""
 
-import json
-import os
-import signal
-import subprocess
-import sys
-import time
-from pathlib import Path
-
 import pytest
 
-from pipelines.events.work_clock import WorkClock, counting_pauses
-from pipelines.stages.reporter import StageReporter
+from pipelines.events.work_clock import WorkClock
 from tests.support.waiting import HandClock
 
 
@@ -51,56 +42,3 @@ def test_a_gap_alone_is_work_and_the_clock_never_runs_backwards() -> None:
     assert seen[-1] - seen[0] == pytest.approx(now.time)
     clock.continued()  # suspended for too short a time to matter
     assert clock.paused == 0
-
-
-def test_time_left_does_not_grow_by_a_pause() -> None:
-    now = HandClock()
-    clock = WorkClock(now)
-    events = []
-    reporter = StageReporter("train", events.append, clock=clock)
-    for fraction in (0.25, 0.5):
-        work(clock, now, 25)
-        reporter.progress(fraction)
-    now.time += 1000
-    clock.continued()
-    work(clock, now, 25)
-    reporter.progress(0.75)
-    assert [event.seconds_left for event in events[1:]] == pytest.approx([50, 25], abs=0.5)
-
-
-SCRIPT = """
-import sys, time
-from pipelines.events.work_clock import counting_pauses
-with counting_pauses() as clock:
-    print("ready", flush=True)
-    sys.stdin.readline()
-    while not clock.paused:
-        time.sleep(0.05)
-    print(clock.paused, flush=True)
-"""
-
-
-def test_a_process_that_is_halted_knows_it_afterwards() -> None:
-    root = Path(__file__).parents[3]
-    child = subprocess.Popen(
-        [sys.executable, "-c", SCRIPT], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=root
-    )
-    try:
-        assert child.stdin is not None
-        assert child.stdout.readline() == "ready\n"
-        os.kill(child.pid, signal.SIGSTOP)
-        time.sleep(3)
-        os.kill(child.pid, signal.SIGCONT)
-        child.stdin.write("\n")
-        child.stdin.flush()
-        assert json.loads(child.stdout.readline()) > 2
-        assert child.wait(120) == 0
-    finally:
-        child.kill()
-
-
-def test_signals_are_as_before_afterwards() -> None:
-    before = signal.getsignal(signal.SIGCONT)
-    with counting_pauses() as clock:
-        assert clock.paused == 0
-    assert signal.getsignal(signal.SIGCONT) == before

@@ -30,10 +30,8 @@ from pipelines.stages.inputs import Inputs
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.kept_bakes import keep_bake, kept_bakes
 from pipelines.takes.point_files import read_points
-from pipelines.takes.records import read_record
 from pipelines.takes.take import Take
 from studio.errors import Cancelled, StudioError
-from studio.stream.encode import bake
 from tests.support.errors import refuses
 
 
@@ -116,13 +114,6 @@ def test_evaluation_says_what_was_measured_and_how(project):
     assert summary["psnr_trained"] == pytest.approx(mean, abs=1e-3)
 
 
-def test_the_report_has_what_the_keyframes_showed_about_the_masks(project):
-    files = [project.take.train_group(index) / "group.json" for index in range(2)]
-    off = [json.loads(path.read_text())["outlines_off"] for path in files]
-    assert all(0 <= one <= 100 for one in off)
-    assert f"{round(min(off), 1):g} to {round(max(off), 1):g}%" in (project.take.root / "report.html").read_text()
-
-
 def test_psnr_is_that_of_the_cropped_held_out_image(project):
     """Compared with NumPy, from the files: decoded frame 3 rendered here, the held-out PNG over black, cropped here."""
     import torch
@@ -140,14 +131,6 @@ def test_psnr_is_that_of_the_cropped_held_out_image(project):
     expected = -10 * np.log10(((image[part] - truth[part]) ** 2).mean())
     measured = json.loads(project.take.evaluation.read_text())["frames"][3]["cameras"]["cam4"]["psnr_decoded"]
     assert measured == pytest.approx(expected, abs=0.01)
-
-
-def test_report_holds_everything_in_one_file(project):
-    text = project.take.report.read_text()
-    assert text.count("data:image/jpeg;base64,") == 4 * 4
-    assert text.count("<svg") == 4
-    assert 'src="http' not in text
-    assert "href" not in text.replace('xlink:href="#', "")
 
 
 def test_marks_come_into_the_report_without_measuring_again(project):
@@ -225,23 +208,6 @@ def test_a_kept_bake_gets_the_evaluation_of_a_killed_run(project):
     assert kept_bakes(project.take)[0].psnr is not None
 
 
-def test_a_baking_setting_reruns_baking_and_evaluation_only(project):
-    before = project.bytes_of("train")
-    assert project.states("bake.quality=35") == {
-        "calibrate": "done", "initialize": "done", "train": "done", "bake": "stale", "evaluate": "stale"
-    }  # fmt: skip
-    assert project.found["bake"].reason == "bake.quality changed from 22 to 35"
-    size = json.loads(project.take.evaluation.read_text())["protocol"]["total_bytes"]
-    assert ran(project.run("bake.quality=35")) == ["bake", "evaluate"]
-    assert project.bytes_of("train") == before
-    assert json.loads(project.take.evaluation.read_text())["protocol"]["total_bytes"] < size
-
-
-def test_moving_the_capture_changes_nothing(project):
-    (project.folder / "capture").rename(project.folder / "moved")
-    assert set(project.states(f"capture.root={project.folder / 'moved'}").values()) == {"done"}
-
-
 def test_a_lost_capture_leaves_finished_stages_done(project):
     shutil.rmtree(project.folder / "capture")
     states = project.states()
@@ -294,33 +260,6 @@ def test_a_longer_take_keeps_what_the_shorter_one_trained(project):
     assert trained(events) == [4, 3]
     after = project.written("train")
     assert {name: after[name] for name in times} == times
-
-
-def test_a_shorter_take_drops_the_frames_it_lost(project):
-    events = project.run("capture.frames=:2")
-    assert trained(events) == []
-    assert ran(events) == ["initialize", "train", "bake", "evaluate"]
-    assert sorted(project.written("train")) == ["frame_000000.safetensors", "frame_000001.safetensors"]
-    assert not (project.take.root / "train/group_001").exists()
-    assert len(list((project.take.stream / "files").iterdir())) == 2
-    assert len(json.loads(project.take.evaluation.read_text())["frames"]) == 2
-
-
-def test_one_stage_alone_needs_those_before_it(project):
-    project.take.forget("train")
-    with refuses("stage.dependency", stage="bake", dependency="train", state="partial"):
-        project.run(stages=("bake",), force=True)
-
-
-def test_the_record_says_which_groups_are_not_smoothed(project, monkeypatch):
-    def bake_group(*values, unsmoothed, **more):
-        if values[2] == 1:
-            unsmoothed()
-        return bake.bake_group(*values, **more)
-
-    monkeypatch.setattr("studio.stream.bake_group", bake_group)
-    project.run("bake.quality=21", stages=("bake",))
-    assert read_record(project.take, "bake").summary["unsmoothed"] == [1]
 
 
 @pytest.mark.parametrize("name", STAGE_NAMES)

@@ -38,12 +38,6 @@ def test_another_source_of_cameras_is_one_change(before: Params, now: Params, sa
     assert differences(before, now) == said
 
 
-def test_newly_used_cameras_name_the_settings_that_use_them() -> None:
-    name = "cameras without calibration"
-    (said,) = differences({name: []}, {name: ["0", "10"]})
-    assert "capture.held_out" in said
-
-
 def test_a_stage_that_has_not_run_names_what_it_needs(finished: Path, tmp_path: Path) -> None:
     take = Take.create(tmp_path / "take")
     found = status(take, load_config(finished / "take" / "config.yaml"))

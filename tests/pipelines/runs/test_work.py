@@ -8,7 +8,6 @@ import subprocess
 import pytest
 
 from pipelines.events import Metrics, StageFinished, StageStarted
-from pipelines.runs.print_commands import ranges
 from tests.support.events import events_in
 from tests.support.tiny_capture import results
 
@@ -127,10 +126,3 @@ def test_what_cannot_be_done_is_refused(project, here):
     done = here("work", take, "--group", "0", "--json")
     assert done.returncode == 1
     assert json.loads(done.stdout.splitlines()[-1])["code"] == "stage.dependency"
-
-
-@pytest.mark.parametrize(
-    ("numbers", "text"), [([0], "0"), ([0, 1, 2], "0-2"), ([0, 2, 3, 7], "0,2-3,7"), ([5, 6], "5-6")]
-)
-def test_numbers_of_an_array(numbers, text):
-    assert ranges(numbers) == text

@@ -146,22 +146,6 @@ def test_the_poster_is_the_first_frame_from_the_suggested_camera(stream, tmp_pat
     assert np.abs(image - want).mean() < 6 < np.abs(image - other).mean()
 
 
-def test_without_text_the_streams_own_is_used_and_its_folders_name(stream, tmp_path):
-    assert share(str(stream), tmp_path / "plain").title == "walk"
-    named = bake(tmp_path / "named", title=" Own title ", credits="Own credits", license=7)
-    site = share(str(named), tmp_path / "site", PageText(license="MIT")).path
-    (player,) = Page(site / "index.html").named("v3-player")
-    assert (player["data-title"], player["data-credits"], player["data-license"]) == ("Own title", "Own credits", "MIT")
-    assert player["poster"] is not None, "a stream that suggests no camera is drawn from the front"
-    site = share(str(named), tmp_path / "other", PageText(title="Giv\udcffn", credits="")).path
-    (player,) = Page(site / "index.html").named("v3-player")
-    assert (player["data-title"], player.get("data-credits")) == ("Giv?n", None)
-    take = tmp_path / "my take"
-    shutil.copytree(stream, take / "stream")
-    (take / "take.json").write_text(json.dumps({"format": TAKE_FORMAT}))
-    assert share(str(take), tmp_path / "of take").title == "my take"
-
-
 def test_an_earlier_share_is_replaced_and_nothing_else(stream, tmp_path):
     out = tmp_path / "site"
     out.mkdir()
@@ -259,16 +243,6 @@ def test_a_single_file_is_not_written_over_others_nor_for_long_streams(stream, t
     assert mine.read_text() == "<p>mine"
 
 
-def test_sizes_are_told_before(stream, tmp_path):
-    size = share_size(str(stream))
-    folder = share(str(stream), tmp_path / "site")
-    assert size.stream_bytes == folder.stream_bytes
-    assert size.player_bytes + size.stream_bytes == pytest.approx(folder.total_bytes - folder.poster_bytes, rel=0.02)
-    single = share_page(str(stream), tmp_path / "take.html")
-    assert size.single_file_bytes == pytest.approx(single.total_bytes - 4 / 3 * single.poster_bytes, rel=0.02)
-    assert (size.frames, size.seconds, size.single_file_possible) == (6, 0.5, True)
-
-
 def test_an_intro_must_be_a_camera_path(stream, tmp_path):
     with refuses("camera_path.no_keys"):
         (tmp_path / "a.json").write_text('{"format": "v3studio-camera-path", "version": 1, "keys": []}')
@@ -282,15 +256,6 @@ def test_an_intro_must_be_a_camera_path(stream, tmp_path):
     with refuses("camera_path.which_camera"):
         (tmp_path / "d.nk").write_text(NUKE % "a" + NUKE % "b")
         read_intro(tmp_path / "d.nk", str(stream))
-
-
-def test_a_camera_of_a_film_tool_is_an_intro(stream, tmp_path):
-    (tmp_path / "a.nk").write_text(NUKE % "a")
-    keys = json.loads(read_intro(tmp_path / "a.nk", str(stream)))["keys"]
-    with StreamReader.open(stream) as reader:
-        assert [key["time"] for key in keys] == pytest.approx([frame / reader.fps for frame in range(4)], abs=1e-4)
-    centers = [Camera.from_dict({"name": "", "distortion": [], **key["camera"]}).center for key in keys]
-    assert np.linalg.norm(np.diff(centers, axis=0), axis=1) == pytest.approx([1, 1, 1], abs=1e-4)
 
 
 @pytest.mark.parametrize("text", ["", "30", "30,x", "nan,10", "30,10,0", "30,10,2,0,0", '30,10"><script>'])

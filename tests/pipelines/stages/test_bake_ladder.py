@@ -59,17 +59,3 @@ def test_a_take_is_baked_as_a_ladder(here, take):
     figures = json.loads((take / "evaluation.json").read_bytes())
     with StreamReader.open(take / "stream") as reader:
         assert figures["summary"]["bytes_per_frame"] == round(reader.played_bytes / 5, 1)
-
-
-def test_the_default_ladder(here, take):
-    done(here("bake", take, "--ladder-without-fine-tuning", "--bake.preset", "ultrafast"))
-    ids = [one["id"] for one in manifest_of(take)["renditions"]]
-    assert ids == ["qp16", "qp20", "qp24", "qp28", "qp24-splats50-sh0", "qp28-splats25-sh0"]
-
-
-def test_a_short_first_group(here, take):
-    done(here("bake", take, "--bake.first_group_size", "1"))
-    groups = manifest_of(take)["groups"]
-    assert [(group["first_frame"], group["frame_count"]) for group in groups] == [(0, 1), (1, 2), (3, 2)]
-    with StreamReader.open(take / "stream") as reader:
-        assert len(list(reader.iterate())) == 5

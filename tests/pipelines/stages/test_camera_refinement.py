@@ -79,6 +79,14 @@ def test_they_are_kept_in_the_take_and_come_back_bit_for_bit(turned: Path) -> No
     train(turned, *ALWAYS)
     assert files_of(take) == first
 
+    # other cameras drop refined ones
+    path = turned / "capture" / "cameras.json"
+    given = path.read_text()
+    path.write_text(given.replace("70.0", "70.5"))
+    run(take, config, lambda event: None, stages=("calibrate",))
+    assert not take.refined_rig.exists()
+    path.write_text(given)
+
     train(turned, SCHEDULE)
     assert not take.refined_rig.exists()
     assert not take.camera_refinement.exists()
@@ -86,17 +94,8 @@ def test_they_are_kept_in_the_take_and_come_back_bit_for_bit(turned: Path) -> No
     assert status(take, config)["train"].state == "stale"
 
 
-def test_cameras_that_gain_nothing_are_not_used_and_new_cameras_drop_refined_ones(
-    turned: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_cameras_that_gain_nothing_are_not_used(turned: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     take = Take.open(turned / "take")
-    train(turned, *ALWAYS)
-    assert take.refined_rig.is_file()
-    path = turned / "capture" / "cameras.json"
-    path.write_text(path.read_text().replace("70.0", "70.5"))
-    config = load_config(turned / "ball.yaml", [parse_override(text) for text in ALWAYS])
-    run(take, config, lambda event: None, stages=("calibrate",))
-    assert not take.refined_rig.exists()
     monkeypatch.setattr("studio.training.camera_refinement.WORTH", 99.0)
     train(turned, *ALWAYS)
     report = read_model(take.camera_refinement, CameraRefinement)

@@ -11,7 +11,7 @@ from pipelines.events.cancellation import Cancellation
 from pipelines.stages.footage_check import footage_check
 from pipelines.stages.reporter import StageReporter
 from studio.capture import CaptureSettings, Footage, open_footage
-from studio.errors import Cancelled, StudioError
+from studio.errors import Cancelled
 from tests.support.errors import refuses
 
 
@@ -28,19 +28,8 @@ def folders(tmp_path: Path) -> Path:
     return tmp_path
 
 
-REPORTER = StageReporter("train")
-
-
 def footage_of(folder: Path) -> Footage:
     return open_footage(CaptureSettings(root=folder, masks="files"))
-
-
-def test_sound_footage_does_not_disturb(folders: Path) -> None:
-    stop, trained = Cancellation(), []
-    with footage_check(footage_of(folders), (0, 1, 2), stop, REPORTER):
-        trained.append(1)
-    assert trained
-    assert not stop.cancelled
 
 
 def test_a_problem_ends_training_and_is_reported(folders: Path) -> None:
@@ -52,16 +41,6 @@ def test_a_problem_ends_training_and_is_reported(folders: Path) -> None:
     ):
         while True:  # training, which only ends when it is told to
             stop.check()
-
-
-def test_all_problems_are_named_if_training_meets_one_first(folders: Path) -> None:
-    for frame in (1, 2):
-        (folders / "images" / "left" / f"{frame:03d}.png").write_bytes(b"not an image")
-    with (
-        refuses("footage.image_unreadable", count=2),
-        footage_check(footage_of(folders), (0, 1, 2), Cancellation(), StageReporter("train")),
-    ):
-        raise StudioError("footage.image_unreadable", "cannot read frame 1")
 
 
 def test_cancelling_ends_the_check(folders: Path) -> None:

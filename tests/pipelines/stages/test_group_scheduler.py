@@ -1,14 +1,12 @@
 """Groups in parallel: how threads are distributed, what happens if one fails, and that the stream stays the same."""
 
 import shutil
-import threading
 import time
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
-import torch
 
 from pipelines.config import load_config, parse_override
 from pipelines.events import Event, Metrics
@@ -17,7 +15,6 @@ from pipelines.runs.runner import run
 from pipelines.runs.work import work
 from pipelines.stages import group_scheduler
 from pipelines.stages.group_scheduler import (
-    groups_at_once,
     memory_of_group,
     refuse_too_little_memory,
     run_groups,
@@ -58,14 +55,6 @@ def planned(asked: int | None = None, joint: int = 0) -> Any:
     )
 
 
-def test_less_memory_means_fewer_groups_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    one = memory_of_group(planned())
-    for times, expected in ((20, 8), (6.5, 3), (1.5, 1)):
-        monkeypatch.setattr(group_scheduler, "memory_limit", lambda times=times: int(times * one))
-        assert groups_at_once(planned()) == expected
-        refuse_too_little_memory(planned())
-
-
 def test_both_sides_of_a_keyframe_need_threads_and_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     one = memory_of_group(planned())
     found = []
@@ -98,11 +87,6 @@ def test_both_sides_of_a_keyframe_at_once_give_the_same_frames_again(project: Pa
     assert sorted(metrics) == [0, 1, 4]
 
 
-def test_joint_training_takes_the_views_of_all_frames() -> None:
-    more = memory_of_group(planned(joint=100)) - memory_of_group(planned())
-    assert more > 3 * 10 * 4e6 * 7, "image, mask and plate of each pixel, in bytes"
-
-
 def test_a_group_that_cannot_fit_is_refused_unless_it_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     one = memory_of_group(planned())
     monkeypatch.setattr(group_scheduler, "memory_limit", lambda: one - 1)
@@ -128,32 +112,6 @@ def test_only_what_is_left_to_train_needs_memory(
     with refuses("train.too_little_memory"):
         run(take, colored, lambda event: None, stages=("train",))
     assert not take.camera_colors.exists()
-
-
-def test_jobs_run_side_by_side_with_their_own_number_of_threads() -> None:
-    before = torch.get_num_threads()
-    together = threading.Barrier(2, timeout=120)
-    seen: dict[int, int] = {}
-
-    def job(index: int) -> None:
-        if index < 2:
-            together.wait()  # breaks unless both run at the same time
-        seen[index] = torch.get_num_threads()
-
-    run_groups({index: lambda index=index: job(index) for index in range(3)}, 2, [1, 1, 3], Cancellation())
-    assert seen == {0: 1, 1: 1, 2: 3}
-    assert torch.get_num_threads() == before
-
-
-def test_a_group_keeps_its_threads_when_another_one_sets_its_own_later() -> None:
-    others, seen = threading.Event(), []
-
-    def first() -> None:
-        assert others.wait(120)
-        seen.append(torch.get_num_threads())
-
-    run_groups({0: first, 1: others.set}, 2, [1, 3], Cancellation())
-    assert seen == [1]
 
 
 def test_one_failure_ends_the_others_and_is_what_is_told() -> None:

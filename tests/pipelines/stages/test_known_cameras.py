@@ -119,18 +119,3 @@ def test_which_frames(settings: dict, expected: list[list[int]]) -> None:
 def test_frames_that_contradict_each_other() -> None:
     with refuses("settings.conflict", setting="calibrate.frame", other="calibrate.frame_count"):
         calibrate.frames_to_try(CalibrateSettings(frame=1, frame_count=2), range(3))
-
-
-def test_intrinsics_of_another_aspect_follow_the_size_rule(tmp_path: Path) -> None:
-    """Images of 88 x 60 for footage of 80 x 60, which is cropped by four columns on each side."""
-    from pipelines.stages.known_cameras import at_footage_size
-
-    K = np.array([[100.0, 0, 44], [0, 100, 30], [0, 0, 1]])
-    wide = Camera("a", 88, 60, K, np.eye(4))
-    made = context(tmp_path)
-    with refuses("footage.aspect_ratio", value=(80, 60), camera="a", expected=(88, 60)):
-        at_footage_size(wide, made.footage.raw)
-    section = made.config.capture.model_copy(update={"size_rule": "crop"})
-    made = Inputs(made.take, made.config.model_copy(update={"capture": section}))
-    found = at_footage_size(wide, made.footage.raw)
-    assert (found.width, found.height, found.fx, found.cx, found.cy) == (80, 60, 100, 40, 30)

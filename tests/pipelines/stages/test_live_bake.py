@@ -93,15 +93,6 @@ def test_after_an_interruption_it_does_not_shrink(take, published):
     assert published == [([3], True), ([3, 2], False), ([3, 2], False)]
 
 
-def test_other_settings_start_a_new_stream(take, published):
-    with live(take, {0, 1}):
-        pass
-    interrupted(live(take, {0}, quality=34), lambda: groups_of(take) == ([3], True))
-    with StreamReader.open(take.stream) as reader:
-        reader.verify()
-        assert reader.renditions[0].qp == 34
-
-
 def test_training_outlives_a_failure(take, published, monkeypatch):
     def fails(*arguments):
         raise StudioError("bake.write_failed", "the disk is full")

@@ -17,8 +17,7 @@ from pipelines.stages.evaluate import loaded_lpips
 from pipelines.stages.inputs import Inputs
 from pipelines.stages.reporter import StageReporter
 from pipelines.takes.take import Take
-from studio.errors import StudioError
-from studio.perceptual import SMALLEST, at_least
+from studio.perceptual import SMALLEST
 from tests.support.errors import refuses
 
 
@@ -110,26 +109,3 @@ def test_it_is_measured_as_psnr_is_and_stands_everywhere(
     table = capsys.readouterr().out
     assert "LPIPS trained" in table
     assert "LPIPS: a stand-in" in table
-
-
-def test_small_pictures_are_continued_with_the_background(take: Take) -> None:
-    measured(take, "evaluate.lpips=alex", "evaluate.crop_padding=0")  # the ball is 25 pixels wide
-    assert all(row["lpips_trained"] > 0 for row in json.loads(take.evaluation.read_text())["frames"])
-    small = torch.rand(20, 40, 3)
-    larger = at_least(small, (0.5, 0.25, 1.0))
-    assert larger.shape == (32, 40, 3)
-    assert torch.equal(larger[:20], small)
-    assert torch.equal(larger[20:], torch.tensor([0.5, 0.25, 1.0]).expand(12, 40, 3))
-    assert at_least(torch.rand(32, 33, 3), (0, 0, 0)).shape == (32, 33, 3)
-
-
-def test_weights_that_are_not_there_are_told_before_training(take: Take, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(net: str, device: str) -> None:
-        raise StudioError("lpips.download_failed", "cannot be fetched")
-
-    monkeypatch.setattr("studio.perceptual.Lpips", refuse)
-    frames = {path: path.stat().st_mtime_ns for path in take.root.rglob("frame_*")}
-    with refuses("lpips.download_failed"):
-        measured(take, "evaluate.lpips=alex", "train.finetune_iterations=30")
-    assert {path: path.stat().st_mtime_ns for path in take.root.rglob("frame_*")} == frames
-    measured(take, "evaluate.lpips=alex", "bake.quality=21", stages=("bake",))  # not needed if nothing is measured

@@ -11,13 +11,11 @@ import pytest
 
 from pipelines.config import load_config
 from pipelines.runs.runner import status
-from pipelines.stages.footage import TakeFootage
 from pipelines.takes.point_files import read_points
 from pipelines.takes.take import Take
 
 MODELS = Path(__file__).parents[2] / "studio" / "masks" / "data"
 RADIUS = 0.55  # of the ball
-GREEN = (80, 165, 60)  # as OpenCV writes it: blue first
 
 
 def put_before(behind: tuple[int, int, int], capture: Path, saturation: float = 1.0) -> None:
@@ -61,20 +59,3 @@ def test_a_take_with_a_matting_model(project: Path, here: Callable[..., Any]) ->
     here("run", project / "ball.yaml", "--take", project / "take", "--until", "initialize", *given).ok()
     assert len(list((take.footage_cache / "masks").iterdir())) == 2 * len(kept)
     assert all(path.stat().st_mtime_ns == time for path, time in kept.items())
-
-
-def test_a_take_before_a_screen(project: Path, here: Callable[..., Any]) -> None:
-    put_before(GREEN, project / "capture", saturation=0.3)  # parts of it are green
-    take = project / "take"
-    given = ("--capture.masks", "chroma_key", "--capture.key-color", "[0.24, 0.65, 0.31]")
-    here("run", project / "ball.yaml", "--take", take, "--until", "train", *given).ok()
-    assert np.median(radii(take)) == pytest.approx(RADIUS, abs=0.05)
-    assert load_config(take / "config.yaml").capture.key_color == (0.24, 0.65, 0.31)
-
-
-def test_models_run_where_training_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    config = load_config(None, [("run.device", "cuda:1"), ("run.threads", 3)])
-    seen: list[dict[str, Any]] = []
-    monkeypatch.setattr("studio.capture.open_footage", lambda *given, **options: seen.append(options))
-    assert TakeFootage(Take(tmp_path), config).raw is None
-    assert (seen[0]["device"], seen[0]["threads"]) == ("cuda:1", 3)

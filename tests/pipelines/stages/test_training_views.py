@@ -58,16 +58,3 @@ def test_they_show_what_was_filmed(project: Path) -> None:
         rows, columns = slice(top, top + closer.camera.height), slice(left, left + closer.camera.width)
         assert np.array_equal(closer.image.numpy(), filmed.image.numpy()[rows, columns])
         assert np.array_equal(closer.mask.numpy(), filmed.mask.numpy()[rows, columns])
-
-
-def test_each_detail_has_its_own(project: Path) -> None:
-    assert {len(view.closer) for view in views_of(project, HALF, details=2)} == {2}
-
-
-def test_there_are_none_at_full_size(project: Path) -> None:
-    assert not any(view.closer for view in views_of(project))
-
-
-def test_the_colors_of_cameras_do_not_depend_on_details(project: Path) -> None:
-    found = views_of(project, HALF, colored=False, detailed=False)
-    assert not any(view.details or view.closer for view in found)

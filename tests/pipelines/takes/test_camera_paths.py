@@ -74,14 +74,6 @@ def test_a_camera_that_stands_still_sees_the_whole_video(place: tuple[str, str],
     np.testing.assert_array_equal(first.camera.world_to_camera, last.camera.world_to_camera)
 
 
-def test_y_is_up_in_film_tools(place: tuple[str, str]) -> None:
-    video = trained_video(place[0])
-    assert video.up is not None
-    np.testing.assert_allclose(film_world(video).directions(video.up), [0, 1, 0], atol=1e-9)
-    world = film_world(video, upright=False)
-    np.testing.assert_array_equal(world.rotation, np.eye(3))
-
-
 def test_numbers_of_the_film_tool(place: tuple[str, str], tmp_path: Path) -> None:
     (tmp_path / "a.nk").write_text("Camera2 {\n inputs 0\n translate {{curve x1001 0 1 2 3 4} 2 30}\n}\n")
     with refuses("camera_path.other_frames", expected=[2, 7]):

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from pipelines.config import Config
-from pipelines.takes.drawn_masks import DRAWN, file_of_garbage, for_another_take, with_garbage_of
+from pipelines.takes.drawn_masks import DRAWN, file_of_garbage, with_garbage_of
 from pipelines.takes.take import Take
 from studio.capture import CaptureSettings
 
@@ -18,14 +18,3 @@ def test_the_name_is_that_of_the_takes_own_file(tmp_path: Path) -> None:
         capture = CaptureSettings(garbage_masks=other)
         assert file_of_garbage(capture, take) is None
         assert with_garbage_of(capture, take) == capture
-
-
-def test_settings_that_another_take_begins_with_name_the_first_takes_file(tmp_path: Path) -> None:
-    path = tmp_path / "first" / "config.yaml"
-    found = for_another_take(DRAWN_IN, path, tmp_path / "second")
-    assert found.capture.garbage_masks == str(tmp_path / "first" / "garbage.yaml")
-    assert for_another_take(DRAWN_IN, path).capture.garbage_masks == str(tmp_path / "first" / "garbage.yaml")
-    assert for_another_take(DRAWN_IN, path, tmp_path / "first") == DRAWN_IN
-    assert for_another_take(DRAWN_IN, None, tmp_path / "second") == DRAWN_IN
-    plain = Config()
-    assert for_another_take(plain, path, tmp_path / "second") == plain

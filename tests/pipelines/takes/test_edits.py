@@ -1,6 +1,5 @@
 """edits.json: changes, undo and redo, and files that are not what they should be."""
 
-import json
 from pathlib import Path
 
 import pytest
@@ -65,12 +64,6 @@ def test_other_files_are_refused_and_stay(tmp_path: Path, text: str, code: str) 
         change_edits(path, trimmed(3), "trim")
     assert "edits.json" in str(caught.value)
     assert path.read_text() == text
-
-
-def test_only_what_is_edited_is_written(tmp_path: Path) -> None:
-    path = tmp_path / "edits.json"
-    change_edits(path, trimmed(3), "trim")
-    assert json.loads(path.read_text())["edits"] == {"trim": {"first": 0, "last": 3}}
 
 
 def test_positions_and_sizes_are_those_of_the_placed_world() -> None:

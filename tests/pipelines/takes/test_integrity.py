@@ -13,7 +13,7 @@ from safetensors.torch import load_file
 from pipelines.stages import STAGE_NAMES
 from pipelines.takes.edits import change_edits
 from pipelines.takes.frame_files import read_frame
-from pipelines.takes.integrity import check_take, refuse_damage
+from pipelines.takes.integrity import check_take
 from pipelines.takes.take import Take
 from studio.camera_files import read_rig
 from studio.edits.edit_list import EditList, Trim
@@ -69,13 +69,6 @@ def test_a_frame_of_an_unfinished_take_is_checked_by_itself(take: Take) -> None:
     found = check_take(take, STAGE_NAMES)
     assert found.unchecked == ("train",)
     assert [(damage.file, damage.problem) for damage in found.damage] == [(FRAME, "damaged")]
-
-
-def test_a_stage_refuses_damaged_input(take: Take) -> None:
-    refuse_damage(take, "initialize")
-    flip(take.root / "initialize/group_000/points.ply")
-    with refuses("take.damaged", file=take.root / "initialize/group_000/points.ply", stage="initialize"):
-        refuse_damage(take, "initialize")
 
 
 def test_the_command_names_removes_and_a_run_repairs(take: Take, finished: Path, here: Callable, cli: Callable) -> None:

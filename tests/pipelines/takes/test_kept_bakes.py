@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -11,11 +10,9 @@ import pytest
 
 from pipelines.config import load_config
 from pipelines.stages import STAGE_NAMES
-from pipelines.takes.edits import change_edits
 from pipelines.takes.integrity import check_take
 from pipelines.takes.kept_bakes import choose_bake, keep_bake, kept_bakes
 from pipelines.takes.take import Take
-from studio.edits.edit_list import EditList, Trim
 from studio.stream import StreamReader
 from tests.support.errors import refuses
 from tests.support.events import result_of
@@ -71,28 +68,6 @@ def test_two_bakes_are_kept_and_compared(finished: Path, take: Take, here: Calla
     assert "coarse" in here("bake", "list", take.root).stdout
 
 
-def test_kb_per_frame_is_all_that_playing_takes_divided_by_frames_everywhere(
-    take: Take, here: Callable, tmp_path: Path
-) -> None:
-    with StreamReader.open(take.stream) as reader:
-        per_frame = sum(map(len, contents(take.stream).values())) / reader.frame_count
-        assert reader.bytes_per_frame == per_frame
-    here("bake", "keep", take.root, "kept").ok()
-    (listed,) = result_of(here("bake", "list", take.root, "--json").stdout)["bakes"]
-    stages = result_of(here("run", take.root, "--json").stdout)["stages"]
-    found = [listed, stages["bake"], stages["evaluate"], json.loads(take.evaluation.read_text())["summary"]]
-    assert [one["bytes_per_frame"] for one in found] == [pytest.approx(per_frame, abs=0.5)] * len(found)
-    out = tmp_path / "compared"
-    compared = here("compare", take.root, "--frames", "::5", "--images", 0, "--out", out, "--json")
-    (measured,) = result_of(compared.stdout)["takes"]
-    assert measured["total_bytes"] / measured["stream_frames"] == per_frame
-    report = (take.root / "report.html").read_text()
-    assert re.findall(r"([\d.]+) KB(?: per frame|</b>)", report) == [f"{per_frame / 1000:.1f}"] * 2
-    (mean,) = (line for line in here("evaluate", take.root).stdout.splitlines() if line.strip().startswith("mean"))
-    assert mean.split()[-1] == f"{per_frame / 1000:.1f}"
-    assert f"{per_frame / 1000:.1f}" in here("bake", "list", take.root).stdout.split()
-
-
 @pytest.mark.parametrize(
     "name", ["", "..", "a/b", ".hidden", "a\\b", "end.", "x" * 61, "new\nline", "CON", "a.partial"]
 )
@@ -120,14 +95,6 @@ def test_a_stream_that_is_not_the_recorded_one_is_not_kept(take: Take) -> None:
     with refuses("bakes.not_baked"):
         keep_bake(take, "other")
     assert not take.bakes.exists()
-
-
-def test_other_edits_are_reported(take: Take, here: Callable) -> None:
-    keep_bake(take, "whole")
-    change_edits(take.edits, EditList(trim=Trim(first=1, last=3)), "trim")
-    assert "other edits" in here("bake", "list", take.root).stdout
-    take.edits.write_text("{")
-    assert [kept.same_edits for kept in kept_bakes(take)] == [False]
 
 
 def test_check_names_damage_of_a_kept_bake(take: Take, here: Callable) -> None:

@@ -36,13 +36,3 @@ def test_a_take_opens_footage_that_is_mounted_elsewhere(project: Path):
 def test_a_path_that_is_not_whole_is_refused():
     with pytest.raises(StudioError, match="'footage' is not a whole path"):
         load_config(None, [("run.paths", {"/mnt/footage": "footage"})])
-
-
-def test_an_empty_folder_is_a_share_that_is_not_mounted(tmp_path):
-    mounted, empty = tmp_path / "volumes", tmp_path / "mnt"
-    (mounted / "day1").mkdir(parents=True)
-    (mounted / "day1" / "cam1.mp4").touch()
-    (empty / "day1").mkdir(parents=True)
-    assert path_here(empty / "day1", {str(empty): (str(mounted),)}) == mounted / "day1"
-    (empty / "day1" / "cam1.mp4").touch()
-    assert path_here(empty / "day1", {str(empty): (str(mounted),)}) == empty / "day1"

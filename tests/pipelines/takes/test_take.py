@@ -9,14 +9,7 @@ from pathlib import Path
 import pytest
 
 from pipelines.takes.take import TAKE_FORMAT, Take
-from pipelines.takes.videos import trained_video
 from tests.support.errors import refuses
-
-
-def test_create_then_open(tmp_path):
-    take = Take.create(tmp_path / "take")
-    assert Take.open(tmp_path / "take") == take == Take.create(tmp_path / "take")
-    assert json.loads((take.root / "take.json").read_text())["format"] == TAKE_FORMAT
 
 
 def test_a_folder_with_other_things_is_not_taken_over(tmp_path):
@@ -127,10 +120,3 @@ def test_what_a_power_cut_left_empty_is_made_again(tmp_path: Path) -> None:
             "any.lock",
             "marks.json",
         ]
-
-
-def test_a_take_is_the_path_of_its_folder(tmp_path):
-    take = Take.create(tmp_path / "take")
-    assert Path(take) == take.root
-    with refuses("take.not_trained"):
-        trained_video(take)

@@ -1,14 +1,13 @@
 """Calibration reports compared with values computed by hand; the floor of a synthetic scene."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from studio.calibration import floor_world, reprojection_report
-from studio.calibration.report import CalibrationReport, Neighbor
-from studio.calibration.result import image_coverage, rig_geometry
+from studio.calibration.report import CalibrationReport
+from studio.calibration.result import image_coverage
 from studio.cameras import Camera, Rig
 from tests.support.errors import refuses
 from tests.support.rigs import pose
@@ -47,19 +46,6 @@ def test_report_of_known_errors() -> None:
     assert set(written) == {
         "reprojection", "points", "observations", "mean_track_length", "tracks", "geometry", "cameras",
     }  # fmt: skip
-
-
-def test_geometry_names_the_nearest_camera() -> None:
-    geometry = rig_geometry(RIG)
-    assert geometry.radius == pytest.approx(5 / 3, abs=1e-6)
-    assert geometry.neighbors["west"] == Neighbor(name="north", distance=round(5**0.5, 6), angle=90.0)
-    assert geometry.neighbors["east"].name == "north"
-
-
-def test_geometry_does_not_depend_on_where_the_world_begins() -> None:
-    away = np.array([5.0, -3.0, 2.0])
-    moved = Rig(tuple(replace(one, world_to_camera=pose(one.center + away, away)) for one in RIG))
-    assert rig_geometry(moved) == rig_geometry(RIG)
 
 
 def test_coverage() -> None:

@@ -15,14 +15,6 @@ from studio.errors import Cancelled
 from tests.support.errors import refuses
 
 
-def test_sound_footage_has_no_problems(image_folders: Path, three_videos: Path) -> None:
-    calls: list[tuple[int, int]] = []
-    footage = open_footage(CaptureSettings(root=image_folders, images="images/{camera}/{frame}.png"))
-    assert check_footage(footage, lambda done, total, **_: calls.append((done, total))) == []
-    assert calls[-1] == (8, 8)
-    assert len(calls) == 9
-
-
 def test_checking_can_be_stopped(image_folders: Path) -> None:
     def stop(done: int, total: int, **figures: object) -> None:
         if done == 3:
@@ -202,12 +194,6 @@ def test_videos_and_images_cannot_be_mixed(three_videos: Path, make: SimpleNames
     make.image(three_videos / "videos" / "still.png", make.numbered(0))
     with refuses("footage.mixed_media", cameras=["cam10", "still"], setting="capture.images"):
         open_footage(CaptureSettings(root=three_videos, images="videos/{camera}.*"))
-
-
-def test_a_video_is_not_a_single_frame(three_videos: Path) -> None:
-    video = three_videos / "videos" / "cam1.mp4"
-    with refuses("footage.video_as_frame", file=video, camera="cam"):
-        open_footage(CaptureSettings(root=three_videos, images="videos/{camera}{frame}.mp4"))
 
 
 def test_an_image_beyond_pillows_limit_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,4 +1,3 @@
-import re
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -9,7 +8,6 @@ import pytest
 
 from studio.cameras import Camera, Rig
 from studio.capture import CaptureSettings, find_cameras, frame_sources, open_footage
-from studio.yaml_text import parse_yaml
 from tests.support.errors import refuses
 from tests.support.settings import refuses_setting
 
@@ -130,15 +128,6 @@ def read(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
     return found
 
 
-def test_a_view_after_one_at_full_size_decodes_nothing(image_folders: Path, read: list[Path]) -> None:
-    footage = open_footage(CaptureSettings(root=image_folders, scale=0.5), None)
-    camera, frame = footage.camera_names[0], footage.frames[0]
-    read.clear()
-    assert footage.full_size_view(camera, frame).image.shape[0] == footage.raw_size(camera)[1]
-    footage.image(camera, frame), footage.mask(camera, frame)
-    assert len(read) == 1
-
-
 def test_calibration_is_scaled_to_half_size_footage(tmp_path: Path, make: SimpleNamespace) -> None:
     make.image(tmp_path / "images" / "a.png", make.numbered(1))
     footage = open_footage(CaptureSettings(root=tmp_path, masks="none"), Rig((make.camera("a", 192, 128),)))
@@ -195,18 +184,6 @@ def test_rig_and_footage_must_have_the_same_cameras(three_videos: Path, make: Si
         open_footage(spec, larger, every_camera=True)
 
 
-def test_the_suggested_cameras_work(three_videos: Path, make: SimpleNamespace) -> None:
-    """The list in the error can be pasted into the settings."""
-    spec = CaptureSettings(root=three_videos, masks="none")
-    rig = Rig((make.camera("cam10"), make.camera("cam2"), make.camera("cam3")))
-    with refuses("calibration.camera_missing", value="cam1") as caught:
-        open_footage(spec, rig)
-    found = re.search(r"capture\.cameras to (\[.*?\])", str(caught.value))
-    assert "rename the files" in str(caught.value)
-    names = parse_yaml(found[1])
-    assert open_footage(spec.replace(cameras=tuple(names)), rig).rig.names == ("cam2", "cam10")
-
-
 def test_held_out_cameras(three_videos: Path) -> None:
     assert open_footage(CaptureSettings(root=three_videos, held_out=("every 2",))).held_out_cameras == ("cam2",)
     with refuses("footage.unknown_camera", value="cam02", setting="capture.held_out", suggestion="cam2"):
@@ -231,26 +208,6 @@ def test_many_threads_read_the_right_frames(
         found = [pair for pairs in pool.map(read, range(6)) for pair in pairs]
     assert len(found) == 150
     assert all(number == frame for number, frame in found)
-
-
-def test_callers_may_modify_images(three_videos: Path) -> None:
-    footage = open_footage(CaptureSettings(root=three_videos, masks="none"))
-    first = footage.image("cam1", 0)
-    before = first.copy()
-    first[:] = 7
-    footage.raw_image("cam1", 0)[:] = 9
-    assert np.array_equal(footage.image("cam1", 0), before)
-
-
-def test_decoded_frames_leave_room_for_their_results(image_folders: Path, read: list[Path]) -> None:
-    results, decoded = 8 * 4 * 32 * 48, 3 * 64 * 96  # bytes of small images with masks, and of a frame
-    spec = CaptureSettings(root=image_folders, masks="none", scale=0.5)
-    footage = open_footage(spec, most_cached=results + decoded)
-    views = [(camera, frame) for camera in footage.camera_names for frame in footage.frames]
-    first = [(footage.image(*view), footage.mask(*view)) for view in views]
-    read.clear()
-    assert all(np.array_equal(footage.image(*view), image) for view, (image, _) in zip(views, first, strict=True))
-    assert read == []
 
 
 def test_digest_depends_on_names_and_contents_not_on_times(image_folders: Path, tmp_path: Path) -> None:

@@ -12,7 +12,6 @@ from studio.capture import CaptureSettings, open_footage
 from studio.capture.detect import MASK_FOLDERS, detect_beside, detect_images
 from studio.capture.inference import infer_layouts
 from studio.capture.patterns import find_files
-from studio.errors import StudioError
 from tests.support.errors import refuses
 
 CAMERAS = ("cam0", "cam1", "cam2", "cam10")
@@ -202,28 +201,6 @@ def test_chapters_must_fit(tmp_path: Path, make: SimpleNamespace) -> None:
         open_footage(CaptureSettings(root=tmp_path, masks="none"))
 
 
-@pytest.mark.parametrize(
-    "files",
-    [
-        ["day1/a.mp4", "day1/b.mp4", "day2/a.mp4", "day2/b.mp4"],
-        ["cam0/GX010031.MP4", "cam0/GX010032.MP4", "cam1/GX010031.MP4", "cam1/GX010032.MP4"],
-        ["cam0/C0001.MP4", "cam0/C0002.MP4", "cam1/C0001.MP4", "cam1/C0002.MP4"],
-        ["cam0/C0001.MP4", "cam0/C0002.MP4", "cam1/C0013.MP4", "cam1/C0014.MP4"],
-        [f"{take}/{camera}/{frame:04d}.png" for take in ("walk", "run") for camera in CAMERAS for frame in range(9)],
-    ],
-)
-def test_suggestions_work_when_pasted(tmp_path: Path, make: SimpleNamespace, files: list[str]) -> None:
-    for file in files:
-        if file.lower().endswith(".mp4"):
-            make.video(tmp_path / file, [make.numbered(3)] * 2)
-        else:
-            make.image(tmp_path / file, make.numbered(3))
-    with refuses("footage.ambiguous_layout", file=tmp_path, setting="capture.images") as caught:
-        detect_images(tmp_path)
-    pasted = str(caught.value).split("for example '")[1].split("'")[0]
-    assert len(open_footage(CaptureSettings(root=tmp_path, masks="none", images=pasted)).camera_names) >= 2
-
-
 def test_a_pattern_without_files_is_answered_with_one_that_has_some(tmp_path: Path) -> None:
     touch(tmp_path, *(f"{camera}/frame_{frame}.png" for camera in CAMERAS for frame in FRAMES))
     with refuses("footage.not_found", setting="capture.images") as caught:
@@ -240,28 +217,3 @@ def test_a_numbered_recording_opens_as_chapters(tmp_path: Path, make: SimpleName
     assert "{chapter}" in str(caught.value)
     footage = open_footage(CaptureSettings(root=tmp_path, masks="none", images="{camera}/clip_{chapter}.mp4"))
     assert [make.number_of(footage.image("a", frame)) for frame in footage.frames] == [0, 0, 1, 1]
-
-
-@pytest.mark.parametrize(
-    "files",
-    [
-        [f"{camera}/clip_{part:03d}.mp4" for camera in CAMERAS for part in (1, 2)],
-        [f"{camera}/C{10 * index + part:04d}.mp4" for index, camera in enumerate(CAMERAS) for part in (1, 2)],
-        [f"{camera}/DJI_20230101120{index}{part}0_000{part}_D.mp4" for index, camera in enumerate(CAMERAS)
-         for part in (1, 2)],
-        [f"videos/{camera}_{part:03d}.mp4" for camera in CAMERAS for part in (1, 2)],
-    ],
-)  # fmt: skip
-def test_numbered_videos_may_be_joined_as_suggested(tmp_path: Path, make: SimpleNamespace, files: list[str]) -> None:
-    """They may also be separate takes, or cameras."""
-    for file in files:
-        make.video(tmp_path / file, [make.numbered(int(file[-5]) if "_D" not in file else int(file[-7]))] * 2)
-    try:
-        said = open_footage(CaptureSettings(root=tmp_path, masks="none")).description
-    except StudioError as error:
-        said = str(error)
-    pasted = next(word for word in said.split("'") if "{chapter}" in word)
-    footage = open_footage(CaptureSettings(root=tmp_path, masks="none", images=pasted))
-    assert footage.camera_names == CAMERAS
-    numbers = [make.number_of(footage.image(CAMERAS[1], frame)) for frame in footage.frames]
-    assert numbers == [numbers[0], numbers[0], numbers[0] + 1, numbers[0] + 1]

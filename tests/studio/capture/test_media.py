@@ -104,10 +104,3 @@ def test_alpha_of_webm(tmp_path: Path, make: SimpleNamespace, codec: str, option
         image = reader.read(index)
         assert make.number_of(image) == index
         assert abs(int((image[32, :, 3] > 127).sum()) - 8 * (index + 1)) <= 1
-
-
-def test_webm_without_alpha_has_none(tmp_path: Path, make: SimpleNamespace) -> None:
-    path = make.video(tmp_path / "a.webm", [make.numbered(3)] * 3, codec="libvpx-vp9", options={})
-    reader = VideoReader(path)
-    assert not reader.has_alpha
-    assert make.number_of(reader.read(1)) == 3

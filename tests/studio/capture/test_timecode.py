@@ -54,13 +54,6 @@ def test_drop_frame_labels_are_counted(fps: int, dropped: int) -> None:
     assert abs(float(parse_timecode("01:00:00;00", rate).frames / rate) - 3600) < 0.004
 
 
-def test_other_labels_count_every_frame() -> None:
-    code = parse_timecode("01:00:00:02", Fraction(25))
-    assert (code.frames, code.day, code.drop_frame) == (90002, 25 * 86400, False)
-    assert parse_timecode("01:00:00:00", NTSC).frames == 108000, "29.97 without drop-frame is late by 3.6 s an hour"
-    assert parse_timecode("01:00:00;00", NTSC).frames == 107892
-
-
 @pytest.mark.parametrize(
     ("text", "rate"),
     [

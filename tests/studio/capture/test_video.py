@@ -1,5 +1,4 @@
 import random
-from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
 from types import SimpleNamespace
@@ -7,7 +6,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from studio.capture import video
 from studio.capture.video import VideoReader
 from studio.errors import StudioError
 from tests.support.errors import refuses
@@ -31,26 +29,6 @@ def test_frames_are_exact_in_any_order(
     assert reader.frame_count == 60
     order = [0, 1, 2, 59, 58, 30, 31, 12, 13, 50, 7, *random.Random(1).sample(range(60), 25)]
     assert [make.number_of(reader.read(index)) for index in order] == order
-
-
-def test_sequential_reading_decodes_each_frame_once(
-    tmp_path: Path, make: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = make.video(tmp_path / "v.mp4", [make.numbered(index) for index in range(30)])
-    reader = VideoReader(path)
-    made: list[object] = []
-    real = video.decoded
-
-    def counting(*arguments: object) -> Iterator[object]:
-        for frame in real(*arguments):
-            made.append(frame)
-            yield frame
-
-    monkeypatch.setattr(video, "decoded", counting)
-    for index in range(30):
-        reader.read(index)
-        reader.read(index)
-    assert len(made) <= 31
 
 
 def test_a_closed_reader_reopens(tmp_path: Path, make: SimpleNamespace) -> None:
@@ -93,12 +71,6 @@ def test_colors_follow_the_color_matrix(tmp_path: Path, matrix: str, tag: int | 
     g = (luma - red * r - blue * b) / (1 - red - blue)
     found = VideoReader(path, matrix).read(0)[20:40, 20:40].reshape(-1, 3).mean(0)
     np.testing.assert_allclose(found, 255 * np.array([r, g, b]), atol=1.2)
-
-
-def test_lossless_gray_video_is_exact(tmp_path: Path, make: SimpleNamespace) -> None:
-    ramp = np.arange(64 * 96).reshape(64, 96).astype(np.uint8)
-    path = make.video(tmp_path / "m.mkv", [ramp], codec="ffv1", pixels="gray", options={"level": "3"}, source="gray")
-    assert np.array_equal(VideoReader(path).read(0), np.repeat(ramp[:, :, None], 3, 2))
 
 
 def test_rotation_tag_is_applied(tmp_path: Path, make: SimpleNamespace) -> None:
@@ -187,14 +159,6 @@ def test_a_playlist_with_the_name_of_a_video_is_refused(tmp_path: Path, make: Si
     trap.write_text(PLAYLISTS[kind])
     with refuses("footage.video_unreadable", file=trap):
         VideoReader(trap)
-
-
-@pytest.mark.parametrize("name", ["http:a.mp4", "concat:a|b.mp4", "cam 1 %d é.mp4"])
-def test_any_file_name_is_that_of_a_file(tmp_path: Path, make: SimpleNamespace, monkeypatch, name: str) -> None:
-    made = make.video(tmp_path / "v.mp4", [make.numbered(index) for index in range(3)])
-    made.rename(tmp_path / name)
-    monkeypatch.chdir(tmp_path)
-    assert make.number_of(VideoReader(Path(name)).read(2)) == 2
 
 
 def with_times(path: Path, make: SimpleNamespace, times: list[int], codec: str, dropped: tuple[int, ...] = ()) -> Path:

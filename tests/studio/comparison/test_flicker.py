@@ -19,9 +19,3 @@ def test_only_pixels_of_both_boxes_count() -> None:
     changed = {"a": at(5, 5, image[5:, 5:] + 0.25)}
     assert flicker_of(before, changed) == pytest.approx(0.25 * 255)
     assert flicker_of(before, same | changed) == pytest.approx(0.125 * 255)
-
-
-def test_none_without_common_pixels() -> None:
-    image = np.zeros((10, 10, 3))
-    assert flicker_of({}, {"a": at(0, 0, image)}) is None
-    assert flicker_of({"a": at(0, 10, image)}, {"a": at(0, 0, image)}) is None

@@ -8,8 +8,7 @@ import pytest
 import torch
 
 from studio.cameras import Camera
-from studio.comparison import PROTOCOLS, ViewPair, find_camera, flicker, measure, padded_box
-from studio.comparison.view_pair import outline_depth
+from studio.comparison import ViewPair, find_camera, measure, padded_box
 from studio.gaussians import Gaussians
 
 WIDTH, HEIGHT = 64, 48
@@ -63,26 +62,6 @@ def test_psnr_is_that_of_opencv_over_the_background(background):
     assert found["psnr"] - box["psnr"] == pytest.approx(10 * math.log10(ratio), abs=0.05)
 
 
-def test_an_error_of_the_mask_counts_at_the_outline_only():
-    exact = cv2.circle(np.zeros((HEIGHT, WIDTH), np.uint8), (30, 24), 15, 255, -1)
-    ragged = cv2.dilate(exact, np.ones((3, 3), np.uint8))
-    scene = np.where(exact[..., None] > 0, np.float32(0.3), np.float32(0.9)).repeat(3, 2)
-    rendered = scene * (exact[..., None] > 0) + np.random.default_rng(0).normal(0, 0.02, scene.shape)
-    disk = (np.hypot(*np.mgrid[-3:4, -3:4]) <= 3).astype(np.uint8)
-    found = []
-    for mask in (exact, ragged):
-        footage = scene * (mask[..., None] > 0)
-        full = (slice(0, HEIGHT), slice(0, WIDTH))
-        found.append(measure(ViewPair(footage, rendered.astype(np.float32), (0, 0, 0), full, outline_depth(mask))))
-        squared = np.square(rendered - footage).mean(-1)
-        inside = cv2.erode(mask, disk) > 0
-        outline = (cv2.dilate(mask, disk) > 0) & ~inside
-        for name, where in (("psnr_interior", inside), ("psnr_outline", outline)):
-            assert found[-1][name] == pytest.approx(-10 * math.log10(squared[where].mean()), abs=1e-3)
-    assert found[0]["psnr_interior"] == pytest.approx(found[1]["psnr_interior"], abs=0.3)
-    assert found[0]["psnr_outline"] > found[1]["psnr_outline"] + 10
-
-
 def test_thin_performers_have_no_interior():
     image, mask = filmed()
     thin = np.zeros_like(mask)
@@ -109,14 +88,6 @@ def test_a_color_fit_finds_the_colors_of_another_camera_but_no_detail():
     assert np.allclose(pair.fitted, np.clip(base @ matrix, 0, 1), atol=1e-4)
 
 
-def test_a_constant_error_does_not_flicker_and_noise_does():
-    rng = np.random.default_rng(1)
-    blur = rng.normal(0, 0.1, (200, 200, 3))
-    assert flicker(blur, blur) == 0
-    noise = [rng.normal(0, 0.02, (200, 200, 3)) for _ in range(2)]
-    assert flicker(blur + noise[0], blur + noise[1]) == pytest.approx(0.02 * math.sqrt(2) * 255, rel=0.01)
-
-
 def test_lpips_gets_images_of_its_smallest_size():
     black = np.zeros((20, 20, 3), np.float32)
     small = ViewPair(black, black, (1, 1, 1), (slice(0, 20), slice(0, 20)), np.zeros((20, 20), np.float32))
@@ -136,13 +107,6 @@ def test_box_is_padded_and_stays_inside():
     assert padded_box(mask, 3) is None
     mask[5:8, 28] = 255
     assert padded_box(mask, 3) == (slice(2, 11), slice(25, 30))
-
-
-def test_protocols_are_the_published_ones():
-    hifi, n3dv, box = (PROTOCOLS[name] for name in ("hifi4g", "n3dv", "box"))
-    assert (hifi.cameras, hifi.padding, hifi.background, hifi.scale) == (("48",), None, (1, 1, 1), 0.5)
-    assert (n3dv.cameras, n3dv.padding, n3dv.scale) == (("cam00",), None, 0.5)
-    assert (box.cameras, box.padding, box.background) == ((), 8, (0, 0, 0))
 
 
 def test_cameras_are_found_by_number_if_only_one_has_it():

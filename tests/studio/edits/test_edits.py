@@ -16,13 +16,11 @@ from studio.edits import (
     Paths,
     Region,
     RegionView,
-    World,
     moved,
     select,
     silhouette,
 )
-from studio.edits.selection import clusters, distance_to_path, in_polygon
-from studio.gaussians import Gaussians
+from studio.edits.selection import distance_to_path, in_polygon
 from studio.rasterizer import rasterize
 from studio.similarity import Similarity, rotation_between
 from studio.stream import CapturePlace, StreamMetadata
@@ -62,11 +60,6 @@ def test_the_shortest_rotation(end) -> None:
     assert np.allclose(
         rotation @ [0.3, 0.2, 1.0] / np.linalg.norm([0.3, 0.2, 1.0]), np.array(end) / np.linalg.norm(end)
     )
-
-
-def test_the_world_is_placed() -> None:
-    world = World(up=(0, 0, 2), origin=(1, 2, 3), scale=100)
-    assert np.allclose(world.similarity.points(np.array([[1, 2, 3], [1, 2, 4]])), [[0, 0, 0], [0, 100, 0]])
 
 
 def test_where_a_stream_lies_in_its_take_is_read_back() -> None:
@@ -161,22 +154,6 @@ def test_floaters_are_small_clusters_and_faint_splats() -> None:
     assert select(EditList(floaters=Floaters(splats=10_000)), still(means)).removed.sum() < len(means)
 
 
-def test_clusters_join_all_that_are_closer_than_the_distance() -> None:
-    points = np.random.default_rng(4).uniform(0, 10, (400, 3))
-    numbers = clusters(points, 0.7)
-    apart = np.linalg.norm(points[:, None] - points[None], axis=2)
-    assert (numbers[:, None] == numbers[None])[apart < 0.7].all()
-    assert len(set(numbers)) > 5
-    chain = np.zeros((50, 3))
-    chain[:, 0] = 0.6 * np.arange(50)
-    assert len(set(clusters(chain, 0.7))) == 1
-    for number in set(numbers.tolist()):  # no gap wider than two cells' diagonal
-        own = np.flatnonzero(numbers == number)
-        if len(own) < len(points):
-            others = apart[np.ix_(own, own)] + 1e9 * np.eye(len(own))
-            assert len(own) == 1 or (others.min(1) <= 2 * np.sqrt(3) * 0.7).all()
-
-
 def test_the_silhouette_of_a_box_is_where_its_points_are_seen() -> None:
     box = CropBox(center=(0.1, 0, 0), size=(1, 0.6, 0.8), rotation=(0.9, 0.1, 0.3, 0.1))
     inside = np.random.default_rng(5).uniform(-0.5, 0.5, (60_000, 3)) * box.size @ box.axes + box.center
@@ -222,12 +199,3 @@ def test_the_silhouette_of_a_box_that_reaches_to_the_camera() -> None:
 def test_what_makes_no_sense_is_refused(values) -> None:
     with pytest.raises(ValidationError):
         EditList.model_validate(values)
-
-
-def test_the_same_splats_are_kept_in_all_frames() -> None:
-    frames = [replace(converted_splats(1), means=converted_splats(1).means + 0.1 * at) for at in range(3)]
-    paths = Paths.of(range(4, 7), iter(frames))
-    assert paths.means.shape == (3, 260, 3)
-    kept = ~select(EditList(crop=CropBox(center=(0, 0, 0), size=(1, 1, 1))), paths).removed
-    assert 0 < kept.sum() < 260
-    assert all(isinstance(frame[torch.from_numpy(kept)], Gaussians) for frame in frames)

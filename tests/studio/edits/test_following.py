@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from studio.edits import DetailMark, EditList, follow
+from studio.edits import DetailMark, follow
 from tests.support.errors import refuses
 
 GROUPS = [range(6), range(6, 11), range(11, 20)]
@@ -50,13 +50,6 @@ def test_a_ball_around_nothing_is_refused() -> None:
         follow(head_and_body, GROUPS, 20, place(3), 0.1, 2.0)
 
 
-def test_between_points_of_the_path_the_ball_moves_straight() -> None:
-    mark = DetailMark(radius=1, path=((2, (0, 0, 0)), (4, (2, 4, 6))))
-    assert mark.at(3).tolist() == [1, 2, 3]
-    assert mark.at(0).tolist() == [0, 0, 0]
-    assert mark.at(9).tolist() == [2, 4, 6]
-
-
 @pytest.mark.parametrize(
     "values",
     [
@@ -69,7 +62,3 @@ def test_between_points_of_the_path_the_ball_moves_straight() -> None:
 def test_details_that_make_no_sense_are_refused(values: dict[str, object]) -> None:
     with pytest.raises(ValidationError):
         DetailMark.model_validate(values)
-
-
-def test_details_remove_nothing() -> None:
-    assert not EditList(details=(DetailMark(radius=1, path=((0, (0, 0, 0)),)),)).removes

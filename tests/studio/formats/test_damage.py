@@ -187,19 +187,6 @@ def test_sog_parts_that_disagree(tmp_path):
         read_splats(path)
 
 
-def test_sog_images_may_be_png_and_zipped(tmp_path):
-    parts = sog_parts()
-    meta = json.loads(parts["meta.json"])
-    out = io.BytesIO()
-    Image.open(io.BytesIO(parts.pop("scales.webp"))).save(out, format="PNG")
-    meta["scales"]["files"] = ["scales.png"]
-    path = tmp_path / "a.sog"
-    write_sog(
-        path, {**parts, "scales.png": out.getvalue(), "meta.json": json.dumps(meta).encode()}, zipfile.ZIP_DEFLATED
-    )
-    assert read_splats(path).log_scales.equal(read_splats(DATA / "degree3.sog").log_scales)
-
-
 def test_an_open_sog_with_a_part_missing(tmp_path):
     for part in (DATA / "sog" / "degree1").iterdir():
         if part.name != "quats.webp":

@@ -61,12 +61,6 @@ def test_samples_are_where_the_splats_are(tmp_path):
     assert distances[0, 0] is None or len(distances[0, 0]) == 0
 
 
-def test_an_empty_frame_has_no_samples(tmp_path):
-    empty = SplatVideo("test", 24.0, 1, (0,), lambda index: splat(0, 0, 0)[:0])
-    _, colors, _ = exported(tmp_path / "out", empty, CAMERA, 4)
-    assert all(one is None or len(one) == 0 for one in colors.ravel())
-
-
 @pytest.mark.parametrize("deep", [-1, MAX_DEEP + 1])
 def test_numbers_of_samples_out_of_range(tmp_path, make_video, deep):
     with refuses("export.invalid_setting", name="deep"):

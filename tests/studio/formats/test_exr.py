@@ -149,31 +149,6 @@ def test_blur_is_the_mean_while_the_shutter_is_open(tmp_path):
         np.testing.assert_array_equal(moved["Z"], still["Z"])
 
 
-def test_axes_with_other_names_in_the_next_frame_are_no_motion(tmp_path):
-    """Decoded splats may have the same shape in another form."""
-    first = splat(0, 0, 0)
-    first.log_scales[0, 0] = np.log(0.3)
-    quarter = torch.tensor([[0.5**0.5, 0, 0, 0.5**0.5]])  # around z
-    second = replace(first, quats=quarter, log_scales=first.log_scales[:, [1, 0, 2]])
-    video = SplatVideo("test", 24.0, 2, (0,), (first, second).__getitem__)
-    still = exported(tmp_path / "still", video, color_space="srgb")
-    blurred = exported(tmp_path / "blurred", video, color_space="srgb", shutter=Shutter(360, 4))
-    for (_, sharp), (_, moved) in zip(still, blurred, strict=True):
-        np.testing.assert_allclose(moved["rgba"], sharp["rgba"], atol=1e-3)
-
-
-def test_overscan_is_around_the_image(tmp_path):
-    video = replace(moving((0.6, 0, 0), (0.6, 0, 0)), numbers=(1001, 1002))
-    (header, layers), (later, _) = exported(tmp_path / "wide", video, overscan=7)
-    (_, inside), _ = exported(tmp_path / "plain", video)
-    assert [path.name for path in sorted((tmp_path / "wide").iterdir())] == ["plate.1001.exr", "plate.1002.exr"]
-    assert (header["imageCounter"], later["imageCounter"]) == (1001, 1002)
-    assert np.array(header["dataWindow"]).tolist() == [[-7, -7], [70, 54]]
-    assert np.array(header["displayWindow"]).tolist() == [[0, 0], [63, 47]]
-    for name, layer in layers.items():
-        np.testing.assert_allclose(layer[7:-7, 7:-7], inside[name], atol=1e-4)
-
-
 def test_splats_that_cannot_be_drawn_leave_the_others_alone(tmp_path):
     broken = Gaussians.cat(splat(0, 0, 0), splat(0, 0, float("nan")))
     video = SplatVideo("test", 24.0, 1, (0,), lambda index: broken)
@@ -198,12 +173,6 @@ def test_splats_that_cannot_be_drawn_leave_the_others_alone(tmp_path):
 def test_numbers_out_of_range(tmp_path, name, options):
     with refuses("export.invalid_setting", name=name):
         export_exr(moving((0, 0, 0)), tmp_path / "out", lambda index: CAMERA, Similarity(), **options)
-
-
-def test_what_exists_stays(tmp_path):
-    (tmp_path / "out").mkdir()
-    with refuses("export.already_exists"):
-        export_exr(moving((0, 0, 0)), tmp_path / "out", lambda index: CAMERA, Similarity())
 
 
 def test_without_the_package(tmp_path, monkeypatch):

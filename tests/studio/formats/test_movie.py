@@ -2,7 +2,6 @@
 
 import json
 import math
-import os
 from dataclasses import replace
 
 import av
@@ -77,15 +76,6 @@ def edited(path, edit):
     values = json.loads(path.read_text())
     edit(values)
     path.write_text(json.dumps(values))
-
-
-def test_a_path_is_on_the_disk_before_it_replaces_the_old_one(tmp_path, monkeypatch):
-    path, synced = tmp_path / "path.json", []
-    fsync, replaced = os.fsync, os.replace
-    monkeypatch.setattr(os, "fsync", lambda file: (synced.append(os.fstat(file).st_ino), fsync(file))[1])
-    monkeypatch.setattr(os, "replace", lambda old, new: (synced.append("name"), replaced(old, new))[1])
-    write_path_keys(KEYS, path)
-    assert synced == [path.stat().st_ino, "name"]
 
 
 def test_paths_files(tmp_path):

@@ -61,12 +61,6 @@ def test_a_ball_is_a_third_or_belongs_to_the_nearest():
     assert set(two[np.abs(x - 0.3) < 0.21]) == set(two[np.abs(x - 1.4) < 0.21])
 
 
-def test_bodies_that_touch_are_one():
-    assert separated(bodies(-0.1, 0.1), 2) is None
-    assert separated(bodies(-0.5, 0.5), 3) is None
-    assert separated(Gaussians.cat(bodies(-1.1, -0.9), bodies(1.0, splats=200)), 2) is None  # two, and a ball
-
-
 def mattes(folder, video: SplatVideo, count: int):  # type: ignore[no-untyped-def]
     """Alpha and the mattes of each frame, (H, W) and (H, W, count)."""
     export_exr(video, folder, lambda index: CAMERA, Similarity(), performers=count)

@@ -170,15 +170,6 @@ def test_positions_that_float32_cannot_hold_are_noted(folder, away, noted):
     assert sum("steps of" in note for note in open_import(folder).notes) == noted
 
 
-def test_a_body_without_outliers_is_read_as_it_is(folder):
-    ball = body(0, splats=2000)
-    ball.means[:30] += torch.tensor([5.0, 0.0, 0.0])  # 1.5% of the splats, a few meters away
-    write_splats(ball, folder / "f0.ply")
-    video = open_import(folder)
-    assert torch.equal(video.read(0).means, ball.means)
-    assert video.notes == ()
-
-
 def test_nothing_to_import(folder, tmp_path):
     with refuses("import.no_files", file=folder):
         open_import(folder)
@@ -294,12 +285,6 @@ def test_baked_and_played(folder, tmp_path):
             if len(meant) == 120:
                 assert (found.sh[which] - meant.sh).abs().max() < 0.02
     assert play_headless(tmp_path / "stream").shown == 6
-
-
-def test_one_file_is_a_video_of_one_frame(folder, tmp_path):
-    write_splats(body(0), folder / "one.ply")
-    manifest = bake_video(open_import(folder / "one.ply"), tmp_path / "stream", BakeSettings())
-    assert manifest.frame_count == 1
 
 
 def test_a_damaged_frame_leaves_nothing_behind(folder, tmp_path):

@@ -15,8 +15,6 @@ from studio.formats.sequence import axes_of, open_import
 from studio.formats.usd import UsdFrames, export_usd
 from studio.rotations import quats_to_matrices
 from studio.similarity import Similarity
-from studio.splat_video import SplatVideo
-from studio.torch_rotations import quat_multiply
 from tests.support.errors import refuses
 from tests.support.rigs import camera_at
 
@@ -68,22 +66,6 @@ def test_frames_as_openusd_reads_them(tmp_path, make_video, ending):
         assert (high > splats.means.numpy().max(axis=0)).all()
     samples = {one.GetName(): one.GetNumTimeSamples() for one in prims[0].GetAttributes()}
     assert (samples["positions"], samples["opacitiesh"], samples[f"{SH}h"]) == (4, 0, 0)  # what is constant, once
-
-
-def test_axes_keep_their_names_from_frame_to_frame(tmp_path, make_splats):
-    """Decoded splats may have the same shape in another form, and readers interpolate between time samples."""
-    first = make_splats(5)
-    turn = torch.tensor([[0.5**0.5, 0, 0, 0.5**0.5]])  # a quarter around z
-    second = replace(first, quats=quat_multiply(first.unit_quats, turn.repeat(5, 1)))
-    second = replace(second, log_scales=first.log_scales[:, [1, 0, 2]])
-    video = SplatVideo("test", 24.0, 2, (0,), (first, second).__getitem__)
-    export_usd(video, tmp_path / "still.usdc", None)
-    stage = opened(tmp_path / "still.usdc")
-    prim = stage.GetPrimAtPath("/Performance/Group_000")
-    scales, turns = (prim.GetAttribute(name) for name in ("scalesh", "orientationsh"))
-    np.testing.assert_allclose(scales.Get(0), scales.Get(1), rtol=2e-3)
-    numbers = [[[q.real, *q.imaginary] for q in turns.Get(time)] for time in (0, 1)]
-    np.testing.assert_allclose(*numbers, atol=2e-3)
 
 
 def test_upright_with_cameras_and_sound(tmp_path, make_video):

@@ -12,8 +12,8 @@ from studio.capture.checks import check_footage
 from studio.masks import chroma_key
 from studio.masks.chroma_key import chroma_mask
 from studio.masks.clean_plate import DifferenceSettings
-from studio.masks.despill import despill, key_channels
-from studio.masks.screen_color import Screen, find_screen
+from studio.masks.despill import despill
+from studio.masks.screen_color import find_screen
 from tests.support.errors import refuses
 from tests.support.settings import refuses_setting
 
@@ -112,11 +112,6 @@ def test_shadows_are_screen_by_default() -> None:
     )  # the setting makes the difference
 
 
-def test_an_empty_screen_has_no_performer() -> None:
-    image = compose(np.zeros(3), np.zeros((160, 240)), lit_screen(BLUE, np.zeros((160, 240))))
-    assert chroma_mask(image, find_screen([image], "cam")).max() == 0
-
-
 def test_components_sensitivity_and_large_images(monkeypatch: pytest.MonkeyPatch) -> None:
     alpha = np.maximum(disc(70), disc(190, 80, 12))
     image = compose(np.array([205, 150, 125]), alpha, lit_screen(GREEN, alpha))
@@ -194,12 +189,6 @@ def test_garbage_masks_per_frame(tmp_path: Path, make: SimpleNamespace) -> None:
     assert np.array_equal(footage.mask("a", 2), footage.mask("b", 1))  # b has none: its whole image is used
 
 
-def test_key_channels() -> None:
-    assert key_channels(np.array(GREEN)) == ([1], [2, 0])
-    assert key_channels(np.array(BLUE)) == ([2], [1, 0])
-    assert key_channels(np.array(YELLOW)) == ([0, 1], [2])
-
-
 def test_despill_restores_the_performers_color_at_the_outline_only() -> None:
     """With the exact mask and screen, and without noise, mixed pixels are solved up to rounding."""
     alpha = disc()
@@ -216,29 +205,3 @@ def test_despill_restores_the_performers_color_at_the_outline_only() -> None:
     tinted = compose(np.array([120.0, 160.0, 110.0]), alpha, screen, noise=0.0)
     cleaned = despill(tinted, np.rint(255 * alpha).astype(np.uint8), screen.astype(np.uint8), np.array(GREEN))
     assert (cleaned[mixed][:, 1] <= np.maximum(cleaned[mixed][:, 0], cleaned[mixed][:, 2])).all()
-
-
-def test_footage_returns_despilled_images(tmp_path: Path, make: SimpleNamespace) -> None:
-    alpha, front = disc(), np.array([205.0, 150.0, 125.0])
-    image = compose(front, alpha, lit_screen(GREEN, alpha, shadow=0.0))
-    make.image(tmp_path / "images" / "a" / "0.png", image)
-    footage = open_footage(CaptureSettings(root=tmp_path, masks="chroma_key"))
-    near = cv2.dilate(((alpha > 0.02) & (alpha < 0.98)).astype(np.uint8), np.ones((5, 5))) > 0
-
-    def error(shown: np.ndarray) -> float:
-        over_black = shown * (footage.mask("a", 0)[..., None] / 255)
-        return float(np.abs(over_black - alpha[..., None] * front)[near].mean())
-
-    assert np.array_equal(footage.raw_image("a", 0), image)
-    assert error(footage.image("a", 0)) < 0.8 * error(image)
-
-
-def test_a_screen_has_one_direction_under_any_light() -> None:
-    screen = Screen(np.array(GREEN, np.float32), 0.01)
-    light = np.linspace(0.2, 1.4, 12, dtype=np.float32).reshape(3, 4, 1)
-    tangents, along = screen.tangents(light * np.array(GREEN, np.float32))
-    assert np.abs(tangents).max() < 1e-5
-    assert along == pytest.approx(light[..., 0] * np.linalg.norm(GREEN), rel=1e-5)
-    turned, _ = screen.tangents(np.full((1, 1, 3), 90, np.float32))
-    cosine = np.sum(GREEN) / np.linalg.norm(GREEN) / np.sqrt(3)
-    assert np.hypot(*turned[0, 0]) == pytest.approx(np.tan(np.arccos(cosine)), rel=1e-5)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from studio.capture.settings import DifferenceSettings
-from studio.masks.clean_plate import difference_evidence, match_exposure, noise_of
+from studio.masks.clean_plate import difference_evidence, match_exposure
 from studio.masks.median_background import Background
 from studio.masks.plates import PlateMaskSource
 
@@ -38,18 +38,6 @@ def test_slopes_of_the_plate_are_tolerated_in_both_directions(axis: int) -> None
     plate = np.broadcast_to(ramp[:, None] if axis == 0 else ramp[None], flat.shape).copy()
     assert evidence_on(plate) == pytest.approx(expected(16), abs=0.01)
     assert expected(16) < expected(0) - 1
-
-
-def test_noise_is_that_of_most_pixels() -> None:
-    difference = np.random.default_rng(2).normal(1.0, 5.0, (200, 300, 2)).astype(np.float32)
-    difference[:20] = 150  # the performer, a tenth
-    difference[..., 1] *= 0.01
-    high, low = noise_of(difference)
-    # a tenth on one side: the median is at the quantile 0.5 / 0.9, that of the deviations likewise
-    assert high == pytest.approx(5.0, rel=0.2)
-    assert low == pytest.approx(0.7)
-    clean = np.random.default_rng(2).normal(1.0, 5.0, (200, 300, 1)).astype(np.float32)
-    assert noise_of(clean)[0] == pytest.approx(5.0, rel=0.03)
 
 
 def test_exposure_is_the_median_ratio_of_usable_pixels() -> None:

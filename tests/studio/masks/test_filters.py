@@ -1,10 +1,9 @@
 """Filters of the mask sources against their definitions, on small arrays."""
 
-import cv2
 import numpy as np
 import pytest
 
-from studio.masks.filters import color_bins, color_table, guided_filter, keep_components, look_up, masked_mean
+from studio.masks.filters import color_table, guided_filter, keep_components, look_up
 
 
 def test_the_guided_filter_is_that_of_its_paper() -> None:
@@ -31,13 +30,6 @@ def test_the_guided_filter_is_that_of_its_paper() -> None:
         assert found[row, column] == pytest.approx(slope * guide[row, column] + offset, abs=1e-4)
 
 
-@pytest.mark.parametrize("kind", [np.uint8, np.float32])
-def test_bins_are_equal_parts_of_each_channel(kind: type) -> None:
-    colors = np.array([[0, 0, 0], [15, 16, 31], [255, 0, 128], [255, 255, 255]], kind)
-    assert color_bins(colors, 16).tolist() == [0, 0 * 256 + 1 * 16 + 1, 15 * 256 + 0 * 16 + 8, 4095]
-    assert color_bins(colors, 4).tolist() == [0, 0, 3 * 16 + 0 * 4 + 2, 63]
-
-
 def test_a_color_table_is_the_log_ratio_of_two_smoothed_histograms() -> None:
     front = np.full((30, 3), 72, np.uint8)  # bin 4 of each channel
     back = np.full((7, 3), 200, np.uint8)  # bin 12
@@ -55,18 +47,6 @@ def test_a_color_table_is_the_log_ratio_of_two_smoothed_histograms() -> None:
         assert table[place] == pytest.approx(value, abs=1e-3), place
     image = np.array([[[72, 72, 72], [200, 200, 200]]], np.uint8)
     assert look_up(table, image).tolist() == [[table[4, 4, 4], table[12, 12, 12]]]
-
-
-def test_a_masked_mean_knows_only_what_the_mask_shows() -> None:
-    image = np.full((60, 60, 3), (200.0, 20.0, 0.0), np.float32)
-    image[:, 30:] = (0.0, 100.0, 50.0)
-    mask = np.zeros((60, 60), np.uint8)
-    mask[:, 30:] = 1
-    mean, weight = masked_mean(image, mask, 3.0)
-    np.testing.assert_allclose(mean[30, 24:36], np.tile([0.0, 100.0, 50.0], (12, 1)), atol=1e-2)
-    normal = cv2.getGaussianKernel(61, 3.0)[:, 0]
-    assert weight[30, 29] == pytest.approx(normal[31:].sum(), abs=1e-3)
-    assert weight[30, 50] == pytest.approx(1.0, abs=1e-4)
 
 
 def scene() -> np.ndarray:
@@ -101,14 +81,6 @@ def test_small_components_go_and_small_holes_are_filled(
     assert (bool(found[65, 10]), bool(found[62, 32]), bool(found[61, 51])) == kept
     assert int(not found[12, 12]) + int(not found[31, 31]) == holes
     assert found.dtype == np.uint8
-
-
-def test_pixels_that_touch_at_a_corner_are_one_component() -> None:
-    mask = np.zeros((20, 20), np.uint8)
-    mask[2:5, 2:5] = mask[5:8, 5:8] = 1
-    assert keep_components(mask, 1, 10).sum() == 18
-    assert keep_components(mask, 1, 19).sum() == 0
-    assert keep_components(np.zeros((4, 4), bool), 0, 1).sum() == 0
 
 
 def test_components_without_a_core_or_unlike_the_largest_go() -> None:

@@ -46,14 +46,6 @@ def test_polygons_remove_what_they_surround(capture: Path) -> None:
     assert everything[:, 48:].max() == 0
 
 
-def test_garbage_is_no_component(capture: Path) -> None:
-    """Of one component, the larger stand remains; without it, the performer."""
-    (capture / "garbage.json").write_text('{"01": {"keep": [[[4, 4], [44, 4], [44, 60], [4, 60]]]}}')
-    only = {"masks": "clean_plate", "mask_components": 1}
-    assert found(mask(capture, **only)) == (False, True)
-    assert found(mask(capture, **only, garbage_masks="garbage.json")) == (True, False)
-
-
 def test_polygons_of_another_size_and_of_fractions(capture: Path) -> None:
     (capture / "garbage.yaml").write_text(
         "01: {size: [192, 128], remove: [[[96, 0], [192, 0], [192, 128], [96, 128]]]}"

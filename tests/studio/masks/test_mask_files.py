@@ -160,14 +160,6 @@ def test_soft_masks_stay_soft(tmp_path: Path, make: SimpleNamespace, extension: 
     assert "soft" in footage.description
 
 
-def test_smooth_edges_of_few_levels_are_not_labels() -> None:
-    small = cv2.resize(np.where(INSIDE, 255, 0).astype(np.uint8), (31, 21), interpolation=cv2.INTER_AREA)
-    assert len(np.unique(small)) < 12
-    found = values_in([small], exact=True)
-    assert not found.labels
-    assert np.array_equal(found.mask(small), small)
-
-
 @given(
     labels=st.sets(st.integers(1, 255), min_size=1, max_size=6),
     white=st.booleans(),
@@ -234,17 +226,6 @@ def test_masks_without_background_are_no_masks(tmp_path: Path, make: SimpleNames
     assert "capture.mask_labels" not in warning.fix
 
 
-@pytest.mark.parametrize("form", ["{c}_mask/{f}.png", "{c}-matte/{f}.png", "images/{c}/{f}_mask.png"])
-def test_masks_beside_the_images(tmp_path: Path, make: SimpleNamespace, form: str) -> None:
-    for camera in ("cam0", "cam1"):
-        for frame in range(2):
-            make.image(tmp_path / "images" / camera / f"{frame}.png", make.numbered(frame))
-            make.image(tmp_path / form.format(c=camera, f=frame), np.where(INSIDE, 255, 0).astype(np.uint8))
-    footage = open_footage(CaptureSettings(root=tmp_path))
-    assert form.format(c="{camera}", f="{frame}") in footage.description
-    assert np.array_equal(footage.mask("cam1", 1) > 127, INSIDE)
-
-
 def test_masks_that_cannot_be_read_are_named(tmp_path: Path, make: SimpleNamespace) -> None:
     for camera in "ab":
         make.image(tmp_path / "images" / camera / "0.png", np.full((HEIGHT, WIDTH, 3), 90, np.uint8))
@@ -267,17 +248,6 @@ def test_cameras_without_masks_are_named_with_a_setting_that_works(tmp_path: Pat
     footage = open_footage(CaptureSettings(root=root))
     assert footage.camera_names == tuple("acdf")
     assert "'b' and 'e'" in footage.description
-
-
-def test_held_out_cameras_need_no_masks(tmp_path: Path, make: SimpleNamespace) -> None:
-    root = capture(tmp_path, make, ".png", pillow(ONE), "abc")
-    for file in (root / "masks" / "b").iterdir():
-        file.unlink()
-    footage = open_footage(CaptureSettings(root=root, masks="files", held_out=("b", "c")))
-    assert footage.camera_names == tuple("abc")
-    assert footage.measured_cameras == ("c",)
-    assert check_footage(footage) == []
-    assert "'b'" in footage.description
 
 
 def test_a_few_cameras_with_masks_are_not_the_capture(tmp_path: Path, make: SimpleNamespace) -> None:

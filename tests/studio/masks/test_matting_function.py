@@ -13,8 +13,7 @@ import pytest
 from studio.capture import CaptureSettings, open_footage
 from studio.capture.checks import check_footage
 from studio.masks import FunctionMaskSource
-from studio.masks.mask_cache import MaskCache
-from studio.masks.onnx_model import KINDS, Kind, OnnxModel, first_mask, input_size, preprocess, providers
+from studio.masks.onnx_model import KINDS, Kind, OnnxModel, preprocess, providers
 from tests.support.errors import refuses
 
 DATA = Path(__file__).parent / "data"
@@ -57,24 +56,6 @@ def test_images_are_resized_for_the_model_and_masks_back(
     mask = OnnxModel(DATA / file, "plain", device="cpu")(image)
     assert mask.shape == (150, 300)
     assert np.abs(mask - columns)[:, 8:-8].max() < 0.004
-
-
-def test_input_sizes() -> None:
-    assert input_size(0, (None, None), 1920, 1080) == (1920, 1088)
-    assert input_size(512, (None, None), 1920, 1080) == (512, 288)
-    assert input_size(512, (None, None), 1080, 1920) == (288, 512)
-    assert input_size(64, (None, None), 1000, 10) == (64, 32)
-    assert input_size(0, (1024, 1024), 1920, 1080) == (1024, 1024)
-    assert input_size(512, (320, 320), 1920, 1080) == (320, 320)
-
-
-def test_first_mask() -> None:
-    vector, small, mask = np.zeros((1, 8)), np.zeros((1, 1, 1, 1)), np.ones((1, 1, 4, 6))
-    color, classes = np.zeros((1, 3, 4, 6)), np.zeros((2, 4, 6))
-    found = first_mask([vector, small, color, classes, mask, 0 * mask])
-    assert found.shape == (4, 6)
-    assert found.min() == 1
-    assert first_mask([vector, color]) is None
 
 
 @pytest.mark.parametrize(
@@ -156,13 +137,6 @@ def test_a_capture_with_a_model(capture: Path, make: SimpleNamespace) -> None:
         open_footage(spec_of(capture, mask_model=None))
 
 
-def test_another_model_changes_the_digest(capture: Path) -> None:
-    before = open_footage(spec_of(capture)).digest()
-    assert open_footage(spec_of(capture)).digest() == before
-    shutil.copy(DATA / "fixed.onnx", capture / "model.onnx")
-    assert open_footage(spec_of(capture)).digest() != before
-
-
 def test_masks_are_computed_once_per_model(capture: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[int] = []
     compute = OnnxModel.__call__
@@ -192,20 +166,6 @@ def test_masks_are_computed_once_per_model(capture: Path, monkeypatch: pytest.Mo
     shutil.copy(DATA / "fixed.onnx", capture / "model.onnx")
     mask()
     assert len(made) == 4
-
-
-def test_cached_masks_belong_to_one_image_and_recipe(tmp_path: Path) -> None:
-    kept = MaskCache(tmp_path / "k", "one")
-    image, mask = noisy(), noisy(seed=3)[..., 0]
-    assert kept.read(image) is None
-    kept.write(image, mask)
-    found = kept.read(image)
-    assert found is not None
-    assert np.array_equal(found, mask)
-    assert kept.read(noisy(seed=1)) is None
-    assert kept.read(image.reshape(96, 64, 3)) is None
-    assert MaskCache(tmp_path / "k", "two").read(image) is None
-    assert [path.suffix for path in (tmp_path / "k").iterdir()] == [".png"]
 
 
 def test_any_function_can_compute_masks(three_videos: Path) -> None:
@@ -251,13 +211,6 @@ def test_functions_that_do_not_return_a_mask(function: object, value: object, te
         FunctionMaskSource(function, "my function").mask("a", 3, noisy())  # type: ignore[arg-type]
     assert caught.value.problem.startswith("my function, camera 'a', frame 3: returned ")
     assert text in str(caught.value)
-
-
-@pytest.mark.parametrize("returned", [np.eye(64, 96), np.eye(64, 96, dtype=bool), np.eye(64, 96, dtype=np.uint8) * 255])
-def test_masks_are_floats_bool_or_uint8(returned: np.ndarray) -> None:
-    found = FunctionMaskSource(lambda image, camera, frame: returned).mask("a", 0, noisy())
-    assert found.dtype == np.uint8
-    assert np.array_equal(found, 255 * np.eye(64, 96))
 
 
 def test_only_the_largest_component_is_kept() -> None:

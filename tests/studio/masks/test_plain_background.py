@@ -44,15 +44,6 @@ def test_masks_of_performers_on_a_plain_color(color: int, quality: int | None) -
     assert mask[SIZE // 2, SIZE // 2] == 0
 
 
-def test_camera_footage_and_empty_images_have_no_plain_color() -> None:
-    rng = np.random.default_rng(0)
-    assert plain_color(rng.integers(180, 200, (SIZE, SIZE, 3)).astype(np.uint8)) is None
-    assert plain_color(np.full((SIZE, SIZE, 3), 255, np.uint8)) is None
-    bars = np.zeros((SIZE, SIZE, 3), np.uint8)
-    bars[20:-20] = rng.integers(0, 255, (SIZE - 40, SIZE, 3))  # letterboxed
-    assert plain_color(bars) is None
-
-
 def test_auto_detects_it_and_cleans_the_outline(tmp_path: Path) -> None:
     for camera in ("a", "b"):
         (tmp_path / "images" / camera).mkdir(parents=True)

@@ -11,7 +11,7 @@ import pytest
 
 from studio.camera_files import read_rig
 from studio.cameras import Camera
-from studio.errors import Cancelled, StudioError
+from studio.errors import StudioError
 from studio.meshing import HullResult, InitializeSettings, Mesh, initialize_points, sample_surface, visual_hull
 from studio.meshing.silhouettes import Silhouettes, signed_distance
 from tests.support.errors import refuses
@@ -61,18 +61,6 @@ def test_hull_contains_the_object_and_little_more(
     assert result.hull.restored == 0
 
 
-def test_more_cameras_make_it_tighter(two_balls: Callable[..., list[Any]], carved: HullResult) -> None:
-    assert 4 / 3 * np.pi * 0.5**3 < carved.hull.volume < visual_hull(two_balls(5), COARSE).hull.volume
-
-
-def test_mesh_is_closed_and_faces_outward(carved: HullResult) -> None:
-    mesh = carved.mesh
-    shape = mesh.to_open3d()
-    assert shape.is_edge_manifold(allow_boundary_edges=False)
-    assert volume_of(mesh) > 4 / 3 * np.pi * 0.5**3
-    assert len(np.unique(mesh.faces)) == len(mesh.vertices)
-
-
 def test_one_outlier_mask_is_corrected_and_reported(two_balls: Callable[..., list[Any]], carved: HullResult) -> None:
     """A camera whose mask has no right half must not halve the hull."""
     views = two_balls(12)
@@ -88,14 +76,6 @@ def test_one_outlier_mask_is_corrected_and_reported(two_balls: Callable[..., lis
     assert [warning.fields["camera"] for warning in outliers] == ["cam04"]
     mismatches = [warning.fields["camera"] for warning in corrected.warnings if warning.code == "hull.mask_mismatch"]
     assert "cam04" in mismatches
-
-
-def test_an_empty_mask_among_many(two_balls: Callable[..., list[Any]]) -> None:
-    views = two_balls(12)
-    views[7] = replace(views[7], mask=np.zeros_like(views[7].mask))
-    result = visual_hull(views, COARSE)
-    assert result.hull.volume > 4 / 3 * np.pi * 0.5**3
-    assert result.disagreement["cam07"] == pytest.approx(1.0)
 
 
 def test_never_an_empty_mesh(two_balls: Callable[..., list[Any]]) -> None:
@@ -140,21 +120,6 @@ def test_cameras_do_not_carve_outside_their_image(scenes: SimpleNamespace, two_b
     assert distance.max() < 0.4
 
 
-def test_few_cameras_leave_no_phantoms(two_balls: Callable[..., list[Any]]) -> None:
-    """If all cameras see everything, the hull is inside all masks, without volume that only two cameras see."""
-    views = two_balls(4)
-    mesh = visual_hull(views, COARSE).mesh
-    for view in views:
-        pixels, depth = view.camera.project(mesh.vertices)
-        assert (depth > 0).all()
-        column, row = np.floor(pixels).astype(int).T
-        assert column.min() >= 0
-        assert row.min() >= 0
-        assert column.max() < view.camera.width
-        assert row.max() < view.camera.height
-        assert signed_distance(view.mask)[row, column].min() > -3
-
-
 def test_bad_settings_and_views(two_balls: Callable[..., list[Any]]) -> None:
     views = two_balls(3)
     with refuses("hull.too_few_cameras", value=1, expected=2):
@@ -167,15 +132,6 @@ def test_bad_settings_and_views(two_balls: Callable[..., list[Any]]) -> None:
     small = replace(views[0], mask=views[0].mask[:10])
     with refuses("hull.mask_size", value=(160, 10), camera="cam00", expected=(160, 120)):
         visual_hull([small, *views[1:]])
-
-
-def test_cancel_passes_through(two_balls: Callable[..., list[Any]]) -> None:
-    def stop(done: int, total: int, **figures: Any) -> None:
-        if done > 30:
-            raise Cancelled
-
-    with pytest.raises(Cancelled):
-        initialize_points(two_balls(6), COARSE.replace(points=100), progress=stop)
 
 
 def test_maps_respect_the_pixel_limit(two_balls: Callable[..., list[Any]]) -> None:

@@ -34,14 +34,6 @@ def test_stale_items_make_room():
     assert [queue.get(), queue.get()] == [2, 3]
 
 
-def test_put_waits_until_the_oldest_grows_stale():
-    queue = BoundedQueue(1)
-    queue.put(1)
-    began = time.monotonic()
-    assert queue.put(2, stale=lambda second: time.monotonic() - began > 0.1) == 1
-    assert queue.peek() == 2
-
-
 def test_abort_lets_everybody_go():
     full, empty = BoundedQueue(1), BoundedQueue(1)
     full.put(1)

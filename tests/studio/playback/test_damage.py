@@ -48,18 +48,6 @@ def test_goes_on_with_the_next_intact_group(stream, realtime, damage):
 
 
 @pytest.mark.parametrize("realtime", [False, True])
-def test_damage_at_both_ends(stream, realtime):
-    for group in (0, 3):
-        opacity_file(stream, group).write_bytes(b"?")
-    seen = []
-    report = play_headless(stream, realtime=realtime, on_frame=lambda played: seen.append(number(played)))
-    assert seen[-1] == 9
-    assert [skipped.group for skipped in report.skipped] == [0, 3]
-    if not realtime:
-        assert seen == [5, 6, 7, 8, 9]
-
-
-@pytest.mark.parametrize("realtime", [False, True])
 def test_where_nothing_is_intact_it_is_an_error(stream, realtime):
     for group in range(4):
         opacity_file(stream, group).unlink()

@@ -80,17 +80,6 @@ def test_extreme_shapes_and_opacities(helpers, attribute, part, value) -> None:
     compare(helpers, splats, helpers.camera())
 
 
-def test_on_the_border_and_on_tile_edges(helpers) -> None:
-    """Means exactly on the image corners and on tile boundaries (32 pixels here, 16 in the reference)."""
-    camera = helpers.camera(96, 64, focal=64.0, principal=(32.0, 32.0), turn=0.0, distance=4.0)
-    spots = [(x, y) for x in (0.0, 16.0, 31.5, 32.0, 64.0, 96.0) for y in (0.0, 0.5, 32.0, 63.5, 64.0)]
-    splats = helpers.splats(len(spots), log_scale=-2.5)
-    for i, (x, y) in enumerate(spots):
-        splats.means[i] = torch.tensor([(x - 32) / 64 * 4, (y - 32) / (64 * 1.03) * 4, 0.001 * i])
-    splats = splats.map(lambda tensor: tensor.float().double())
-    compare(helpers, splats, camera)
-
-
 def test_a_crop_equals_that_part_of_the_full_image(helpers) -> None:
     camera, splats = helpers.camera(300, 200, focal=240.0), helpers.splats(500).to(torch.float32)
     whole = rasterize(splats, camera, backend="cpu")
@@ -107,22 +96,6 @@ def test_ten_thousand_splats_on_one_pixel(helpers) -> None:
     truth, exact = helpers.draw(splats, camera, "reference"), helpers.draw(splats, camera, "cpu")
     helpers.assert_same(exact, truth, image=1e-9, gradient=1e-7)
     assert truth.alpha.max() > 0.999
-
-
-@pytest.mark.parametrize("alpha_max", [0.9, 0.999, 1.0])
-def test_other_alpha_clamps(helpers, alpha_max) -> None:
-    splats, camera = helpers.splats(60, opacity=4.0), helpers.camera()
-    truth = helpers.draw(splats, camera, "reference", alpha_max=alpha_max)
-    helpers.assert_same(helpers.draw(splats, camera, "cpu", alpha_max=alpha_max), truth, image=1e-9, gradient=1e-7)
-
-
-def test_screen_offsets_move_splats(helpers) -> None:
-    camera = helpers.camera()
-    splats = helpers.splats(1)
-    shift = torch.tensor([[3.0, -2.0]], dtype=torch.float64)
-    moved = rasterize(splats, camera, backend="cpu", screen_offsets=shift).image
-    still = rasterize(splats, camera, backend="cpu").image
-    torch.testing.assert_close(moved[:-2, 3:], still[2:, :-3])
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])

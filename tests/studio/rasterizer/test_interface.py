@@ -11,11 +11,6 @@ from studio.rasterizer.cpu import kernel_threads
 from tests.support.errors import refuses
 
 
-def test_auto_draws_cpu_splats_with_the_kernels(helpers) -> None:  # type: ignore[no-untyped-def]
-    camera, splats = helpers.camera(), helpers.splats(50).to(torch.float32)
-    assert torch.equal(rasterize(splats, camera).image, rasterize(splats, camera, backend="cpu").image)
-
-
 @pytest.mark.parametrize(
     ("options", "code", "fields"),
     [
@@ -58,13 +53,6 @@ def test_a_camera_that_is_no_pinhole(helpers) -> None:  # type: ignore[no-untype
     K[0, 1] = 3.0
     with refuses("camera.skew", camera="skewed", value=3.0):
         rasterize(helpers.splats(1), Camera("skewed", 40, 40, K, np.eye(4)))
-
-
-def test_the_background_takes_the_dtype_of_the_splats(helpers) -> None:  # type: ignore[no-untyped-def]
-    white = torch.ones(3, dtype=torch.float64)
-    image = rasterize(helpers.splats(0).to(torch.float32), helpers.camera(), white).image
-    assert image.dtype == torch.float32
-    assert (image == 1).all()
 
 
 def test_the_kernels_own_number_of_threads() -> None:

@@ -61,18 +61,6 @@ def test_only_the_needed_gops_of_a_video_are_fetched(
     assert object_store.fetched_twice("day1") == []
 
 
-def test_a_container_without_an_index_of_all_frames_is_fetched_once(
-    object_store: ObjectStore, tmp_path: Path, small_blocks: None
-) -> None:
-    local = tmp_path / "day1" / "videos" / "cam0.mkv"
-    write_video(local, 24, {})
-    object_store.upload(tmp_path / "day1", "day1")
-    video = mirrored(DAY) / "videos" / "cam0.mkv"
-    for _ in range(2):  # the second time as another process would
-        np.testing.assert_array_equal(VideoReader(video).read(20), VideoReader(local).read(20))
-    assert object_store.fetched_twice("day1") == []
-
-
 def test_requests_that_fail_or_end_early_are_repeated(
     object_store: ObjectStore, tmp_path: Path, small_blocks: None
 ) -> None:
@@ -227,16 +215,3 @@ def test_objects_that_no_file_can_be_named_after(object_store: ObjectStore) -> N
     put(f"{long}.mp4", b"video")
     with pytest.raises(StudioError, match=rf"^s3://studio/day1/{long}.mp4: the object's name is too long"):
         mirrored(DAY)
-
-
-def test_messages_name_the_address_and_not_the_copy(object_store: ObjectStore, tmp_path: Path) -> None:
-    write_capture(tmp_path / "day1", frames=2)
-    object_store.upload(tmp_path / "day1", "day1")
-    spec = CaptureSettings(root=DAY, images="images/{camera}/{frame:03d}.png")
-    assert " in s3://studio/day1: " in open_footage(spec).description
-    with pytest.raises(StudioError, match=r"^s3://studio/day1: no frames") as caught:
-        open_footage(spec.replace(frames="50:"))
-    assert caught.value.message.to_dict()["file"] == DAY
-    object_store.client.put_object(Bucket="studio", Key="day1/images/cam0/001.png", Body=b"no image")
-    with pytest.raises(StudioError, match=r"^s3://studio/day1/images/cam0/001.png: "):
-        open_footage(spec).raw_image("cam0", 1)

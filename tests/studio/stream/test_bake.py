@@ -8,8 +8,7 @@ import pytest
 import torch
 
 from studio.errors import Cancelled, StudioError
-from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
-from studio.stream.layout import plane_side
+from studio.stream import BakeSettings, bake_group, write_manifest
 from studio.stream.morton import morton_order
 from studio.stream.video import PlaneEncoder
 from tests.support.errors import refuses
@@ -37,20 +36,6 @@ def test_plane_holds_splats_row_by_row(tmp_path, make_frames):
     codes = np.rint((opacities - opacities.min()) / (opacities.max() - opacities.min()) * 255)
     assert np.abs(plane.reshape(-1)[:70] - codes).max() <= 1  # ties of rounding
     assert plane[3, 5] == plane.reshape(-1)[3 * 16 + 5]
-
-
-@pytest.mark.parametrize(("splats", "side"), [(1, 8), (64, 8), (65, 16), (256, 16), (257, 24), (60_000, 248)])
-def test_plane_side(splats, side):
-    assert plane_side(splats) == side
-
-
-def test_bounding_box_holds_all_centers(make_stream):
-    folder, groups = make_stream((3, 3))
-    means = torch.cat([frame.means for frames in groups for frame in frames]).double()
-    with StreamReader.open(folder) as reader:
-        box = reader.manifest.bounding_box
-    assert list(box.min) == means.amin(0).tolist()
-    assert list(box.max) == means.amax(0).tolist()
 
 
 @pytest.mark.parametrize("profile", ["motion", "planes"])

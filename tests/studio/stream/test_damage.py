@@ -104,20 +104,6 @@ def test_videos_that_are_not_those_of_the_manifest(copy_of, tmp_path, turning_bo
             list(reader.iterate(4))
 
 
-def test_swapped_files(copy_of):
-    stream = copy_of("motion")
-
-    def swap_groups(values):
-        first, second = (best_of(group) for group in values["groups"])
-        first["side"], second["side"] = second["side"], first["side"]
-        for one in (first, second):
-            one["bytes"] = one["side"]["bytes"] + one["video"]["bytes"]
-
-    edit_manifest(stream, swap_groups)
-    with StreamReader.open(stream) as reader, refuses("stream.side_file_damaged", file=file_of(stream, 0, "side")):
-        list(reader.iterate())
-
-
 def test_a_decoder_that_is_not_exact_is_found(copy_of):
     stream = copy_of("ladder")
     edit_manifest(stream, set_at((*FIRST, "video", "checks", 1, "crc32"), 1))

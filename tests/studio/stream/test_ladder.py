@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from studio.stream import BakeSettings, Rung, StreamReader, bake_group, write_manifest
+from studio.stream import BakeSettings, Rung, StreamReader, bake_group
 from studio.stream.encode import write_manifest as manifest_writer
 from studio.stream.sources.source import FolderSource
 from tests.support.errors import refuses
@@ -57,21 +57,6 @@ def test_every_rendition_has_all_frames(make_ladder, profile):
         assert phone.sh.shape[1] == 1
 
 
-def test_the_most_visible_splats_are_kept(tmp_path, turning_bodies):
-    frames = turning_bodies(2, 80)
-    keep = torch.randperm(80, generator=torch.Generator().manual_seed(2)).numpy()
-    settings = BakeSettings(quality=10, ladder=(Rung(qp=10, splats=0.25, finetune_iterations=0),))
-    entry = bake_group(frames, tmp_path, 0, 0, settings, contribution=lambda: keep.astype(float))
-    write_manifest(tmp_path, [entry], 30, settings)
-    with StreamReader.open(tmp_path) as reader:
-        found = reader.gaussians(0).means
-    wanted = frames[0].means[torch.from_numpy(keep >= 60)]
-    distances = torch.cdist(found, wanted)
-    assert len(found) == 20
-    assert distances.min(dim=1).values.max() < 0.02
-    assert distances.min(dim=0).values.max() < 0.02
-
-
 def test_fewer_splats_need_to_know_what_they_contribute(tmp_path, turning_bodies):
     settings = BakeSettings(ladder=(Rung(qp=20, splats=0.5, finetune_iterations=0),))
     with refuses("bake.no_contribution", group=0):
@@ -95,22 +80,6 @@ def test_fine_tuned_frames_are_baked_in_place_of_cut_ones(tmp_path, turning_bodi
     entry = bake_group(frames, tmp_path, 0, 0, settings, finetuned=finetuned)
     assert asked == ["qp10-splats50-sh0"]
     assert [(one.splats, one.pruning) for one in entry.renditions] == [(80, "none"), (30, "fine-tuned")]
-
-
-def test_psnr_is_that_of_the_given_function(tmp_path, turning_bodies):
-    settings = BakeSettings(ladder=(Rung(qp=20), Rung(qp=40)))
-    asked = []
-
-    def error(index, decoded):
-        asked.append((index, len(decoded)))
-        return 1e-4
-
-    entries = [bake_group(turning_bodies(3, 80), tmp_path, 0, 0, settings, quality=error)]
-    assert asked == [(0, 80), (1, 80), (2, 80)] * 2
-    write_manifest(tmp_path, entries, 30, settings)
-    assert [one.psnr_to_trained for one in entries[0].renditions] == [40.0, 40.0]
-    with StreamReader.open(tmp_path) as reader:
-        assert [one.psnr_to_trained for one in reader.renditions] == [40.0, 40.0]
 
 
 def test_files_are_named_by_their_content(make_ladder):
@@ -138,18 +107,6 @@ def test_baking_again_changes_only_what_changed(make_ladder):
     assert len(after) == 1 + 8  # what only the old ladder used is gone
     with StreamReader.open(folder) as reader:
         reader.verify()
-
-
-def test_equal_groups_share_files(tmp_path, turning_bodies):
-    settings = BakeSettings(quality=24)
-    frames = turning_bodies(3, 80)
-    entries = [bake_group(frames, tmp_path, g, 3 * g, settings) for g in range(4)]
-    write_manifest(tmp_path, entries, 25, settings)
-    assert len(files_of(tmp_path)) == 3
-    with StreamReader.open(tmp_path) as reader:
-        reader.verify()
-        assert len(list(reader.iterate())) == 12
-        assert [one.id for one in reader.renditions] == ["main"]
 
 
 def test_checks_are_of_what_another_decoder_sees(make_ladder):

@@ -28,13 +28,6 @@ def test_bodies_that_pass_through_each_other_are_told_apart():
     assert strangers < 0.06 * len(labels)  # blocks of neighbors would hold half of each body
 
 
-def test_a_rigid_body_needs_few_blocks():
-    start = np.random.default_rng(1).uniform(-0.5, 0.5, (3000, 3))
-    paths = np.array([start @ Rotation.from_rotvec([0.1 * t, 0, 0]).as_matrix().T for t in range(6)])
-    assert find_blocks(paths, step=1e-4).max() < 16
-    assert find_blocks(paths[:1], step=1e-4).max() == 0
-
-
 def test_fit_finds_the_affine_motion_past_outliers():
     generator = np.random.default_rng(2)
     cells = generator.integers(0, 1000, (600, 3))
@@ -50,10 +43,3 @@ def test_fit_finds_the_affine_motion_past_outliers():
     assert np.abs(found - wanted)[clean].max() < 0.005
     plain = np.linalg.lstsq(blocks.local[:200], moved[:200], rcond=None)[0]
     assert np.abs(blocks.local[:200] @ plain - wanted[:200]).max() > 0.1  # least squares alone is bent
-
-
-def test_centers_are_whole_cells():
-    cells = np.array([[0, 0, 0], [1, 1, 1], [4, 5, 6], [9, 9, 9]])
-    blocks = Blocks.over(cells, np.array([0, 0, 0, 1]), 2, 0.5, 2.0)
-    assert np.allclose(blocks.local[0], [-0.25, -0.5, -0.5, 1])  # center 5 // 3, 6 // 3, 7 // 3 = 1, 2, 2
-    assert np.allclose(blocks.local[3], [0, 0, 0, 1])

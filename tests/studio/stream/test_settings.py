@@ -4,13 +4,6 @@ from studio.stream import BakeSettings
 from tests.support.settings import refuses_setting
 
 
-@pytest.mark.parametrize("qp", [0, 10, 22])
-def test_up_to_22_all_alike(qp):
-    settings = BakeSettings(profile="planes", quality=qp)
-    assert {settings.attribute_qp(a) for a in ("means_low", "opacities", "scales", "quats", "sh")} == {qp}
-    assert settings.attribute_qp("means_high") == 0
-
-
 def test_above_22_color_scale_and_rotation_stay():
     settings = BakeSettings(profile="planes", quality=30)
     assert [settings.attribute_qp(a) for a in ("sh", "scales", "quats")] == [22, 22, 22]

@@ -32,20 +32,6 @@ def covariances(rotations, scales):
     return axes @ axes.transpose(0, 2, 1)
 
 
-def test_the_fourth_power_is_the_covariance():
-    rotations, scales = some(300)
-    found = np.linalg.matrix_power(matrices(shapes_of(wxyz(rotations), scales)), 4)
-    assert np.allclose(found, covariances(rotations, scales), rtol=1e-9, atol=1e-12)
-
-
-def test_the_names_of_the_axes_do_not_matter():
-    rotations, scales = some(300)
-    wanted = shapes_of(wxyz(rotations), scales)
-    for name in Rotation.create_group("O"):  # the 24 rotations of the cube
-        axes = np.abs(name.as_matrix()).argmax(axis=0)
-        assert np.allclose(shapes_of(wxyz(rotations * name), scales[:, axes]), wanted, rtol=1e-9, atol=1e-12)
-
-
 @pytest.mark.parametrize(("dtype", "tolerance"), [(np.float64, 2e-5), (np.float32, 2e-5)])
 def test_axes_of_shapes_are_those_they_were_made_from(dtype, tolerance):
     rotations, scales = some(3000)

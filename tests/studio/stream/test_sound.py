@@ -44,18 +44,6 @@ def test_sound_in_the_manifest_and_decoded(stream):
         sound.close()
 
 
-def test_a_start_shifts_the_sound(stream):
-    path = stream / "manifest.json"
-    values = json.loads(path.read_bytes())
-    values["audio"].update(start=0.5, samples=30_000)
-    write_sealed(path, values)
-    with StreamReader.open(stream) as reader:
-        sound = reader.sound()
-        assert sound.samples == 24_000 + 30_000
-        assert click_times(sound.read(0, 54_000)) == pytest.approx([0.7], abs=0.0005)  # the click of 0.2 s
-        sound.close()
-
-
 def test_one_file_and_published_streams_carry_it(stream, tmp_path):
     with StreamReader.open(stream) as reader:
         publish(reader, str(tmp_path / "web"))

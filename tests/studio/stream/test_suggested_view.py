@@ -59,18 +59,6 @@ def splats(means, opacities):
     )
 
 
-def test_strays_and_faint_splats_are_not_framed():
-    generator = np.random.default_rng(3)
-    means = generator.uniform(LOW, HIGH, (20_000, 3))
-    opacities = torch.full((20_000,), 0.3)
-    means[:10] = (0.0, -5.0, 9.0)  # bright, but far from all others
-    means[10:80] = (40.0, 0.0, 0.0)
-    opacities[10:80] = 0.0025  # never drawn
-    box = seen_box([splats(means, opacities), splats(np.add(means, (0.1, 0.0, 0.0)), opacities)])
-    np.testing.assert_allclose(box[0], LOW, atol=0.01)
-    np.testing.assert_allclose(box[1], np.add(HIGH, (0.1, 0.0, 0.0)), atol=0.01)
-
-
 def test_where_nothing_can_be_seen_there_is_no_box():
     assert seen_box([splats(np.zeros((5, 3)), torch.full((5,), 0.001))]) is None
 

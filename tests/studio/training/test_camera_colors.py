@@ -7,7 +7,6 @@ from studio.color_fit import correct_color, neutral
 from studio.rasterizer import rasterize
 from studio.training import LearningRates, TrainingView, TrainSettings, fit_camera_colors
 from studio.training.camera_colors import camera_colors
-from studio.training.step import Stepper
 from tests.studio.training.test_group import HEIGHT, WIDTH, ball, cameras
 
 SETTINGS = TrainSettings(
@@ -51,20 +50,6 @@ def test_the_matrices_of_the_cameras_are_found_on_exact_splats(with_plate: bool)
     colors = torch.tensor([[0.2, 0.5, 0.8, 1.0], [0.9, 0.4, 0.1, 1.0]], dtype=torch.float64).T
     assert (found @ colors - matrices() @ colors).abs().max() < 0.02
     assert ((neutral() - matrices()) @ colors).abs().max() > 0.15, "what is left without it"
-
-
-def test_a_step_compares_the_splats_in_the_colors_of_the_camera() -> None:
-    generator = torch.Generator().manual_seed(3)
-    plate = torch.rand(HEIGHT, WIDTH, 3, generator=generator)
-    for seen in (filmed(), filmed(plate)):
-        with_colors = [view.with_color(one) for view, one in zip(seen, matrices(), strict=True)]
-        losses = []
-        for views in (seen, with_colors):
-            stepper = Stepper(views, SETTINGS.replace(background="black"), torch.Generator().manual_seed(0))
-            losses.append(sum(float(stepper(ball(torch.zeros(3))).loss) for _ in views))
-        assert losses[1] < 0.05 * losses[0]
-        refined = with_colors[0].with_mask(with_colors[0].mask)
-        assert torch.equal(refined.color, with_colors[0].color), "new masks keep the colors"
 
 
 def test_cameras_are_fitted_while_splats_learn_from_points(monkeypatch: pytest.MonkeyPatch) -> None:

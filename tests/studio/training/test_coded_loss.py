@@ -104,33 +104,6 @@ def test_bits_gradient_equals_finite_differences() -> None:
     assert torch.autograd.gradcheck(bits_of_residual, (residual, mu, sigma), eps=1e-6, atol=1e-5)
 
 
-def test_bits_have_finite_gradients_far_out() -> None:
-    residual = torch.tensor([0.0, 5.0, 60.0, -400.0, 1e7], requires_grad=True)
-    mu, sigma = torch.zeros((), requires_grad=True), torch.ones((), requires_grad=True)
-    bits = bits_of_residual(residual, mu, sigma)
-    bits.sum().backward()
-    assert torch.isfinite(bits).all()
-    assert torch.isfinite(residual.grad).all()
-    assert torch.isfinite(sigma.grad)
-    assert residual.grad[2] > 0 > residual.grad[3], "the loss pulls residuals toward the mean"
-
-
-def test_learned_entropy_reaches_that_of_the_data() -> None:
-    """Fitted to Gaussian residuals of deviation 3 steps, the bits equal a Gaussian's differential entropy."""
-    torch.manual_seed(0)
-    before = torch.zeros(2000, 11)
-    current = 1.5 + 3 * torch.randn(2000, 11)
-    loss = ResidualEntropy(before, torch.ones(11), ATTRIBUTES)
-    adam = torch.optim.Adam(loss.parameters(), lr=0.1)
-    for seed in range(80):
-        adam.zero_grad()
-        loss(current, seed).backward()
-        adam.step()
-    assert torch.allclose(loss.mu.detach(), torch.full((4,), 1.5), atol=0.2)
-    exact = 11 * 0.5 * math.log2(2 * math.pi * math.e * (9 + 1 / 12))
-    assert loss(current, 1000).item() == pytest.approx(exact, rel=0.01)
-
-
 def test_entropy_sums_elements_and_averages_splats() -> None:
     before = torch.randn(50, 20)
     steps = torch.rand(20) + 0.5

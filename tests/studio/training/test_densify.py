@@ -8,7 +8,7 @@ import torch
 
 from studio.gaussians import Gaussians
 from studio.training import TrainSettings
-from studio.training.densify import DensityControl, agreed_error
+from studio.training.densify import DensityControl
 from studio.training.details import Detail
 from studio.training.splat_optimizer import SplatOptimizer
 from studio.training.step import Stepper
@@ -40,12 +40,6 @@ def wrong_where(wrong: torch.Tensor) -> Gaussians:
     """The ball with inverted colors where `wrong`."""
     gaussians = ball(torch.zeros(3))
     return replace(gaussians, sh=torch.where(wrong[:, None, None], -gaussians.sh, gaussians.sh))
-
-
-def test_an_error_of_one_view_does_not_count() -> None:
-    errors = [torch.tensor([0.0, 3.0, 1.0]), torch.tensor([9.0, 0.0, 1.0]), torch.tensor([0.0, 2.0, 1.0])]
-    assert agreed_error(errors).tolist() == [0, 2, 2]
-    assert agreed_error(errors[:1]).tolist() == [0, 3, 1]
 
 
 def test_splats_are_split_where_views_agree_that_the_image_is_wrong(seen: list[TrainingView]) -> None:

@@ -12,8 +12,6 @@ from studio.rasterizer import rasterize
 from studio.training import Detail, TrainingView, TrainSettings
 from studio.training.details import DetailBox, detail_boxes, detail_loss, detail_weights
 from studio.training.photometric import photometric_loss
-from studio.training.relocate import grow
-from studio.training.splat_optimizer import SplatOptimizer
 from studio.training.step import Stepper
 from tests.support.rigs import camera_at
 
@@ -37,16 +35,6 @@ def test_a_detail_behind_or_beside_the_camera_has_no_box() -> None:
     assert detail_boxes(camera, [Detail((6.0, 0.0, 0.0), 0.3, 2.0), Detail((0.0, 500.0, 0.0), 0.3, 2.0)]) == ()
 
 
-def test_the_box_of_a_crop_shows_the_same() -> None:
-    camera = camera_at("cam0", np.array([3.0, 0.0, 0.0]), size=(160, 120))
-    details = (Detail((0.0, 0.1, 0.1), 0.3, 2.0),)
-    (whole,) = detail_boxes(camera, details)
-    image, mask = torch.rand(80, 100, 3), torch.ones(80, 100)
-    view = TrainingView(camera.cropped(10, 20, 100, 80), image, mask).with_details(details)
-    (cut,) = view.detail_boxes
-    assert (cut.left + 10, cut.top + 20) == (whole.left, whole.top)
-
-
 def test_weights_are_those_of_pixels() -> None:
     generator = torch.Generator().manual_seed(0)
     image, target = torch.rand(2, 20, 30, 3, generator=generator, dtype=torch.float64)
@@ -56,16 +44,6 @@ def test_weights_are_those_of_pixels() -> None:
     expected = (weights[..., None] * (image - target).abs()).mean()
     found = photometric_loss(image, target, 0.0) + sum(detail_loss(image, target, box, 0.0) for box in boxes)
     assert torch.allclose(found, expected, atol=1e-12)
-
-
-def test_a_closer_view_of_pixels_that_are_repeated_counts_the_same() -> None:
-    """With L1 alone, each pixel four times has the same mean; what is not in the closer view does not matter."""
-    generator = torch.Generator().manual_seed(0)
-    image, target = torch.rand(2, 20, 30, 3, generator=generator, dtype=torch.float64)
-    box = DetailBox(3, 2, 13, 9, 4.0)
-    closer = [one[2:9, 3:13].repeat_interleave(2, 0).repeat_interleave(2, 1) for one in (image, target)]
-    expected = detail_loss(image, target, box, 0.0)
-    assert torch.allclose(detail_loss(target, target, box, 0.0, closer), expected, atol=1e-12)
 
 
 def test_a_step_compares_the_closer_view(large_view: TrainingView) -> None:
@@ -118,23 +96,3 @@ def splats(count: int) -> Gaussians:
 def test_a_splat_has_the_weight_of_the_heaviest_detail_around_it() -> None:
     details = [Detail((1.0, 0, 0), 1.1, 3.0), Detail((2.0, 0, 0), 0.5, 5.0), Detail((2.0, 0, 0), 0.6, 2.0)]
     assert detail_weights(splats(5).means, details).tolist() == [3, 3, 5, 1, 1]
-
-
-def test_strategy_mcmc_adds_copies_where_details_are() -> None:
-    settings = TrainSettings()
-    optimizer = SplatOptimizer(splats(1000), settings.rates, 2.0)
-    grow(optimizer, 1050, torch.Generator().manual_seed(0), [Detail((0.0, 0, 0), 99.5, 9.0)])
-    assert len(optimizer) == 1050
-    inside = int((optimizer.gaussians.means[1000:, 0] < 100).sum())
-    assert 15 <= inside <= 35, "half of them: 100 splats of weight 9, and 900 of weight 1"
-
-
-def test_a_step_weighs_them() -> None:
-    camera = camera_at("cam0", np.array([3.0, 0.0, 0.0]), size=(40, 30))
-    view = TrainingView(camera, torch.rand(30, 40, 3), torch.ones(30, 40))
-    settings = TrainSettings(background="black", alpha_weight=0)
-    losses = []
-    for details in ((), (Detail((0.0, 0, 0), 2.9, 3.0),)):
-        stepper = Stepper([view.with_details(details)], settings, torch.Generator().manual_seed(0))
-        losses.append(float(stepper(splats(3)).loss))
-    assert abs(losses[1] - 3 * losses[0]) < 1e-5, "the box covers the whole image"

@@ -8,7 +8,7 @@ import torch
 
 from studio.gaussians import Gaussians
 from studio.training import LearningRates, TrainingView, TrainSettings, train_jointly
-from studio.training.joint import joint_bytes, parts_of, views_of_frame
+from studio.training.joint import joint_bytes, views_of_frame
 from tests.studio.training.test_group import ball, loss_of, views
 
 MOVES = [step * torch.tensor([0.05, -0.02, 0.0]) for step in range(4)]
@@ -55,15 +55,6 @@ def test_frames_share_their_appearance_and_come_closer_to_the_footage(
     assert bend(trained) < 0.9 * bend(noisy)
     moved = (trained[-1].means - trained[0].means).mean(0)
     assert torch.allclose(moved, MOVES[-1], atol=0.01), "paths are smoothed, not stopped"
-
-
-@pytest.mark.parametrize(
-    ("frames", "lengths"), [(4, [4]), (11, [11]), (16, [8, 8]), (22, [8, 7, 7]), (30, [8, 7, 8, 7])]
-)
-def test_long_groups_share_their_appearance_in_parts(frames: int, lengths: list[int]) -> None:
-    parts = parts_of(frames)
-    assert [parts.count(part) for part in range(max(parts) + 1)] == lengths
-    assert parts == sorted(parts)
 
 
 def test_it_resumes_from_each_checkpoint_bit_for_bit(noisy: list[Gaussians], seen: list[list[TrainingView]]) -> None:

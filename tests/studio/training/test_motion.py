@@ -1,7 +1,5 @@
 """The predicted motion, and the kernel of the motion field against its PyTorch definition."""
 
-from dataclasses import replace
-
 import pytest
 import torch
 
@@ -76,21 +74,3 @@ def test_the_prediction_continues_velocity_and_part_of_the_acceleration() -> Non
     for earlier, acceleration, shift in ((third, 0.5, 2.5), (third, 0.0, 2.0), (None, 0.5, 2.0)):
         moved = predicted_means(previous, older, earlier, acceleration)
         assert torch.allclose(moved, previous.means + shift * SHIFT, atol=1e-6)  # moved by 1, then by 2
-
-
-def test_splats_that_are_too_faint_to_be_rendered_are_predicted_to_stay() -> None:
-    previous, older = ball(torch.zeros(3)), ball(-SHIFT)
-    faint = torch.arange(len(previous)) < 10
-    logits = torch.where(faint, torch.logit(torch.tensor(0.0025)), previous.logit_opacities)
-    moved = predicted_means(replace(previous, logit_opacities=logits), older, None, 0.0)
-    assert torch.equal(moved[faint], previous.means[faint])
-    assert torch.allclose(moved[~faint], previous.means[~faint] + SHIFT, atol=1e-6)
-
-
-def test_the_predicted_velocity_has_less_noise_than_that_of_single_splats() -> None:
-    previous, older = ball(torch.zeros(3)), ball(-SHIFT)
-    noise = 0.3 * SHIFT.norm() * torch.randn(previous.means.shape, generator=torch.Generator().manual_seed(5))
-    moved = predicted_means(previous, replace(older, means=older.means + noise), None, 0.0)
-    error = (moved - previous.means - SHIFT).norm(dim=-1).mean()
-    # the median of 25 Gaussian values has a quarter of their deviation
-    assert error < 0.35 * noise.norm(dim=-1).mean()

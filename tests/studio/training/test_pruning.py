@@ -5,7 +5,7 @@ import torch
 
 from studio.gaussians import Gaussians
 from studio.training import train_keyframe
-from studio.training.pruning import prune_rounds, pruned_in_round, splats_after_pruning
+from studio.training.pruning import prune_rounds, splats_after_pruning
 from studio.training.settings import TrainSettings
 from tests.studio.training.test_group import ball, views_of
 
@@ -23,11 +23,6 @@ def test_the_first_round_prunes_by_the_ratio_and_further_rounds_stop_at_the_limi
     """4000 splats: 2800, 1960 and 1372 by the ratio, of which the last round removes 372 instead of 411."""
     assert prune_rounds(settings(1000), splats) == rounds
     assert splats_after_pruning(settings(1000), splats) == left
-
-
-def test_a_round_removes_at_least_one_splat_but_never_all() -> None:
-    assert pruned_in_round(settings(10), 2, 0) == 1
-    assert pruned_in_round(settings(10), 1, 0) == 0
 
 
 def half_textured() -> Gaussians:

@@ -11,9 +11,9 @@ import torch
 from studio.cameras import Camera
 from studio.chroma import ChromaSampling, resampled
 from studio.gaussians import Gaussians
-from studio.training import LearningRates, TrainingView, TrainSettings, refine, train_interframe, train_keyframe
+from studio.training import LearningRates, TrainingView, TrainSettings, refine, train_keyframe
 from studio.training.keyframe import Checkpoint
-from studio.training.refine import Refinement, chroma_shift, drawn_mask, outlines_off, sharpened
+from studio.training.refine import Refinement, chroma_shift, drawn_mask
 from studio.training.step import Stepper
 from tests.studio.training.test_group import HEIGHT, WIDTH, cameras
 
@@ -34,32 +34,6 @@ def constants_for_small_images(monkeypatch: pytest.MonkeyPatch) -> None:
     """The images are small, and outlines soft."""
     monkeypatch.setattr(refine, "RAGGED_ABOVE", 8.0)
     monkeypatch.setattr(refine, "REFINE_EVERY", 25)
-
-
-def box(x: int, y: int, width: int, height: int) -> torch.Tensor:
-    mask = torch.zeros(40, 50)
-    mask[y : y + height, x : x + width] = 1
-    return mask
-
-
-def view_with(mask: torch.Tensor) -> TrainingView:
-    K = np.array([[60.0, 0, 25], [0, 60.0, 20], [0, 0, 1]])
-    return TrainingView(Camera("a", 50, 40, K, np.eye(4)), torch.zeros(40, 50, 3), mask)
-
-
-def test_sharpened_has_twice_the_slope_around_one_half() -> None:
-    found = sharpened(torch.tensor([0.0, 0.25, 0.4, 0.5, 0.7, 0.75, 1.0]))
-    assert found.tolist() == pytest.approx([0, 0, 0.3, 0.5, 0.9, 1, 1])
-
-
-def test_outlines_that_are_off_by_more_than_a_pixel_count() -> None:
-    inner = box(15, 10, 20, 16)  # an outline of 68 pixels
-    near, far = view_with(box(14, 9, 22, 18)), view_with(box(13, 10, 22, 16))  # one pixel all around; two on the left
-    assert outlines_off([inner], [near]) == 0
-    # of 72 pixels, those of the left side and of its corners
-    assert outlines_off([inner], [far]) == pytest.approx(100 * 16 / 72)
-    assert outlines_off([inner, inner], [view_with(inner), far]) == pytest.approx(100 * 16 / 140)
-    assert outlines_off([box(0, 0, 20, 16)], [view_with(box(0, 0, 20, 16))]) == 0
 
 
 def sphere(camera: Camera) -> tuple[torch.Tensor, torch.Tensor]:
@@ -128,21 +102,6 @@ def test_refined_masks_are_closer_to_the_truth(plates: bool) -> None:
     assert refined < (0.85 if plates else 0.97) * given
 
 
-def test_a_later_frame_keeps_the_outlines_of_the_keyframe(trained: Gaussians) -> None:
-    views, exact = shadowed(plates=False)
-    settings = SETTINGS.replace(
-        alpha_weight=1.0,
-        motion_iterations=0,
-        finetune_iterations=60,
-    )
-
-    def error(which: TrainSettings) -> float:
-        found = train_interframe(trained, views, which, keyframe_off=60.0).gaussians
-        return errors([drawn_mask(found, view) for view in views], exact)
-
-    assert error(settings) < 0.95 * error(settings.replace(refine_masks="never"))
-
-
 def test_auto_keeps_exact_masks_and_refines_others(trained: Gaussians) -> None:
     views, exact = shadowed(plates=True)
     for masks, refined in ((exact, False), ([view.mask for view in views], True)):
@@ -167,15 +126,6 @@ def test_splats_that_were_moved_badly_do_not_replace_masks(trained: Gaussians) -
     assert stepper.views is views
     refinement.refresh(trained)
     assert refinement.refined is True, "once they are where the performer is, they do"
-
-
-def test_a_new_mask_changes_the_target_only_without_a_plate() -> None:
-    color = torch.tensor([0.9, 0.1, 0.3])
-    for plates in (True, False):
-        view = shadowed(plates)[0][0]
-        other = view.with_mask(view.mask.roll(3, 1))
-        assert torch.equal(other.mask, view.mask.roll(3, 1))
-        assert torch.equal(other.over(color)[0], view.over(color)[0]) == plates
 
 
 def test_an_interrupted_keyframe_continues_to_the_same_bits() -> None:
@@ -204,18 +154,6 @@ def test_siting_is_found_from_the_footage(siting: str, expected: float, trained:
         TrainingView(view.camera, filmed(view), view.mask, view.plate, sampling) for view in shadowed(plates=True)[0]
     ]
     assert chroma_shift(trained, views, siting) == expected
-
-
-def test_what_is_refined_stays_refined(trained: Gaussians) -> None:
-    """Also once splats have followed their masks so closely that `auto` would not begin."""
-    views, _ = shadowed(plates=True)
-    stepper = Stepper(views, SETTINGS, torch.Generator())
-    refinement = Refinement(stepper, SETTINGS, keyframe_off=60.0)
-    refinement.begin(trained)
-    assert refinement.refined is True
-    for _ in range(3):
-        refinement.refresh(trained)  # the masks are what these splats draw
-        assert refinement.refined is True
 
 
 @pytest.mark.parametrize(("keyframe_off", "refined"), [(None, True), (60.0, True), (0.0, False)])

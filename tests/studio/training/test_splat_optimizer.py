@@ -59,14 +59,6 @@ def test_appended_splats_do_not_affect_the_others() -> None:
         assert torch.allclose(one, other, atol=1e-6), name
 
 
-def test_frozen_means_do_not_change() -> None:
-    start = splats(6)
-    optimizer = SplatOptimizer(start, LearningRates(), 1.0, train_means=False)
-    drive(optimizer, torch.ones(6), 3)
-    assert torch.equal(optimizer.gaussians.means, start.means)
-    assert not torch.equal(optimizer.gaussians.log_scales, start.log_scales)
-
-
 def test_pruning_removes_the_splats_with_the_lowest_importance_and_keeps_the_order() -> None:
     start = splats(100)
     optimizer = SplatOptimizer(start, LearningRates(), 1.0)
@@ -74,10 +66,3 @@ def test_pruning_removes_the_splats_with_the_lowest_importance_and_keeps_the_ord
     prune(optimizer, importance, 30)
     kept = [index for index in range(100) if importance[index] >= importance.sort().values[30]]
     assert torch.equal(optimizer.gaussians.means.detach(), start.means[kept])
-
-
-def test_opacity_reset_clamps() -> None:
-    optimizer = SplatOptimizer(splats(50), LearningRates(), 1.0)
-    drive(optimizer, torch.ones(50), 1)
-    optimizer.cap_opacity(0.01)
-    assert float(optimizer.gaussians.detach().opacities.max()) <= 0.01 + 1e-6

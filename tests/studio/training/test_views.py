@@ -5,14 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from scipy.ndimage import binary_erosion
 
 from studio.cameras import Camera
 from studio.capture import FootageView
 from studio.gaussians import Gaussians
 from studio.training import TrainingView, TrainSettings
 from studio.training.step import Stepper
-from studio.training.views import interior, mask_box, over_color, surroundings
+from studio.training.views import mask_box, over_color
 from tests.support.errors import refuses
 
 SIZE = 120
@@ -48,14 +47,6 @@ def test_crop_keeps_where_points_project() -> None:
     inside, _ = cropped.camera.project(point)
     assert pixel - inside == pytest.approx(np.array([[32.0, 20.0]]))
     assert torch.equal(cropped.image, torch.from_numpy(view.image[20:100, 32:88]).float() / 255)
-
-
-def test_composite_without_plate_is_the_mask_over_the_color() -> None:
-    view = TrainingView.from_view(captured(False))
-    color = torch.tensor([1.0, 0.0, 0.5])
-    expected = view.image * view.mask[..., None] + color * (1 - view.mask[..., None])
-    assert torch.allclose(view.over(color)[0], expected, atol=1e-6)
-    assert view.over(color)[1] is color
 
 
 @pytest.mark.usefixtures("instruction_set")
@@ -113,59 +104,6 @@ def test_an_estimated_plate_is_used_where_it_is_reliable_at_the_outline() -> Non
     nothing = view.with_mask(torch.zeros_like(view.mask))
     assert torch.allclose(nothing.over(color)[0][75, 60], color), "another mask cuts out less"
     assert torch.equal(nothing.over(color)[0][75, 38], target[75, 38])
-
-
-def test_surroundings_are_a_square_about_each_pixel() -> None:
-    mask = torch.zeros(SIZE, SIZE)
-    mask[30:90, 20:100] = 1
-    mask[10, 10] = 0.5
-    reach = max(4, round(0.02 * 80))
-    whole = torch.nn.functional.max_pool2d((mask > 0.02).float()[None, None], 2 * reach + 1, 1, reach)[0, 0]
-    assert torch.equal(surroundings(mask), whole)
-
-
-def test_an_empty_render_over_the_plate_is_the_plate() -> None:
-    view = TrainingView.from_view(captured(True))
-    nothing = Gaussians(
-        torch.tensor([[0.0, 0.0, -5.0]]), torch.ones(1, 4), torch.zeros(1, 3), torch.zeros(1), torch.zeros(1, 1, 3)
-    )
-    step = Stepper([view], TrainSettings(background="black"), torch.Generator().manual_seed(0))(nothing)
-    near = surroundings(view.mask) > 0
-    assert torch.allclose(step.render.image[near], view.plate[near], atol=1e-6)
-    assert float(step.render.image[~near].abs().max()) == 0
-
-
-def test_dropped_splats_are_not_drawn() -> None:
-    view = TrainingView.from_view(captured(False))
-    # equal splats in front of the camera: each splat that is not dropped is drawn and gets a gradient
-    n = 40
-    many = Gaussians(
-        torch.tensor([[0.0, 0.0, 2.0]]).repeat(n, 1),
-        torch.tensor([[1.0, 0.0, 0.0, 0.0]]).repeat(n, 1),
-        torch.full((n, 3), -2.0),
-        torch.full((n,), -4.0),
-        torch.ones(n, 1, 3),
-    )
-    many.means.requires_grad_()
-    stepper = Stepper([view], TrainSettings(background="black", dropout=0.5), torch.Generator().manual_seed(0))
-    step = stepper(many, dropout=True)
-    step.loss.backward()
-    drawn = step.render.radii > 0
-    assert 5 < int(drawn.sum()) < n - 5
-    assert torch.equal(many.means.grad.norm(dim=-1) > 0, drawn)
-    assert bool((stepper(many, dropout=False).render.radii > 0).all())
-
-
-def test_the_interior_begins_two_pixels_from_the_outline() -> None:
-    """Against an erosion by another library; a performer that is too thin for it is taken whole."""
-    mask = torch.ones(40, 50)
-    mask[5:9, 12], mask[17, 11], mask[:, 30:] = 0.98, 0.0, 0.5
-    expected = binary_erosion((mask > 0.99).numpy(), np.ones((5, 5)), border_value=1)
-    assert expected.any()
-    assert np.array_equal(interior(mask).numpy(), expected)
-    thin = torch.zeros(40, 50)
-    thin[:, 20:22] = 1
-    assert torch.equal(interior(thin), thin > 0.5)
 
 
 @pytest.mark.parametrize("plate", [False, True])

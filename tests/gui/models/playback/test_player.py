@@ -245,20 +245,6 @@ def test_frames_that_are_trained_meanwhile_show_up(player: PlayerPresenter, tmp_
     assert player.picture.frame == 2
 
 
-def test_what_was_chosen_comes_back_after_a_bake(player: PlayerPresenter, stream_folder: Path, tmp_path: Path) -> None:
-    """While a take is baked again, it has no stream."""
-    take = make_take(tmp_path / "take", 12, stream_folder)
-    assert player.open(take.root), player.message
-    for chosen in ("decoded", "trained"):
-        assert player.choose(chosen)
-        shutil.rmtree(take.stream)
-        assert player.refresh()
-        assert player.what == "trained"
-        shutil.copytree(stream_folder, take.stream)
-        assert player.refresh(), player.message
-        assert player.what == chosen
-
-
 def test_worker_drops_what_is_overtaken_and_reports_errors() -> None:
     started: list[int] = []
 

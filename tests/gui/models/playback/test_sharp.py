@@ -74,37 +74,3 @@ def test_the_view_is_sharp_at_rest_and_quick_when_it_moves(views: Views) -> None
     assert views.drawn == drawn, "once per rest"
     views.views.drag(30, 0, True, 500)
     assert views.picture().shape == (250, 360, 3)
-
-
-def test_a_picture_zoomed_to_the_performer_stays_sharp(views: Views) -> None:
-    views.player.look_through("cam1")
-    views.player.zoom_to_performer()
-    odd, drawn = (501, 723), (250, 361)
-    shapes = []
-    for _ in range(12):
-        views.clock += RESTS_AFTER / 2
-
-        def all_drawn() -> bool:
-            new = views.views.poll(odd, drawn, 20.0)
-            picture = views.player.picture  # the view also says "loading" where a picture is late
-            shapes.extend([] if picture is None else [picture.image.shape[:2]])
-            return new is None and views.views.settled
-
-        wait_until("all is drawn", all_drawn)
-    assert (723, 501) in shapes
-    assert set(shapes[shapes.index((723, 501)) :]) == {(723, 501)}, "a small image replaced the sharp one"
-    zoom = views.player.image_zoom
-    views.views.poll((723, 501), (723, 501), 20.0)
-    assert views.player.image_zoom != zoom, "another shape shows another part"
-
-
-def test_a_picture_that_would_take_long_stays_small(views: Views, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(player_module, "LONGEST_SHARP", 0.4)
-    views.seconds = 0.15  # four times the pixels: 0.6 s
-    assert views.picture().shape == (250, 360, 3)
-    drawn = views.drawn
-    for _ in range(5):
-        views.clock += RESTS_AFTER
-        assert views.views.poll(FULL, DRAWN, 20.0) is None
-    assert views.views.settled
-    assert views.drawn == drawn

@@ -2,22 +2,8 @@
 
 import pytest
 
-from gui.models.playback.timeline import Timeline
 from gui.models.playback.transport import Transport
 from tests.support.waiting import HandClock
-
-
-def test_frames_come_from_the_clock(clock: HandClock) -> None:
-    transport = Transport(30, 25.0, now=clock)
-    assert (transport.frame, transport.playing) == (0, False)
-    transport.play()
-    clock.time += 1.0
-    assert transport.frame == 25
-    clock.time += 0.4  # 35 frames: loops once
-    assert transport.frame == 5
-    transport.pause()
-    clock.time += 10.0
-    assert transport.frame == 5
 
 
 def test_without_loop_it_ends_at_the_last_frame_and_starts_again(clock: HandClock) -> None:
@@ -80,35 +66,6 @@ def test_playback_repeats_the_span(clock: HandClock) -> None:
     assert not transport.clear_span()
 
 
-def test_the_sound_begins_again_with_the_span() -> None:
-    class Sound:
-        def __init__(self) -> None:
-            self.begun: list[float] = []
-            self.at: float | None = None
-
-        def play(self, seconds: float, loop: bool) -> None:
-            self.begun.append(seconds)
-            self.at = seconds
-
-        def stop(self) -> None:
-            self.at = None
-
-        def position(self) -> float | None:
-            return self.at
-
-    sound = Sound()
-    transport = Transport(20, 10.0, now=HandClock())
-    transport.follow(sound)  # type: ignore[arg-type]
-    transport.select_span(5, 8)
-    transport.play()
-    assert sound.begun == [0.5]
-    sound.at = 0.9
-    assert transport.frame == 5
-    assert sound.begun == [0.5, 0.5]
-    sound.at = 0.75
-    assert transport.frame == 7
-
-
 def test_a_key_sets_begin_and_end_and_clears() -> None:
     transport = Transport(20, 10.0, now=HandClock())
     transport.seek(12)
@@ -123,18 +80,3 @@ def test_a_key_sets_begin_and_end_and_clears() -> None:
     assert transport.span == (0, 19)
     transport.resize(10, (0,), 10.0)
     assert transport.span is None, "its frames are gone"
-
-
-@pytest.mark.parametrize(("width", "frames"), [(900, 30), (64, 30), (20, 300), (1000, 7), (5, 1)])
-def test_timeline_pixels_and_frames_agree(width: int, frames: int) -> None:
-    timeline = Timeline(width, 16, frames, (0,))
-    if width >= frames:
-        for frame in range(frames):
-            left, right = timeline.span(frame)
-            assert {timeline.frame_at(x) for x in range(left, right)} == {frame}
-        assert timeline.span(0)[0] == 0
-        assert timeline.span(frames - 1)[1] == width
-    assert timeline.frame_at(-50) == 0
-    assert timeline.frame_at(1e6) == frames - 1
-    picture = timeline.picture(frames - 1)
-    assert picture.shape == (16, width, 3)

@@ -60,14 +60,6 @@ def test_what_is_behind_splats_shines_through(
     assert red(splats(alpha, 2.0), surface(solid, 255), parts) == pytest.approx(expected, abs=0.003)
 
 
-def test_a_line_behind_a_surface_is_hidden_and_one_on_it_is_not() -> None:
-    for layer in (None, splats(1.0, 9.0), splats(1.0, 0.5)):
-        hidden = layer is not None and layer.depth[0, 0] < 2
-        assert red(layer, surface(2.0, 0), fragments((0, 3.0, 1.0, 255))) == pytest.approx(0.5 * hidden, abs=0.003)
-        on_it = red(layer, surface(2.0, 0), fragments((0, 2.001, 1.0, 255)))
-        assert on_it == pytest.approx(0.5 if hidden else 1.0, abs=0.003)
-
-
 def test_lines_blend_far_ones_first_in_any_order() -> None:
     rng = np.random.default_rng(3)
     count = MOST_PER_PIXEL
@@ -77,11 +69,3 @@ def test_lines_blend_far_ones_first_in_any_order() -> None:
         expected += (gray[one] / 255 - expected) * cover[one]
     parts = fragments(*((0, depth[i], cover[i], gray[i]) for i in range(count)))
     assert red(None, surface(None), parts) == pytest.approx(expected, abs=0.003)
-
-
-def test_the_nearest_surface_wins() -> None:
-    found = surface(3.0, 10)
-    for depth, level in ((2.0, 20), (4.0, 30)):
-        found.add(patch(depth, level))
-    assert found.pixels[0, 0, 0] == 20
-    assert found.depth[0, 0] == 2.0

@@ -4,21 +4,9 @@ import numpy as np
 import pytest
 
 from gui.drawing.canvas import Canvas
-from gui.models.scene import contents
 from gui.models.scene.gizmo import along, draw_gizmo
 from gui.models.scene.orbit import OrbitCamera
 from gui.pages.stage_view import shown_at
-
-
-def test_the_grid_lies_on_the_ground_and_stays_while_the_performer_moves() -> None:
-    up = np.array([0.0, 0.6, 0.8])
-    grid, step = contents.grid_lines(np.array([1.0, 2.0, 3.0]), up, 0.7, 2.0)
-    assert np.abs(grid.ends @ up - 0.7).max() < 1e-9
-    assert len(grid.ends) == 2 * (2 * contents.GRID_CELLS + 1)
-    lengths = np.linalg.norm(grid.ends[:, 1] - grid.ends[:, 0], axis=1)
-    assert lengths == pytest.approx(np.full(len(lengths), 2 * contents.GRID_CELLS * step))
-    moved, _ = contents.grid_lines(np.array([1.0, 2.0, 3.0]) + 0.01 * step, up, 0.7, 2.0)
-    assert np.abs(moved.ends - grid.ends).max() < 1e-9
 
 
 def test_an_end_of_the_view_axes_is_where_its_axis_points_and_looks_along_it() -> None:

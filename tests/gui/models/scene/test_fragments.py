@@ -3,7 +3,7 @@
 import numpy as np
 
 from gui.models.scene.contents import Lines
-from gui.models.scene.fragments import image_on_quad, line_fragments, point_fragments
+from gui.models.scene.fragments import image_on_quad, line_fragments
 from studio.cameras import Camera
 
 K = np.array([[100.0, 0, 60], [0, 110.0, 40], [0, 0, 1]])
@@ -37,28 +37,6 @@ def test_a_lines_pixels_lie_on_it_at_its_depth() -> None:
         length = np.linalg.norm(pixels[-1] - pixels[0])
         assert abs(found.cover.sum() / (2.0 * length) - 1) < 0.06
         assert (found.colors == (9, 8, 7)).all()
-
-
-def test_lines_are_cut_at_the_near_plane_and_at_the_edges() -> None:
-    view = Camera("view", 120, 80, K, np.eye(4))
-    through = line_fragments(view, Lines.of([[np.array([0.0, 0.1, -5]), np.array([0.0, 0.1, 5])]], (1, 1, 1)))
-    assert len(through)
-    assert (through.depth > 0).all()
-    assert ((through.pixels >= 0) & (through.pixels < 120 * 80)).all()
-    assert not len(line_fragments(view, Lines.of([[np.array([0, 0, -5.0]), np.array([1, 0, -1.0])]], (1, 1, 1))))
-    assert not len(line_fragments(view, Lines.of([[np.array([50, 0, 1.0]), np.array([50, 1, 1.0])]], (1, 1, 1))))
-    far = line_fragments(view, Lines.of([[np.array([-1e6, 0, 2.0]), np.array([1e6, 0, 2.0])]], (1, 1, 1), 1.0))
-    assert len(np.unique(far.pixels % 120)) == 120
-
-
-def test_points_are_where_the_camera_projects_them() -> None:
-    view = camera()
-    points = np.array([[0.1, 0.2, 0.3], [0, 0, -50.0], [99, 0, 0]])
-    found = point_fragments(view, points, np.array([[1, 2, 3]] * 3, np.uint8))
-    pixels, depth = view.project(points[:1])
-    assert found.pixels.tolist() == [int(pixels[0, 1]) * 120 + int(pixels[0, 0])]
-    assert found.depth.tolist() == depth.tolist()
-    assert len(point_fragments(view, points[:1], np.zeros((1, 3), np.uint8), 2)) == 9
 
 
 def test_an_image_on_a_quad_has_the_depth_of_its_plane() -> None:

@@ -5,10 +5,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import open3d as o3d
 import pytest
 
-from gui.models.held_out import held_out_cameras
 from gui.models.loop import LOOP
 from gui.models.playback.player import PlayerPresenter
 from gui.models.scene.contents import SceneWanted
@@ -18,15 +16,12 @@ from gui.models.scene.rest import RESTS_AFTER
 from gui.models.take.workspace import Workspace
 from gui.pages.stage_views import StageViews
 from gui.widgets.raycast import RaycastMesh
-from pipelines.config import load_config
-from pipelines.stages.inputs import Inputs
 from pipelines.takes.take import Take
 from studio.camera_files import read_rig
 from tests.support.looping import heard
 from tests.support.waiting import wait_until
 
 FULL, DRAWN = (720, 500), (360, 250)
-FAIR = (222, 178, 92)
 
 
 class Scene:
@@ -74,34 +69,6 @@ def scene(finished_project: Path) -> Iterator[Scene]:
     assert found.workspace.close()
 
 
-def test_splats_alone_are_the_rasterizers_picture(scene: Scene) -> None:
-    scene.show("splats")
-    picture = scene.picture()
-    scene.views.choose("scene")
-    alone = scene.picture()
-    difference = np.abs(picture.astype(int) - alone)
-    difference[:110, -110:] = 0  # the view axes
-    assert difference.max() <= 1
-
-
-def test_the_mesh_is_as_far_away_as_its_vertices(scene: Scene, finished_project: Path) -> None:
-    path = Take.open(finished_project / "take").initialize_group(0) / "mesh.ply"
-    mesh, camera = RaycastMesh(path), scene.player.orbit.camera(*FULL)
-    pixels, depth = mesh.seen(camera)
-    assert (pixels == mesh.draw(camera)).all()
-    vertices = np.asarray(o3d.io.read_triangle_mesh(str(path)).vertices)
-    places, away = camera.project(vertices)
-    columns, rows = np.floor(places).astype(int).T
-    inside = (columns >= 0) & (rows >= 0) & (columns < FULL[0]) & (rows < FULL[1])
-    seen = depth[rows[inside], columns[inside]]
-    apart = away[inside] - seen
-    assert np.isfinite(seen).mean() > 0.9
-    # a vertex is on the surface that is seen there, or behind it
-    size = float(np.ptp(away))
-    assert np.nanpercentile(np.where(np.isfinite(apart), apart, np.nan), 2) > -0.03 * size
-    assert (np.abs(apart) < 0.03 * size).mean() > 0.3
-
-
 def test_cameras_can_be_clicked(scene: Scene, finished_project: Path) -> None:
     rig = read_rig(Take.open(finished_project / "take").rig)
     scene.show("splats", "cameras")
@@ -134,13 +101,6 @@ def test_the_camera_in_whose_place_the_view_is_does_not_cover_it(scene: Scene) -
     assert first.name not in {name for name, _ in found.cameras}
 
 
-def test_cameras_held_out_by_name_are_known_without_the_footage(finished_project: Path, tmp_path: Path) -> None:
-    take = Take.open(finished_project / "take")
-    config = load_config(take.config)
-    gone = config.replace(capture=config.capture.replace(root=str(tmp_path / "gone")))
-    assert held_out_cameras(Inputs(take, gone)) == ("cam4",)
-
-
 def test_frusta_have_the_images_of_the_frame_once_the_view_rests(scene: Scene) -> None:
     context = scene.workspace.context
     assert context is not None
@@ -169,17 +129,3 @@ def test_frusta_have_the_images_of_the_frame_once_the_view_rests(scene: Scene) -
     assert later is not None
     assert (later == footage(1, later)).all()
     assert (later != resting).any()
-
-
-def test_the_box_surrounds_the_initial_points(scene: Scene, finished_project: Path) -> None:
-    from pipelines.takes.point_files import read_points
-
-    points, _ = read_points(Take.open(finished_project / "take").initialize_group(0) / "points.ply")
-    scene.show("volume")
-    picture = scene.picture()
-    rows, columns = np.nonzero((np.abs(picture.astype(int) - FAIR) < 40).all(axis=2))
-    pixels, _ = scene.player.orbit.camera(*DRAWN).project(points)
-    assert columns.min() <= pixels[:, 0].min() + 2
-    assert columns.max() >= pixels[:, 0].max() - 2
-    inside = (pixels[:, 1] > 0) & (pixels[:, 1] < DRAWN[1])
-    assert rows.min() <= pixels[inside, 1].min() + 2

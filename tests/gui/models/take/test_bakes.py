@@ -3,21 +3,14 @@
 from pathlib import Path
 
 import numpy as np
-import pytest
 
-from gui.models.evaluation import Evaluation
 from gui.models.playback.other_source import OTHER, open_other
 from gui.models.playback.player import PlayerPresenter
-from gui.models.playback.stream_source import LeftOut
 from gui.models.playback.timeline_plots import plots_of
 from gui.models.take.bakes import Bakes, bake_words
-from pipelines.takes.evaluation import FrameQuality
 from pipelines.takes.take import Take
-from studio.edits import World
-from studio.stream import CapturePlace
 from tests.support.looping import wait_in_loop
 from tests.support.players import settle
-from tests.support.streams import bake_numbered, set_capture
 
 
 def picture(player: PlayerPresenter) -> np.ndarray:
@@ -75,29 +68,6 @@ def test_up_to_four_are_side_by_side_and_a_key_goes_back_and_forth(
     assert player.what == "footage"
     assert player.exchange()
     assert player.what == "decoded"
-
-
-def test_a_kept_bake_is_compared_at_the_frames_and_in_the_world_of_the_take(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    folder = bake_numbered(tmp_path / "stream", (6, 4), 25)
-    world = World(origin=(0, 2, 0), scale=10).similarity
-    set_capture(folder, CapturePlace(3, world))
-    rows = {frame: FrameQuality.model_construct(psnr_decoded=20.0 + frame) for frame in range(3, 13)}
-    monkeypatch.setattr(Evaluation, "read", lambda path: Evaluation(rows))
-    other = open_other(folder, "kept", tmp_path / "evaluation.json")
-    try:
-        other.span(13, 25.0, (3, 9))
-        shown = other.gaussians(8).means[0].numpy()
-        assert np.allclose(world.points(shown), [5, 0, 0], atol=1e-3), "frame 5 of the stream"
-        with pytest.raises(LeftOut):
-            other.gaussians(2)
-        assert other.series("psnr_decoded") == [None] * 3 + [20.0 + frame for frame in range(3, 13)]
-    finally:
-        other.close()
-    bare = open_other(folder, in_take=False)
-    assert np.allclose(bare.gaussians(5).means[0], [5, 0, 0], atol=1e-3), "beside another bare stream"
-    bare.close()
 
 
 def test_curves_of_both_are_on_one_axis(player: PlayerPresenter, finished_project: Path, stream_folder: Path) -> None:

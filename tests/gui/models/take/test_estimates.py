@@ -48,18 +48,3 @@ def test_figures_are_measured_once_and_kept(
     assert not again.show(take, with_values(config, {"train.max_splats": 11})), "the presets set it"
     assert again.show(take, with_values(config, {"capture.scale": 0.5}))
     assert again.figures == {}, "of other images"
-
-
-def test_a_failure_is_told_and_nothing_is_kept(
-    finished_project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    take = Take.open(finished_project / "take")
-    config = load_config(take.config)
-    estimates = Estimates(lambda: program("raise SystemExit('error: no cameras')"))
-    estimates.show(take, config)
-    estimates.start(take)
-    wait_in_loop("the end", lambda: not estimates.running)
-    assert estimates.failure == "no cameras"
-    assert estimates.figures == {}
-    assert not list(tmp_path.rglob("*.json"))

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gui.models.camera_path import reframed
 from gui.models.scene.orbit import OrbitCamera
 from gui.models.take.exports import ExportRequest, Exports
 from pipelines.events import Log
@@ -15,9 +14,8 @@ from pipelines.takes.edits import change_edits
 from pipelines.takes.frame_files import FrameMetadata, write_frame
 from pipelines.takes.take import Take
 from studio.edits import EditList, Trim, World
-from studio.formats.ply import read as read_ply
 from studio.similarity import Similarity
-from studio.stream import CapturePlace, StreamReader
+from studio.stream import CapturePlace
 from tests.support.errors import refuses
 from tests.support.looping import wait_in_loop
 from tests.support.splats import converted_splats, write_group
@@ -61,16 +59,6 @@ def test_notes_of_an_export_are_told_with_its_result(tmp_path: Path, monkeypatch
         finish(exports)
         assert not exports.failed, exports.result
         assert exports.result.split("\n") == [f"Written: {tmp_path / 'out'}", *notes], "each of its own export"
-
-
-def test_what_fails_is_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    program = [sys.executable, "-c", "raise SystemExit('error: the disk is full')"]
-    monkeypatch.setattr("gui.models.take.exports.v3studio_command", lambda: program)
-    exports = Exports()
-    exports.start(request("ply", tmp_path / "stream", tmp_path / "out"))
-    finish(exports)
-    assert (exports.failed, exports.written) == (True, None)
-    assert exports.result.endswith(": the disk is full")
 
 
 @pytest.mark.parametrize(("of", "kind"), [("decoded", "camera-path"), ("trained", "exr")])
@@ -140,15 +128,6 @@ def test_views_of_a_stream_become_those_of_its_exports(tmp_path: Path, monkeypat
         assert key.camera.project(points)[0] == pytest.approx(view.project(points)[0], abs=1e-6)
 
 
-def test_a_view_keeps_its_height_in_another_shape() -> None:
-    camera = OrbitCamera(target=np.array([0.2, 0.1, 0.3]), yaw=0.4, pitch=0.2).camera(700, 560)
-    wide = reframed(camera, 1280, 720)
-    points = np.random.default_rng(1).normal(0, 0.3, (50, 3))
-    before, after = camera.project(points)[0], wide.project(points)[0]
-    assert after[:, 1] == pytest.approx(before[:, 1] * 720 / 560)
-    assert after[:, 0] - 640 == pytest.approx((before[:, 0] - 350) * 720 / 560)
-
-
 def test_a_request_becomes_the_command_line(tmp_path: Path) -> None:
     found = ExportRequest("turntable", "/takes/walk", "walk", tmp_path, "decoded")
     assert found.target == str(tmp_path / "walk-decoded-turntable.mp4")
@@ -170,24 +149,3 @@ def test_a_request_becomes_the_command_line(tmp_path: Path) -> None:
         found.seconds = seconds
         with refuses("export.bad_seconds", value=seconds):
             found.arguments()
-
-
-def test_the_frame_on_screen_or_a_span_is_exported(stream_folder: Path, tmp_path: Path) -> None:
-    ranges = {"all": None, "frame 3": range(3, 4), "frames 2 to 4": range(2, 5)}
-    one = ExportRequest("ply", str(stream_folder), "out", tmp_path, ranges=ranges, frames="frame 3")
-    assert one.path == tmp_path / "out-stream-ply-frame-3.ply"
-    assert one.chosen == range(3, 4)
-    wanted = ExportRequest("ply", str(stream_folder), "out", tmp_path, ranges=ranges, frames="frames 2 to 4")
-    exports = Exports()
-    exports.start(wanted)
-    finish(exports)
-    assert not exports.failed, exports.result
-    written = sorted(path for path in tmp_path.rglob("*.ply"))
-    assert len(written) == 3
-    assert wanted.path == tmp_path / "out-stream-ply-frames-2-to-4"
-    with StreamReader.open(stream_folder) as source:
-        shown = source.gaussians(2).means
-        other = source.gaussians(7).means
-    means = read_ply(written[0], lambda *_: None).means
-    assert np.allclose(means, shown, atol=1e-4)
-    assert not np.allclose(means, other, atol=1e-4)

@@ -1,7 +1,6 @@
 """Following runs: collected events, child processes, crashes, growing logs; and the workspace on a real take."""
 
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -13,7 +12,7 @@ import psutil
 import pytest
 
 from gui.models.take.jobs import Job, is_paused
-from gui.models.take.run_state import CURVE_POINTS, Curve, RunState
+from gui.models.take.run_state import RunState
 from gui.models.take.workspace import Workspace
 from pipelines.events import (
     Finished,
@@ -67,15 +66,6 @@ def test_a_run_told_by_its_events() -> None:
     following.apply(progress(0.1, loss=0.7))
     assert following.curves["loss"][0].values == [0.7], "a new training run starts over"
     assert "psnr" not in following.curves
-
-
-def test_curves_stay_small() -> None:
-    curve = Curve()
-    for number in range(3 * CURVE_POINTS):
-        curve.add(number / (3 * CURVE_POINTS), float(number))
-    assert len(curve.positions) == len(curve.values) <= CURVE_POINTS
-    assert curve.positions == sorted(curve.positions)
-    assert curve.values[-1] == 3 * CURVE_POINTS - 1
 
 
 def job_of(code: str, take: Take) -> Job:
@@ -279,16 +269,6 @@ def test_damaged_settings_are_a_sentence_until_they_are_repaired(workspace: Work
     (take_copy / "config.yaml").write_text(written)
     wait(workspace, "repaired", lambda: workspace.problem == "")
     assert workspace.config is not None
-
-
-def test_a_take_whose_folder_is_removed_says_so_and_has_no_results(workspace: Workspace, take_copy: Path) -> None:
-    workspace.open(Take.open(take_copy))
-    wait(workspace, "assessed", lambda: states(workspace)["train"] == "done")
-    shutil.rmtree(take_copy)
-    wait(workspace, "noticed", lambda: "is gone" in workspace.problem)
-    assert "done" not in states(workspace).values()
-    assert not workspace.start("all")
-    assert not take_copy.exists()
 
 
 def test_a_run_on_a_cluster_is_not_paused(workspace: Workspace, take_copy: Path) -> None:

@@ -1,7 +1,6 @@
 """Garbage masks drawn in Capture: clicks in, polygons, masks and settings out."""
 
 import shutil
-import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -91,18 +90,6 @@ def test_a_closed_polygon_is_taken_from_the_masks_of_its_camera(views: StageView
     assert status(Take.open(take_copy), load_config(take_copy / "config.yaml"))["initialize"].state == "stale"
 
 
-def test_clicks_are_pixels_of_the_image_that_is_shown(views: StageViews, finished_project: Path) -> None:
-    shown = picture(views)
-    image = views.capture.image_at
-    left, top, width, height = (round(value) for value in image.place)
-    filmed = cv2.imread(str(finished_project / "capture" / "images" / "cam1" / "000.png"))[..., ::-1]
-    large = cv2.resize(filmed, (width, height), interpolation=cv2.INTER_LINEAR)
-    found = cv2.matchTemplate(shown, np.ascontiguousarray(large[2:-2, 2:-2]), cv2.TM_SQDIFF)
-    _, _, place, _ = cv2.minMaxLoc(found)
-    # within half a pixel of the image; the masks' outline is over it
-    np.testing.assert_allclose(place, (left + 2, top + 2), atol=0.5 * width / 64)
-
-
 def test_undo_redo_and_delete(views: StageViews, take_copy: Path) -> None:
     settings, before = load_config(take_copy / "config.yaml"), masks(take_copy)
     draw(views)
@@ -143,23 +130,6 @@ def test_corners_are_taken_back_and_escape_forgets_them(views: StageViews, take_
     assert chosen == [("cam1",)], "with all cameras shown, a click chooses one"
 
 
-def test_polygons_of_a_file_are_kept_and_the_file_is_not_changed(views: StageViews, take_copy: Path) -> None:
-    """Drawn on an image of half the size, as the file says."""
-    given = take_copy.parent / "mine.yaml"
-    given.write_text("cam1: {keep: [[[0, 0], [32, 0], [32, 24], [0, 24]]], size: [32, 24]}  # mine")
-    text = given.read_text()
-    assert views.workspace.change_setting("capture.garbage_masks", str(given)) is None
-    draw(views)
-    assert given.read_text() == text
-    found = parse_yaml((take_copy / "garbage.yaml").read_text())["cam1"]
-    assert found["keep"] == [[[0, 0], [32, 0], [32, 24], [0, 24]]]
-    assert found["size"] == [32, 24]
-    assert np.allclose(np.array(found["remove"][0]) * 2, CORNERS, atol=0.2)
-    views.workspace.history.undo()
-    assert load_config(take_copy / "config.yaml").capture.garbage_masks == str(given)
-    assert not (take_copy / "garbage.yaml").exists()
-
-
 def test_garbage_masks_that_are_images_are_not_drawn_over(views: StageViews, take_copy: Path) -> None:
     masks = take_copy.parent / "garbage"
     masks.mkdir()
@@ -182,28 +152,3 @@ def test_garbage_masks_that_are_images_are_not_drawn_over(views: StageViews, tak
     views.choose(GARBAGE)
     picture(views)
     assert "images" in str(refused.pop()), "the mode was chosen again"
-
-
-def test_they_stay_with_a_take_that_is_moved_or_copied(views: StageViews, take_copy: Path, tmp_path: Path) -> None:
-    draw(views)
-    capture = load_config(take_copy / "config.yaml").capture.root
-    around = [Path(tempfile.mkdtemp(prefix=f"{letter}-", dir=capture.parent)) for letter in "az"]
-    assert str(around[0]) < str(capture) < str(around[1]), "in both places of the alphabet"
-    drawn, before = masks(take_copy)["cam1"], digest(take_copy)
-    copied = Path(shutil.copytree(take_copy, tmp_path / "copied"))
-    moved = Path(shutil.copytree(take_copy, tmp_path / "other place" / "moved"))
-    elsewhere = [Path(shutil.copytree(take_copy, folder / "moved")) for folder in around]
-    for name in ("garbage.yaml", "config.yaml"):  # the views' take is still open
-        (take_copy / name).unlink()
-    np.testing.assert_array_equal(masks(moved)["cam1"], drawn)
-    assert [digest(take) for take in (moved, *elsewhere)] == [before] * 3, "what was made with them stays valid"
-    for folder in around:
-        shutil.rmtree(folder)
-    (copied / "garbage.yaml").write_text("cam1: {remove: [[[0, 0], [64, 0], [64, 48], [0, 48]]]}")
-    assert not masks(copied)["cam1"].any(), "a copy has its own"
-    np.testing.assert_array_equal(masks(moved)["cam1"], drawn)
-    assert digest(copied) != before
-
-
-def digest(take: Path) -> str:
-    return TakeFootage(Take.open(take), load_config(take / "config.yaml")).digest

@@ -180,26 +180,6 @@ def test_a_ground_plane_and_floaters_and_trims(view: EditView) -> None:
     assert "Nothing is selected" in view.refused
 
 
-def test_a_drawing_that_selects_nothing_is_refused(view: EditView) -> None:
-    drawn(view)
-    assert view.idle_buttons == {"remove"}
-    view.press("lasso")
-    for corner, selects in ((4, False), (120, True)):
-        assert view.grabs(100, 2)
-        for x, y in ((220, 2), (220, corner), (100, corner)):
-            view.pull(x, y)
-        view.release()
-        drawn(view)
-        assert (view.counts["selected"] > 0) is selects
-        assert view.idle_buttons == (set() if selects else {"remove"})
-        view.press("remove")
-        assert ("Nothing is selected" in view.refused) is not selects
-    view.remove_selected(None)
-    removed = view.counts["selected"]
-    drawn(view)
-    assert view.counts["removed"] == removed > 0, "as many as were selected, also of a range of all frames"
-
-
 def ring(new: np.ndarray, old: np.ndarray) -> tuple[float, float, float]:
     """Middle and radius of what differs, pixels."""
     rows, columns = np.nonzero((new != old).any(axis=2))

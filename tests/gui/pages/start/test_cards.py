@@ -11,11 +11,8 @@ import numpy as np
 import pytest
 
 from gui.pages.start import thumbnail as thumbnails
-from gui.pages.start.cards import describe, folder_bytes, state_words
+from gui.pages.start.cards import describe, folder_bytes
 from gui.pages.start.thumbnail import SIZE, thumbnail
-from pipelines.runs.staleness import StageStatus
-
-STAGES = ("calibrate", "initialize", "train", "bake", "evaluate")
 
 
 def test_a_finished_take(finished: Path) -> None:
@@ -51,22 +48,6 @@ def test_what_is_not_a_take_is_told(take_copy: Path, tmp_path: Path) -> None:
     assert "format 99" in damaged.state
     (tmp_path / "empty").mkdir()
     assert "neither a take nor a stream" in describe(str(tmp_path / "empty")).state
-
-
-@pytest.mark.parametrize(
-    ("states", "words"),
-    [
-        (("done",) * 5, ("all stages done", "done")),
-        (("missing",) * 5, ("not started", "missing")),
-        (("done", "done", "missing", "missing", "missing"), ("next: Train", "missing")),
-        (("done", "done", "done", "stale", "stale"), ("Bake and Review stale", "stale")),
-        (("done", "failed", "missing", "missing", "missing"), ("Initialize failed", "failed")),
-        (("done", "done", "partial", "missing", "missing"), ("Train: 3 of 30 frames", "stale")),
-    ],
-)
-def test_states_are_words(states: tuple[str, ...], words: tuple[str, str]) -> None:
-    found = {name: StageStatus(name, state, "", 3, 30, "frames") for name, state in zip(STAGES, states, strict=True)}
-    assert state_words(found) == words
 
 
 def test_a_thumbnail_is_drawn_once(finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,7 +5,6 @@ from pathlib import Path
 import pytest
 
 from gui.models.folders import FolderList
-from gui.models.preferences import Preferences
 
 
 @pytest.fixture
@@ -68,8 +67,3 @@ def test_what_cannot_be_had_is_a_sentence(tree: Path) -> None:
     assert found.folder == tree
     assert "cannot be read" in found.message
     assert found.entries
-
-
-def test_recent_ones_that_are_gone(tree: Path) -> None:
-    there, gone, address = str(tree / "a take"), str(tree / "gone"), "https://example.org/walk"
-    assert Preferences(recent=[gone, there, address]).recent_there() == [there, address]

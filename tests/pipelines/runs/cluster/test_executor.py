@@ -282,18 +282,6 @@ def test_out_of_memory_holds_for_tasks_that_wait_in_ray():
     assert [given["memory"] for given in run.ray.asked] == [GB, GB, GB, 2 * GB, 2 * GB, 2 * GB]
 
 
-def test_groups_that_started_before_a_node_ran_out_of_memory_are_not_lost(monkeypatch):
-    monkeypatch.setattr(module, "RETRIES", 0)
-    run = Run(
-        lambda task, node: exceptions.OutOfMemoryError("full") if task.attempt == 1 else None,
-        nodes=1,
-        cpus=4,
-    )
-    run.go()
-    assert sorted(run.finished) == [0, 1, 2]
-    assert run.warnings() == ["cluster.out_of_memory"]
-
-
 def test_what_a_task_refuses_names_its_group_and_node():
     problem = Message("disk.full", "the disk is full", "/disk")
     run = Run(lambda task, node: problem if task.group == 1 else None)
@@ -389,18 +377,6 @@ def test_a_node_waits_for_what_another_one_wrote(monkeypatch, code):
     monkeypatch.setattr(task_module, "LOOK_AGAIN", 0.0)
     assert run_task(sent(), "") is None
     assert len(looks) == 3
-
-
-def test_other_errors_of_a_task_are_told_at_once(monkeypatch):
-    looks = []
-
-    def do(task: GroupTask, node: str) -> None:
-        looks.append(task)
-        raise StudioError("run.no_gpu", "no GPU")
-
-    monkeypatch.setattr(task_module, "do_task", do)
-    assert refusal().code == "run.no_gpu"
-    assert len(looks) == 1
 
 
 @pytest.fixture

@@ -2,7 +2,6 @@
 
 import json
 import sqlite3
-import threading
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import replace
@@ -20,7 +19,7 @@ from studio.calibration.sfm.focal_lengths import guess_focal_lengths
 from studio.calibration.sfm.job import SfmCamera, SfmJob, SfmSolution, neighbors
 from studio.calibration.sfm.mapping import Mapper
 from studio.calibration.sfm.shared_intrinsics import focal_spread
-from studio.calibration.sfm.verdict import match_inlier_ratio, match_inlier_ratios
+from studio.calibration.sfm.verdict import match_inlier_ratios
 from studio.calibration.sfm.worker import Worker
 from studio.camera_files.colmap_model import intrinsics
 from studio.cameras import Camera, Rig
@@ -154,18 +153,6 @@ def test_focal_lengths_far_apart_are_tried_as_shared(tmp_path: Path, monkeypatch
     assert next(iter(polished.cameras.values())).mean_focal_length() == pytest.approx(1280, rel=2e-3)
 
 
-def test_intrinsics_that_differ_stay_separate(tmp_path: Path) -> None:
-    """Focal lengths that differ by two percent; otherwise as above."""
-    zooms = [1 + 0.02 * (number % 2) for number in range(8)]
-    truth = synthesize(tmp_path, 8, 800, zooms)
-    Worker(tmp_path, job_of(8, find_shared=True)).solve(tmp_path / "database.db")
-    rig, found = solution(tmp_path)
-    (test,) = found.sharing
-    assert not test.shared
-    np.testing.assert_allclose([camera.fx for camera in rig], [1280 * zoom for zoom in zooms], rtol=4e-3)
-    assert compare_rigs(rig, truth).center_percent < 0.4
-
-
 def test_distortion_terms_are_estimated_last(tmp_path: Path) -> None:
     """Cameras are mapped with one radial term, then refined with all terms of OPENCV."""
     terms = [1300.0, 1280.0, 512.0, 384.0, -0.08, 0.03, 0.001, -0.002]
@@ -212,18 +199,6 @@ def test_initial_focal_lengths_from_pairs(tmp_path: Path) -> None:
     found = [camera.mean_focal_length() for camera in database.read_all_cameras()]
     database.close()
     np.testing.assert_allclose(found, 1280, rtol=0.08)
-
-
-def test_match_inlier_ratio(tmp_path: Path) -> None:
-    """Counts exactly the matches between two features of the same point."""
-    synthesize(tmp_path, 4, 200)
-    path = tmp_path / "database.db"
-    (model,) = Mapper(tmp_path, path, job_of(4)).incremental(False)
-    whole = match_inlier_ratio(model, path)
-    assert 0.85 < whole <= 1
-    for key in sorted(model.points3D)[: model.num_points3D() // 2]:
-        model.delete_point3D(key)
-    assert match_inlier_ratio(model, path) == pytest.approx(whole / 2, abs=0.05)
 
 
 def test_an_earlier_solution_is_refined(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
@@ -303,28 +278,6 @@ def test_sync_frames_become_one_image_per_camera(tmp_path: Path) -> None:
     final.close()
     assert count_rows(tmp_path / "database.db", "SELECT COUNT(*) FROM images") == 2
     assert count_rows(tmp_path / "nothing.db", "SELECT COUNT(*) FROM images") == 0
-
-
-def test_counting_leaves_a_database_that_colmap_writes_alone(tmp_path: Path) -> None:
-    path, written = tmp_path / "database.db", threading.Event()
-    database = pycolmap.Database.open(path)
-    cameras = write_cameras(database, job_of(1))
-
-    def count() -> None:
-        while not written.is_set():
-            count_rows(path, "SELECT COUNT(*) FROM images", written=True)
-
-    counting = threading.Thread(target=count)
-    counting.start()
-    try:
-        for number in range(3000):
-            write_image(database, f"{number}.png", *cameras[0])
-    finally:
-        written.set()
-        counting.join()
-    assert database.num_images() == 3000
-    assert count_rows(path, "SELECT COUNT(*) FROM images", written=True) == 3000
-    database.close()
 
 
 def test_neighbors_have_similar_viewing_directions() -> None:

@@ -53,14 +53,6 @@ def test_the_set_is_seen_where_the_performer_has_left(first: Background) -> None
     assert behind.agreed.all()
 
 
-def test_cameras_do_not_agree_on_what_is_always_covered(first: Background) -> None:
-    behind = again(first, [performer(column) for column in STANDS[:4]])
-    assert behind.agreed is not None
-    assert not behind.agreed[performer(60)].any()
-    assert np.array_equal(behind.plate, first.plate)
-    assert behind.agreed[~cover(performer(60))].all()
-
-
 def test_a_performer_who_stands_still_is_found_before_the_set_that_cameras_agree_on(first: Background) -> None:
     neighbors, exact = [filmed(1), filmed(2)], performer(60)
     behind = again(first, [performer(column) for column in STANDS])

@@ -64,44 +64,6 @@ def test_the_strength_is_the_most_likely_one():
     assert len(chosen) > 1
 
 
-@pytest.mark.parametrize("keep_first", [True, False])
-def test_steady_motion_stays(keep_first):
-    start, velocity = noise(50, 3), noise(50, 3, seed=1)
-    paths = start + np.arange(10)[:, None, None] * velocity
-    assert np.abs(smooth_paths(paths, 1.0, keep_first) - paths).max() < 1e-6
-
-
-def test_the_first_frame_stays_where_it_is_kept():
-    paths = noise(8, 40, 3)
-    found = smooth_paths(paths, 1.0, keep_first=True)
-    assert np.array_equal(found[0], paths[0])
-    assert not np.array_equal(found[1:], paths[1:])
-
-
-def test_jitter_goes():
-    actual = np.zeros((15, 300, 3)) + np.linspace(0, 1, 15)[:, None, None] * noise(300, 3)
-    jitter = 0.01 * noise(15, 300, 3, seed=1)
-    found = smooth_paths(actual + jitter, 0.01, keep_first=False)
-    assert np.sqrt(np.mean((found - actual) ** 2)) < 0.5 * np.sqrt(np.mean(jitter**2))
-
-
-def test_fast_motion_stays():
-    """Splats that turn a quarter circle a frame, and others, far away in the order of the stream, that stand still."""
-    turning = np.stack([np.cos(np.pi / 2 * np.arange(15)), np.sin(np.pi / 2 * np.arange(15)), np.zeros(15)], axis=1)
-    actual = np.concatenate([np.repeat(turning[:, None], 100, axis=1), np.zeros((15, 100, 3))], axis=1)
-    jitter = 0.01 * noise(15, 200, 3)
-    error = smooth_paths(actual + jitter, 0.01, keep_first=False) - actual
-    level = np.sqrt(np.mean(jitter**2))
-    assert np.sqrt(np.mean(error[:, :80] ** 2)) < 1.05 * level
-    assert np.sqrt(np.mean(error[:, 120:] ** 2)) < 0.5 * level
-
-
-@pytest.mark.parametrize("frames", [1, 2, 3])
-def test_short_groups_stay(frames):
-    paths = noise(frames, 5, 3)
-    assert np.array_equal(smooth_paths(paths, 1.0, keep_first=True), paths)
-
-
 def test_hidden_splats_take_the_motion_of_their_surroundings() -> None:
     generator = np.random.default_rng(1)
     keyframe = generator.uniform(-1, 1, (300, 3))
@@ -116,9 +78,3 @@ def test_hidden_splats_take_the_motion_of_their_surroundings() -> None:
     np.testing.assert_allclose(carried, [keyframe, keyframe + shift, keyframe + 2 * shift], atol=1e-12)
     seen = opacities >= 1 / 255
     np.testing.assert_array_equal(carried[seen], positions[seen])
-
-
-def test_without_hidden_splats_nothing_changes() -> None:
-    positions = np.random.default_rng(2).normal(size=(3, 50, 3))
-    assert carry_hidden_splats(positions, np.full((3, 50), 1 / 255)) is positions
-    assert carry_hidden_splats(positions, np.zeros((3, 50))) is positions, "there is nothing to move with"

@@ -24,21 +24,6 @@ def test_the_search_finds_the_last_qp_that_is_good_enough_in_few_calls(steepness
     assert len(calls) == len(set(calls)) <= 6
 
 
-def test_a_bent_curve_takes_few_calls_too():
-    """As of the sample: flat at low QPs, where smoothing costs more than the video."""
-    qps, psnrs = [1, 12, 16, 20, 23, 26, 30, 36, 42, 51], [46.8, 45.7, 44.8, 43.3, 41.8, 39.9, 36.5, 30.2, 26, 20]
-    for target in (30, 36, 39, 42, 45, 46.5):
-        calls = []
-
-        def spare(qp, target=target, calls=calls):
-            calls.append(qp)
-            return np.interp(qp, qps, psnrs) - target
-
-        found = highest_qp(spare, 22)
-        assert np.interp(found, qps, psnrs) >= target > np.interp(found + 1, qps, psnrs)
-        assert len(calls) <= 7
-
-
 @pytest.mark.parametrize(("quality", "qp"), [("0.001 KB", 51), ("100 dB", 1)])
 def test_targets_out_of_reach_are_said(tmp_path, turning_bodies, quality, qp):
     with refuses("bake.target_missed", qp=qp, setting="bake.quality", group=3):

@@ -116,13 +116,6 @@ def hasty(server):
     source.close()
 
 
-def test_a_file(server, source):
-    assert source.read("file", len(CONTENT)) == CONTENT
-    assert source.read("file", 10**9) == CONTENT
-    assert source.name == server.url
-    assert server.requests == [("/s/file", None)] * 2
-
-
 @pytest.mark.parametrize("tail", ["", "/", "/manifest.json"])
 def test_the_addresses_forms(server, tail):
     source = HttpSource(server.url + tail + "?token=a%20b")
@@ -187,20 +180,6 @@ def test_a_file_that_shrinks_meanwhile_is_read_again(server, source):
     server.faults["/s/file"] = cut
     assert source.read("file", len(CONTENT)) == new
     assert [asked for _, asked in server.requests] == [None, "bytes=70000-", None]
-
-
-def test_a_server_without_ranges_starts_again(server, source):
-    def cut_then_whole(handler, data):
-        handler.answer(data, send=70_000)
-        server.faults["/s/file"] = whole
-
-    def whole(handler, data):
-        handler.headers.replace_header("Range", None)
-        del handler.headers["Range"]
-        handler.answer(data)
-
-    server.faults["/s/file"] = cut_then_whole
-    assert source.read("file", len(CONTENT)) == CONTENT
 
 
 def test_a_stalling_server(server, hasty):
@@ -288,13 +267,6 @@ def test_answers_that_pass(server, status):
     with contextlib.closing(HttpSource(server.url, patience=60)) as source:
         assert source.read("file", len(CONTENT)) == CONTENT
     assert len(server.requests) == 4
-
-
-def test_a_retry_after_beyond_the_patience_is_not_waited_for(server, source):
-    answer = {"Retry_After": "3600", "Content_Length": "0"}
-    server.faults["/s/file"] = lambda handler, data: respond(handler, 503, **answer)
-    with refuses("source.unavailable", reason="status"):
-        source.read("file", 10)
 
 
 def test_compression_is_refused(server, source):
