@@ -30,8 +30,8 @@ def find_motion(inputs: Inputs, progress: ProgressFn) -> bool:
     for number, frame in enumerate(footage.frames[1:], 1):
         progress(number, len(footage.frames))
         after = [within_box(footage.view(name, frame), box) for name in cameras]
-        seen = [motion((a.image, b.image), (a.mask, b.mask)) for a, b in zip(before, after, strict=True)]
-        known = [one for one in seen if one is not None]
+        found = [motion((a.image, b.image), (a.mask, b.mask)) for a, b in zip(before, after, strict=True)]
+        known = [one for one in found if one is not None]
         moved.append(round(sum(known) / max(len(known), 1), 4))
         before = after
     write_model(path, FoundMotion(key=key, frames=footage.frames, motion=tuple(moved), cameras=cameras))

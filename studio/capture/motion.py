@@ -44,7 +44,7 @@ def motion(images: tuple[np.ndarray, np.ndarray], masks: tuple[np.ndarray, np.nd
     area = max(int(old.sum()), 1)
     finder = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
     finder.setFinestScale(0)  # the preset's 2 smooths limbs away
-    flow = finder.calc(before, after, None)
+    flow = finder.calc(before, after, None)  # type: ignore[call-overload]  # None: no first guess
     moved = np.maximum(np.linalg.norm(flow, axis=-1)[old > 0] - _STILL, 0)
     reach = 2 * round(_NEAR * area**0.5) + 1
     near = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))
