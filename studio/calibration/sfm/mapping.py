@@ -142,7 +142,7 @@ class Mapper:
             else:
                 better, self.sharing = try_shared_intrinsics(better, self.free_cameras(), width, adjust)
         say(step="adjusting", done=total - 1, total=total)
-        return self._recentered(self._enriched(better))
+        return self.placed_again(self._recentered(self._enriched(better)))
 
     def _enriched(self, model: Any) -> Any:
         """The model with the full camera models, and with the additional points that then fit."""
