@@ -102,7 +102,7 @@ FORMATS = (
     ),
     Format(
         "v3", "stream", ".v3s", "Stream in one file",
-        "one .v3s file with the whole stream as it is, which all players here open",
+        "one .v3s file with the whole stream as it is, which V3 Studio's players open",
     ),
     Format("turntable", "movie", ".mp4", "Movie: turntable", "an MP4 of a camera circling the performer"),
     Format(
