@@ -1,7 +1,9 @@
 """Runs with footage in an S3 store that fails and is slow: the results of a local run, and no footage is
 fetched twice by a machine."""
 
+import json
 import signal
+from collections.abc import Callable
 from pathlib import Path
 
 from safetensors.numpy import load_file
@@ -16,7 +18,7 @@ def results(take: Path) -> dict[str, bytes]:
     """Points, splats and the stream. What names the footage's digest is left out: that of a store is made of ETags."""
     files = [path for name in ("initialize", "train", "stream") for path in (take / name).rglob("*") if path.is_file()]
     return {
-        path.relative_to(take).as_posix(): splats(path) if path.suffix == ".safetensors" else path.read_bytes()
+        path.relative_to(take).as_posix(): READERS.get(path.name, READERS.get(path.suffix, Path.read_bytes))(path)
         for path in files
         if path.name not in ("group.json", "report.json", "verdict.json")
     }
@@ -25,6 +27,12 @@ def results(take: Path) -> dict[str, bytes]:
 def splats(path: Path) -> bytes:
     """The tensors in a file, without its metadata."""
     return b"".join(name.encode() + tensor.tobytes() for name, tensor in sorted(load_file(path).items()))
+
+
+READERS: dict[str, Callable[[Path], bytes]] = {
+    ".safetensors": splats,
+    "motion.json": lambda path: repr(json.loads(path.read_bytes())["motion"]).encode(),
+}
 
 
 def trained(lines: str) -> set[str]:
