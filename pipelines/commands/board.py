@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.common.arguments import invalid_option, tell
+from pipelines.commands.common.arguments import invalid_option, print_text
 from pipelines.commands.common.source import add_source, read_settings
 
 
@@ -87,7 +87,7 @@ def _board(arguments: argparse.Namespace) -> int:
     names += ["inverted"] if target.inverted else []
     values = {"calibrate": {"board": {name: getattr(target, name) for name in names}}}
     arguments.result = {"path": str(arguments.file.absolute()), "width": width, "height": height, **values}
-    tell(
+    print_text(
         arguments,
         f"{arguments.file}: {width:g} x {height:g} mm. Print at 100%, measure a square, and use these settings with "
         f"the measured size:\n{dump_yaml(values).rstrip()}",

@@ -5,7 +5,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.common.arguments import add_command, tell
+from pipelines.commands.common.arguments import add_command, print_text
 
 _STOP_SECONDS = 60.0
 """How long a run may take to stop. A network file system may show a request seconds late."""
@@ -40,5 +40,5 @@ def _cancel(arguments: argparse.Namespace) -> int:
             )
         time.sleep(0.2)
     arguments.result = {"take": str(take.root), "pid": holder.get("pid"), "host": holder.get("host")}
-    tell(arguments, "The run was stopped.")
+    print_text(arguments, "The run was stopped.")
     return 0

@@ -3,7 +3,7 @@
 import argparse
 from typing import Any
 
-from pipelines.commands.common.arguments import tell
+from pipelines.commands.common.arguments import print_text
 from pipelines.commands.common.source import add_source, read_settings
 
 
@@ -44,9 +44,9 @@ def _colors(arguments: argparse.Namespace) -> int:
     for name in footage.train_cameras:
         if name in fit.matrices:
             before, after = fit.before[name], fit.after[name]
-            tell(arguments, f"{name}: found, {before:.1f} levels of 255 from the mean camera, {after:.1f} after")
+            print_text(arguments, f"{name}: found, {before:.1f} levels of 255 from the mean camera, {after:.1f} after")
         else:
-            tell(arguments, f"{name}: {without[name]}; not corrected")
+            print_text(arguments, f"{name}: {without[name]}; not corrected")
     found = f"{len(fit.matrices)} of {len(footage.train_cameras)} cameras, {fit.patches} of 24 patches"
-    tell(arguments, f"{found}. To correct them:\ntrain: {{camera_colors: {fit.frame}}}")
+    print_text(arguments, f"{found}. To correct them:\ntrain: {{camera_colors: {fit.frame}}}")
     return 0

@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Callable
 from typing import Any
 
-from pipelines.commands.common.arguments import CommandParser, tell
+from pipelines.commands.common.arguments import CommandParser, print_text
 
 _NOTE = """To use it:
   bash    v3studio completion bash > ~/.local/share/bash-completion/completions/v3studio
@@ -36,5 +36,5 @@ def _completion(
             if action.choices is None and action.nargs != 0 and action.type not in _WITHOUT_FILES:
                 action.complete = shtab.FILE  # type: ignore[attr-defined]
     arguments.result = {"script": shtab.complete(main, shell=arguments.shell)}
-    tell(arguments, arguments.result["script"])
+    print_text(arguments, arguments.result["script"])
     return 0

@@ -3,7 +3,7 @@
 import argparse
 from typing import Any
 
-from pipelines.commands.common.arguments import SETTINGS_NOTE, invalid_option, nearest, tell
+from pipelines.commands.common.arguments import SETTINGS_NOTE, invalid_option, nearest, print_text
 from pipelines.commands.common.source import source_path
 
 SECTIONS = ("capture", "calibrate", "initialize", "train", "bake", "evaluate", "run")
@@ -58,5 +58,5 @@ def _config(arguments: argparse.Namespace) -> int:
     whole = not sections and not arguments.changed
     text = describe(config, None if whole else names) if names else "# All settings have their defaults.\n"
     arguments.result = {"settings": parse_yaml(text) or {}}
-    tell(arguments, text.rstrip())
+    print_text(arguments, text.rstrip())
     return 0

@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import add_command, frame_range, invalid_option, number, tell
+from pipelines.commands.common.arguments import add_command, frame_range, invalid_option, number, print_text
 from studio.counts import counted
 from studio.errors import StudioError
 
@@ -126,7 +126,7 @@ def _kind(kinds: Any, name: str, text: str, command: Callable[[argparse.Namespac
 
         words = command(arguments)
         arguments.result = arguments.result or read_edits(_take(arguments).edits).model_dump(mode="json")
-        tell(arguments, words)
+        print_text(arguments, words)
         return 0
 
     parser = add_command(kinds, name, text, run)

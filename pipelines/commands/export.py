@@ -229,7 +229,7 @@ def _noting_dilations(video: SplatVideo, seen: set[float]) -> SplatVideo:
 
 
 def _dilation_note(seen: set[float]) -> str:
-    """What to tell of frames with these dilations that other programs draw; "" if they draw them as trained."""
+    """What to report of frames with these dilations that other programs draw; "" if they draw them as trained."""
     from studio.dilation import DILATION
 
     found = sorted(seen - {DILATION})

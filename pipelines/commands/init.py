@@ -5,7 +5,7 @@ import shlex
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.common.arguments import add_overwrite, invalid_option, tell
+from pipelines.commands.common.arguments import add_overwrite, invalid_option, print_text
 from pipelines.commands.common.source import add_preset, add_source, is_footage, read_settings
 from pipelines.outputs import replacing
 from studio.errors import StudioError
@@ -52,5 +52,5 @@ def _init(arguments: argparse.Namespace) -> int:
         write_text(out, text)
     arguments.result = {"path": str(out.absolute()), "footage": list(found)}
     words = f"{out}: written. To run it: v3studio run {shlex.quote(str(out))} --take takes/first"
-    tell(arguments, "\n".join([*found, words]))
+    print_text(arguments, "\n".join([*found, words]))
     return 0

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import add_command, tell
+from pipelines.commands.common.arguments import add_command, print_text
 from pipelines.commands.common.source import add_source, is_take, read_settings
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ def _add(arguments: argparse.Namespace) -> int:
     read_settings(source, arguments.overrides, take=take)  # report invalid settings now, not overnight
     entry = _file(arguments).add(take, source, tuple(arguments.set))
     arguments.result = entry.model_dump(mode="json")
-    tell(arguments, f"take {entry.number}: {entry.take}")
+    print_text(arguments, f"take {entry.number}: {entry.take}")
     return 0
 
 
@@ -152,13 +152,13 @@ def _run(arguments: argparse.Namespace) -> int:
         for bars in shown:
             bars.__exit__()
     arguments.result = {"done": done, "failed": failed}
-    tell(arguments, f"{done} done, {failed} failed")
+    print_text(arguments, f"{done} done, {failed} failed")
     return 1 if failed else 0
 
 
 def _stop(arguments: argparse.Namespace) -> int:
     arguments.result = {"pid": _file(arguments).stop()}
-    tell(arguments, f"stopping process {arguments.result['pid']}")
+    print_text(arguments, f"stopping process {arguments.result['pid']}")
     return 0
 
 

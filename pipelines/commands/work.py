@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.common.arguments import tell
+from pipelines.commands.common.arguments import print_text
 from pipelines.stages import CHAIN, GROUP_STAGES
 from studio.errors import StudioError
 from studio.memory import require_memory
@@ -70,7 +70,7 @@ def _work(arguments: argparse.Namespace) -> int:
 
         text = printed_commands(take, config, stages, arguments.format, arguments.set)
         arguments.result = {"text": text}
-        tell(arguments, text.rstrip())
+        print_text(arguments, text.rstrip())
         return 0
 
     from pipelines.runs.console import Bars, JsonLines

@@ -136,8 +136,8 @@ def long_settings_as_set(arguments: Sequence[str], parser: CommandParser) -> lis
     return plain
 
 
-def tell(arguments: argparse.Namespace, text: str) -> None:
-    """Print what a command says to people: nothing with `--json`, where `arguments.result` is for programs."""
+def print_text(arguments: argparse.Namespace, text: str) -> None:
+    """Print text for people: nothing with `--json`, where `arguments.result` is for programs."""
     if text and not arguments.json:
         print(text)
 
