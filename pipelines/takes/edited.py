@@ -71,8 +71,9 @@ def newly_removed(
         progress(done, len(groups))
         paths = read_paths(take, group)
         old, new = (select(edits_of_group(edits, group), paths).removed for edits in (before, after))
+        count = int((new & ~old).sum())
         for at, frames in enumerate(ranges):
-            counts[at] += int((new & ~old).sum()) * concerns(frames, group)
+            counts[at] += count * concerns(frames, group)
     return counts
 
 

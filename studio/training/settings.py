@@ -8,7 +8,7 @@ from studio.dilation import DILATION, MAX_DILATION, MIN_DILATION
 from studio.settings import Affects, Conflict, Heading, Settings
 
 GROUP_SIZE = 30
-"""Frames per group in the paper."""
+"""Frames per group at most. The paper has 20."""
 
 MEANS_FINAL_RATE = 6e-6
 """Learning rate of the means at the last step of a keyframe, relative to the performer's size like `means`."""
