@@ -329,15 +329,11 @@ def _detail(arguments: argparse.Namespace) -> str:
     from pipelines.takes.edits import frame_of, placed_world, read_edits
     from pipelines.takes.followed import followed
 
-    for option, least in (("radius", 0), ("weight", 1)):
+    for option, least, most in (("radius", 0, 1e9), ("weight", 1, 100)):
         value = getattr(arguments, option)
-        if not (np.isfinite(value) and value > least):
-            raise invalid_option(
-                f"--{option}",
-                f"--{option} is {value:g}",
-                "It must be above 0." if option == "radius" else "It must be above 1, which changes nothing.",
-                value,
-            )
+        if not least < value <= most:
+            fix = f"It must be above {least} and at most {most:g}."
+            raise invalid_option(f"--{option}", f"--{option} is {value:g}", fix, value)
     take = _take(arguments)
     edits = read_edits(take.edits)
     back = placed_world(edits, frame_of(take)).inverse
@@ -408,16 +404,13 @@ def _change(take: Take, name: str, value: object, file: Path | None = None) -> s
         first = error.errors(include_url=False)[0]
         where = ".".join(part for part in first["loc"] if isinstance(part, str) and part not in _MANY.values()) or name
         given = None if isinstance(first["input"], dict | list | tuple) else first["input"]
-        raise StudioError(
-            "edits.invalid",
-            f"{where}{'' if given is None else f' = {given}'} {violation(first)}",
-            file=file,
-            value=given,
-            fix=f"Remove one first: `v3studio edit remove TAKE {singular(name)} NUMBER`."
-            if first["type"] == "too_long"
-            else f"`v3studio edit {singular(name)} --help` shows what is possible.",
-            edit=name,
-        ) from None
+        problem = f"{where}{'' if given is None else f' = {given}'} {violation(first)}"
+        fix = f"`v3studio edit {singular(name)} --help` shows what is possible."
+        if first["type"] == "too_long":
+            fix = f"Remove one first: `v3studio edit remove TAKE {singular(name)} NUMBER`."
+        elif file is None:
+            raise invalid_option(where, problem, fix, given, edit=name) from None
+        raise StudioError("edits.invalid", problem, file=file, value=given, fix=fix, edit=name) from None
     words = list(describe(after, frame_of(take)).items())
     shown = [f"{one}: {text}" for one, text in words if one.split()[0] == name][-1:]
     change_edits(take.edits, after, (shown or [name])[0], before)

@@ -2,6 +2,7 @@
 
 import argparse
 import shlex
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -48,9 +49,17 @@ def _init(arguments: argparse.Namespace) -> int:
     names = {name for name, value in values_of(config).items() if value != usual[name]} | set(_SHOWN)
     lines = ["# Written by `v3studio init`. Settings that are not here have their defaults: `v3studio config`.", "#"]
     text = "\n".join([*lines, *(f"# {line}" for line in found), "", describe(config, names)])
-    with replacing(out, arguments.overwrite, Path.is_file), disk_errors(out.absolute().parent):
+    with replacing(out, arguments.overwrite, _is_settings), disk_errors(out.absolute().parent):
         write_text(out, text)
     arguments.result = {"path": str(out.absolute()), "footage": list(found)}
     words = f"{out}: written. To run it: v3studio run {shlex.quote(str(out))} --take takes/first"
     print_text(arguments, "\n".join([*found, words]))
     return 0
+
+
+def _is_settings(path: Path) -> bool:
+    from pipelines.config import load_config
+
+    with suppress(StudioError):
+        return bool(load_config(path))
+    return False

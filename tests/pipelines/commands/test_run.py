@@ -76,6 +76,9 @@ def test_init_writes_settings_that_run(here: Callable, project: Path, monkeypatc
     assert Path("capture.yaml").read_text() == text
     here("init", "capture", "--overwrite", "--bake.quality", "31").ok()
     assert load_config(Path("capture.yaml")).bake.quality == 31
+    Path("notes.txt").write_text("buy milk")
+    assert here("init", "capture", "--overwrite", "--out", "notes.txt").returncode == 1, "not a file of settings"
+    assert Path("notes.txt").read_text() == "buy milk"
     here("calibrate", "capture.yaml", "--take", "take").ok()
     assert here("init", "take").returncode == 2, "a take has settings already"
 
