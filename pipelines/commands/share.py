@@ -29,7 +29,7 @@ def register(commands: Any) -> None:
         help="folder of a take or a stream, an http(s):// URL, or the .json document of a cast",
     )
     share.add_argument(
-        "--out", type=Path, required=True, metavar="PATH", help="folder to write, or .html file (at most 32 MB)"
+        "--out", type=Path, required=True, metavar="PATH", help="folder to write, or .html file (streams up to 32 MB)"
     )
     add_overwrite(share)
     add_page_options(share)
