@@ -11,7 +11,7 @@ import socket
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import IO, Annotated, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -106,7 +106,8 @@ class QueueFile:
         """Read the queue, write what `how` makes of it, and return that. Raises StudioError: `take.*`."""
         with disk_errors(self.path.parent):
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            with _alone(self._lock("lock")):
+            with self._lock("lock").open("a") as lock:
+                fcntl.flock(lock, fcntl.LOCK_EX)
                 changed = how(self.read())
                 write_model(self.path, changed)
         return changed
@@ -264,7 +265,7 @@ class QueueFile:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             file = self._lock("run").open("a")
         with file:
-            if not (lock_soon(file) and _is_at(self._lock("run"), file)):
+            if not lock_soon(file):
                 raise StudioError(
                     "queue.already_run",
                     "another program works through this queue",
@@ -278,31 +279,10 @@ class QueueFile:
                 self.change(_interrupted)
                 yield
             finally:  # before the lock is released: the next program must never seem to be this one
-                self._lock("run").unlink(missing_ok=True)
+                file.truncate(0)
 
     def _lock(self, name: str) -> Path:
         return self.path.with_name(f".{self.path.name}.{name}")
-
-
-@contextlib.contextmanager
-def _alone(path: Path) -> Iterator[None]:
-    """The block runs while no other program holds the lock at `path`, a file that exists only then."""
-    while True:
-        with path.open("a") as file:
-            fcntl.flock(file, fcntl.LOCK_EX)
-            if _is_at(path, file):
-                try:
-                    yield
-                finally:
-                    path.unlink(missing_ok=True)
-                return
-
-
-def _is_at(path: Path, file: IO[str]) -> bool:
-    """Whether a file that is locked now was not deleted by the program that held the lock before."""
-    with contextlib.suppress(FileNotFoundError):
-        return os.path.samestat(os.fstat(file.fileno()), path.stat())
-    return False
 
 
 def _interrupted(queue: Queue) -> Queue:
