@@ -29,6 +29,7 @@ def contribution(gaussians: Gaussians, cameras: Sequence[Camera], weights: Seque
     colorless = replace(gaussians.detach(), sh=gray)
     for number, camera in enumerate(cameras):
         seen = rasterize(colorless, camera).image[..., 0]
-        seen.backward(torch.ones_like(seen) if weights is None else weights[number])  # type: ignore[no-untyped-call]
+        # A sum: for the gradient of an image, PyTorch would import SymPy, which takes seconds.
+        (seen if weights is None else seen * weights[number]).sum().backward()  # type: ignore[no-untyped-call]
     assert gray.grad is not None
     return gray.grad[:, 0, 0].double().clamp_min(0) / SH_C0
