@@ -29,7 +29,8 @@ from pathlib import Path
 from typing import IO, Any
 
 _ROOT = Path(__file__).parents[2]
-_LIBRARIES = ("torch.optim", "cv2", "av", "open3d", "pymeshlab", "matplotlib.figure", "scipy.optimize", "rich.console")
+_LIBRARIES = ("torch.optim", "cv2", "av", "open3d", "pymeshlab", "matplotlib.figure", "scipy.optimize")
+_LIBRARIES += ("rich.progress", "jinja2", "safetensors.torch")
 _PACKAGES = ("studio", "pipelines", "gui")
 
 

@@ -36,7 +36,7 @@ def assert_names_what_holds_a_node(cluster):
     assert "has 0 of 1 CPU free, held by the actor Busy; other programs that use the cluster: `" in held
 
 
-SLOW = ("--train.finetune_iterations", 1000)
+SLOW = ("--train.finetune_iterations", 300)
 """Seconds a frame: nodes are noticed and killed while their groups train, also where the machine is fast."""
 
 
