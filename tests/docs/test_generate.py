@@ -68,11 +68,3 @@ def test_names_that_do_not_exist_are_found(generator: Load) -> None:
     text += "```\n`studio/x`\n```"
     found = list(generator("names").unknown_names(text, ROOT, {"train", "capture", "capture.masks"}))
     assert found == ["studio/gone.py: no such file", "train.gone: no such setting"]
-
-
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [("a|b {x} *y*", r"a\|b \{x\} \*y\*"), ("`code_span` and_more", r"`code_span` and\_more"), ("``two``", "`two`")],
-)
-def test_text_is_escaped_for_markdown(generator: Load, text: str, expected: str) -> None:
-    assert generator("markdown").escaped(text) == expected

@@ -36,7 +36,7 @@ ARTIFACTS = Path(__file__).parents[2] / "test-artifacts"
 
 FPS = 12.0
 GROUPS = ((0, 8), (8, 4))  # first frame, frames
-SIZE = "1024x800"
+SIZE = "840x660"
 """Of the window, as small as all dialogs allow: a software renderer takes time for each pixel."""
 
 STILL = 25

@@ -129,18 +129,6 @@ def test_every_line_runs_or_has_a_reason() -> None:
     assert [line for _, line in blocks() if not re.match("|".join((run, *OTHERS.values())), line)] == []
 
 
-def test_the_detail_of_the_guide_is_in_its_crop_box() -> None:
-    """Both have the same axis up."""
-    commands = "\n".join(PAGES["docs/guides/edit.md"])
-
-    def three(option: str) -> list[float]:
-        found = re.search(rf"{option} (\S+) (\S+) (\S+)", commands)
-        assert found is not None
-        return [float(number) for number in found.groups()]
-
-    assert all(low < at < high for low, at, high in zip(three("--min"), three("--at"), three("--max"), strict=True))
-
-
 def test_the_guides_list_what_the_program_has() -> None:
     sources = [source.name for source in SOURCES]
     pages = {

@@ -36,15 +36,6 @@ def images(folder: Path) -> Path:
     return folder
 
 
-def test_the_frame_rate_of_images_is_typed(tmp_path: Path) -> None:
-    new = NewTake(str(images(tmp_path / "shots")), take=str(tmp_path / "take"))
-    assert new.found().fps is None
-    new.fps = " 23.976 "
-    assert new.found().fps is None, "it stays to be typed"
-    assert load_config(new.create() / "config.yaml").capture.fps == 23.976
-    assert new.config().capture.root == tmp_path / "shots"
-
-
 @pytest.mark.parametrize("typed", ["fast", "0", "-25", "nan", "inf", "10000", "25 fps"])
 def test_a_frame_rate_that_makes_no_sense_is_refused_in_a_sentence(typed: str, tmp_path: Path) -> None:
     new = NewTake(str(images(tmp_path / "shots")), take=str(tmp_path / "take"), fps=typed)

@@ -10,7 +10,6 @@ import pytest
 from pipelines.outputs import replacing
 from pipelines.takes.atomic_files import sweep_partial
 from studio.errors import Cancelled
-from studio.formats.placing import new_file
 from tests.support.errors import refuses
 
 
@@ -58,15 +57,6 @@ with replacing(out, True, Path.is_file):
     with refuses("output.exists", file=out), replacing(out, False, Path.is_file):
         pass
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("out.txt", "new" if written else "old")]
-
-
-def test_what_another_program_wrote_meanwhile_stays(tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    out.write_text("old")
-    with refuses("export.already_exists"), replacing(out, True, Path.is_file), new_file(out) as temporary:
-        temporary.write_text("mine")
-        out.write_text("theirs")
-    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("out", "theirs")]
 
 
 def test_other_things_are_never_deleted(tmp_path: Path) -> None:

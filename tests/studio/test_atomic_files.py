@@ -45,19 +45,6 @@ def test_only_what_ended_processes_left_is_removed(tmp_path):
     remove_leftovers(tmp_path / "nowhere", target)
 
 
-def test_two_machines_with_the_same_process_id_write_one_file(tmp_path, monkeypatch):
-    """As containers do, in each of which the program is process 1."""
-    monkeypatch.setattr(os, "getpid", lambda: 1)
-    target = tmp_path / "background.npz"
-    with atomic_path(target) as first:
-        first.write_bytes(b"first")
-        with atomic_path(target) as second:
-            second.write_bytes(b"second")
-        assert target.read_bytes() == b"second"
-    assert target.read_bytes() == b"first"
-    assert list(tmp_path.iterdir()) == [target]
-
-
 def test_what_another_machine_writes_is_left_until_it_is_old(tmp_path, monkeypatch):
     target = tmp_path / "turn"
     monkeypatch.setattr(module, "machine_name", lambda: "0123abcd")
@@ -77,21 +64,6 @@ def test_what_another_machine_writes_is_left_until_it_is_old(tmp_path, monkeypat
     assert not is_being_written(file)
     assert leftovers(tmp_path) == sorted([file, folder])
     assert leftovers(tmp_path, target) == [folder]
-
-
-def test_names_of_this_version_tell_whether_their_process_runs(tmp_path, monkeypatch):
-    """`what` is told apart, as are processes."""
-    dead = dead_pid()
-    monkeypatch.setattr(os, "getpid", lambda: dead)
-    new, old = temporary_path(tmp_path / "site"), temporary_path(tmp_path / "site", ".old")
-    monkeypatch.setattr(os, "getpid", os.getppid)
-    alive = temporary_path(tmp_path / "site")
-    monkeypatch.undo()
-    for path in (new, old, alive):
-        path.mkdir()
-    assert leftovers(tmp_path, tmp_path / "site") == [new]
-    assert leftovers(tmp_path, tmp_path / "site", ".old") == [old]
-    assert [is_being_written(path) for path in (new, old, alive)] == [False, False, True]
 
 
 @pytest.mark.parametrize("inside", ["", "frame_0001.spz"])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from studio.cameras import Camera, nearest_point_to_rays, orbit
+from studio.cameras import Camera, orbit
 from tests.support.errors import refuses
 from tests.support.rigs import camera_at
 
@@ -27,11 +27,6 @@ def test_unproject_inverts_project(kind: str) -> None:
     np.testing.assert_allclose(camera.ray_directions(pixels), directions, atol=1e-8)
     at_one = camera.center + rays / depth[:, None]
     np.testing.assert_allclose(camera.unproject(pixels), at_one, atol=1e-8)
-
-
-def test_parallel_lines_give_the_point_of_least_norm() -> None:
-    origins, directions = np.array([[0.0, 0, 7], [2.0, 0, -4]]), np.array([[0.0, 0, 1], [0, 0, 1]])
-    np.testing.assert_allclose(nearest_point_to_rays(origins, directions), [1, 0, 0], atol=1e-12)
 
 
 def test_a_camera_looks_at_what_it_is_told_to() -> None:

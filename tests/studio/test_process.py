@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from studio.process import NativeLines, discard
+from studio.process import NativeLines
 
 BARE = {name: value for name, value in os.environ.items() if name != "OMP_WAIT_POLICY"}
 
@@ -72,14 +72,6 @@ def test_an_encoding_without_the_letters_gets_escapes_and_json_utf8() -> None:
     )
     done = run_script(code, env={"PYTHONIOENCODING": "ascii"})
     assert done.stdout == "\\u5f71\n影 \\udce9\n".encode(), done.stderr
-
-
-def test_what_is_written_after_the_reader_left_is_dropped() -> None:
-    read_end, write_end = os.pipe()
-    os.close(read_end)
-    with os.fdopen(write_end, "w") as stream:
-        discard(stream)
-        stream.write("nobody reads this")
 
 
 def test_native_lines_are_collected_and_the_descriptor_is_given_back(capfd: pytest.CaptureFixture[str]) -> None:

@@ -66,20 +66,3 @@ def test_undo_leaves_what_somebody_else_wrote_meanwhile(window: Window, tmp_path
     assert "changed in the meantime" in window.notices.text
     assert window.workspace.history.undo() == "Nothing to undo."
     assert read_marks(path) == {0: ANNAS}
-
-
-def test_an_undo_that_can_never_be_made_does_not_block_those_before(window: Window, tmp_path: Path) -> None:
-    path, actions = tmp_path / "marks.json", MarkActions(window)  # type: ignore[arg-type]
-    change_mark(path, 7, Mark(frame=7, note="other"), None)
-    for note in ("hand", "head"):
-        actions.ask()
-        window.answers["save"](note)
-    history = window.workspace.history
-    assert history.undo() == "Undone: the mark of frame 0."
-    assert read_marks(path)[0].note == "hand"
-    assert history.redo() == "Redone: the mark of frame 0."
-    change_mark(path, 0, ANNAS, window.marks.marks[0])
-    assert "changed in the meantime" in history.undo()
-    change_mark(path, 0, Mark(frame=0, note="hand"), ANNAS)
-    assert history.undo() == "Undone: the mark of frame 0.", "the first one, which fits again"
-    assert set(read_marks(path)) == {7}

@@ -4,24 +4,10 @@ import numpy as np
 import pytest
 
 from gui.drawing.canvas import Canvas
-from gui.drawing.plots import curve, ticks
+from gui.drawing.plots import curve
 
 COLOR = (250, 10, 10)
 EM = 10.0
-
-
-@pytest.mark.parametrize(
-    ("low", "high", "expected"),
-    [
-        (0.0, 10.0, [0, 5, 10]),
-        (0.0, 4.0, [0, 1, 2, 3, 4]),
-        (-0.03, 0.05, [-0.02, 0.0, 0.02, 0.04]),
-        (31.2, 33.9, [32, 33]),
-        (5.0, 5.0, [5.0]),
-    ],
-)
-def test_ticks_are_round(low: float, high: float, expected: list[float]) -> None:
-    assert ticks(low, high) == pytest.approx(expected)
 
 
 def test_values_are_drawn_to_scale() -> None:

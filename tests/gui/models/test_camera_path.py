@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from gui.models.camera_path import PathEditor
 from gui.models.history import History
@@ -87,24 +86,3 @@ def test_a_damaged_path_is_left_alone(tmp_path: Path) -> None:
     with refuses("camera_path.damaged"):
         editor.add(ORBIT.camera(640, 360), 0)
     assert (file.read_text(), editor.keys) == ("{", ())
-
-
-@pytest.mark.parametrize("easing", ["ease", "hold", "linear"])
-def test_the_movie_eases_as_chosen(easing: str) -> None:
-    editor, _ = with_views(3)
-    while editor.keys[0].easing != easing:
-        editor.next_easing(0)
-    path = editor.path(640, 360)
-    start, end = (editor.keys[number].camera.center for number in (0, 1))
-    if easing == "linear":
-        assert path.camera(0.5).center == pytest.approx(0.75 * start + 0.25 * end)
-    elif easing == "hold":
-        assert path.camera(1.99).center == pytest.approx(start)
-    else:
-        first, middle = (np.linalg.norm(path.camera(at + 0.1).center - path.camera(at).center) for at in (0.0, 1.0))
-        assert first < 0.2 * middle
-    assert path.camera(2.0).center == pytest.approx(end)
-    assert path.camera(4.0).center == pytest.approx(editor.keys[2].camera.center)
-    smooth = with_views(3)[0].path(640, 360)
-    assert path.camera(3.0).center == pytest.approx(smooth.camera(3.0).center), "other segments stay"
-    assert path.frame(1.0) == smooth.frame(1.0)

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from gui.drawing.palette import BAD, FAIR, GOOD, GROUND, HELD_OUT, SECOND
+from gui.drawing.palette import GROUND
 from gui.models.evaluation import Evaluation
 from gui.models.loop import LOOP
 from gui.models.marks import Marks
@@ -28,7 +28,6 @@ from pipelines.new_take import NewTake
 from pipelines.takes.atomic_files import write_text
 from pipelines.takes.camera_uses import CameraUses
 from pipelines.takes.take import Take
-from studio.camera_files import read_rig
 from studio.edits import EditList
 from studio.errors import StudioError
 from studio.stream import StreamReader
@@ -65,10 +64,6 @@ def shown(views: StageViews, accept: Callable[[np.ndarray], bool] = lambda pictu
 
     wait_until("the picture", there)
     return pictures[-1]
-
-
-def has(picture: np.ndarray, color: tuple[int, int, int]) -> int:
-    return int((picture == color).all(axis=2).sum())
 
 
 def test_every_stage_of_a_finished_take_has_its_picture(views: StageViews, finished_project: Path) -> None:
@@ -147,24 +142,6 @@ def test_capture_shows_the_image_of_every_camera(views: StageViews, finished_pro
         assert least / large.size < 4, f"cam{number}"
         places.add(place)
     assert len(places) == 6
-
-
-def test_calibrate_draws_a_frustum_where_each_camera_is(views: StageViews, finished_project: Path) -> None:
-    opened(views, finished_project / "take")
-    views.select("calibrate")
-    views.choose("cameras")
-    wait_in_loop("the footage", lambda: views.workspace.context is not None)
-    context = views.workspace.context
-    held_out = context.footage.raw.held_out_cameras
-    assert len(held_out) == 1
-    picture = shown(views, lambda picture: has(picture, HELD_OUT) > 0)
-    view = views.stage_views["calibrate"].home.camera(*SIZE)  # type: ignore[attr-defined]
-    for camera in read_rig(Take.open(finished_project / "take").rig):
-        x, y = np.round(view.project(camera.center[None])[0][0]).astype(int)
-        around = picture[y - 3 : y + 4, x - 3 : x + 4].astype(int)
-        colors = (HELD_OUT,) if camera.name in held_out else (GOOD, FAIR, BAD, SECOND)  # of the verdicts
-        nearest = min(np.abs(around - color).max(axis=2).min() for color in colors)
-        assert nearest < 30, f"no apex of {camera.name} at {x}, {y}"
 
 
 def test_frames_have_the_numbers_of_the_footage_that_they_were_trained_on(views: StageViews, take_copy: Path) -> None:

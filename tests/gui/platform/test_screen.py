@@ -34,8 +34,3 @@ def test_windows_grow_with_letters(
 ) -> None:
     monkeypatch.setattr(screen, "current_screen", lambda: (width, height, f"Xft.dpi: {dpi}"))
     assert screen.fitting_size((1280, 800)) == expected
-
-
-def test_without_x_the_size_stays(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("DISPLAY", ":9999")
-    assert screen.fitting_size((1280, 800)) == (1280, 800)

@@ -17,9 +17,8 @@ import pytest
 from pipelines.batch.queue_file import QueuedTake, QueueFile
 from pipelines.batch.run_queue import run_queue
 from pipelines.events import Event, Finished, Log, RunStarted, parse_event
-from pipelines.events.cancellation import Cancellation
 from pipelines.takes.take import Take
-from studio.errors import Cancelled, StudioError
+from studio.errors import StudioError
 from tests.support.errors import refuses
 from tests.support.events import result_of
 from tests.support.tiny_capture import ROOT
@@ -129,15 +128,6 @@ def test_it_is_stopped_from_elsewhere(queue: QueueFile, tmp_path: Path) -> None:
     with queue.running():
         assert str(os.getpid()) in lock.read_text()
     assert lock.read_text() == "", "the next program is never taken for this one"
-
-
-def test_a_request_to_stop_that_raised_nothing_is_noticed(queue: QueueFile, tmp_path: Path) -> None:
-    """Python drops what a signal's handler raises within a destructor; the queue then waited for ever."""
-    take, stopped = Take.create(tmp_path / "take"), Cancellation()
-    queue.add(take.root, None, ())
-    with take.locked("v3studio run"), pytest.raises(Cancelled):
-        run_queue(queue, lambda entry: stopped.cancel(), print, print, check=stopped.check)
-    assert queue.read().takes[0].state == "waiting"
 
 
 def test_changes_at_the_same_time_are_all_kept(queue: QueueFile, tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from pipelines.review import TakeReview
 from pipelines.takes.edits import read_edits
-from pipelines.takes.frame_files import read_about, read_frame, write_frame
+from pipelines.takes.frame_files import read_frame
 from pipelines.takes.take import Take
 from pipelines.takes.videos import decoded_video, trained_video
 from studio.camera_files import read_rig
@@ -179,28 +179,6 @@ def test_bad_input_gets_a_sentence_and_changes_nothing(here, finished, words, se
     assert result.stderr.startswith("error: ")
     assert sentence in result.stderr
     assert not (finished / "take" / "edits.json").exists()
-
-
-def test_what_is_removed_has_a_name_and_a_number(here, take) -> None:
-    mark = ("--at", *read_points_of(take)[0], "--radius", 0.2)
-    for _ in range(2):
-        here("edit", "detail", take, *mark).ok()
-    assert here("edit", "remove", take, "detail", 2).ok().stdout == "removed: detail 2\n"
-    assert len(read_edits(take / "edits.json").details) == 1
-    assert here("edit", "remove", take, "details").ok().stdout == "removed: details\n"
-    assert here("edit", "remove", take, "details").ok().stdout == "nothing to remove: there are no details\n"
-    assert here("edit", "remove", take, "crop").ok().stdout == "nothing to remove: there is no crop edit\n"
-
-
-def test_frames_of_two_trainings_are_told(here, take) -> None:
-    path = Take.open(take).trained_frame(0, 1)
-    write_frame(path, read_frame(path)[:-3], read_about(path))
-    mark = ("detail", take, "--at", *read_points_of(take)[0], "--radius", 0.2)
-    here("edit", "ground", take, "-0.2").ok()
-    for words in (("count", take), mark):
-        result = here("edit", *words)
-        assert result.returncode == 1
-        assert "frames of group 0 are from different trainings" in result.stderr
 
 
 def test_floaters_ground_and_regions(here, take, tmp_path) -> None:

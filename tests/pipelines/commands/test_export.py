@@ -1,7 +1,5 @@
 """`v3studio export` and `v3studio import` on a take and its stream."""
 
-import json
-import shutil
 import signal
 from dataclasses import replace
 from pathlib import Path
@@ -13,13 +11,10 @@ import pytest
 import torch
 
 from pipelines.events import Finished, Log, Progress
-from pipelines.takes.edits import change_edits
 from pipelines.takes.frame_files import FrameMetadata, write_frame
 from pipelines.takes.take import Take
-from pipelines.takes.videos import trained_video
 from studio.camera_files import write_rig_json
 from studio.cameras import Rig
-from studio.edits.edit_list import EditList, Trim
 from studio.formats import read_splats
 from studio.formats.camera_path import Key, look_at, write_path_keys
 from studio.formats.usd import UsdFrames
@@ -211,22 +206,6 @@ def test_plates_have_the_numbers_of_the_footage_and_the_world_of_the_usd_file(he
     assert done.stdout.endswith("a.mp4: 5 frames of 96x64\n"), done.stderr
 
 
-def test_plates_along_a_path(here, take, tmp_path):
-    keys = [Key(0, RIG["front"], 0.0), Key(1, RIG["side"], 4.0)]
-    write_path_keys(keys, tmp_path / "path.json")
-    path = ("--format", "exr", "--path", tmp_path / "path.json", "--size", "96x64", "--overscan", "4")
-    here("export", take / "stream", *path, "--out", tmp_path / "plates").ok()
-    assert len(list((tmp_path / "plates").iterdir())) == 5
-    done = here("export", take / "stream", *path, "--out", tmp_path / "plates")
-    assert (done.returncode, "--overwrite" in done.stderr) == (1, True)
-    here("export", take / "stream", *path, "--out", tmp_path / "plates", "--overwrite", "--frames", "0:2").ok()
-    assert len(list((tmp_path / "plates").iterdir())) == 2
-    write_path_keys([keys[0], replace(keys[1], frame=0.0)], tmp_path / "path.json")
-    done = here("export", take / "stream", *path, "--out", tmp_path / "more")
-    assert (done.returncode, "path.json" in done.stderr) == (1, True)
-    assert not (tmp_path / "more").exists()
-
-
 def test_mistakes_are_one_sentence(here, take, tmp_path):
     out = tmp_path / "out"
     (tmp_path / "notes.txt").write_text("not an export", encoding="utf-8")
@@ -266,23 +245,6 @@ def test_mistakes_are_one_sentence(here, take, tmp_path):
     done = here("import", take, "--out", out)
     assert done.returncode == 1
     assert "no .ply, .spz, .sog, .splat, .ksplat files" in done.stderr
-
-
-def test_frames_have_their_numbers_in_the_footage(here, take, tmp_path):
-    whole = Path(shutil.copytree(take, tmp_path / "take"))
-    for path in sorted((whole / "train").glob("group_*/group.json")):
-        values = json.loads(path.read_text())
-        path.write_text(json.dumps(values | {"frames": [60 + 2 * frame for frame in values["frames"]]}))
-    options = ("--format", "ply", "--frames", "62:66")
-    for of in ("trained", "decoded"):
-        here("export", whole, "--of", of, *options, "--out", tmp_path / of).ok()
-        assert sorted(path.name for path in (tmp_path / of).iterdir()) == ["frame_0062.ply", "frame_0064.ply"]
-    change_edits(whole / "edits.json", EditList(trim=Trim(first=63, last=67)), "trim")
-    video = trained_video(whole)
-    assert (video.frame_count, video.number(0), video.number(1)) == (2, 64, 66)
-    assert torch.equal(video.read(0).means, trained_video(take).read(2).means)
-    before = here("export", whole, "--of", "trained", *options, "--out", tmp_path / "early")
-    assert (before.returncode, "64 to 66" in before.stderr) == (1, True)
 
 
 def test_ctrl_c_stops_within_two_seconds_and_leaves_nothing(start, take, tmp_path):

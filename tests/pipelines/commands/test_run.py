@@ -7,7 +7,6 @@ import pytest
 
 from pipelines.config import load_config, presets
 from pipelines.config.presets import preset_of
-from pipelines.takes.take import Take
 from studio.yaml_text import parse_yaml
 
 
@@ -25,14 +24,6 @@ def test_a_folder_of_footage_is_enough(
     assert load_config(take / "config.yaml").capture.held_out == ("cam4",), "the take's settings stay"
     here("calibrate", take, "--preset", "preview").ok()
     assert preset_of(load_config(take / "config.yaml")) == "preview"
-
-
-def test_a_take_that_was_killed_at_once_is_begun_again(here: Callable, project: Path) -> None:
-    take = project / "take"
-    Take.create(take)
-    assert here("calibrate", take).returncode == 1, "where its footage is, is not known"
-    here("calibrate", project / "capture", "--take", take).ok()
-    assert load_config(take / "config.yaml").capture.root == project / "capture"
 
 
 def test_a_preset_comes_between_the_file_and_the_command_line(here: Callable, project: Path) -> None:

@@ -155,22 +155,6 @@ def test_frames_of_another_comparison_or_damaged_ones_are_measured_again(two, tm
         assert contents(tmp_path / "out") == contents(tmp_path / "whole")
 
 
-def test_full_frames_over_white_of_another_camera(two, here, tmp_path):
-    """Camera 2 was trained on, which is said."""
-    done = here(
-        "compare", two[0], "--protocol", "hifi4g", "--cameras", "2", "--frames", "::2", "--json", "--out", tmp_path
-    ).ok()
-    found = result_of(done.stdout)
-    assert found["protocol"]["resolution"] == {"cam2": [32, 24]}
-    assert found["protocol"]["background"] == [1.0, 1.0, 1.0]
-    assert found["protocol"]["frames"] == [0, 2, 4]
-    (take,) = found["takes"]
-    assert take["trained_on"] == ["cam2"]
-    assert take["flicker"] is None
-    white = cv2.imread(str(tmp_path / "cam2_000000.png"))[20:24, 2:6]
-    assert (white == 255).all(), "the background of the footage"
-
-
 def test_mistakes_are_one_sentence(two, here, tmp_path):
     done = here("compare", two[0], "--protocol", "hifi4g", "--out", tmp_path / "out")
     assert done.returncode == 1

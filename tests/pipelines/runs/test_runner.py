@@ -1,7 +1,5 @@
-import contextlib
 import json
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +18,9 @@ from pipelines.events import (
     RunStarted,
     StageFinished,
     StageStarted,
-    Warned,
 )
 from pipelines.events.cancellation import Cancellation
 from pipelines.runs.runner import run, status
-from pipelines.runs.work import work
 from pipelines.stages import STAGE_NAMES, stage_named
 from pipelines.stages.inputs import Inputs
 from pipelines.takes.frame_files import read_frame
@@ -193,37 +189,6 @@ def test_a_bake_is_kept_within_the_run(project, monkeypatch):
     assert project.events[-1].outcome == "failed"
 
 
-def test_a_kept_bake_gets_the_evaluation_of_a_killed_run(project):
-    """Killed after the evaluation was recorded. If it cannot get it, the evaluation is still finished."""
-    kept = keep_bake(project.take, "fine").take
-    kept.record("evaluate").unlink()
-    blocked = kept.evaluation
-    blocked.unlink()
-    (blocked / "folder").mkdir(parents=True)
-    events = project.run(stages=("evaluate",))
-    (warning,) = [event for event in events if isinstance(event, Warned)]
-    assert (warning.code, events[-1].outcome) == ("bakes.evaluation_not_noted", "done")
-    shutil.rmtree(blocked)
-    project.run(stages=("evaluate",))
-    assert kept_bakes(project.take)[0].psnr is not None
-
-
-def test_a_lost_capture_leaves_finished_stages_done(project):
-    shutil.rmtree(project.folder / "capture")
-    states = project.states()
-    assert states["train"] == "done"
-    assert "not checked against the footage" in project.found["train"].reason
-    with refuses("footage.folder_missing"):
-        project.run()
-    assert project.events[-1].result["stages"] == {}, "nothing was verified"
-    project.take.trained_frame(0, 0).unlink()
-    assert project.states()["train"] == "stale"
-    assert "frame_000000" in project.found["train"].reason
-    project.take.rig.unlink()
-    assert project.states()["calibrate"] == "stale"
-    assert "calibrate/rig.json" in project.found["calibrate"].reason
-
-
 def test_a_changed_image_is_noticed(project):
     path = project.folder / "capture/images/cam1/002.png"
     image = np.array(Image.open(path))
@@ -350,13 +315,6 @@ def test_an_empty_mask_in_a_later_frame_ends_training(project):
     assert project.found["train"].reason.startswith("last attempt: ")
 
 
-def test_a_camera_that_misses_a_frame_names_both(project):
-    (project.folder / "capture/images/cam2/002.png").unlink()
-    with refuses("footage.frames_missing", camera="cam2", frames=(2,)):
-        project.run()
-    assert project.take.stream.is_dir()
-
-
 def test_a_damaged_trained_frame_is_trained_again(project):
     path = project.take.trained_frame(0, 1)
     path.write_bytes(path.read_bytes()[:100])
@@ -389,32 +347,6 @@ def test_cancelled_from_another_thread(project):
     assert trained(events) == [1]
     assert not any(isinstance(event, StageFinished) and event.stage == "train" for event in events)
     assert trained(project.run("run.seed=5", stages=("train",))) == [2, 0, 4, 3]
-
-
-def test_a_group_that_a_worker_measures_meanwhile_is_not_measured_again(
-    project: Project, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    lock = Take.group_locked
-    config = load_config(project.folder / "ball.yaml", [])
-    by_worker: list[Event] = []
-
-    @contextlib.contextmanager
-    def later(take: Take, stage: str, group: int, waiting: Any) -> Iterator[None]:
-        """A worker held the lock before."""
-        monkeypatch.setattr(Take, "group_locked", lock)
-        work(take, config, (stage,), group, by_worker.append)
-        monkeypatch.setattr(Take, "group_locked", later)
-        with lock(take, stage, group, waiting):
-            yield
-
-    def measured(events: list[Event]) -> list[int]:
-        return [event.frame for event in events if isinstance(event, Metrics) and event.frame is not None]
-
-    monkeypatch.setattr(Take, "group_locked", later)
-    before = project.bytes_of(".")["evaluation.json"]
-    assert measured(project.run(stages=["evaluate"], force=True)) == []
-    assert len(measured(by_worker)) == len(set(measured(by_worker))) == 5
-    assert project.bytes_of(".")["evaluation.json"] == before
 
 
 def test_a_stage_may_be_named_alone_and_an_unknown_one_is_refused(project):

@@ -5,13 +5,8 @@ import shutil
 import threading
 from pathlib import Path
 
-import pytest
-
-from pipelines.share.serving import serve
 from studio.errors import StudioError
 from studio.stream import BakeSettings, StreamReader, write_manifest
-from studio.stream.manifest import MANIFEST_NAME
-from tests.support.errors import refuses
 from tests.support.streams import bake_numbered
 
 SETTINGS = BakeSettings(quality=20, preset="ultrafast")
@@ -78,19 +73,3 @@ def test_readers_get_one_bake_or_a_sentence(tmp_path: Path) -> None:
     read.append(frames_of(rebaked.stream))
     assert set(read) <= rebaked.known
     assert set(refused) <= {"stream.replaced"}
-
-
-@pytest.mark.parametrize("served", [False, True])
-def test_a_reader_of_the_old_bake_says_what_happened(tmp_path: Path, served: bool) -> None:
-    rebaked = Rebaked(tmp_path)
-    with serve(rebaked.stream) as server:
-        place = server.address if served else rebaked.stream
-        with StreamReader.open(place, threads=1) as reader:
-            reader.gaussians(0)
-            rebaked.bake()
-            with refuses("stream.replaced") as caught:
-                reader.gaussians(2)
-        assert str(caught.value).endswith(
-            f"{MANIFEST_NAME}: the stream was baked again since it was opened. Open it again."
-        )
-        assert frames_of(place) in rebaked.known

@@ -7,10 +7,8 @@ import threading
 
 import pytest
 
-from pipelines.takes import cancel_request
 from pipelines.takes.cancel_request import cancelled_on_request, request_cancel
 from pipelines.takes.take import Take
-from studio.errors import StudioError
 
 WAIT = 60.0
 
@@ -42,17 +40,3 @@ def test_a_request_to_another_run_is_dropped(take, left):
         assert not take.cancel_request.exists()
         request_cancel(take)
         assert cancelled.wait(WAIT)
-
-
-def test_nothing_is_requested_without_a_run(take):
-    request_cancel(take)
-    assert not take.cancel_request.exists()
-
-
-def test_a_request_that_cannot_be_written_is_one_sentence(take, monkeypatch):
-    def refuse(*_: object) -> None:
-        raise OSError(30, "Read-only file system")
-
-    monkeypatch.setattr(cancel_request, "write_text", refuse)
-    with take.locked("v3studio run"), pytest.raises(StudioError, match=r"read-only file system\). Stop the run where"):
-        request_cancel(take)

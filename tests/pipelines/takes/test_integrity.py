@@ -63,14 +63,6 @@ def test_a_damaged_frame_is_refused_where_it_is_read(take: Take) -> None:
         read_frame(take.root / FRAME)
 
 
-def test_a_frame_of_an_unfinished_take_is_checked_by_itself(take: Take) -> None:
-    take.forget("train")
-    flip(take.root / FRAME)
-    found = check_take(take, STAGE_NAMES)
-    assert found.unchecked == ("train",)
-    assert [(damage.file, damage.problem) for damage in found.damage] == [(FRAME, "damaged")]
-
-
 def test_the_command_names_removes_and_a_run_repairs(take: Take, finished: Path, here: Callable, cli: Callable) -> None:
     here("check", take.root).ok()
     video = next((take.stream).rglob("*.mp4"))

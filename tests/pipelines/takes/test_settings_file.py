@@ -36,28 +36,6 @@ def test_only_the_changed_value_changes(file: Path) -> None:
     assert load_config(file).train.group_size == 10
 
 
-def test_a_new_setting_is_added_and_an_equal_one_not_rewritten(file: Path) -> None:
-    set_settings(file, {"bake.quality": 24, "capture.held_out": ["cam05", "cam12"]})
-    assert file.read_text() == TEXT
-    set_settings(file, {"run.seed": 7, "bake.preset": "fast"})
-    config = load_config(file)
-    assert (config.run.seed, config.bake.preset, config.bake.qp) == (7, "fast", 24)
-    for comment in ("# my capture", "# two groups", "# a little lossy", "# never trained on"):
-        assert comment in file.read_text()
-
-
-def test_all_settings_of_a_run_keep_the_comments(file: Path) -> None:
-    config = load_config(file, [("bake.quality", 30), ("capture.offsets", {"cam05": 2})])
-    save_config(file, config)
-    assert load_config(file) == config
-    for comment in ("# my capture", "# two groups", "# a little lossy", "# never trained on"):
-        assert comment in file.read_text()
-    assert file.read_text().index("train:") < file.read_text().index("bake:") < file.read_text().index("capture:")
-    before = file.read_bytes()
-    save_config(file, config)
-    assert file.read_bytes() == before
-
-
 @pytest.mark.parametrize("damaged", ["{", "[1, 2]", "bake: {qp: 24}\nbake: {qp: 25}\n", "unknown: {x: 1}\n"])
 def test_a_file_that_cannot_be_kept_is_replaced(file: Path, damaged: str) -> None:
     config = load_config(file)

@@ -1,6 +1,5 @@
 """Bad footage: one clear error per problem."""
 
-import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -32,33 +31,6 @@ def test_a_camera_missing_in_a_frame(image_folders: Path) -> None:
     footage = open_footage(CaptureSettings(root=image_folders), strict=False)
     assert footage.frames == (5, 7, 8)
     assert [problem.code for problem in check_footage(footage)] == ["footage.frames_missing"]
-
-
-def test_several_cameras_with_missing_frames_are_counted(image_folders: Path) -> None:
-    for camera, frame in (("left", 7), ("right", 6)):
-        (image_folders / "images" / camera / f"{frame:06d}.png").unlink()
-    with refuses("footage.frames_missing", camera="left", frames=(7,)) as caught:
-        open_footage(CaptureSettings(root=image_folders))
-    assert "(1 more like this)" in str(caught.value)
-
-
-def test_different_frame_counts(three_videos: Path, make: SimpleNamespace) -> None:
-    make.video(three_videos / "videos" / "cam2.mp4", [make.numbered(index) for index in range(9)])
-    with refuses("footage.camera_ends_early", value=8, camera="cam2", expected=11, setting="capture.frames") as caught:
-        open_footage(CaptureSettings(root=three_videos))
-    assert "set capture.frames to :9" in str(caught.value)
-    assert open_footage(CaptureSettings(root=three_videos, frames=":9")).frames == tuple(range(9))
-
-
-def test_a_camera_that_is_numbered_from_another_number(image_folders: Path) -> None:
-    """The range in the error can be pasted."""
-    for frame in (8, 7, 6, 5):
-        file = image_folders / "images" / "right" / f"{frame:06d}.png"
-        file.rename(file.with_name(f"{frame + 1:06d}.png"))
-    with refuses("footage.camera_ends_early", camera="left") as caught:
-        open_footage(CaptureSettings(root=image_folders))
-    pasted = re.search(r"capture\.frames to (\S+)", str(caught.value))
-    assert open_footage(CaptureSettings(root=image_folders, frames=pasted[1])).frames == (6, 7, 8)
 
 
 def test_images_that_exif_turns_are_named(tmp_path: Path, make: SimpleNamespace) -> None:
@@ -136,27 +108,6 @@ def test_missing_mask_and_wrong_mask_shape(image_folders: Path, make: SimpleName
     (problem,) = check_footage(open_footage(CaptureSettings(root=image_folders)))
     assert (problem.code, problem.file, problem.value) == ("mask.aspect_ratio", mask, (64, 64))
     assert problem.fields == {"camera": "left", "frame": 6, "expected": (96, 64)}
-
-
-def test_masks_of_another_aspect_ratio(image_folders: Path, make: SimpleNamespace) -> None:
-    for frame in range(5, 9):
-        make.image(image_folders / "masks" / "left" / f"{frame:06d}.png", np.full((64, 64), 255, np.uint8))
-    footage = open_footage(CaptureSettings(root=image_folders))
-    mask = image_folders / "masks" / "left" / "000006.png"
-    with refuses("mask.aspect_ratio", file=mask, value=(64, 64), camera="left", frame=6, expected=(96, 64)):
-        footage.mask("left", 6)
-
-
-def test_two_cameras_with_one_name(three_videos: Path, make: SimpleNamespace) -> None:
-    make.video(three_videos / "videos" / "cam2.mkv", [make.numbered(0)])
-    folder = three_videos / "videos"
-    with refuses("footage.duplicate_file", file=folder / "cam2.mp4", camera="cam2", other=folder / "cam2.mkv"):
-        open_footage(CaptureSettings(root=three_videos))
-    assert open_footage(CaptureSettings(root=three_videos, images="videos/{camera}.mp4")).camera_names == (
-        "cam1",
-        "cam2",
-        "cam10",
-    )
 
 
 def test_masks_that_are_not_there(three_videos: Path, make: SimpleNamespace) -> None:

@@ -8,7 +8,6 @@ import pytest
 from studio.capture import CaptureSettings, Footage, open_footage
 from studio.capture.color_chart import REFERENCE, find_chart, fit_chart_colors
 from studio.color_fit import neutral
-from studio.errors import StudioError
 from tests.support.color_charts import HEIGHT, WIDTH, flat_chart, matrices, view_of_chart, write_charts
 from tests.support.errors import refuses
 
@@ -81,17 +80,3 @@ def test_what_cannot_be_fitted_is_refused(tmp_path: Path) -> None:
         fit_chart_colors(footage, 2, "abc")
     fit = fit_chart_colors(footage, 1, "abc")
     assert set(fit.matrices) == {"a", "c"}
-
-
-def test_reasons_are_told_if_no_camera_can_be_measured(tmp_path: Path) -> None:
-    bright = view_of_chart(np.hstack([np.eye(3) * 4, np.zeros((3, 1))]), 1)
-    footage = footage_of(tmp_path, a=[bright], b=[WALL])
-    with pytest.raises(StudioError, match=r"a: .* too dark or too bright to be measured; b: no ColorChecker is seen"):
-        fit_chart_colors(footage, 0, "ab")
-
-
-@pytest.mark.parametrize("shape", [(1, 2000), (2000, 1), (20, 3)])
-def test_images_too_small_for_a_chart_are_not_searched(shape: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delattr("cv2.mcc.CCheckerDetector")
-    with refuses("color_chart.not_found"):
-        find_chart(np.zeros((*shape, 3), np.uint8))

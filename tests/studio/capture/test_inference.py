@@ -185,14 +185,6 @@ def test_chapters_are_one_recording(tmp_path: Path, make: SimpleNamespace) -> No
         open_footage(CaptureSettings(root=tmp_path, masks="none", audio="cam0"))
 
 
-def test_chapters_without_cameras_are_named(tmp_path: Path, make: SimpleNamespace) -> None:
-    for name in ("GX010031", "GX020031", "GX010007"):
-        make.video(tmp_path / f"{name}.MP4", [make.numbered(0)] * 3)
-    description = open_footage(CaptureSettings(root=tmp_path, masks="none")).description
-    assert "'GX010031.MP4' and 'GX020031.MP4'" in description
-    assert "'GX010007.MP4'" not in description
-
-
 def test_chapters_must_fit(tmp_path: Path, make: SimpleNamespace) -> None:
     for camera in ("cam0", "cam1"):
         make.video(tmp_path / camera / "GX010031.MP4", [make.numbered(0)] * 3)

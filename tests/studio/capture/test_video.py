@@ -31,15 +31,6 @@ def test_frames_are_exact_in_any_order(
     assert [make.number_of(reader.read(index)) for index in order] == order
 
 
-def test_a_closed_reader_reopens(tmp_path: Path, make: SimpleNamespace) -> None:
-    path = make.video(tmp_path / "v.mp4", [make.numbered(index) for index in range(30)])
-    reader = VideoReader(path)
-    reader.read(20)
-    reader.close()
-    assert not reader.is_open
-    assert make.number_of(reader.read(21)) == 21
-
-
 @pytest.mark.parametrize(
     ("matrix", "tag", "red", "blue"),
     [

@@ -161,15 +161,6 @@ def test_far_splats_do_not_cost_the_others_their_precision(folder, tmp_path, dis
     assert (sizes[0] - sizes[1]).abs().max() < 0.05
 
 
-@pytest.mark.parametrize(("away", "noted"), [(100.0, 0), (1e6, 1)])
-def test_positions_that_float32_cannot_hold_are_noted(folder, away, noted):
-    for index in range(2):
-        frame = body(index)
-        frame.means[:, 1] += away
-        write_splats(frame, folder / f"f{index}.ply")
-    assert sum("steps of" in note for note in open_import(folder).notes) == noted
-
-
 def test_nothing_to_import(folder, tmp_path):
     with refuses("import.no_files", file=folder):
         open_import(folder)
@@ -229,16 +220,6 @@ def test_sequences_of_each_format_are_baked(folder, tmp_path, name):
     assert [group.frame_count for group in manifest.groups] == [3]
     assert manifest.sh_degree == int(name[6])
     assert manifest.metadata["up"] == ([0, 1, 0] if name.endswith(".spz") else [0, -1, 0])
-
-
-@pytest.mark.parametrize("ending", [".ply", ".spz"])
-def test_one_body_is_one_group(folder, ending):
-    for frame in range(6):
-        write_splats(body(frame), folder / f"f{frame}{ending}")
-    video = open_import(folder, fps=12)
-    assert (video.frame_count, video.fps, video.group_starts) == (6, 12, (0,))
-    assert video.up.tolist() == ([0, -1, 0] if ending == ".ply" else [0, 1, 0])
-    np.testing.assert_allclose(video.read(5).means, body(5).means, atol=1e-4)
 
 
 def test_groups_begin_where_splats_can_no_longer_be_followed(folder):

@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 
 from studio.capture.settings import DifferenceSettings
-from studio.masks.clean_plate import difference_evidence, match_exposure
-from studio.masks.median_background import Background
-from studio.masks.plates import PlateMaskSource
+from studio.masks.clean_plate import difference_evidence
 
 PLAIN = DifferenceSettings(mask_shadows="none")
 BRIGHTER = 20.0
@@ -38,37 +36,3 @@ def test_slopes_of_the_plate_are_tolerated_in_both_directions(axis: int) -> None
     plate = np.broadcast_to(ramp[:, None] if axis == 0 else ramp[None], flat.shape).copy()
     assert evidence_on(plate) == pytest.approx(expected(16), abs=0.01)
     assert expected(16) < expected(0) - 1
-
-
-def test_exposure_is_the_median_ratio_of_usable_pixels() -> None:
-    random = np.random.default_rng(3)
-    plate = random.uniform(30, 150, (60, 80, 3)).astype(np.float32)
-    image = plate * np.array([1.25, 0.8, 3.0], np.float32)
-    image[:, :20] = 255  # the performer, a quarter
-    plate[:, 20:30] = (10, 100, 100)  # a dark corner and an overexposed window tell nothing
-    plate[:, 30:40] = (100, 250, 100)
-    gain = match_exposure(image, plate)
-    np.testing.assert_allclose(gain[:2], [1.25, 0.8], rtol=0.01)
-    assert gain[2] == pytest.approx(1.4), "the limit"
-    known = np.zeros((60, 80), bool)
-    known[:5, 40:] = True  # too few
-    assert match_exposure(image, plate, known).tolist() == [1, 1, 1]
-    known[:, 60:] = True
-    image[:, 40:60] = 0
-    np.testing.assert_allclose(match_exposure(image, plate, known)[:2], [1.25, 0.8], rtol=0.01)
-
-
-def test_backgrounds_of_a_large_rig_are_dropped_and_loaded_again() -> None:
-    loaded = []
-
-    def load(camera: str) -> Background:
-        loaded.append(camera)
-        return Background(np.broadcast_to(np.uint8(0), (20_000, 10_000, 3)))  # 600 MB, of which it takes one byte
-
-    source = PlateMaskSource(load, [])
-    for camera in "abcddcb":
-        source.background(camera)
-    assert loaded == ["a", "b", "c", "d"], "2 GB hold three"
-    source.background("a")
-    source.background("c")
-    assert loaded == ["a", "b", "c", "d", "a"]

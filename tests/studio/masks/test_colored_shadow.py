@@ -51,16 +51,6 @@ def test_a_colored_shadow_is_not_the_performer(color: str) -> None:
         assert overlap(kept, np.maximum(alpha, shadow)) > 0.9  # otherwise, it is
 
 
-@pytest.mark.parametrize(("color", "contrast"), [*((color, 0.06) for color in COLORS), ("hard and dark", 0.0)])
-def test_a_dark_performer_is_no_shadow(color: str, contrast: float) -> None:
-    """Clothes with exactly the mean color of such a shadow, but without the texture of the floor."""
-    alpha = disc(150, 120, 45, 75)
-    cloth = np.array([210.0, 100.0, 40.0]) * COLORS[color]
-    image = floor(contrast) * (1 - alpha[..., None]) + cloth * alpha[..., None]
-    mask = difference_mask(filmed(image, 2), filmed(floor(contrast), 1), ON)
-    assert overlap(mask, alpha) > 0.94
-
-
 @pytest.mark.parametrize("contrast", [0.1, 0.3])
 @pytest.mark.parametrize("lighter", [0.0, 0.4], ids=["as dark", "lighter"])
 @pytest.mark.parametrize("color", [*COLORS, "neutral"])
@@ -75,12 +65,3 @@ def test_a_shadow_in_view_takes_nothing_from_cloth_of_its_color(color: str, ligh
     without, mask = (difference_mask(filmed(image, 2), plate, one) for one in (DifferenceSettings(), ON))
     assert mask[alpha == 1].mean() > 0.95 * without[alpha == 1].mean() > 100
     assert mask[shadow == 1].mean() < 5
-
-
-def test_shadows_of_two_lights_and_where_they_meet() -> None:
-    alpha = disc(180, 90, 28, 55)
-    one, other = (np.array(COLORS[name]) for name in ("warm light gone", "blue light gone"))
-    left, right = disc(110, 165, 90, 26)[..., None], disc(245, 165, 95, 26)[..., None]
-    shaded = floor() * (1 - left * (1 - one)) * (1 - right * (1 - other))
-    image = shaded * (1 - alpha[..., None]) + np.array([60.0, 90.0, 160.0]) * alpha[..., None]
-    assert overlap(difference_mask(filmed(image, 2), filmed(floor(), 1), ON), alpha) > 0.9

@@ -9,13 +9,10 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from PIL import Image
 
 from studio.capture import CaptureSettings, open_footage
 from studio.capture.checks import check_footage
-from studio.masks.mask_values import values_in
 from studio.yaml_text import parse_yaml
 from tests.support.errors import refuses
 
@@ -160,21 +157,6 @@ def test_soft_masks_stay_soft(tmp_path: Path, make: SimpleNamespace, extension: 
     assert "soft" in footage.description
 
 
-@given(
-    labels=st.sets(st.integers(1, 255), min_size=1, max_size=6),
-    white=st.booleans(),
-    deep=st.booleans(),
-)
-@settings(max_examples=60, deadline=None)
-def test_whatever_the_numbers_all_but_zero_is_the_performer(labels: set[int], white: bool, deep: bool) -> None:
-    numbers = [*sorted(labels), *([65535 if deep else 255] if white else [])]
-    values = np.zeros((8, 7 * len(numbers)), np.uint16 if deep else np.uint8)
-    for index, number in enumerate(numbers):
-        values[1:7, 7 * index : 7 * index + 6] = number
-    mask = values_in([values], exact=True).mask(values)
-    assert np.array_equal(mask, np.where(values > 0, 255, 0))
-
-
 def test_chosen_labels(tmp_path: Path, make: SimpleNamespace) -> None:
     root = capture(tmp_path, make, ".png", palette(LABELS, [0, 0, 0, 128, 0, 0, 0, 128, 0]))
     footage = open_footage(CaptureSettings(root=root, mask_labels=(2,)))
@@ -220,12 +202,6 @@ def test_masks_can_be_inverted(tmp_path: Path, make: SimpleNamespace, write: Wri
     assert footage.warnings == []
 
 
-def test_masks_without_background_are_no_masks(tmp_path: Path, make: SimpleNamespace) -> None:
-    (warning,) = open_footage(CaptureSettings(root=capture(tmp_path, make, ".png", pillow(ONE * 0 + 255)))).warnings
-    assert warning.code == "mask.inverted"
-    assert "capture.mask_labels" not in warning.fix
-
-
 def test_masks_that_cannot_be_read_are_named(tmp_path: Path, make: SimpleNamespace) -> None:
     for camera in "ab":
         make.image(tmp_path / "images" / camera / "0.png", np.full((HEIGHT, WIDTH, 3), 90, np.uint8))
@@ -250,15 +226,6 @@ def test_cameras_without_masks_are_named_with_a_setting_that_works(tmp_path: Pat
     assert "'b' and 'e'" in footage.description
 
 
-def test_a_few_cameras_with_masks_are_not_the_capture(tmp_path: Path, make: SimpleNamespace) -> None:
-    root = capture(tmp_path, make, ".png", pillow(ONE), "abcd")
-    for camera in "abc":
-        for file in (root / "masks" / camera).iterdir():
-            file.unlink()
-    with refuses("mask.missing", cameras=("a", "b", "c")):
-        open_footage(CaptureSettings(root=root))
-
-
 @pytest.mark.parametrize("form", ["segmentation/{c}.png", "sam/v2/{c}_fg.png"])
 def test_masks_that_transforms_json_names(tmp_path: Path, make: SimpleNamespace, form: str) -> None:
     frames = []
@@ -271,11 +238,3 @@ def test_masks_that_transforms_json_names(tmp_path: Path, make: SimpleNamespace,
     footage = open_footage(CaptureSettings(root=tmp_path))
     np.testing.assert_array_equal(footage.mask("cam1", 0) > 127, INSIDE)
     assert form.format(c="{camera}") in footage.description
-
-
-def test_an_opaque_alpha_channel_is_no_mask(tmp_path: Path, make: SimpleNamespace) -> None:
-    root = capture(tmp_path, make, ".png", pillow(ONE))
-    for file in (root / "images").glob("*/*.png"):
-        Image.open(file).convert("RGBA").save(file)
-    assert np.array_equal(open_footage(CaptureSettings(root=root)).mask("a", 0) > 0, INSIDE)
-    assert "opaque" in open_footage(CaptureSettings(root=root, masks="alpha")).description

@@ -4,12 +4,9 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 
 from studio.cameras import Rig
 from studio.capture import CaptureSettings, open_footage
-from studio.capture.checks import check_footage
-from studio.masks import clean_plate
 from studio.masks.clean_plate import difference_mask
 from studio.masks.median_background import cached_background, estimate_background
 
@@ -91,17 +88,6 @@ def test_shadows_on_a_colorful_floor_are_not_the_performer() -> None:
     assert iou(difference_mask(image, plate), 255 * alpha) > 0.95
 
 
-def test_masks_of_large_images_have_full_size(monkeypatch: pytest.MonkeyPatch) -> None:
-    import cv2
-
-    monkeypatch.setattr(clean_plate, "WORK_SIDE", 240)  # larger images are reduced to this
-    empty = cv2.resize(set_of(), (480, 320), interpolation=cv2.INTER_CUBIC)
-    alpha = performer(480, 320, 200, 160, 48)
-    mask = difference_mask(compose(empty, alpha, 3.0, 2), compose(empty, 0 * alpha, 3.0, 1))
-    assert mask.shape == (320, 480)
-    assert iou(mask, 255 * alpha) > 0.97
-
-
 def test_the_set_is_estimated_although_it_is_covered_most_of_the_time() -> None:
     """The performer stays in one place for two thirds of the time, so a median would show them there."""
     empty = set_of()
@@ -135,14 +121,3 @@ def test_estimated_sets_are_cached_and_damaged_files_replaced(tmp_path: Path) ->
     file.write_bytes(file.read_bytes()[:1000])
     cached_background(tmp_path, "k", make_it)
     assert len(calls) == 2
-
-
-def test_static_footage_has_empty_masks(tmp_path: Path, make: SimpleNamespace) -> None:
-    empty = set_of()
-    for frame in range(12):
-        make.image(tmp_path / "images" / "a" / f"{frame}.png", compose(empty, np.zeros((160, 240)), 2.0, frame))
-    footage = open_footage(CaptureSettings(root=tmp_path))
-    assert "estimated from the footage" in footage.description
-    (problem,) = check_footage(footage)
-    assert problem.code == "mask.empty"
-    assert problem.fields == {"camera": "a", "frames": tuple(range(12))}

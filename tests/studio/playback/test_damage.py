@@ -1,12 +1,11 @@
 """Damaged and missing groups are skipped and reported, and playback continues."""
 
 import json
-import time
 
 import pytest
 
 from studio.playback import play_headless
-from studio.stream import FolderSource, SourceUnavailable
+from studio.stream import SourceUnavailable
 from tests.studio.playback.conftest import own_files
 from tests.support.errors import refuses
 from tests.support.streams import edit_manifest, opacity_file, put_file
@@ -57,20 +56,6 @@ def test_where_nothing_is_intact_it_is_an_error(stream, realtime):
     assert "the file is missing" in str(caught.value)
 
 
-def test_from_a_frame_on_nothing_is_intact(stream):
-    file = opacity_file(stream, 3)
-    file.unlink()
-    with refuses("playback.nothing_playable", file=file, group=3):
-        play_headless(stream, start_frame=11)
-
-
-def test_only_what_was_to_be_played_is_reported(stream):
-    opacity_file(stream, 1).unlink()
-    assert play_headless(stream, frame_limit=5).skipped == ()
-    assert play_headless(stream, frame_limit=6).skipped != ()
-    assert play_headless(stream, start_frame=9).skipped == ()
-
-
 def test_a_picture_that_cannot_be_decoded(stream):
     """Names and checksums match here: the manifest is updated to the damaged file."""
     file = opacity_file(stream, 0)
@@ -91,23 +76,6 @@ def test_a_picture_that_cannot_be_decoded(stream):
     assert seen == [*range(skipped.first_frame), *range(5, 16)]
     assert skipped.cause.code in ("stream.video_damaged", "stream.video_too_short", "stream.wrong_luma")
     assert skipped.cause.file == str(opacity_file(stream, 0))
-
-
-def test_a_slow_fetch_is_waited_for(long_stream):
-    """The frame after it is shown, whenever it comes."""
-    own = own_files(long_stream)
-
-    class Slow(FolderSource):
-        def read(self, path: str, limit: int) -> bytes:
-            if own.get(path) == 3:
-                time.sleep(1.0)  # for each of its files; the three groups before take 0.84 s
-            return super().read(path, limit)
-
-    seen = []
-    report = play_headless(Slow(long_stream), realtime=True, on_frame=lambda played: seen.append(number(played)))
-    assert 42 in seen
-    assert seen[-1] == 83
-    assert report.shown + report.dropped == 84
 
 
 class Dead:

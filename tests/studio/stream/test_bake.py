@@ -3,13 +3,10 @@
 import os
 from dataclasses import replace
 
-import numpy as np
 import pytest
-import torch
 
 from studio.errors import Cancelled, StudioError
 from studio.stream import BakeSettings, bake_group, write_manifest
-from studio.stream.morton import morton_order
 from studio.stream.video import PlaneEncoder
 from tests.support.errors import refuses
 from tests.support.streams import contents
@@ -21,21 +18,6 @@ def bake(folder, frames, threads=0, **settings):
     settings = PLANES.replace(**settings)
     entry = bake_group(frames, folder, 0, 0, settings, threads=threads)
     return write_manifest(folder, [entry], 30, settings)
-
-
-def test_plane_holds_splats_row_by_row(tmp_path, make_frames):
-    import cv2
-
-    frames = make_frames(1, 70)
-    manifest = bake(tmp_path, frames, quality=0)
-    opacities = frames[0].opacities[torch.from_numpy(morton_order(frames[0].means.numpy()))].numpy()
-    component = next(one for one in manifest.groups[0].best.components if one.name == "opacity")
-    _, picture = cv2.VideoCapture(str(tmp_path / component.planes[0].path)).read()
-    plane = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
-    assert plane.shape == (16, 16)
-    codes = np.rint((opacities - opacities.min()) / (opacities.max() - opacities.min()) * 255)
-    assert np.abs(plane.reshape(-1)[:70] - codes).max() <= 1  # ties of rounding
-    assert plane[3, 5] == plane.reshape(-1)[3 * 16 + 5]
 
 
 @pytest.mark.parametrize("profile", ["motion", "planes"])

@@ -50,15 +50,6 @@ def test_each_file_is_named_once_with_the_groups_that_need_it(ladder):
         flip(ladder / path)
 
 
-def test_one_damaged_file_does_not_hide_another(ladder):
-    first, second, *_ = sorted(path for path in (ladder / "files").iterdir() if path.suffix == ".mp4")
-    first.unlink()
-    second.write_bytes(second.read_bytes()[:-1])
-    found = {damage.file: damage.problem for damage in checked(ladder).damage}
-    assert set(found) == {f"files/{first.name}", f"files/{second.name}"}
-    assert "missing" in found[f"files/{first.name}"]
-
-
 def test_the_command_checks_a_folder_a_file_and_refuses_to_remove(ladder, tmp_path, capsys):
     with StreamReader.open(ladder) as reader:
         write_archive(reader, tmp_path / "one.v3s")

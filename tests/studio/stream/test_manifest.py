@@ -5,12 +5,11 @@ import re
 from pathlib import Path
 
 import pytest
-import torch
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from studio.errors import StudioError
-from studio.stream import GroupEntry, StreamReader, manifest
+from studio.stream import StreamReader, manifest
 from studio.stream.manifest_file import manifest_schema, parse_manifest
 from tests.support.errors import refuses
 from tests.support.streams import put_file, set_at, write_sealed
@@ -355,28 +354,3 @@ def test_any_value_anywhere_ends_in_a_sentence_or_in_frames(copy_of, tmp_path, d
     finally:
         path.write_bytes(original)
     assert message is None or len(message) < 1000
-
-
-def test_group_entry_goes_through_json(intact):
-    with StreamReader.open(intact("ladder")) as reader:
-        for number in range(len(reader.index)):
-            entry = reader.index.group(number)
-            assert GroupEntry.from_dict(json.loads(json.dumps(entry.to_dict()))) == entry
-    with refuses("manifest.invalid", file="entry.json", location="index", rule="missing"):
-        GroupEntry.from_dict({}, "entry.json")
-
-
-def test_rotations_of_nothing_are_not_seen(copy_of, edit_manifest):
-    """All four numbers of the quaternions are 0: they describe no rotation."""
-    stream = copy_of("planes")
-
-    def change(values):
-        for component in values["groups"][0]["renditions"][0]["components"][-4:]:
-            component.update(min=0.0, max=0.0)
-
-    edit_manifest(stream, change)
-    with StreamReader.open(stream) as reader:
-        frame = reader.gaussians(0)
-        assert torch.isfinite(frame.quats).all()
-        assert (frame.opacities < 1 / 255).all()
-        assert (reader.gaussians(5).opacities > 1 / 255).any()

@@ -1,16 +1,13 @@
 """A manifest's metadata: written and read alike; whatever else stands there is left out."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from studio.cameras import Camera
-from studio.stream import BakeSettings, StreamMetadata, StreamReader, write_manifest
+from studio.stream import StreamMetadata
 from studio.stream.metadata import plain_text, with_plain_texts
-from tests.support.errors import refuses
-from tests.support.streams import bake_numbered
 
 CAMERA = Camera("cam00", 80, 60, np.array([[100.0, 0, 40], [0, 100, 30], [0, 0, 1]]), np.eye(4))
 
@@ -22,16 +19,6 @@ def test_what_is_written_is_read() -> None:
     assert (found.background, found.up) == ((1.0, 0.5, 0.0), (0.0, -1.0, 0.0))
     np.testing.assert_array_equal(found.suggested_camera.K, CAMERA.K)
     assert StreamMetadata().to_json() == {}
-
-
-def test_malformed_entries_count_as_not_given() -> None:
-    found = StreamMetadata.from_json(
-        {"suggested_camera": 7, "background": [1, 2], "up": [0, float("nan"), 1], "title": "x"}
-    )
-    assert (found.suggested_camera, found.background, found.up) == (None, None, None)
-    assert StreamMetadata.from_json({"up": [0, 0, 0]}).up is None, "no direction"
-    with refuses("camera.missing_key"):
-        StreamMetadata.from_json({"suggested_camera": {"name": "cam00"}})
 
 
 @pytest.mark.parametrize(
@@ -51,11 +38,3 @@ def test_shown_texts_are_plain(text: str, plain: str) -> None:
         "credits": 7,
         "other": text,
     }
-
-
-def test_titles_are_written_plain(tmp_path: Path) -> None:
-    with StreamReader.open(bake_numbered(tmp_path, (2,), 10.0)) as reader:
-        groups = [reader.index.group(0)]
-    values = {"title": "a\u202eb\x07", "note": "a\u202eb"}
-    written = write_manifest(tmp_path, groups, 10.0, BakeSettings(profile="planes", quality=0), values)
-    assert written.metadata == {"title": "ab", "note": "a\u202eb"}

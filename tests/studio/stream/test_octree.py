@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from studio.stream.morton import deinterleave, interleave, square_scan
-from studio.stream.sidefile import Cursor, decode_octree, deflate, encode_octree, inflate, split
+from studio.stream.sidefile import Cursor, decode_octree, deflate, encode_octree, inflate
 
 CELLS = st.lists(st.tuples(*[st.integers(0, 255)] * 3), min_size=1, max_size=60)
 
@@ -42,12 +42,6 @@ def test_any_bytes_as_an_octree_end(data, bits, splats):
         return
     assert len(codes) == splats
     assert (np.diff(codes.astype(np.int64)) >= 0).all()
-
-
-def test_zigzag_as_described():
-    assert split(np.array([0, -1, 1, -2, 2, 300]), 2) == [bytes([0, 1, 2, 3, 4, 88]), bytes([0, 0, 0, 0, 0, 2])]
-    with pytest.raises(ValueError, match="fit"):
-        split(np.array([128]), 1)
 
 
 def test_inflate_stops_at_the_promised_size():

@@ -74,13 +74,6 @@ def test_splats_of_a_detail_are_split_at_smaller_errors(seen: list[TrainingView]
     assert inside[1] > inside[0] + 10
 
 
-def test_nothing_is_split_where_no_view_looks(seen: list[TrainingView]) -> None:
-    away = replace(ball(torch.zeros(3)), means=ball(torch.zeros(3)).means + 50)
-    optimizer = optimizer_of(away)
-    control(seen).densify(optimizer, generator(), 20, remove_huge=False)
-    assert len(optimizer) == 300
-
-
 def test_faint_and_huge_splats_are_removed(seen: list[TrainingView]) -> None:
     optimizer = optimizer_of(ball(torch.zeros(3)))
     with torch.no_grad():

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -114,18 +113,6 @@ def test_auto_keeps_exact_masks_and_refines_others(trained: Gaussians) -> None:
         found = [view.mask for view in stepper.views]
         assert errors(found, exact) <= errors(masks, exact)
         assert all(torch.equal(one, other) for one, other in zip(found, masks, strict=True)) != refined
-
-
-def test_splats_that_were_moved_badly_do_not_replace_masks(trained: Gaussians) -> None:
-    views, exact = shadowed(plates=True)
-    views = [view.with_mask(mask) for view, mask in zip(views, exact, strict=True)]
-    stepper = Stepper(views, SETTINGS, torch.Generator())
-    refinement = Refinement(stepper, SETTINGS, keyframe_off=20.0)
-    refinement.begin(replace(trained, means=trained.means + 0.1))
-    assert refinement.refined is False
-    assert stepper.views is views
-    refinement.refresh(trained)
-    assert refinement.refined is True, "once they are where the performer is, they do"
 
 
 def test_an_interrupted_keyframe_continues_to_the_same_bits() -> None:

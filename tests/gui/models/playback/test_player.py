@@ -1,6 +1,5 @@
 """The playback presenter without a window: opening, frames in order, views, bad input."""
 
-import itertools
 import shutil
 import threading
 from collections.abc import Iterator
@@ -10,11 +9,8 @@ import numpy as np
 import pytest
 import torch
 
-from gui.models.evaluation import Evaluation
-from gui.models.marks import Marks
 from gui.models.playback.player import PlayerPresenter
 from gui.models.playback.stream_source import StreamSource
-from gui.models.take.inspector import review_blocks
 from gui.models.worker import LatestWorker
 from pipelines.takes.frame_files import FrameMetadata, write_frame
 from pipelines.takes.take import Take
@@ -24,7 +20,6 @@ from tests.support.errors import refuses
 from tests.support.looping import heard
 from tests.support.players import settle
 from tests.support.splats import write_group
-from tests.support.streams import group_files
 from tests.support.waiting import wait_until
 
 
@@ -43,112 +38,6 @@ def player() -> Iterator[PlayerPresenter]:
     assert presenter.close()
 
 
-def test_pictures_follow_the_transport_and_the_view(player: PlayerPresenter, stream_folder: Path) -> None:
-    assert player.open(stream_folder), player.message
-    settle(player)
-    assert (player.picture.frame, player.picture.splats) == (0, 600)
-    player.resize(320, 200)
-    player.transport.seek(7)
-    player.background = "black"
-    settle(player)
-    assert player.picture.frame == 7
-    assert player.picture.image.shape == (200, 320, 3)
-    assert (player.picture.image[5, 5] == 0).all()
-    before = player.orbit.eye
-    player.drag(30, 0, True, 200)
-    player.wheel(0, 0, 1)
-    assert np.linalg.norm(player.orbit.eye - before) > 0.1
-    player.reset()
-    assert player.orbit.eye == pytest.approx(before)
-
-
-def test_a_ring_is_around_what_a_mark_is_about(player: PlayerPresenter, stream_folder: Path) -> None:
-    player.open(stream_folder)
-    player.resize(320, 200)
-    player.background = "black"
-    eye, target = player.orbit.eye, player.orbit.target
-    behind = 2 * eye - target
-    player.places = {3: (target[0] + 0.1, target[1] + 0.1, target[2]), 4: (behind[0], behind[1], behind[2])}
-    rings = {}
-    for frame in (2, 3, 4):
-        player.transport.seek(frame)
-        settle(player)
-        rings[frame] = np.argwhere(player.picture.image.max(axis=2) > 100)
-    assert len(rings[2]) == len(rings[4]) == 0
-    pixels, _ = player.orbit.camera(320, 200).project(np.array([player.places[3]]))
-    assert rings[3].mean(axis=0)[::-1] == pytest.approx(pixels[0], abs=1)
-
-
-def test_frames_never_come_out_of_order_while_playing(player: PlayerPresenter, stream_folder: Path) -> None:
-    player.open(stream_folder)
-    player.transport.set_loop(False)
-    player.transport.speed = 0.5
-    player.transport.play()
-    shown: list[int] = []
-
-    def last_shown() -> bool:
-        picture = player.poll()
-        shown.extend([] if picture is None else [picture.frame])
-        return shown[-1:] == [11]
-
-    wait_until("the last frame", last_shown)
-    assert shown == sorted(shown)
-    assert shown[-1] == 11
-
-
-def damaged(stream: Path, folder: Path, group: int) -> Path:
-    """A copy of a stream with the video of one group truncated; returns the video."""
-    shutil.copytree(stream, folder)
-    victim = group_files(folder, group)[1]
-    victim.write_bytes(victim.read_bytes()[:-100])
-    return victim
-
-
-def test_damage_is_played_past_with_a_sentence(player: PlayerPresenter, stream_folder: Path, tmp_path: Path) -> None:
-    victim = damaged(stream_folder, tmp_path / "broken", 1)
-    assert player.open(tmp_path / "broken")
-    settle(player)
-    player.transport.seek(9)
-    settle(player)
-    assert victim.name in player.message
-    assert "Group 1, frames 8 to 11, was skipped" in player.message
-    assert "rendering" not in player.status, "nothing is rendered any more"
-    player.transport.seek(3)
-    settle(player)
-    assert player.message == ""
-    assert player.picture.frame == 3
-    blocks = {block.title: block.note for block in review_blocks(player, Evaluation(), Marks(None))}
-    assert victim.name in blocks["Damaged, skipped"]
-
-    # playback skips the damaged group and loops, again and again
-    player.transport.seek(6)
-    player.transport.play()
-    shown: list[int] = []
-
-    def twice_around() -> bool:
-        picture = player.poll()
-        shown.extend([] if picture is None else [picture.frame])
-        return sum(b < a for a, b in itertools.pairwise(shown)) >= 2
-
-    wait_until("twice around", twice_around)
-    assert player.transport.playing
-    assert set(shown) <= set(range(8))
-    assert "1 damaged group skipped" in player.status
-
-
-def test_a_stream_whose_beginning_is_damaged_opens_all_the_same(
-    player: PlayerPresenter, stream_folder: Path, tmp_path: Path
-) -> None:
-    victim = damaged(stream_folder, tmp_path / "broken", 0)
-    assert player.open(tmp_path / "broken"), player.message
-    settle(player)
-    assert victim.name in player.message
-    player.transport.seek(8)
-    settle(player)
-    assert player.picture.frame == 8
-    assert player.message == ""
-
-
 def test_nothing_whole_is_a_sentence_and_playing_ends(
     player: PlayerPresenter, stream_folder: Path, tmp_path: Path
 ) -> None:
@@ -164,22 +53,6 @@ def test_nothing_whole_is_a_sentence_and_playing_ends(
     source.close()
     assert not player.open(tmp_path / "gone")
     assert "files/" in player.message
-
-
-def test_what_cannot_be_opened_is_a_sentence_and_what_was_open_stays(
-    player: PlayerPresenter, stream_folder: Path, tmp_path: Path
-) -> None:
-    player.open(stream_folder)
-    (tmp_path / "empty").mkdir()
-    for path, said in ((tmp_path / "nothing", "no such folder"), (tmp_path / "empty", "neither a take")):
-        assert not player.open(path)
-        assert said in player.message
-        assert str(path) in player.message
-    manifest = tmp_path / "empty" / "manifest.json"
-    manifest.write_text("{")
-    assert not player.open(tmp_path / "empty")
-    assert "manifest.json" in player.message
-    assert player.source_names == ["decoded"]
 
 
 def make_take(root: Path, frames: int, stream: Path | None = None) -> Take:

@@ -74,34 +74,6 @@ def test_a_half_trained_group_shows_the_frames_that_are_there(take_copy: Path) -
     assert player.close()
 
 
-@pytest.mark.parametrize("frame", [0, 2])
-def test_the_frame_stays_when_the_keyframe_is_trained(take_copy: Path, tmp_path: Path, frame: int) -> None:
-    shutil.rmtree(take_copy / "stream")
-    trained = (take_copy / "train").rename(tmp_path / "train")
-    player = PlayerPresenter()
-    assert player.open(take_copy), player.message
-    player.span(5, (0, 3), 25.0)  # of the footage
-    player.transport.seek(frame)
-    others = shutil.ignore_patterns("frame_000000.*", "frame_000002.*", "group_001")
-    shutil.copytree(trained, take_copy / "train", ignore=others)
-    assert player.refresh()
-    assert (player.transport.frame, player.transport.frame_count) == (frame, 3)
-    assert player.close()
-
-
-def test_comparing_without_a_camera_compares_decoded_with_trained(player: PlayerPresenter) -> None:
-    assert player.what == "decoded"
-    player.choose_mode("side by side")
-    assert (player.camera, player.reference) == ("", "trained")
-    picture = image(player)
-    left, right = picture[:, :126].astype(float), picture[:, 130:].astype(float)
-    assert np.abs(left[40:] - right[40:]).mean() < 4.0  # below the labels: nearly the same
-    player.look_through("cam2")
-    assert player.image_zoom != ImageZoom(), "zoomed to the performer"
-    player.drag(10, 0, True, 200)
-    assert player.camera == "", "orbiting leaves the camera"
-
-
 def test_wheel_and_drag_move_within_a_cameras_image(player: PlayerPresenter) -> None:
     player.look_through("cam1")
     player.wheel(0, 0, 5)
@@ -131,14 +103,6 @@ def test_figures_are_those_of_evaluation_json(player: PlayerPresenter, finished_
     figures, whose = evaluation.figures(3, "cam4")
     assert (whose, figures["psnr_decoded"]) == ("camera cam4", row["cameras"]["cam4"]["psnr_decoded"])
     assert evaluation.figures(99) == ({}, "")
-
-
-def test_damaged_evaluation_is_a_sentence(tmp_path: Path) -> None:
-    path = tmp_path / "evaluation.json"
-    assert Evaluation.read(path).error == ""
-    for text in ("{", "[]", '{"frames": [{}], "summary": {}, "protocol": {}}'):
-        path.write_text(text)
-        assert "evaluation.json" in Evaluation.read(path).error
 
 
 def test_marks_stay_in_the_take(tmp_path: Path) -> None:

@@ -1,8 +1,6 @@
 """The window's sound: the transport follows it, and the timeline shows its waveform."""
 
-import json
 import shutil
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,10 +8,9 @@ import numpy as np
 import pytest
 
 from gui.models.playback.player import PlayerPresenter
-from gui.models.playback.stream_audio import peaks_of
 from pipelines.takes.take import Take
 from studio.stream import BakeSettings, CapturePlace
-from tests.support.sounds import ArrayPcm, FakeOutput, click_times, clicks
+from tests.support.sounds import FakeOutput, click_times, clicks
 from tests.support.streams import bake_numbered, set_capture
 from tests.support.waiting import wait_until
 
@@ -118,29 +115,3 @@ def test_the_sound_of_a_take_begins_at_its_in_point(stream: Path, device: Device
         assert player.transport.frame == 1, "looped after the last frame"
     finally:
         player.close()
-
-
-def test_a_cast_sounds_as_its_streams_begin(stream: Path, device: Device, tmp_path: Path) -> None:
-    items = [{"stream": str(stream), "start": start / FPS} for start in (0, 4)]
-    (tmp_path / "cast.json").write_text(json.dumps({"format": "v3studio-cast", "version": 1, "items": items}))
-    player = playing(tmp_path / "cast.json", device)
-    try:
-        player.transport.seek(4)
-        player.transport.play()
-        device.frames(player, 6)
-        assert player.transport.frame == 10
-        assert click_times(device.played[-1]) == pytest.approx([1.2 / FPS, 5.2 / FPS], abs=0.005)
-    finally:
-        player.close()
-
-
-def test_peaks() -> None:
-    samples = np.zeros((1000, 2), np.float32)
-    samples[300, 0], samples[999, 1] = 0.5, -0.75
-    never = threading.Event()
-    peaks = peaks_of(ArrayPcm(samples), 1000 / 48_000, never, parts=10)
-    assert peaks[3].tolist() == [0, 0.5]
-    assert peaks[9].tolist() == [-0.75, 0]
-    assert not peaks[[0, 1, 2, 4, 5, 6, 7, 8]].any()
-    never.set()
-    assert peaks_of(ArrayPcm(samples), 1000 / 48_000, never) is None

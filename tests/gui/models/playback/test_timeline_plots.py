@@ -22,16 +22,6 @@ def test_values_under_the_pointer() -> None:
     assert changed.max() < VIEW.left + VIEW.timeline.span(3)[1]
 
 
-def test_views_of_the_camera_path_are_found_where_they_are_drawn() -> None:
-    keys = (0, 2, 3)
-    base = VIEW.base((), (), keys)
-    shown = VIEW.with_head(base, 1, ())
-    rows, columns = np.nonzero((shown == FAIR).all(axis=2))
-    assert {VIEW.key_at(x, y, keys) for x, y in zip(columns, rows, strict=True)} == {0, 1, 2}
-    assert {VIEW.frame_at(x) for x in columns} == set(keys)
-    assert VIEW.key_at(VIEW.left + 5, 20, keys) is None
-
-
 def test_zoom_keeps_what_is_under_the_pointer() -> None:
     zoom, frames = TimelineZoom(), 300
     for _ in range(30):

@@ -3,15 +3,11 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
 from gui.models.loop import LOOP
 from gui.models.playback.player import PlayerPresenter
-from gui.models.scene.contents import SceneWanted
-from gui.models.scene.orbit import OrbitCamera
-from gui.models.scene.reader import SceneReader
 from gui.models.scene.rest import RESTS_AFTER
 from gui.models.take.workspace import Workspace
 from gui.pages.stage_views import StageViews
@@ -90,42 +86,3 @@ def test_cameras_can_be_clicked(scene: Scene, finished_project: Path) -> None:
     axis = dict(found.ends)["+x"]
     scene.views.click(*axis.mean(axis=0))
     assert scene.player.orbit.offset[0] > 0.999
-
-
-def test_the_camera_in_whose_place_the_view_is_does_not_cover_it(scene: Scene) -> None:
-    rig = scene.player.opened.rig if scene.player.opened is not None else None
-    first = next(iter(rig))
-    scene.player.orbit = OrbitCamera.looking_through(first, np.zeros(3), rig.up)
-    scene.picture(rests=True)
-    found = scene.player.picture
-    assert first.name not in {name for name, _ in found.cameras}
-
-
-def test_frusta_have_the_images_of_the_frame_once_the_view_rests(scene: Scene) -> None:
-    context = scene.workspace.context
-    assert context is not None
-    rig = scene.player.opened.rig if scene.player.opened is not None else None
-    assert rig is not None
-    reader, first = SceneReader(RaycastMesh), next(iter(rig)).name
-
-    def image(frame: int, still: bool) -> np.ndarray | None:
-        wanted = SceneWanted(
-            context.take, context, rig, "", 0, frozenset({"cameras"}), rig.up, np.zeros((0, 3)), still, 14.0
-        )
-        return next(one.image for one in reader.read(wanted, frame).cameras if one.camera.name == first)
-
-    def footage(frame: int, like: np.ndarray) -> np.ndarray:
-        raw = context.footage.raw
-        return cv2.resize(raw.raw_image(first, raw.frames[frame]), like.shape[1::-1], interpolation=cv2.INTER_AREA)
-
-    assert image(0, still=False) is None
-    resting = image(0, still=True)
-    assert resting is not None
-    assert (resting == footage(0, resting)).all()
-    moving = image(1, still=False)
-    assert moving is not None
-    assert (moving == resting).all()  # the last one that was read
-    later = image(1, still=True)
-    assert later is not None
-    assert (later == footage(1, later)).all()
-    assert (later != resting).any()

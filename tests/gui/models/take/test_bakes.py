@@ -19,34 +19,6 @@ def picture(player: PlayerPresenter) -> np.ndarray:
     return player.picture.image
 
 
-def test_a_comparison_shows_the_other_at_the_same_time(player: PlayerPresenter, stream_folder: Path) -> None:
-    player.transport.seek(4)
-    own = picture(player)
-    stream = PlayerPresenter()
-    assert stream.open(stream_folder)
-    stream.resize(256, 192)
-    stream.orbit = player.orbit
-    stream.transport.seek(2)  # 4 / 25 fps is nearest to 2 / 12 fps
-    expected = picture(stream)
-    assert stream.close()
-    assert np.abs(expected.astype(float) - own).mean() > 3, "two different bodies"
-
-    player.compare_with(open_other(stream_folder, "the other"))
-    assert (player.mode, player.reference) == ("wipe", OTHER)
-    player.wipe = 1.0
-    assert np.abs(picture(player)[60:, :240].astype(float) - expected[60:, :240]).mean() < 2.0
-    player.wipe = 0.0
-    assert np.abs(picture(player)[60:, 16:].astype(float) - own[60:, 16:]).mean() < 2.0
-    player.choose_mode("single")
-    assert player.choose(OTHER)
-    assert np.abs(picture(player).astype(float) - expected).mean() < 0.5
-    assert player.status.startswith("the other")
-    assert player.transport.frame_count == 5, "one timeline"
-    player.compare_with(None)
-    assert (player.what, player.other) == ("decoded", None)
-    assert np.array_equal(picture(player), own)
-
-
 def test_up_to_four_are_side_by_side_and_a_key_goes_back_and_forth(
     player: PlayerPresenter, finished_project: Path, stream_folder: Path
 ) -> None:

@@ -1,7 +1,6 @@
 """Exports from the window: child processes with progress, error messages, camera paths from collected views."""
 
 import sys
-import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -9,17 +8,15 @@ import pytest
 
 from gui.models.scene.orbit import OrbitCamera
 from gui.models.take.exports import ExportRequest, Exports
-from pipelines.events import Log
 from pipelines.takes.edits import change_edits
 from pipelines.takes.frame_files import FrameMetadata, write_frame
 from pipelines.takes.take import Take
 from studio.edits import EditList, Trim, World
-from studio.similarity import Similarity
 from studio.stream import CapturePlace
 from tests.support.errors import refuses
 from tests.support.looping import wait_in_loop
 from tests.support.splats import converted_splats, write_group
-from tests.support.streams import bake_numbered, edit_manifest, set_capture
+from tests.support.streams import bake_numbered, set_capture
 
 
 def finish(exports: Exports, seconds: float = 180.0) -> None:
@@ -45,20 +42,6 @@ def test_a_sequence_is_written_and_nothing_is_overwritten(stream_folder: Path, t
     assert exports.words == ""
     with refuses("export.target_exists", file=tmp_path / "out"):
         exports.start(request("ply", stream_folder, tmp_path / "out"))
-
-
-def test_notes_of_an_export_are_told_with_its_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As where other programs will draw the splats differently."""
-    notes = ["Trained with dilation 0.1; viewers assume 0.3", "Another"]
-    lines = [*(Log(message=note).to_json() for note in notes), '{"event": "log"}', '{"kind": "note"}']
-    program = f"for line in {lines!r}: print(line)"
-    monkeypatch.setattr("gui.models.take.exports.v3studio_command", lambda: [sys.executable, "-c", program])
-    exports = Exports()
-    for _ in range(2):
-        exports.start(request("ply", tmp_path / "stream", tmp_path / "out"))
-        finish(exports)
-        assert not exports.failed, exports.result
-        assert exports.result.split("\n") == [f"Written: {tmp_path / 'out'}", *notes], "each of its own export"
 
 
 @pytest.mark.parametrize(("of", "kind"), [("decoded", "camera-path"), ("trained", "exr")])
@@ -100,32 +83,6 @@ def test_views_of_a_trimmed_and_placed_take_become_those_of_what_is_exported(
     with refuses("export.frames_left_out", value=[1, 8], expected=[2, 7]) as error:
         exports.start(chosen)
     assert "view 3 (frame 1), view 4 (frame 8)" in str(error.value)
-
-
-def test_views_of_a_stream_become_those_of_its_exports(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A stream of its own counts its own frames, wherever it was in a take; `v3studio export` reads the path in the
-    world of the files that it writes."""
-    from pipelines.takes.camera_paths import path_keys
-    from pipelines.takes.videos import decoded_video, open_reader
-
-    stream = bake_numbered(tmp_path / "stream", (6,), 25)
-    set_capture(stream, CapturePlace(2, World(up=(0, 1, 0), scale=3).similarity))
-    original = Similarity(10.0, translation=np.array([1.0, 2, 3]))
-    edit_manifest(stream, lambda values: values["metadata"].update(original=original.to_json()))
-    exports, chosen = Exports(), request("camera-path", stream, tmp_path / "out.mp4")
-    views = [OrbitCamera().orbit(turn, 0).camera(1280, 720) for turn in (0, 60)]
-    exports.path.add(views[0], 0)
-    exports.path.add(views[1], 5)
-    started: list[str] = []
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))  # nothing deletes the export's files, since it does not run
-    monkeypatch.setattr(exports, "_run", lambda request, arguments, scratch: started.extend(arguments))
-    exports.start(chosen)
-    with open_reader(str(stream)) as reader:
-        keys = path_keys(decoded_video(reader), Path(started[started.index("--path") + 1]))
-    points = np.random.default_rng(1).normal(0, 0.3, (50, 3))
-    assert [key.frame for key in keys] == [0, 5]
-    for key, view in zip(keys, views, strict=True):
-        assert key.camera.project(points)[0] == pytest.approx(view.project(points)[0], abs=1e-6)
 
 
 def test_a_request_becomes_the_command_line(tmp_path: Path) -> None:

@@ -12,9 +12,8 @@ from gui.models.take.remedies import REMEDIES, Fix, fix_of
 from gui.models.take.run_state import LogLine, RunState
 from gui.models.take.settings import SECTIONS, fields_of, stage_of
 from gui.widgets.stage_help import HELP
-from pipelines.config import Config
 from pipelines.config.loading import load_config
-from pipelines.events import StageFailed, Warned
+from pipelines.events import Warned
 
 ROOT = Path(__file__).parents[4]
 SETTINGS = {field.name for stage in SECTIONS for field in fields_of(stage)}
@@ -125,18 +124,6 @@ def test_the_value_of_a_warning_is_valid(
     again = fix_of(warning, changed)
     assert again.done
     assert again.words == f"{setting_words(setting)} is {value} now"
-
-
-def test_without_a_known_value_the_setting_is_shown(footage_project: Path) -> None:
-    config: Config = load_config(footage_project / "ball.yaml")
-    for masks, setting in (("clean_plate", "capture.mask_sensitivity"), ("files", "capture.masks")):
-        chosen = load_config(footage_project / "ball.yaml", [("capture.masks", masks)])
-        assert fix_of(Warned(message="m", code="hull.outlier_mask"), chosen) == Fix(setting)
-    failed = StageFailed(stage="train", message="m", code="x.y", fields={"setting": "train.max_splats"})
-    assert fix_of(failed, config) == Fix("train.max_splats")
-    assert fix_of(StageFailed(stage="train", message="m", fields={"setting": "gone.setting"}), config) is None
-    assert fix_of(Warned(message="m", code="training.not_visible"), config) is None
-    assert fix_of(Warned(message="m", code="hull.outlier_mask"), None) is None, "a stream has no settings"
 
 
 def told_of(run: RunState) -> list[LogLine]:

@@ -2,15 +2,11 @@
 
 import hashlib
 import ssl
-import sys
 import urllib.error
 import urllib.parse
 import urllib.request
 from pathlib import Path
 
-import pytest
-
-from gui.models.preferences import SHARES, Preferences
 from gui.models.take.serving import Serving
 from gui.models.take.shares import ShareRequest, stale_words
 from gui.models.take.workspace import Workspace
@@ -53,28 +49,6 @@ def test_serving_tells_its_address_and_ends(stream_folder: Path) -> None:
         return False
 
     wait_until("the server is gone", gone, 60.0)
-
-
-def test_a_server_that_cannot_start_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    program = [sys.executable, "-c", "import sys; raise SystemExit(f'error: {sys.argv[2]}: no such folder')"]
-    monkeypatch.setattr("gui.models.take.serving.v3studio_command", lambda: program)
-    serving = Serving()
-    failures: list[str] = []
-    serving.failed.connect(failures.append)
-    serving.start(str(tmp_path / "none"), https=False)
-    wait_in_loop("ended", lambda: not serving.running, 180.0)
-    assert [str(tmp_path / "none") in why for why in failures] == [True]
-    assert serving.address == ""
-
-
-def test_only_the_newest_shares_are_kept() -> None:
-    preferences = Preferences()
-    for number in range(SHARES + 5):
-        preferences.shared("folder", f"/takes/{number}", {"title": str(number)})
-    preferences.shared("folder", "/takes/7", {"title": "again"})
-    assert len(preferences.shares) == SHARES
-    assert preferences.last_share("folder", "/takes/4") == {}
-    assert preferences.last_share("folder", "/takes/7") == {"title": "again"}
 
 
 def test_a_stream_is_not_taken_for_up_to_date_before_it_is_checked(take_copy: Path) -> None:

@@ -2,7 +2,6 @@
 
 import itertools
 import os
-import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -50,20 +49,6 @@ def test_what_is_refused_is_said(shown: TakeQueue, tmp_path: Path) -> None:
     (tmp_path / "queue.json").write_text("[")
     wait_in_loop("the error", lambda: shown.view.error != "")
     assert "queue.json" in shown.words
-
-
-def test_a_program_that_was_killed_is_said(tmp_path: Path) -> None:
-    def ended_by(number: int) -> str:
-        words = f"import os; os.kill(os.getpid(), {number})"
-        queue = QueueFile(tmp_path / "queue.json")
-        shown = TakeQueue(queue, lambda _: subprocess.Popen([sys.executable, "-S", "-c", words]), clock())
-        shown.start()
-        wait_in_loop("the end", lambda: not shown.running)
-        shown.close()
-        return shown.message
-
-    assert "SIGKILL, as by the system when memory runs out" in ended_by(signal.SIGKILL)
-    assert ended_by(signal.SIGTERM) == "", "as it is stopped"
 
 
 def test_the_progress_of_the_take_that_runs(tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 import os
 import signal
-import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,13 +10,12 @@ from pathlib import Path
 import psutil
 import pytest
 
-from gui.models.take.jobs import Job, is_paused
+from gui.models.take.jobs import Job
 from gui.models.take.run_state import RunState
 from gui.models.take.workspace import Workspace
 from pipelines.events import (
     Finished,
     GroupState,
-    Log,
     Metrics,
     Progress,
     RunStarted,
@@ -81,42 +79,6 @@ def finish(job: Job, seconds: float = 120.0) -> list[object]:
 
     wait_until("ended", ended, seconds)
     return events
-
-
-def test_a_job_shows_its_events_and_other_output_as_log_lines(tmp_path: Path) -> None:
-    hello = Log(stage="train", message="hello")
-    last = Finished(outcome="done", seconds=1.0)
-    printed = [
-        b"some library speaks\n",
-        hello.to_json().encode() + b"\n",
-        b"\xff\xfe not UTF-8\n\n",
-        b"x" * 3_000_000 + b"\n",
-        b"Warning: " + hello.to_json().encode() + b"\n",
-        hello.to_json().encode()[:20] + b"\n",
-        last.to_json().encode() + b"\n",
-        b'{"event": "half',
-    ]
-    (tmp_path / "printed").write_bytes(b"".join(printed))
-    code = f"import sys; sys.stdout.buffer.write(open({str(tmp_path / 'printed')!r}, 'rb').read())"
-    job = job_of(code, Take.create(tmp_path / "take"))
-    events = finish(job)
-    assert [event for event in events if event in (hello, last)] == [hello, hello, last]
-    others = [event.message for event in events if event not in (hello, last)]  # type: ignore[attr-defined]
-    assert [text[:30] for text in others] == [
-        "some library speaks",
-        "\ufffd\ufffd not UTF-8",
-        "x" * 30,
-        "Warning:",
-        hello.to_json()[:20],
-        '{"event": "half',
-    ]
-    assert max(map(len, others)) < 1000, "a huge line is truncated"
-    assert job.crash() is None
-    run = RunState()
-    for event in events:
-        run.apply(event)  # type: ignore[arg-type]
-    assert run.outcome == "done"
-    assert ("", "some library speaks") in [(line.kind, line.text) for line in run.lines]
 
 
 @pytest.mark.parametrize(
@@ -247,39 +209,3 @@ def test_a_run_in_a_terminal_shows_up_can_be_stopped_and_gone_on_with(
     wait(workspace, "crashed", lambda: not workspace.busy)
     assert states(workspace)["train"] == "failed"
     assert "SIGKILL" in workspace.row("train").detail
-
-
-def test_footage_that_is_gone_is_told_and_the_rest_still_stands(workspace: Workspace, take_copy: Path) -> None:
-    config = (take_copy / "config.yaml").read_text()
-    (take_copy / "config.yaml").write_text(config.replace("capture\n", "elsewhere\n", 1))
-    workspace.open(Take.open(take_copy))
-    wait(workspace, "assessed", lambda: workspace.assessed)
-    row = workspace.row("capture")
-    assert (row.state, "elsewhere" in row.detail) == ("failed", True)
-    assert states(workspace)["bake"] == "done"
-
-
-def test_damaged_settings_are_a_sentence_until_they_are_repaired(workspace: Workspace, take_copy: Path) -> None:
-    written = (take_copy / "config.yaml").read_text()
-    (take_copy / "config.yaml").write_text("train: {qp: [")
-    workspace.open(Take.open(take_copy))
-    assert "config.yaml" in workspace.problem
-    assert workspace.row("capture").state == "failed"
-    assert not workspace.start("all")
-    (take_copy / "config.yaml").write_text(written)
-    wait(workspace, "repaired", lambda: workspace.problem == "")
-    assert workspace.config is not None
-
-
-def test_a_run_on_a_cluster_is_not_paused(workspace: Workspace, take_copy: Path) -> None:
-    """Suspending its process would only make the cluster believe that it is gone."""
-    config = take_copy / "config.yaml"
-    config.write_text(config.read_text().replace("executor: local", "executor: ray"))
-    workspace.open(Take.open(take_copy))
-    with subprocess.Popen(["sleep", "600"]) as child:
-        workspace.holder = {"pid": child.pid}
-        refused = heard(workspace.refused)
-        workspace.pause()
-        assert "on a cluster cannot be paused" in str(refused)
-        assert (workspace.paused, is_paused(child.pid)) == (False, False)
-        child.kill()

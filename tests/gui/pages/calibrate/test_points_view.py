@@ -8,8 +8,7 @@ import pytest
 
 from gui.drawing.palette import ACCENT, FAIR
 from gui.models.take.workspace import Workspace
-from gui.pages.calibrate.magnifier import Magnifier
-from gui.pages.calibrate.marks import TieMarks, expected
+from gui.pages.calibrate.marks import expected
 from gui.pages.calibrate.points_view import PointsView
 from pipelines.takes.take import Take
 from studio.calibration import TiePoint, read_tie_points
@@ -137,53 +136,3 @@ def test_footage_that_is_gone(workspace: Workspace, take_copy: Path, tmp_path: P
     stage_view.wheel(0, 0, 1)
     assert not (take_copy / "points.yaml").exists()
     assert stage_view.close()
-
-
-def test_names_and_places(tmp_path: Path) -> None:
-    marks = TieMarks(tmp_path / "points.yaml")
-    assert marks.describe("x", "") == "Select a point first."
-    marks.mark("a", 1, 2, 0)
-    assert marks.describe(" mat corner", "0 0.3, 1") == ""
-    assert read_tie_points(marks.path) == (TiePoint("mat corner", {"a": (1.0, 2.0)}, (0.0, 0.3, 1.0), 0),)
-    assert "is not a position" in marks.describe("mat corner", "0 0.3")
-    assert "is not a position" in marks.describe("mat corner", "0 0.3 x")
-    assert marks.describe(" ", "1 2 3") == "A point needs a name."
-    marks.add()
-    assert "Another point is named 'mat corner'" in marks.describe("mat corner", "")
-    assert marks.describe("bolt", "") == ""
-    marks.choose(0)
-    assert marks.describe("mat corner", "") == ""
-    assert read_tie_points(marks.path)[0].world is None
-
-
-def test_changes_are_taken_back(tmp_path: Path) -> None:
-    marks = TieMarks(tmp_path / "points.yaml")
-    marks.mark("a", 1, 2, 0)
-    marks.mark("a", 50, 60, 0)
-    marks.undo()
-    assert read_tie_points(marks.path)[0].pixels == {"a": (1.0, 2.0)}
-    marks.add()
-    marks.mark("b", 3, 4, 0)
-    marks.choose(0)
-    marks.remove()
-    marks.undo()
-    assert [point.name for point in read_tie_points(marks.path)] == ["point 1", "point 2"]
-    assert marks.chosen == 0
-    for _ in range(5):
-        marks.undo()
-    assert read_tie_points(marks.path) == ()
-
-
-def test_zoom_keeps_the_place_under_the_mouse() -> None:
-    magnifier = Magnifier((1000, 500))
-    magnifier.rect = (100, 50, 400, 400)
-    assert magnifier.shown(0, 0) == pytest.approx((100, 150))
-    before = magnifier.pixel(220, 240)
-    magnifier.zoom(4, 220, 240)
-    assert magnifier.view.zoom > 1.4
-    assert magnifier.pixel(220, 240) == pytest.approx(before)
-    assert magnifier.shown(*magnifier.pixel(333, 222)) == pytest.approx((333, 222))
-    magnifier.pan(10_000, 10_000)  # some of the image stays in view
-    assert magnifier.shown(0, 0) == pytest.approx((300, 250))
-    magnifier.zoom(-100, 0, 0)
-    assert magnifier.shown(0, 0) == pytest.approx((100, 150))

@@ -4,19 +4,14 @@ import shutil
 from itertools import pairwise
 from pathlib import Path
 
-import numpy as np
 import pytest
-import torch
 
 from gui.models.take.workspace import Workspace
 from gui.pages.capture import camera_color_pairs
-from gui.pages.capture.camera_color_pairs import CameraColorPairs, pair
+from gui.pages.capture.camera_color_pairs import CameraColorPairs
 from pipelines.takes.atomic_files import write_model
 from pipelines.takes.stage_files import CameraColors
 from pipelines.takes.take import Take
-from studio.cameras import Camera
-from studio.capture import FootageView
-from studio.color_fit import correct_color
 
 MATRIX = ((0.8, 0.05, 0.0, 0.02), (0.0, 1.1, 0.0, -0.01), (0.1, 0.0, 0.9, 0.0))
 SIZE = (900, 600)
@@ -24,20 +19,6 @@ SIZE = (900, 600)
 
 def colors_of(**cameras: tuple[tuple[float, float, float, float], ...]) -> CameraColors:
     return CameraColors(key="k", frame=0, cameras=cameras)
-
-
-def test_the_correction_is_the_inverse_of_what_the_camera_did() -> None:
-    truth = np.random.default_rng(1).uniform(0.2, 0.7, (60, 80, 3)).astype(np.float32)
-    camera = Camera("cam0", 80, 60, np.array([[70.0, 0, 40], [0, 70.0, 30], [0, 0, 1]]), np.eye(4))
-    filmed = correct_color(torch.from_numpy(truth), torch.ones(60, 80), torch.tensor(MATRIX))
-    mask = np.zeros((60, 80), np.uint8)
-    mask[22:40, 30:52] = 255
-    view = FootageView(camera, (255 * filmed).round().byte().numpy(), mask, 0, None)
-    left, right = pair(view, colors_of(cam0=MATRIX))
-    rows, columns = slice(22 - 17, 40 + 17), slice(30 - 17, 52 + 17)  # 16 pixels, and 8% of 18 and 22
-    assert (left == view.image[rows, columns]).all()
-    assert np.abs(right / 255 - truth[rows, columns]).max() < 2 / 255
-    assert np.abs(left / 255 - truth[rows, columns]).max() > 0.1
 
 
 @pytest.fixture(autouse=True)

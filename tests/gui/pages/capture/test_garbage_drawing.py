@@ -114,22 +114,6 @@ def test_undo_redo_and_delete(views: StageViews, take_copy: Path) -> None:
     assert load_config(take_copy / "config.yaml") == settings
 
 
-def test_corners_are_taken_back_and_escape_forgets_them(views: StageViews, take_copy: Path) -> None:
-    picture(views)
-    clicked(views, CORNERS[:3], views.click)
-    clicked(views, ((50.0, 40.0),), views.context)
-    assert np.allclose(views.capture.garbage.corners, CORNERS[:2], atol=0.2)
-    assert views.leave_camera()
-    assert views.capture.garbage.corners == ()
-    assert views.capture.camera == "cam1", "the next Escape shows all cameras"
-    assert views.leave_camera()
-    assert views.capture.camera == ""
-    picture(views)
-    chosen = heard(views.camera_clicked)
-    views.click(*dict(views.capture.places)["cam1"].mean(axis=0))
-    assert chosen == [("cam1",)], "with all cameras shown, a click chooses one"
-
-
 def test_garbage_masks_that_are_images_are_not_drawn_over(views: StageViews, take_copy: Path) -> None:
     masks = take_copy.parent / "garbage"
     masks.mkdir()

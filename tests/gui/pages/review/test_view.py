@@ -1,13 +1,12 @@
 """Edits in the window without a window: handles, lassos, picked points, trims, undo, and numbers in fields."""
 
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from gui.models.playback.sources import TrainedSource, open_path
+from gui.models.playback.sources import open_path
 from gui.models.playback.stream_source import LeftOut, StreamSource
 from gui.models.scene.handles import crop_handles
 from gui.models.scene.orbit import OrbitCamera
@@ -16,11 +15,11 @@ from gui.pages.review.numbers import fields_of, with_numbers
 from gui.pages.review.session import edits_of
 from gui.pages.review.tools import LEAST_BRUSH, MOST_BRUSH
 from gui.pages.review.view import EditView
-from pipelines.takes.edits import change_edits, read_edits
+from pipelines.takes.edits import read_edits
 from pipelines.takes.frame_numbers import FrameNumbers
 from pipelines.takes.take import Take
 from studio.camera_files import read_rig
-from studio.edits import EditList, Floaters, Ground, Trim, World
+from studio.edits import EditList, Floaters, Trim, World
 from studio.stream import CapturePlace
 from tests.support.looping import heard
 from tests.support.waiting import wait_until
@@ -266,23 +265,6 @@ def test_a_trimmed_and_placed_stream_is_shown_as_in_its_take(take_copy: Path, mo
     finally:
         plain.close()
         placed.close()
-
-
-def test_trained_frames_are_shown_without_what_is_removed(take_copy: Path) -> None:
-    take = Take.open(take_copy)
-    whole = len(TrainedSource(take, 25.0).gaussians(4))
-    change_edits(take.edits, EditList(ground=Ground(normal=(0, 0, 1), height=0)), "ground")
-    opened = open_path(take_copy)
-    left = opened.sources["trained"].gaussians(4)
-    for source in opened.sources.values():
-        source.close()
-    assert 0 < len(left) < whole
-    take.edits.write_text("{")
-    opened = open_path(take_copy)
-    assert "the edits are damaged" in opened.message
-    for source in opened.sources.values():
-        source.close()
-    shutil.rmtree(take_copy)
 
 
 def test_numbers_in_fields_say_what_is_there_and_set_it() -> None:

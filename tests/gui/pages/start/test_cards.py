@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import shutil
 import time
 from pathlib import Path
@@ -24,16 +23,6 @@ def test_a_finished_take(finished: Path) -> None:
     assert card.quality == pytest.approx(sum(rows) / len(rows), abs=0.02)
     assert card.stream_bytes == sum(path.stat().st_size for path in (take / "stream").rglob("*") if path.is_file())
     assert card.total_bytes == sum(path.stat().st_size for path in take.rglob("*") if path.is_file())
-
-
-def test_a_setting_that_was_changed_shows(take_copy: Path) -> None:
-    config = take_copy / "config.yaml"
-    before = config.read_text()
-    config.write_text(re.sub(r"\bquality: \d+", "quality: 41", before))
-    assert config.read_text() != before
-    assert describe(str(take_copy)).state == "Bake and Review stale"
-    shutil.rmtree(take_copy / "train")
-    assert describe(str(take_copy)).tone != "done"
 
 
 def test_what_is_not_a_take_is_told(take_copy: Path, tmp_path: Path) -> None:

@@ -55,15 +55,3 @@ def test_what_is_marked_is_what_is_chosen(tree: Path) -> None:
     assert files.choose(tree / "run.yaml") == tree / "run.yaml"
     assert files.choose(tree / "cam2") is None
     assert files.folder == tree / "cam2"
-
-
-def test_what_cannot_be_had_is_a_sentence(tree: Path) -> None:
-    found = FolderList(tree, "take")
-    assert found.choose(tree / "gone") is None
-    assert "gone: no such folder" in found.message
-    assert found.choose(tree / "notes.txt") is None
-    assert "not a folder" in found.message
-    assert not found.enter(tree / "notes.txt")
-    assert found.folder == tree
-    assert "cannot be read" in found.message
-    assert found.entries

@@ -85,16 +85,3 @@ def test_the_run_gets_the_address_on_the_head_node_not_as_a_setting(take, cluste
 def test_a_run_that_cannot_begin_on_the_head_node_says_why(take, cluster):
     with pytest.raises(StudioError, match=r"^the footage is missing"):
         start_background(take, settings(), ("run",))
-
-
-def test_a_connection_uses_the_address_of_the_environment(monkeypatch):
-    from pipelines.runs.cluster import connection
-
-    seen = []
-    monkeypatch.setattr(
-        connection, "load_ray", lambda address: seen.append(address) or SimpleNamespace(is_initialized=lambda: True)
-    )
-    monkeypatch.setenv(ADDRESS_VARIABLE, "127.0.0.1:6379")
-    with connection.connected("ray://head:10001", 1):
-        pass
-    assert seen == ["127.0.0.1:6379"]

@@ -224,17 +224,6 @@ def test_what_is_odd_is_warned_of() -> None:
     assert "tie_points.reprojection_error" in warnings(smaller)
 
 
-def test_it_can_be_cancelled() -> None:
-    from studio.errors import Cancelled
-
-    def stop(done: int, total: int) -> None:
-        raise Cancelled
-
-    truth = ring(4)
-    with pytest.raises(Cancelled):
-        calibrate_from_tie_points(marked(truth, 9), sizes(truth), progress=stop)
-
-
 def test_the_file_gives_back_what_was_written(tmp_path: Path) -> None:
     points = (
         TiePoint("corner: left, ä", {"01": (1.25, 2.5), "cam 2": (3.0, 4.75)}, (0.0, -0.3, 1.5), 12),
@@ -297,13 +286,6 @@ def test_a_click_falls_on_the_corner_or_dot(kind: str, within: float) -> None:
         image = drawn(kind, center, angle)
         for off in ((2, 1), (-1.5, 2), (0, -2)):
             assert np.linalg.norm(np.array(snap(image, *(center + off))) - center) < within
-
-
-def test_a_click_stays_where_nothing_is() -> None:
-    image = drawn("edge", np.array([30.0, 30.0]), 0.4)
-    assert snap(image, 31.0, 30.0) == (31.0, 30.0)
-    assert snap(np.full((60, 60, 3), 90, np.uint8), 20.0, 20.0) == (20.0, 20.0)
-    assert snap(image, 1.0, 1.0) == (1.0, 1.0)  # at the image's edge
 
 
 def test_the_documentations_example_is_readable() -> None:

@@ -11,7 +11,6 @@ import pytest
 from studio.calibration.sfm.child import WorkerProgress, run_reporting
 from studio.errors import Cancelled
 from tests.support.errors import refuses
-from tests.support.warm_python import warm_python
 
 
 @pytest.fixture
@@ -41,18 +40,6 @@ def test_lines_arrive_and_noise_does_not(module: Any) -> None:
     assert [line for line in lines if line] == [WorkerProgress("a", 1, 2)]
 
 
-def test_lines_arrive_although_native_code_prints_without_newlines(module: Any) -> None:
-    """With `claim_stdout`, as in the worker; otherwise they would share a line with native output and be lost."""
-    work = module(
-        "import ctypes, os\nfrom studio.process import claim_stdout\nclaim_stdout()\n"
-        "os.write(1, b'Warning: ')\nctypes.CDLL(None).printf(b'x' * 100000)\n"
-        'print(\'{"step": "a"}\', flush=True)\nos.write(1, b"Warning: ")\nprint(\'{"finished": true}\')'
-    )
-    lines: list[WorkerProgress | None] = []
-    run_reporting(work, [], lines.append, what="The work")
-    assert [line for line in lines if line] == [WorkerProgress("a")]
-
-
 def test_errors_are_reported(module: Any) -> None:
     work = module('print(\'{"error": "ValueError: no"}\'); raise SystemExit(1)')
     with refuses("calibration.worker_failed", value="ValueError: no"):
@@ -64,11 +51,6 @@ def test_crashes_are_reported(module: Any) -> None:
     work = module('import os, sys, signal; print("last words", file=sys.stderr, flush=True)\nos.kill(os.getpid(), 11)')
     with refuses("calibration.worker_died", exit_code=-11, stderr="last words"):
         run_reporting(work, [], lambda line: None, what="The work")
-
-
-def test_ending_without_a_result_is_an_error(module: Any) -> None:
-    with refuses("calibration.worker_died", exit_code=0, stderr=""):
-        run_reporting(module("pass"), [], lambda line: None, what="The work")
 
 
 def test_stopped_at_once_though_the_child_prints_nothing(module: Any, tmp_path: Path) -> None:
@@ -101,14 +83,3 @@ def test_the_worker_does_not_outlive_its_parent(tmp_path: Path) -> None:
     child.stdin.close()
     child.stdout.close()
     assert child.wait() == 3
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="asks Linux")
-def test_linux_kills_the_worker_when_its_parent_dies() -> None:
-    """Also while a native call blocks all Python threads."""
-    code = (
-        "import ctypes\nfrom studio.calibration.sfm.worker import die_with_parent\ndie_with_parent()\n"
-        "signal = ctypes.c_int()\nctypes.CDLL(None).prctl(2, ctypes.byref(signal))  # PR_GET_PDEATHSIG\n"
-        "print(signal.value)"
-    )
-    assert warm_python().run(("-c", code), text=True).stdout == "9\n"
