@@ -46,7 +46,7 @@ _MANY_PIXELS, _GOOD_PIXELS = 600_000, 150_000
 _MOTION_NETWORK, _MOTION_VIEW = 0.5, 0.75
 """Time of a step of motion in steps of keyframes or fine-tuning: that of its network, and of each view (sample capture,
 quickstart with two views, 2 cores: 78 s for the 3200 steps of a keyframe, 14 s for 170 steps of motion and 250 of
-fine-tuning; the network takes a quarter of a motion step, docs/measurements/training.md)."""
+fine-tuning; the network takes a quarter of a motion step)."""
 
 
 Kind = Literal["keyframe", "later", "joint"]
