@@ -66,6 +66,21 @@ def test_what_another_machine_writes_is_left_until_it_is_old(tmp_path, monkeypat
     assert leftovers(tmp_path, target) == [folder]
 
 
+def test_names_of_this_version_tell_whether_their_process_runs(tmp_path, monkeypatch):
+    """`what` is told apart, as are processes."""
+    dead = dead_pid()
+    monkeypatch.setattr(os, "getpid", lambda: dead)
+    new, old = temporary_path(tmp_path / "site"), temporary_path(tmp_path / "site", ".old")
+    monkeypatch.setattr(os, "getpid", os.getppid)
+    alive = temporary_path(tmp_path / "site")
+    monkeypatch.undo()
+    for path in (new, old, alive):
+        path.mkdir()
+    assert leftovers(tmp_path, tmp_path / "site") == [new]
+    assert leftovers(tmp_path, tmp_path / "site", ".old") == [old]
+    assert [is_being_written(path) for path in (new, old, alive)] == [False, False, True]
+
+
 @pytest.mark.parametrize("inside", ["", "frame_0001.spz"])
 def test_errors_of_the_block_name_the_final_path(tmp_path, inside):
     with refuses("splat_file.position_range", file=tmp_path / "out" / inside), atomic_path(tmp_path / "out") as path:

@@ -12,6 +12,7 @@ from tests.support.chroma_video import write_yuv
 
 CENTER = ChromaSampling((2, 2), (0.5, 0.5), "center")
 LEFT = ChromaSampling((2, 2), (0.0, 0.5), "left")
+H422 = ChromaSampling((2, 1), (0.0, 0.0), "left")
 
 
 def noise(height: int = 14, width: int = 18) -> torch.Tensor:
@@ -20,6 +21,14 @@ def noise(height: int = 14, width: int = 18) -> torch.Tensor:
 
 def luma(image: torch.Tensor) -> torch.Tensor:
     return image @ image.new_tensor(LUMA_WEIGHTS["bt601"])
+
+
+@pytest.mark.parametrize("sampling", [CENTER, LEFT, H422])
+def test_luma_and_flat_colors_stay(sampling: ChromaSampling) -> None:
+    image = noise()
+    assert torch.allclose(luma(resampled(image, sampling)), luma(image))
+    flat = image[:1, :1].expand(9, 7, 3)
+    assert torch.allclose(resampled(flat, sampling), flat)
 
 
 def test_a_row_worked_out_by_hand() -> None:
@@ -48,6 +57,14 @@ def test_a_crop_sees_what_the_picture_sees(corner: tuple[int, int]) -> None:
     crop = resampled(image[top : top + 16, left : left + 17], LEFT.cropped(left, top), 0.5)
     inner = slice(4, -4)
     assert torch.allclose(crop[inner, inner], whole[top : top + 16, left : left + 17][inner, inner])
+
+
+@pytest.mark.parametrize("turns", [1, 2, 3])
+def test_turned_pictures_have_a_turned_grid(turns: int) -> None:
+    image = noise(12, 16)
+    turned = resampled(torch.rot90(image, turns), LEFT.rotated(turns, 16, 12))
+    inner = slice(3, -3)
+    assert torch.allclose(turned[inner, inner], torch.rot90(resampled(image, LEFT), turns)[inner, inner])
 
 
 def test_gradient() -> None:

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from studio.coverage import ViewRange, coverage, view_range
+from studio.coverage import ViewRange, coverage, facing_cameras, view_range
 from tests.support.rigs import camera_at
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -36,6 +36,15 @@ def test_a_ring_covers_all_around_but_not_the_top() -> None:
     assert measured.outside == 0
     # from 66 degrees of latitude on, where the normal is 75 degrees from a camera at six radii
     assert measured.unseen == pytest.approx(1 - math.sin(math.radians(66)), abs=0.02)
+
+
+def test_a_surface_is_counted_by_the_cameras_that_face_it() -> None:
+    cameras = arc(4, 360)
+    points = np.array([[0.5, 0, 0], [0.35, 0.35, 0], [0, 0, 0.5]])
+    assert facing_cameras(cameras, points, points).tolist() == [1, 2, 0]
+    assert facing_cameras(cameras, points, -points).tolist() == [1, 2, 0], "from inside, those opposite"
+    far = np.array([[0.0, 0, 50.0]])
+    assert facing_cameras(cameras, far, np.array([[1.0, 0, 0]])).tolist() == [0], "outside of the pictures"
 
 
 def test_it_is_written_and_read_and_what_is_malformed_is_none() -> None:

@@ -1,5 +1,7 @@
 """`v3studio export` and `v3studio import` on a take and its stream."""
 
+import json
+import shutil
 import signal
 from dataclasses import replace
 from pathlib import Path
@@ -11,10 +13,13 @@ import pytest
 import torch
 
 from pipelines.events import Finished, Log, Progress
+from pipelines.takes.edits import change_edits
 from pipelines.takes.frame_files import FrameMetadata, write_frame
 from pipelines.takes.take import Take
+from pipelines.takes.videos import trained_video
 from studio.camera_files import write_rig_json
 from studio.cameras import Rig
+from studio.edits.edit_list import EditList, Trim
 from studio.formats import read_splats
 from studio.formats.camera_path import Key, look_at, write_path_keys
 from studio.formats.usd import UsdFrames
@@ -245,6 +250,23 @@ def test_mistakes_are_one_sentence(here, take, tmp_path):
     done = here("import", take, "--out", out)
     assert done.returncode == 1
     assert "no .ply, .spz, .sog, .splat, .ksplat files" in done.stderr
+
+
+def test_frames_have_their_numbers_in_the_footage(here, take, tmp_path):
+    whole = Path(shutil.copytree(take, tmp_path / "take"))
+    for path in sorted((whole / "train").glob("group_*/group.json")):
+        values = json.loads(path.read_text())
+        path.write_text(json.dumps(values | {"frames": [60 + 2 * frame for frame in values["frames"]]}))
+    options = ("--format", "ply", "--frames", "62:66")
+    for of in ("trained", "decoded"):
+        here("export", whole, "--of", of, *options, "--out", tmp_path / of).ok()
+        assert sorted(path.name for path in (tmp_path / of).iterdir()) == ["frame_0062.ply", "frame_0064.ply"]
+    change_edits(whole / "edits.json", EditList(trim=Trim(first=63, last=67)), "trim")
+    video = trained_video(whole)
+    assert (video.frame_count, video.number(0), video.number(1)) == (2, 64, 66)
+    assert torch.equal(video.read(0).means, trained_video(take).read(2).means)
+    before = here("export", whole, "--of", "trained", *options, "--out", tmp_path / "early")
+    assert (before.returncode, "64 to 66" in before.stderr) == (1, True)
 
 
 def test_ctrl_c_stops_within_two_seconds_and_leaves_nothing(start, take, tmp_path):

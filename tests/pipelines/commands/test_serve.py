@@ -12,6 +12,7 @@ import urllib.parse
 import urllib.request
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import pytest
 
@@ -183,6 +184,32 @@ def test_streams_elsewhere_are_not_served_through_links(stream, tmp_path, capsys
         assert ask(port, "/here/manifest.json")[0] == 200
         for name in ("stream", "take", "mine", "mine/stream"):
             assert ask(port, f"/{name}/manifest.json")[0] == 404
+
+
+def test_names_are_taken_as_they_are_or_skipped(tmp_path, capsys):
+    for name in (b"a", b"{a}", b"{b:int}", b"\xff"):
+        folder = tmp_path / os.fsdecode(name)
+        folder.mkdir()
+        (folder / "manifest.json").write_bytes(name)
+    with running(build_app(find_streams(str(tmp_path)), secret="t0ken")) as port:
+        for name in ("a", "{a}", "{b:int}"):
+            assert ask(port, f"/t0ken/{quote(name)}/manifest.json")[2].decode() == name
+        assert ask(port, "/t0ken/c/manifest.json")[0] == 404
+        lines = ask(port, "/t0ken/")[2].decode().splitlines()
+        assert f"http://127.0.0.1:{port}/t0ken/a/manifest.json" in lines
+        assert len(lines) == 4
+    assert "not UTF-8" in capsys.readouterr().err
+
+
+def test_a_title_for_one_stream(stream, tmp_path, here):
+    with running(build_app(find_streams(str(stream)), PLAYER, text=PageText(title="Walk <1>"))) as port:
+        page = ask(port, "/", Accept=BROWSER)[2].decode()
+        assert "<title>Walk &lt;1&gt;</title>" in page
+        assert 'data-title="Walk &lt;1&gt;"' in page
+    for name in "ab":
+        shutil.copytree(stream, tmp_path / "several" / name, symlinks=True)
+    done = here("serve", tmp_path / "several", "--title", "Walk", "--port", "0")
+    assert (done.returncode, "--title" in done.stderr) == (2, True)
 
 
 BROWSER = "text/html,application/xhtml+xml,*/*;q=0.8"

@@ -130,11 +130,37 @@ def test_files_that_are_not_settings(tmp_path, text, line):
     assert caught.value.fields.get("line") == line
 
 
+def test_a_mistake_in_an_override_is_not_blamed_on_the_file(tmp_path):
+    with refuses("settings.invalid", file="overrides", value=80, setting="bake.quality"):
+        load(tmp_path, "", "bake.quality=80")
+    both = f"{tmp_path / 'run.yaml'} and overrides"
+    with refuses("settings.invalid", file=both, settings=["bake.codec", "bake.profile"]):
+        load(tmp_path, "bake: {profile: planes}", "bake.codec=av1")
+
+
+@pytest.mark.parametrize("text", ["5", "9:3", "4:4", "::0", "a:b", "-3:"])
+def test_frames_that_are_no_range(tmp_path: Path, text: str) -> None:
+    with refuses("settings.invalid", setting="capture.frames"):
+        load(tmp_path, f"capture: {{frames: '{text}'}}")
+
+
 def test_missing_file_and_folder(tmp_path):
     with refuses("settings.file_not_found", file=tmp_path / "none.yaml"):
         load_config(tmp_path / "none.yaml")
     with refuses("settings.unreadable", file=tmp_path):
         load_config(tmp_path)
+
+
+@pytest.mark.parametrize("text", ["cam05, cam12", "cam05,cam12", "[cam05, cam12]"])
+def test_a_list_needs_no_brackets(tmp_path: Path, text: str) -> None:
+    assert load_config(None, [parse_override(f"capture.held_out={text}")]).capture.held_out == ("cam05", "cam12")
+    path = tmp_path / "settings.yaml"
+    path.write_text(f"capture: {{held_out: '{text.strip('[]')}'}}\nevaluate: {{background: '0, 0.5, 1'}}")
+    assert load_config(path).capture.held_out == ("cam05", "cam12")
+    assert load_config(path).evaluate.background == (0, 0.5, 1)
+    for wrong in ("a: b", "", "&a [*a]", "0, red, 1"):
+        with refuses("settings.invalid"):
+            load_config(None, [("evaluate.background", wrong)])
 
 
 @pytest.mark.parametrize("text", ["01,02", "yes, no", "010", "[1:30, 02]", '7, "08"'])
@@ -188,3 +214,15 @@ def test_credentials_in_an_address_are_not_repeated():
     with pytest.raises(StudioError, match=r"capture\.root contains credentials") as caught:
         load_config(None, [("capture.root", "s3://AKIA:abc/hidden@studio/day1")])
     assert "hidden" not in str(caught.value.message.to_dict())
+
+
+def test_names_that_look_like_numbers_stay_text(tmp_path: Path) -> None:
+    path = tmp_path / "a.yaml"
+    path.write_text("capture: {held_out: [04, 1e4, true], cameras: '07, 08', offsets: {010: 2}, audio: 0123, fps: 25}")
+    capture = load_config(path).capture
+    assert capture.held_out == ("04", "1e4", "true")
+    given = load_config(None, [("capture.held_out", [8, 18])]).capture
+    assert given == CaptureSettings(held_out=(8, 18)) == CaptureSettings(held_out=("8", "18"))  # type: ignore[arg-type]
+    assert capture.cameras == ("07", "08")
+    assert capture.offsets == {"010": 2}
+    assert (capture.audio, capture.fps) == ("0123", 25.0)

@@ -1,3 +1,7 @@
+import json
+import math
+
+import numpy as np
 import pytest
 
 from pipelines import events
@@ -33,6 +37,12 @@ def test_an_event_survives_its_json(event):
     line = event.to_json()
     assert "\n" not in line
     assert parse_event(line) == event
+
+
+def test_numbers_that_json_lacks_become_null_and_numpy_numbers_plain():
+    values = {"loss": math.nan, "psnr": np.float32(math.inf), "splats": np.int64(3), "list": [np.float64(0.5)]}
+    read = json.loads(Metrics(values=values).to_json())["values"]
+    assert read == {"loss": None, "psnr": None, "splats": 3, "list": [0.5]}
 
 
 @pytest.mark.parametrize(

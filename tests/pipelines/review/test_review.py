@@ -11,9 +11,12 @@ import numpy as np
 import pytest
 
 from pipelines.config import dump_config, load_config
+from pipelines.review import TakeReview
 from pipelines.share.served import find_reviews, find_streams
 from pipelines.share.web_app import Reviews, build_app
+from pipelines.takes.atomic_files import write_model
 from pipelines.takes.marks import MAX_NOTE, Mark, change_mark, read_marks
+from pipelines.takes.records import StageRecord
 from pipelines.takes.take import Take
 from studio.camera_files import read_rig, write_rig
 from studio.stream import BakeSettings
@@ -159,6 +162,26 @@ VIEW = {"eye": [0.0, -3.5, 1.0], "target": [0.0, 0.0, 1.0], "fov": 40.0, "camera
 VIEW |= {"place": [0.1, 0.0, 1.3]}
 
 
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"eye": VIEW["target"]},
+        {"fov": 0},
+        {"fov": 180.0},
+        {"wipe": 1.5},
+        {"camera": "c" * 300},
+        {"eye": [0, 1]},
+        {"place": [0, 1]},
+        {"eye": None},
+    ],
+)
+def test_views_that_cannot_be_looked_from_are_refused(port: int, take: Take, values: dict[str, Any]) -> None:
+    change = mark(1, "x")
+    change["mark"]["view"] = {**VIEW, **values}
+    assert send(port, change)[0] == 400
+    assert not take.marks.exists()
+
+
 def test_nobody_loses_what_another_wrote(port: int, take: Take) -> None:
     assert send(port, mark(2, "first"))[0] == 200
     status, answer = send(port, mark(2, "second", author="Ben"))
@@ -203,6 +226,33 @@ def test_other_pages_cannot_write(port: int, take: Take) -> None:
     assert asked[0] in (400, 405)
     assert "access-control-allow-origin" not in asked[1]
     assert not take.marks.exists()
+
+
+def test_figures_of_an_earlier_stream_are_told(take: Take) -> None:
+    records = (take.record("bake"), take.record("evaluate"))
+    try:
+        write_model(records[0], StageRecord(stage="bake", params={}, result="first"))
+        write_model(records[1], StageRecord(stage="evaluate", params={"result of bake": "first"}, result="figures"))
+        assert TakeReview(take).data().problems == ()
+        write_model(records[0], StageRecord(stage="bake", params={}, result="second"))
+        assert len(TakeReview(take).data().problems) == 1
+    finally:
+        for record in records:
+            record.unlink(missing_ok=True)
+
+
+def test_a_review_hands_out_the_plain_link(take: Take, tmp_path: Path) -> None:
+    shutil.copytree(take.root, tmp_path / "a b")
+    for folder, page, link in (
+        (take.root, f"/{SECRET}/", "../t0ken/"),
+        (tmp_path, f"/{SECRET}/a%20b/", "../../t0ken/a%20b/"),
+    ):
+        streams = find_streams(str(folder))
+        with running(build_app(streams, PLAYER, Reviews(SECRET, find_reviews(streams)), "t0ken")) as port:
+            assert f'data-link="{link}"' in ask(port, page, Accept="text/html")[2].decode()
+            plain = page.replace(SECRET, "t0ken")
+            assert "data-link" not in ask(port, plain, Accept="text/html")[2].decode()
+            assert f"/{SECRET}{plain.removeprefix('/t0ken')}manifest.json" in ask(port, f"/{SECRET}/")[2].decode()
 
 
 def test_a_stream_alone_cannot_be_reviewed(take: Take, tmp_path: Path) -> None:

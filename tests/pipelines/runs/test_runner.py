@@ -189,6 +189,22 @@ def test_a_bake_is_kept_within_the_run(project, monkeypatch):
     assert project.events[-1].outcome == "failed"
 
 
+def test_a_lost_capture_leaves_finished_stages_done(project):
+    shutil.rmtree(project.folder / "capture")
+    states = project.states()
+    assert states["train"] == "done"
+    assert "not checked against the footage" in project.found["train"].reason
+    with refuses("footage.folder_missing"):
+        project.run()
+    assert project.events[-1].result["stages"] == {}, "nothing was verified"
+    project.take.trained_frame(0, 0).unlink()
+    assert project.states()["train"] == "stale"
+    assert "frame_000000" in project.found["train"].reason
+    project.take.rig.unlink()
+    assert project.states()["calibrate"] == "stale"
+    assert "calibrate/rig.json" in project.found["calibrate"].reason
+
+
 def test_a_changed_image_is_noticed(project):
     path = project.folder / "capture/images/cam1/002.png"
     image = np.array(Image.open(path))

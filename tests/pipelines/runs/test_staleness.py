@@ -2,8 +2,12 @@
 
 from pathlib import Path
 
+import pytest
+
 from pipelines.config.loading import load_config
 from pipelines.runs.runner import status
+from pipelines.runs.staleness import differences
+from pipelines.stages.params import Params
 from pipelines.takes.take import Take
 
 
@@ -19,6 +23,19 @@ def test_a_stage_names_all_stages_that_must_run_first(finished: Path) -> None:
     }
     assert found["calibrate"].needs == ()
     assert all(one.state == "done" for one in status(take, load_config(take.config)).values())
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "said"),
+    [
+        ({"camera file": "a"}, {"camera file": "b"}, ["the camera file changed"]),
+        ({"camera file": "a", "shared": 1}, {"footage": "f", **dict.fromkeys("bcdefgh", 1), "shared": 1},
+         ["the cameras come from the footage now, not from the camera file"]),
+        ({"footage": "f", "a.b": 1}, {"a.b": 2}, ["a.b changed from 1 to 2"]),
+    ],
+)  # fmt: skip
+def test_another_source_of_cameras_is_one_change(before: Params, now: Params, said: list[str]) -> None:
+    assert differences(before, now) == said
 
 
 def test_a_stage_that_has_not_run_names_what_it_needs(finished: Path, tmp_path: Path) -> None:

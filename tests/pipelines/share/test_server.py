@@ -1,5 +1,6 @@
 """The server's limits: connections, slow and silent clients, names, ranges, logs."""
 
+import logging
 import socket
 import threading
 from collections.abc import Iterator
@@ -11,8 +12,8 @@ import pytest
 import uvicorn
 
 from pipelines.share.host_check import is_allowed
-from pipelines.share.server import BoundedServer, Limits, listen
-from pipelines.share.web_app import build_app
+from pipelines.share.server import BoundedLog, BoundedServer, Limits, listen
+from pipelines.share.web_app import build_app, usable_range
 from tests.support.waiting import wait_until
 from tests.support.web_servers import ask
 
@@ -136,3 +137,20 @@ def test_secret_paths_names_and_origins(folder: Path) -> None:
         for wrong in ("bytes=5-2", "bytes=x", "lines=1-2", "bytes=", "bytes=1-2-3", "0-1"):
             assert ask(port, "/manifest.json", Range=wrong)[::2] == (200, b"{}")
         assert ask(port, "/manifest.json", Range="bytes=1-")[::2] == (206, b"}")
+
+
+def test_many_ranges_are_ignored() -> None:
+    assert usable_range(b"bytes=0-1, 4-5,-3")
+    assert not usable_range(b"bytes=" + b",".join(b"0-1" for _ in range(1000)))
+    assert not usable_range(b"bytes=0-" + b"9" * 5000)
+
+
+def test_logs_are_bounded() -> None:
+    now = [0.0]
+    log = BoundedLog(3, 60, lambda: now[0])
+    records = [logging.LogRecord("x", logging.ERROR, "", 0, "bad", None, None) for _ in range(10)]
+    assert sum(log.filter(record) for record in records) == 3
+    now[0] = 61
+    last = logging.LogRecord("x", logging.ERROR, "", 0, "bad", None, None)
+    assert log.filter(last)
+    assert last.getMessage() == "(7 messages left out) bad"

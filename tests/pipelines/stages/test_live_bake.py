@@ -6,11 +6,13 @@ import shutil
 import pytest
 
 from pipelines.config import load_config
+from pipelines.events import Warned
 from pipelines.stages.baking import live as live_bake
 from pipelines.stages.baking.live import LiveBake
 from pipelines.stages.inputs import Inputs
 from pipelines.stages.reporter import StageReporter
 from pipelines.takes.take import Take
+from studio.errors import Cancelled, StudioError
 from studio.stream import StreamReader
 from tests.support.streams import contents
 from tests.support.waiting import wait_until
@@ -56,6 +58,13 @@ def live(take, finished, events=None, **settings):
     )
 
 
+def interrupted(baking, when):
+    """Cancel training in this state."""
+    baking.__enter__()
+    wait_until("baked", when)
+    baking.__exit__(Cancelled, Cancelled(), None)
+
+
 def test_groups_are_published_as_they_are_finished(take, published):
     with live(take, {0}, first_group_size=1) as baking:
         wait_until("published", lambda: groups_of(take) == ([1, 2], True))
@@ -69,6 +78,30 @@ def test_groups_are_published_as_they_are_finished(take, published):
     assert published == [([1], True), ([1, 2], True), ([1, 2, 2], False)]
     with StreamReader.open(take.stream) as reader:
         reader.verify()
+
+
+def test_after_an_interruption_it_does_not_shrink(take, published):
+    interrupted(live(take, {0}), lambda: groups_of(take) == ([3], True))
+    work = take.work("bake")
+    (work / "group_000.json").unlink()  # as if killed: it is baked again
+    interrupted(live(take, {0}), (work / "group_000.json").is_file)
+    assert published == [([3], True)]
+    with live(take, {0, 1}):
+        pass
+    with live(take, {0, 1}):  # nothing is new
+        assert groups_of(take) == ([3, 2], False)
+    assert published == [([3], True), ([3, 2], False), ([3, 2], False)]
+
+
+def test_training_outlives_a_failure(take, published, monkeypatch):
+    def fails(*arguments):
+        raise StudioError("bake.write_failed", "the disk is full")
+
+    monkeypatch.setattr(live_bake, "publish", fails)
+    events = []
+    with live(take, {0, 1}, events):
+        pass
+    assert [event.code for event in events if isinstance(event, Warned)] == ["bake.live_failed"]
 
 
 @pytest.mark.parametrize("joint", [0, 2])

@@ -125,3 +125,10 @@ def test_warming_up_is_not_taken_for_the_pace() -> None:
     assert event.seconds_left is not None
     assert event.seconds_left < 1.5 * (end - now)
     assert now * (1 - event.fraction) / event.fraction > 1.6 * (end - now), "the mean pace since the start is far off"
+
+
+def test_a_short_first_stage_does_not_foretell_the_run() -> None:
+    rows = warming_up(1, 99)
+    assert all(event.total_seconds_left is None for _, event in rows)
+    fractions = [event.total_fraction for _, event in rows]
+    assert fractions == sorted(fractions)

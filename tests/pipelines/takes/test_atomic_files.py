@@ -22,6 +22,12 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_nan_never_reaches_a_json_file(tmp_path):
+    with pytest.raises(ValueError):
+        write_json(tmp_path / "x.json", {"psnr": float("nan")})
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_full_disk_is_a_sentence_that_names_the_folder(tmp_path):
     """Writes to /dev/full fail like those to a full disk."""
     with refuses("take.disk_full", file=tmp_path), disk_errors(tmp_path):

@@ -96,6 +96,17 @@ def test_a_take_that_lost_its_take_json_is_taken_up_again(tmp_path: Path) -> Non
         Take.create(other)
 
 
+def test_a_run_killed_as_it_created_the_take_is_begun_again(tmp_path: Path) -> None:
+    process = subprocess.Popen([sys.executable, "-S", "-c", ""])
+    process.wait()
+    left = tmp_path / f".take.{process.pid}.partial.json"
+    left.write_text("{")
+    take = Take.create(tmp_path)
+    assert Take.open(tmp_path) == take
+    with take.locked("run"):
+        assert not left.exists()
+
+
 def test_what_a_power_cut_left_empty_is_made_again(tmp_path: Path) -> None:
     """Names can be on the disk before the bytes. Marks are a person's work: they are never deleted."""
     take = Take.create(tmp_path)

@@ -82,3 +82,18 @@ def test_a_playlist_with_the_name_of_a_sound_is_refused(tmp_path):
     trap.write_text("ffconcat version 1.0\nfile real.wav\n")
     with refuses("audio.unreadable", file=trap):
         SoundFile(trap)
+
+
+def test_samples_that_are_not_numbers_are_silent(tmp_path):
+    samples = clicks(0.2, [0.1]).T.copy()
+    samples[:, 100:200] = np.nan
+    path = tmp_path / "nan.wav"
+    with av.open(str(path), "w", format="wav") as out:
+        stream = out.add_stream("pcm_f32le", rate=48_000, layout="mono")
+        frame = av.AudioFrame.from_ndarray(samples, format="flt", layout="mono")
+        frame.sample_rate = 48_000
+        out.mux(stream.encode(frame))
+        out.mux(stream.encode(None))
+    blocks = np.concatenate([block for _, block in SoundFile(path).blocks()])
+    assert np.isfinite(blocks).all()
+    assert encode_sound([blocks], str(tmp_path / "out.m4a"), 48_000, 1) == len(blocks)

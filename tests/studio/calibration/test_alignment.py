@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from studio.calibration import align_points, align_rigs, compare_rigs
-from studio.calibration.alignment import scale_to_distance
-from studio.cameras import Rig
+from studio.calibration.alignment import scale_to_distance, upright
+from studio.cameras import Camera, Rig
 from studio.similarity import Similarity
 from tests.support import rigs
 from tests.support.errors import refuses
@@ -54,6 +54,22 @@ def test_comparison_measures_what_was_changed() -> None:
     assert difference.rotation_degrees == pytest.approx(0.5, abs=1e-6)
     assert difference.radius == pytest.approx(4.0)
     assert difference.center_percent < 1e-6
+
+
+def test_upright_world_of_cameras_that_diverge() -> None:
+    """If the axes meet behind the cameras, the points determine the origin."""
+    cameras = []
+    for x in (-1.0, 0.0, 1.0):
+        rotation = turn([0, 1, 0], -0.1 * x)
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = rotation, -rotation @ np.array([x, 0, 0])
+        cameras.append(Camera(f"c{x}", 640, 480, np.array([[500, 0, 320], [0, 500, 240], [0, 0, 1.0]]), pose))
+    rig = Rig(tuple(cameras))
+    points = np.array([0, 0, 6.0]) + RANDOM.normal(size=(101, 3)) * 0.1
+    assert rig.focus[2] < 0
+    transform = upright(rig, points)
+    np.testing.assert_allclose(np.median(transform.points(points), axis=0), 0, atol=0.02)
+    np.testing.assert_allclose(transform.rig(rig).up, [0, 0, 1], atol=1e-9)
 
 
 def test_known_distance() -> None:

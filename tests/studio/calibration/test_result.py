@@ -7,6 +7,7 @@ import pytest
 
 from studio.calibration import floor_world, reprojection_report
 from studio.calibration.report import CalibrationReport
+from studio.calibration.result import image_coverage
 from studio.cameras import Camera, Rig
 from tests.support.errors import refuses
 from tests.support.rigs import pose
@@ -45,6 +46,11 @@ def test_report_of_known_errors() -> None:
     assert set(written) == {
         "reprojection", "points", "observations", "mean_track_length", "tracks", "geometry", "cameras",
     }  # fmt: skip
+
+
+def test_coverage() -> None:
+    assert image_coverage(np.zeros((0, 2)), (80, 60)) == 0
+    assert image_coverage(np.array([[1.0, 1], [2, 2], [79.9, 59.9]]), (80, 60)) == 2 / 16
 
 
 def test_the_floor_is_level_at_height_zero() -> None:

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from studio.calibration.epipolar import PairMatches
+from studio.calibration.epipolar import PairMatches, fitting, match_images
 from studio.calibration.verdict import judge
 from studio.cameras import Camera
 from tests.support.rigs import intrinsics, ring
@@ -124,3 +124,37 @@ def test_masks_are_blamed_only_if_the_images_fit(rig: Cameras, pairs: list[PairM
 def test_without_matches_nothing_is_called_good(rig: Cameras) -> None:
     verdict = judge(rig, [], dict.fromkeys(rig, 0.05))
     assert (verdict.grade, verdict.blamed, verdict.fits) == ("usable", "", None)
+
+
+@pytest.mark.parametrize(("shift", "grade"), [(0, "good"), (5, "usable")], ids=["one wall", "a wall that repeats"])
+def test_matches_that_lead_to_another_place_of_a_repeating_wall_do_not_blame_the_cameras(
+    rig: Cameras, shift: int, grade: str
+) -> None:
+    """Every fifth point of the wall looks the same; every second camera is matched with the next repetition."""
+    x, z = (axis.ravel() for axis in np.meshgrid(np.linspace(-1.5, 1.5, 30), np.linspace(0, 2, 4), indexing="ij"))
+    wall = np.stack([x, 0.2 * np.sin(7 * x + 5 * z), z], axis=1)
+    names, pairs = list(rig), []
+    for first, second in combinations(range(12), 2):
+        apart = (second - first) % 12
+        if apart in (1, 2, 10, 11):
+            moved = 4 * shift if apart in (2, 10) else 0
+            pixels = rig[names[first]].project(wall)[0], rig[names[second]].project(wall)[0]
+            pairs.append(PairMatches(names[first], names[second], pixels[0][: 120 - moved], pixels[1][moved:]))
+    verdict = judge(rig, pairs, dict.fromkeys(rig, 0.05))
+    assert (verdict.grade, verdict.blamed) == (grade, "")
+
+
+def test_images_are_matched_without_their_cameras() -> None:
+    """A textured floor, seen by three cameras: each image is a homography of the texture."""
+    K = intrinsics(500.0, (640, 360))
+    rig = list(ring(20, heights=[2.0], K=K, size=(640, 360)))[:3]
+    texture = cv2.resize(np.random.default_rng(1).integers(0, 255, (90, 90, 3), np.uint8), (720, 720))
+    to_floor = np.array([[4 / 720, 0, -2], [0, 4 / 720, -2], [0, 0, 1.0]])
+    images = {
+        c.name: cv2.warpPerspective(texture, c.K @ c.world_to_camera[:3][:, [0, 1, 3]] @ to_floor, (640, 360))
+        for c in rig
+    }
+    pairs = match_images(images)
+    assert {(pair.first, pair.second) for pair in pairs} >= {("cam0", "cam1"), ("cam1", "cam2")}
+    counts = fitting({c.name: c for c in rig}, pairs)
+    assert all(good > 0.9 * total for good, total in counts.values())

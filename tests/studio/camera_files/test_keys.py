@@ -236,6 +236,19 @@ def test_transforms_that_say_two_things(tmp_path: Path, right: JsonObject, wrong
     assert key in (caught.value.fields["key"], caught.value.fields["other"])
 
 
+def test_entries_of_transforms_replace_what_is_beside_them(tmp_path: Path) -> None:
+    own = {"fl_x": 700.0, "fl_y": 710.0}
+
+    def change(values: JsonObject) -> JsonObject:
+        frames = [{**frame, **own} for frame in values["frames"]]
+        return {**values, "fl_x": 500.0, "camera_angle_x": 1.2, "frames": frames}
+
+    rig = read_rig(transforms(tmp_path, change))
+    assert_projects(rig, BEND, corner=True)
+    assert any("'fl_x'" in note for note in rig.notes)
+    assert not any("'fl_y'" in note for note in rig.notes)
+
+
 @pytest.mark.parametrize(
     ("form", "change", "code"),
     [
@@ -251,6 +264,18 @@ def test_other_units_and_transposed_matrices(tmp_path: Path, form: str, change: 
         read_rig(path)
 
 
+def test_transposed_matrices_of_transforms(tmp_path: Path) -> None:
+    def change(values: JsonObject) -> JsonObject:
+        frames = [
+            {**frame, "transform_matrix": np.transpose(frame["transform_matrix"]).tolist()}
+            for frame in values["frames"]
+        ]
+        return {**values, "frames": frames}
+
+    with refuses("camera.not_rigid", camera="cam0", key="transform_matrix"):
+        read_rig(transforms(tmp_path, change))
+
+
 def test_a_principal_point_outside_of_the_image(tmp_path: Path) -> None:
     rig = read_rig(transforms(tmp_path, lambda values: {**values, "cx": 1920.0, "cy": 1080.0}))
     assert any("principal point is outside" in note for note in rig.notes)
@@ -261,6 +286,19 @@ def test_a_key_twice_in_an_object(tmp_path: Path) -> None:
     path.write_text(path.read_text().replace('"width": 640', '"width": 320, "width": 640', 1))
     with refuses("camera_file.syntax", file=path):
         read_rig(path)
+
+
+@pytest.mark.parametrize("empty", ["missing", "[]", '"null"'])
+def test_a_camera_without_pose_is_left_out(tmp_path: Path, empty: str) -> None:
+    def change(values: JsonObject) -> JsonObject:
+        if values["name"] != "cam2":
+            return values
+        kept = {key: value for key, value in values.items() if key not in ("rotation", "translation")}
+        return kept if empty == "missing" else kept | dict.fromkeys(("rotation", "translation"), json.loads(empty))
+
+    rig = read_rig(toml(tmp_path, change))
+    assert_projects(rig, BEND, corner=False, names=NAMES[:2])
+    assert rig.left_out == ("cam2",)
 
 
 @pytest.mark.parametrize("master", [None, "cam1"])
@@ -339,6 +377,15 @@ def test_meta_of_dynamic_gaussians(tmp_path: Path) -> None:
         assert rig.for_evaluation == ("cam2",)
     write("train_meta.json", (0, 1), turn=0.1)
     with refuses("camera.moves", file=path, camera="cam0"):
+        read_rig(path)
+
+
+def test_multical_poses_relative_to_a_camera_that_is_not_there(tmp_path: Path) -> None:
+    camera = {"model": "standard", "image_size": [640, 360], "K": K, "dist": [BEND]}
+    pose_of = {"R": np.eye(3).tolist(), "T": [0, 0, 1]}
+    path = tmp_path / "calibration.json"
+    path.write_text(json.dumps({"cameras": {"cam0": camera}, "camera_poses": {"cam0_to_board": pose_of}}))
+    with refuses("camera.unknown", file=path, value="board"):
         read_rig(path)
 
 

@@ -537,11 +537,38 @@ def test_metashape_slaves_are_placed_from_their_master(tmp_path: Path) -> None:
     np.testing.assert_allclose(left.rotation.T @ turn, right.rotation.T, atol=1e-6)
 
 
+def test_metashape_with_a_disabled_camera_and_two_chunks(tmp_path: Path) -> None:
+    text = METASHAPE.format(k4="")
+    first = re.search(r"<camera id=[^>]*label=[^>]*>", text)
+    assert first is not None
+    whole = re.search(r"<chunk.*</chunk>", text, re.DOTALL)
+    path = tmp_path / "cameras.xml"
+    path.write_text(text.replace(whole[0], 2 * whole[0]))
+    rig = read_rig(path)
+    assert any("2 chunks" in note for note in rig.notes)
+    path.write_text(text.replace(first[0], first[0].replace(">", ' enabled="false">')))
+    with refuses("camera_file.no_cameras", file=path):
+        read_rig(path)
+
+
 def test_metashape_terms_that_are_not_known(tmp_path: Path) -> None:
     path = tmp_path / "cameras.xml"
     path.write_text(METASHAPE.format(k4="<k5>0.1</k5>"))
     with refuses("camera.unknown_key", file=path, key="k5"):
         read_rig(path)
+
+
+def test_realityscan_with_semicolons_and_rows_without_images(tmp_path: Path) -> None:
+    path = realityscan_file(tmp_path)
+    expected = read_rig(path)
+    text = path.read_text()
+    row = text.splitlines()[1]
+    path.write_text(text + row.replace("a.jpg", "missing.jpg") + "\n")
+    found = read_rig(path)
+    assert_same_images(found, expected)
+    assert any("'missing'" in note for note in found.notes)
+    path.write_text(text.replace(",", ";").replace(".", ",").replace("a,jpg", "a.jpg"))
+    assert_same_images(read_rig(path), expected)
 
 
 def test_colmap_models_that_say_two_things(tmp_path: Path) -> None:
@@ -595,6 +622,17 @@ def test_transforms_with_an_entry_per_camera_and_time(tmp_path: Path, form: str)
     rig = read_rig(transforms_entries(tmp_path, "transforms.json", paths))
     assert_same_images(rig, STRAIGHT)
     assert any("9 entries" in note for note in rig.notes)
+
+
+def test_transforms_in_parts_for_training_and_test(tmp_path: Path) -> None:
+    path = transforms_entries(
+        tmp_path, "transforms_train.json", {name: [f"images/{name}/0"] for name in ("cam00", "cam01")}
+    )
+    transforms_entries(tmp_path, "transforms_test.json", {"cam02": ["images/cam02/0"]})
+    for part in (path, tmp_path, tmp_path / "transforms_test.json"):
+        rig = read_rig(part)
+        assert_same_images(rig, STRAIGHT)
+        assert rig.for_evaluation == ("cam02",)
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """Bad footage: one clear error per problem."""
 
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -31,6 +32,25 @@ def test_a_camera_missing_in_a_frame(image_folders: Path) -> None:
     footage = open_footage(CaptureSettings(root=image_folders), strict=False)
     assert footage.frames == (5, 7, 8)
     assert [problem.code for problem in check_footage(footage)] == ["footage.frames_missing"]
+
+
+def test_different_frame_counts(three_videos: Path, make: SimpleNamespace) -> None:
+    make.video(three_videos / "videos" / "cam2.mp4", [make.numbered(index) for index in range(9)])
+    with refuses("footage.camera_ends_early", value=8, camera="cam2", expected=11, setting="capture.frames") as caught:
+        open_footage(CaptureSettings(root=three_videos))
+    assert "set capture.frames to :9" in str(caught.value)
+    assert open_footage(CaptureSettings(root=three_videos, frames=":9")).frames == tuple(range(9))
+
+
+def test_a_camera_that_is_numbered_from_another_number(image_folders: Path) -> None:
+    """The range in the error can be pasted."""
+    for frame in (8, 7, 6, 5):
+        file = image_folders / "images" / "right" / f"{frame:06d}.png"
+        file.rename(file.with_name(f"{frame + 1:06d}.png"))
+    with refuses("footage.camera_ends_early", camera="left") as caught:
+        open_footage(CaptureSettings(root=image_folders))
+    pasted = re.search(r"capture\.frames to (\S+)", str(caught.value))
+    assert open_footage(CaptureSettings(root=image_folders, frames=pasted[1])).frames == (6, 7, 8)
 
 
 def test_images_that_exif_turns_are_named(tmp_path: Path, make: SimpleNamespace) -> None:

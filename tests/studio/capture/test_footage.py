@@ -39,6 +39,15 @@ def test_images_keep_their_frame_numbers(image_folders: Path, make: SimpleNamesp
         open_footage(CaptureSettings(root=image_folders, frames="20:"))
 
 
+def test_single_images_are_frame_zero_and_masks_may_have_another_format(tmp_path: Path, make: SimpleNamespace) -> None:
+    for name in ("a", "b"):
+        make.image(tmp_path / "images" / f"{name}.jpg", make.numbered(3))
+        make.image(tmp_path / "masks" / f"{name}.png", np.full((32, 48), 255, np.uint8))  # half the size
+    footage = open_footage(CaptureSettings(root=tmp_path))
+    assert footage.frames == (0,)
+    assert footage.mask("a", 0).shape == (64, 96)
+
+
 def test_alpha_channel_is_the_mask(tmp_path: Path, make: SimpleNamespace) -> None:
     rgba = np.dstack([make.numbered(1), np.arange(96, dtype=np.uint8)[None].repeat(64, 0)])
     make.image(tmp_path / "images" / "a" / "0.png", rgba)
@@ -117,6 +126,13 @@ def read(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
     real = frame_sources.read_image
     monkeypatch.setattr(frame_sources, "read_image", lambda path, *rest: found.append(path) or real(path, *rest))
     return found
+
+
+def test_calibration_is_scaled_to_half_size_footage(tmp_path: Path, make: SimpleNamespace) -> None:
+    make.image(tmp_path / "images" / "a.png", make.numbered(1))
+    footage = open_footage(CaptureSettings(root=tmp_path, masks="none"), Rig((make.camera("a", 192, 128),)))
+    assert footage.rig["a"].fx == 96
+    assert footage.rig["a"].cx == 48
 
 
 def test_letterboxed_footage_is_detected_by_its_bars(tmp_path: Path, make: SimpleNamespace) -> None:

@@ -1,6 +1,7 @@
 """Layouts of published data sets, each as a tiny capture: footage, masks and cameras are found without settings."""
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,7 +10,8 @@ import numpy as np
 import pytest
 
 from pipelines.stages.camera_file import camera_file
-from studio.camera_files import read_rig
+from studio.camera_files import read_rig, write_rig
+from studio.cameras import Rig
 from studio.capture import CaptureSettings, open_footage
 from tests.support.errors import refuses
 
@@ -268,3 +270,36 @@ def test_rows_without_their_video_are_refused(tmp_path: Path, make: SimpleNamesp
     (tmp_path / "cam01.mp4").unlink()
     with refuses("camera_file.camera_count", value=2, setting="capture.rig"):
         read_rig(tmp_path / "poses_bounds.npy")
+
+
+def test_numbers_match_names_only_if_unambiguous(make: SimpleNamespace) -> None:
+    from studio.capture import match_rig
+
+    rig = Rig((make.camera("00000000"), make.camera("00000007")))
+    assert match_rig(rig, ("cam_7", "cam_0"))["cam_7"].name == "cam_7"
+    with refuses("calibration.camera_missing"):
+        match_rig(rig, ("cam_7", "cam_8"))
+    with refuses("calibration.camera_missing"):  # the rig may count from 0
+        match_rig(Rig(tuple(make.camera(name) for name in ("c0", "c1", "c2"))), ("cam_1", "cam_2"))
+    panoptic = Rig(tuple(make.camera(name) for name in ("00_00", "00_01", "01_01", "50_01")))
+    assert set(match_rig(panoptic, ("hd_00_01", "hd_00_00"))) == {"hd_00_00", "hd_00_01"}
+
+
+def test_footage_of_a_camera_without_a_pose_is_not_used(tmp_path: Path, make: SimpleNamespace) -> None:
+    """As Caliscope writes it: by number, with an empty rotation, and one that it ignores."""
+    for number in range(4):
+        make.image(tmp_path / "images" / f"cam_{number}" / "000.png", make.numbered(0))
+    rig = Rig(tuple(make.camera(f"cam_{number}") for number in range(4)))
+    write_rig(rig, tmp_path / "camera_array.toml")
+    text = (tmp_path / "camera_array.toml").read_text()
+    *_, third, last = text.split("[cameras.")
+    poseless = re.sub(r"rotation = .*|translation = .*", "", third)
+    text = text.replace(third, poseless).replace(last, last.replace("ignore = false", "ignore = true"))
+    (tmp_path / "camera_array.toml").write_text(text)
+    given = read_rig(tmp_path / "camera_array.toml")
+    write_rig(given, tmp_path / "rig.json")
+    spec = CaptureSettings(root=tmp_path, masks="none", held_out=("cam_1", "cam_3"))
+    for opened in (open_footage(spec, given), open_footage(spec, read_rig(tmp_path / "rig.json"))):
+        assert opened.camera_names == ("cam_0", "cam_1")
+        assert opened.held_out_cameras == ("cam_1",)
+        assert all(name in opened.description for name in ("'cam_2'", "'cam_3'"))

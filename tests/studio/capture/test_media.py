@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from av.stream import Disposition
 
+from studio.audio.sound_file import SoundFile
+from studio.capture.timecode import read_timecode
 from studio.capture.video import VideoReader
 
 FILM, PREVIEW = (96, 64), (48, 32)
@@ -69,6 +71,20 @@ def test_footage_is_neither_cover_art_nor_a_preview(
     assert (reader.width, reader.height, reader.frame_count) == (*FILM, 12)
     assert [make.number_of(reader.read(index)) for index in (11, 0, 5)] == [11, 0, 5]
     assert reader.note == "" or "96x64" in reader.note  # MOV files have no cover art
+
+
+def test_a_later_stream_marked_as_default_is_the_footage(tmp_path: Path, make: SimpleNamespace) -> None:
+    streams = [((192, 128), 12, Disposition(0)), (FILM, 12, Disposition.default)]
+    assert VideoReader(write_streams(tmp_path / "a.mkv", make, streams)).width == FILM[0]
+
+
+def test_sound_and_timecode_refer_to_the_footage(tmp_path: Path, make: SimpleNamespace) -> None:
+    streams = [((256, 256), 1, Disposition.attached_pic), (PREVIEW, 12, Disposition(0)), (FILM, 12, Disposition(0))]
+    path = write_streams(tmp_path / "a.mkv", make, streams, start=5)
+    timecode = read_timecode(path)
+    assert timecode.frames == 25 * 3600
+    first, _ = next(SoundFile(path).blocks())
+    assert first == pytest.approx(-48000 * 5 / 25, abs=100)  # the film begins five frames after the sound
 
 
 @pytest.mark.parametrize(("codec", "options"), [("libvpx", {"auto-alt-ref": "0"}), ("libvpx-vp9", {})])

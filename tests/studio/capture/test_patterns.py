@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from studio.capture.detect import detect_images
+from studio.capture.detect import MASK_FOLDERS, detect_beside, detect_images
 from studio.capture.patterns import find_files
 from tests.support.errors import refuses
 
@@ -90,3 +90,25 @@ def test_missing_and_ambiguous_footage_name_the_setting(tmp_path: Path) -> None:
     for pattern in caught.value.value:
         assert len(find_files(tmp_path, pattern)) == (4 if "{chapter}" in pattern else 2)
     assert {"x/day1/{camera}.mp4", "x/{camera}/a.mp4"} <= set(caught.value.value)
+
+
+def test_numbered_folders_are_frames_if_the_camera_file_says_so(tmp_path: Path) -> None:
+    """HiFi4G's image_white as the capture: 0/1.png may be frame 0 of camera 1, or frame 1 of camera 0."""
+    touch(tmp_path, *(f"{frame}/{camera}.png" for frame in range(2) for camera in range(3)))
+    assert detect_images(tmp_path)[0] == "{camera}/{frame}.png"
+    frames = ", ".join(f'{{"file_path": "images/{camera}.png"}}' for camera in range(3))
+    (tmp_path / "transforms.json").write_text(f'{{"frames": [{frames}]}}')
+    assert detect_images(tmp_path)[0] == "{frame}/{camera}.png"
+
+
+def test_masks_of_other_layouts_are_detected(tmp_path: Path) -> None:
+    touch(tmp_path, "a/masks/Cam001/Cam001_mask000003.png", "b/mask/0/img_0001.png", "c/mask/001.mp4")
+    expected = {
+        "a": ("masks/{camera}/{camera}_mask{frame}.png", "Cam001", 3),
+        "b": ("mask/{frame}/img_{camera}.png", "0001", 0),
+        "c": ("mask/{camera}.mp4", "001", None),
+    }
+    for folder, (pattern, camera, frame) in expected.items():
+        found = detect_beside(tmp_path / folder, MASK_FOLDERS, [camera])
+        assert found[0] == pattern
+        assert (found[1][0].camera, found[1][0].frame) == (camera, frame)

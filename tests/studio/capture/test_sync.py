@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from studio.capture import CaptureSettings, open_footage
-from studio.capture.sync import check_sync, sound_signal
+from studio.capture.sync import check_sync, offsets_of, sound_signal
 from tests.support.errors import refuses
 
 FPS = 20
@@ -113,3 +113,15 @@ def test_bad_input(tmp_path: Path) -> None:
             check_sync(footage, seconds=seconds)
     with refuses("sync.one_camera"):
         check_sync(open_footage(CaptureSettings(root=tmp_path, masks="none", cameras=("a",))))
+
+
+@pytest.mark.parametrize("late", [-3.4, -0.25, 0.3, 2.4])
+def test_fractions_of_a_sample_are_found(late: float) -> None:
+    """Smooth signals with a known shift, as motion of limbs is; the parabola is good to a few hundredths."""
+    times = np.arange(200.0)
+
+    def signal(shift: float) -> np.ndarray:
+        return sum(np.sin((times - shift) * rate + phase) for rate, phase in ((0.31, 0.1), (0.47, 1.9), (0.83, 0.7)))
+
+    lags, _ = offsets_of({"a": signal(0.0), "b": signal(late)}, most=10)
+    assert lags["b"] - lags["a"] == pytest.approx(late, abs=0.06)

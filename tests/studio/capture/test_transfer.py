@@ -143,6 +143,17 @@ def test_damaged_files_are_refused(tmp_path: Path, name: str) -> None:
         read_image(tmp_path / ("none" + path.suffix))
 
 
+def test_gray_floats_beyond_the_range_are_clipped(tmp_path: Path) -> None:
+    """A TIFF of floats counts in levels of 255; what is beyond is white or black, not wrapped around."""
+    from PIL import Image
+
+    values = np.array([[-3.0, 0.4, 12.6], [254.7, 255.4, 300.0]], np.float32)
+    Image.fromarray(values).save(tmp_path / "gray.tif")
+    found = read_image(tmp_path / "gray.tif")
+    np.testing.assert_array_equal(found[:, :, 0], [[0, 0, 13], [255, 255, 255]])
+    np.testing.assert_array_equal(found, found[:, :, :1].repeat(3, axis=2))
+
+
 def tiff(path: Path, values: np.ndarray, extra: int | None) -> Path:
     """An uncompressed TIFF; `extra` is what it says about the fourth channel (ExtraSamples), if anything."""
     height, width, channels = values.shape

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from studio.cameras import Camera
-from studio.comparison import ViewPair, measure, padded_box
+from studio.comparison import ViewPair, find_camera, measure, padded_box
 from studio.gaussians import Gaussians
 
 WIDTH, HEIGHT = 64, 48
@@ -86,3 +86,25 @@ def test_a_color_fit_finds_the_colors_of_another_camera_but_no_detail():
     base = np.concatenate([render.image.numpy(), render.alpha.numpy()[..., None]], -1)
     matrix = np.linalg.lstsq(base[inside], pair.footage[inside], rcond=None)[0]
     assert np.allclose(pair.fitted, np.clip(base @ matrix, 0, 1), atol=1e-4)
+
+
+def test_lpips_gets_images_of_its_smallest_size():
+    black = np.zeros((20, 20, 3), np.float32)
+    small = ViewPair(black, black, (1, 1, 1), (slice(0, 20), slice(0, 20)), np.zeros((20, 20), np.float32))
+    sizes = []
+
+    def metric(one, other):
+        sizes.append((tuple(one.shape), float(one[-1, -1, 0])))
+        return 0.25
+
+    assert measure(small, metric)["lpips"] == 0.25
+    assert sizes == [((32, 32, 3), 1.0)]
+    assert "lpips" not in measure(small)
+
+
+def test_cameras_are_found_by_number_if_only_one_has_it():
+    assert find_camera("48", ["cam047", "cam048"]) == "cam048"
+    assert find_camera("cam00", ["0", "1"]) == "0"
+    assert find_camera("48", ["a48", "b48"]) is None
+    assert find_camera("48", ["a48", "48"]) == "48"
+    assert find_camera("left", ["right"]) is None

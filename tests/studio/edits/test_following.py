@@ -34,6 +34,15 @@ def test_the_ball_stays_on_the_head(frame: int) -> None:
     assert (mark.radius, mark.weight) == (0.15, 3.0)
 
 
+def test_it_is_not_followed_where_nothing_is_left() -> None:
+    def gone(frame: int) -> np.ndarray:
+        return head_and_body(frame)[200:] if frame >= 6 else head_and_body(frame)
+
+    mark = follow(gone, GROUPS, 2, place(2), 0.15, 3.0)
+    assert mark.path[-1][0] == 5
+    assert np.allclose(mark.at(15), mark.at(5)), "it stays where it was last"
+
+
 def test_a_ball_around_nothing_is_refused() -> None:
     with refuses("edits.nothing_there"):
         follow(head_and_body, GROUPS, 3, np.array([9.0, 9.0, 9.0]), 0.1, 2.0)

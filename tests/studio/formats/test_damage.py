@@ -187,6 +187,16 @@ def test_sog_parts_that_disagree(tmp_path):
         read_splats(path)
 
 
+def test_an_open_sog_with_a_part_missing(tmp_path):
+    for part in (DATA / "sog" / "degree1").iterdir():
+        if part.name != "quats.webp":
+            (tmp_path / part.name).write_bytes(part.read_bytes())
+    with refuses("splat_file.not_found", file=tmp_path / "quats.webp"):
+        read_splats(tmp_path / "meta.json")
+    with refuses("splat_file.not_found", file=tmp_path / "none" / "meta.json"):
+        splats_size(tmp_path / "none" / "meta.json")
+
+
 def test_small_files_that_claim_much(tmp_path):
     """Bombs: refused before they are unpacked."""
     huge = (1 << 26) - 1

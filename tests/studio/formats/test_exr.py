@@ -1,6 +1,7 @@
 """EXR plates, read by OpenEXR's own library, against closed forms and the rasterizer."""
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 import OpenEXR
@@ -118,6 +119,13 @@ def test_motion_is_in_pixels_to_the_right_and_up(tmp_path):
             layers["forward"][drawn], np.tile(np.multiply(motion, scale), (drawn.sum(), 1)), atol=1e-3
         )
         assert not layers["forward"][~drawn].any()
+
+
+def test_a_moving_camera_moves_the_image(tmp_path):
+    path = lambda index: replace(CAMERA, world_to_camera=CAMERA.world_to_camera + np.eye(4, k=3) * 0.1 * index)  # noqa: E731
+    (_, (_, layers)) = exported(tmp_path / "out", moving((0, 0, 0), (0, 0, 0)), path=path)
+    drawn = layers["rgba"][..., 3] > 0
+    np.testing.assert_allclose(layers["forward"][drawn, 0], 0.1 * CAMERA.fx / EYE, rtol=1e-4)
 
 
 def test_blur_is_the_mean_while_the_shutter_is_open(tmp_path):

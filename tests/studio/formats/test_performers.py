@@ -48,6 +48,19 @@ def test_splats_belong_to_the_body_that_they_are_in(places):
     assert len(set(found)) == len(places)
 
 
+def test_a_ball_is_a_third_or_belongs_to_the_nearest():
+    ball = bodies(0.3, splats=220)
+    ball.means[:, 1] *= 0.25
+    both = Gaussians.cat(bodies(-1.4, 1.4), ball)
+    three, two = separated(both, 3), separated(both, 2)
+    assert three is not None
+    assert two is not None
+    x = both.means[:, 0].numpy()
+    for found, expected in ((three, 3), (two, 2)):
+        assert len({tuple(set(found[np.abs(x - place) < 0.21])) for place in (-1.4, 0.3, 1.4)}) == expected
+    assert set(two[np.abs(x - 0.3) < 0.21]) == set(two[np.abs(x - 1.4) < 0.21])
+
+
 def mattes(folder, video: SplatVideo, count: int):  # type: ignore[no-untyped-def]
     """Alpha and the mattes of each frame, (H, W) and (H, W, count)."""
     export_exr(video, folder, lambda index: CAMERA, Similarity(), performers=count)

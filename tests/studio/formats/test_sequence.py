@@ -161,6 +161,15 @@ def test_far_splats_do_not_cost_the_others_their_precision(folder, tmp_path, dis
     assert (sizes[0] - sizes[1]).abs().max() < 0.05
 
 
+@pytest.mark.parametrize(("away", "noted"), [(100.0, 0), (1e6, 1)])
+def test_positions_that_float32_cannot_hold_are_noted(folder, away, noted):
+    for index in range(2):
+        frame = body(index)
+        frame.means[:, 1] += away
+        write_splats(frame, folder / f"f{index}.ply")
+    assert sum("steps of" in note for note in open_import(folder).notes) == noted
+
+
 def test_nothing_to_import(folder, tmp_path):
     with refuses("import.no_files", file=folder):
         open_import(folder)

@@ -117,6 +117,24 @@ def test_what_is_written_says_what_was_meant(tmp_path, make_splats, degree, vers
     np.testing.assert_allclose(mine.sh[:, 1:], found["sh"].reshape(120, -1, 3), atol=1e-6)
 
 
+def test_version_4_is_the_default_and_2_is_not_written(tmp_path, make_splats):
+    write_splats(make_splats(5), tmp_path / "a.spz")
+    assert (tmp_path / "a.spz").read_bytes()[:5] == b"NGSP\x04"
+    with refuses("splat_file.unsupported_version", file=tmp_path / "b.spz", value=2):
+        write_splats(make_splats(5), tmp_path / "b.spz", version=2)
+
+
+@pytest.mark.parametrize("size", [1e-4, 1.0, 300.0, 1e6])
+def test_positions_of_any_size(tmp_path, make_splats, size):
+    splats = make_splats(50)
+    scaled = Gaussians(**{**dict(splats.items()), "means": splats.means * size})
+    write_splats(scaled, tmp_path / "a.spz")
+    error = (read_splats(tmp_path / "a.spz").means - scaled.means).abs().max()
+    farthest, extent = scaled.means.abs().max(), (scaled.means.max(0).values - scaled.means.min(0).values).max()
+    step = max(min(extent / 2**16, 2**-12), 2**-20, 2 * farthest / 2**23)
+    assert error <= 0.5 * step + 1e-7 * size
+
+
 def test_too_far_out(tmp_path, make_splats):
     splats = make_splats(5)
     far = Gaussians(**{**dict(splats.items()), "means": splats.means + 1e8})

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from pxr import Gf, Usd, UsdGeom, UsdMedia, UsdValidation, UsdVol
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdMedia, UsdValidation, UsdVol
 
 from studio.audio.pcm import Pcm
 from studio.formats.rigid_motion import scaled, turned
@@ -182,6 +182,21 @@ def test_one_static_prim_per_frame_that_is_shown_and_hidden(tmp_path, make_splat
     torch.testing.assert_close(found.read(1).means, found.read(0).means + torch.tensor([1.0, 0, 0]))
     assert any("Cube" in note for note in found.notes)
     assert any("1 time code " in note for note in found.notes)
+
+
+def test_splats_that_cannot_be_rendered_and_unknown_attributes_are_dropped(tmp_path, make_splats):
+    splats = make_splats(50)
+    splats.means[3, 0] = float("nan")
+    stage, prim = define(tmp_path / "a.usda", splats)
+    prim.AddTranslateOp().Set(Gf.Vec3d(1, 0, 0))
+    prim.GetPrim().CreateAttribute("scan:confidence", Sdf.ValueTypeNames.Float).Set(0.5)
+    stage.Save()
+    found = open_import(tmp_path / "a.usda")
+    assert len(found.read(0)) == 49
+    assert any(note.startswith("1 splat dropped") for note in found.notes)
+    assert [note for note in found.notes if "ignored" in note] == [
+        "attributes that splats do not have are ignored: scan:confidence"
+    ]
 
 
 def test_without_usd_core_the_extra_is_named(tmp_path, make_video, monkeypatch):

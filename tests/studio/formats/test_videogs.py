@@ -158,6 +158,18 @@ def test_padding_is_invisible_and_opacities_are_as_exact_as_the_codec_would_be(t
         assert abs(error).max() <= 0.55 * step
 
 
+def test_names_and_constant_channels(tmp_path, make_video):
+    video = make_video((5,))
+    still = video.read(0)
+    still.sh[:] = 0.25
+    part = video.part(2, 5)
+    export_videogs(part, tmp_path / "out", qp=0)
+    info = json.loads((tmp_path / "out" / "group_info.json").read_text())
+    assert info == {"0": {"frame_index": [0, 2], "name_index": [2, 4]}}
+    export_videogs(video.part(0, 1), tmp_path / "constant", qp=0)
+    np.testing.assert_array_equal(players_reader(tmp_path / "constant")[0]["f_dc"], 0.25)
+
+
 def test_whole_or_not_at_all(tmp_path, make_video):
     def stop(done, total, **figures):
         if done == 2:

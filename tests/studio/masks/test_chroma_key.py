@@ -175,6 +175,20 @@ def test_a_given_key_color_wins_over_a_larger_area(tmp_path: Path, make: SimpleN
         open_footage(CaptureSettings(root=tmp_path, masks="chroma_key", garbage_masks="other/{camera}.png"))
 
 
+def test_garbage_masks_per_frame(tmp_path: Path, make: SimpleNamespace) -> None:
+    alpha = disc()
+    image = compose(np.array([225, 220, 215]), alpha, lit_screen(GREEN, alpha, shadow=0.0))
+    for frame in (1, 2):
+        make.image(tmp_path / "images" / "a" / f"{frame}.png", image)
+        make.image(tmp_path / "images" / "b" / f"{frame}.png", image)
+        make.image(tmp_path / "garbage" / "a" / f"{frame}.png", np.full((160, 240), 255 * (frame == 2), np.uint8))
+    footage = open_footage(
+        CaptureSettings(root=tmp_path, masks="chroma_key", garbage_masks="garbage/{camera}/{frame}.png")
+    )
+    assert footage.mask("a", 1).max() == 0
+    assert np.array_equal(footage.mask("a", 2), footage.mask("b", 1))  # b has none: its whole image is used
+
+
 def test_despill_restores_the_performers_color_at_the_outline_only() -> None:
     """With the exact mask and screen, and without noise, mixed pixels are solved up to rounding."""
     alpha = disc()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from studio.capture.settings import DifferenceSettings
-from studio.masks.clean_plate import difference_evidence
+from studio.masks.clean_plate import difference_evidence, match_exposure
 
 PLAIN = DifferenceSettings(mask_shadows="none")
 BRIGHTER = 20.0
@@ -36,3 +36,21 @@ def test_slopes_of_the_plate_are_tolerated_in_both_directions(axis: int) -> None
     plate = np.broadcast_to(ramp[:, None] if axis == 0 else ramp[None], flat.shape).copy()
     assert evidence_on(plate) == pytest.approx(expected(16), abs=0.01)
     assert expected(16) < expected(0) - 1
+
+
+def test_exposure_is_the_median_ratio_of_usable_pixels() -> None:
+    random = np.random.default_rng(3)
+    plate = random.uniform(30, 150, (60, 80, 3)).astype(np.float32)
+    image = plate * np.array([1.25, 0.8, 3.0], np.float32)
+    image[:, :20] = 255  # the performer, a quarter
+    plate[:, 20:30] = (10, 100, 100)  # a dark corner and an overexposed window tell nothing
+    plate[:, 30:40] = (100, 250, 100)
+    gain = match_exposure(image, plate)
+    np.testing.assert_allclose(gain[:2], [1.25, 0.8], rtol=0.01)
+    assert gain[2] == pytest.approx(1.4), "the limit"
+    known = np.zeros((60, 80), bool)
+    known[:5, 40:] = True  # too few
+    assert match_exposure(image, plate, known).tolist() == [1, 1, 1]
+    known[:, 60:] = True
+    image[:, 40:60] = 0
+    np.testing.assert_allclose(match_exposure(image, plate, known)[:2], [1.25, 0.8], rtol=0.01)

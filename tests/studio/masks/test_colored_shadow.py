@@ -51,6 +51,16 @@ def test_a_colored_shadow_is_not_the_performer(color: str) -> None:
         assert overlap(kept, np.maximum(alpha, shadow)) > 0.9  # otherwise, it is
 
 
+@pytest.mark.parametrize(("color", "contrast"), [*((color, 0.06) for color in COLORS), ("hard and dark", 0.0)])
+def test_a_dark_performer_is_no_shadow(color: str, contrast: float) -> None:
+    """Clothes with exactly the mean color of such a shadow, but without the texture of the floor."""
+    alpha = disc(150, 120, 45, 75)
+    cloth = np.array([210.0, 100.0, 40.0]) * COLORS[color]
+    image = floor(contrast) * (1 - alpha[..., None]) + cloth * alpha[..., None]
+    mask = difference_mask(filmed(image, 2), filmed(floor(contrast), 1), ON)
+    assert overlap(mask, alpha) > 0.94
+
+
 @pytest.mark.parametrize("contrast", [0.1, 0.3])
 @pytest.mark.parametrize("lighter", [0.0, 0.4], ids=["as dark", "lighter"])
 @pytest.mark.parametrize("color", [*COLORS, "neutral"])

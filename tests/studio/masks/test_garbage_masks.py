@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from studio.capture import CaptureSettings, open_footage
+from studio.masks import FunctionMaskSource
 from tests.support.errors import refuses
 
 
@@ -43,6 +44,36 @@ def test_polygons_remove_what_they_surround(capture: Path) -> None:
     everything = mask(capture, masks="none", garbage_masks="garbage.yaml")
     assert everything[:, :48].min() == 255
     assert everything[:, 48:].max() == 0
+
+
+def test_polygons_of_another_size_and_of_fractions(capture: Path) -> None:
+    (capture / "garbage.yaml").write_text(
+        "01: {size: [192, 128], remove: [[[96, 0], [192, 0], [192, 128], [96, 128]]]}"
+    )
+    scaled = mask(capture, masks="none", garbage_masks="garbage.yaml")
+    assert np.array_equal(np.unique(np.nonzero(scaled == 0)[1]), np.arange(48, 96))
+    (capture / "garbage.yaml").write_text(
+        "01: {keep: [[[10, 10], [20, 10], [20, 30]], [[50, 50], [60, 50], [60, 60]]]}"
+    )
+    kept = mask(capture, masks="none", garbage_masks="garbage.yaml") > 0
+    border = 10 + 20 + 10 * 5**0.5 + 10 + 10 + 10 * 2**0.5  # pixels that it crosses may be counted
+    assert abs(int(kept.sum()) - (10 * 20 / 2 + 10 * 10 / 2)) < 0.7 * border
+    assert kept[12, 18]
+    assert kept[52, 58]
+    assert not kept[28, 12]
+
+
+def test_files_digest_and_own_functions(capture: Path) -> None:
+    path = capture / "garbage.yaml"
+    path.write_text("01: {remove: [[[48, 0], [96, 0], [96, 64], [48, 64]]]}")
+    spec = CaptureSettings(root=capture, masks="files", garbage_masks="garbage.yaml")
+    footage = open_footage(spec)
+    assert path in footage.files()
+    own = footage.with_mask_source(FunctionMaskSource(lambda image, camera, frame: np.ones(image.shape[:2])))
+    assert own.mask("01", 0)[:, 48:].max() == 0
+    before = footage.digest()
+    path.write_text("01: {remove: [[[50, 0], [96, 0], [96, 64], [48, 64]]]}")
+    assert open_footage(spec).digest() != before
 
 
 @pytest.mark.parametrize(

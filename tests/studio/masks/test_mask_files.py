@@ -226,6 +226,15 @@ def test_cameras_without_masks_are_named_with_a_setting_that_works(tmp_path: Pat
     assert "'b' and 'e'" in footage.description
 
 
+def test_a_few_cameras_with_masks_are_not_the_capture(tmp_path: Path, make: SimpleNamespace) -> None:
+    root = capture(tmp_path, make, ".png", pillow(ONE), "abcd")
+    for camera in "abc":
+        for file in (root / "masks" / camera).iterdir():
+            file.unlink()
+    with refuses("mask.missing", cameras=("a", "b", "c")):
+        open_footage(CaptureSettings(root=root))
+
+
 @pytest.mark.parametrize("form", ["segmentation/{c}.png", "sam/v2/{c}_fg.png"])
 def test_masks_that_transforms_json_names(tmp_path: Path, make: SimpleNamespace, form: str) -> None:
     frames = []
@@ -238,3 +247,11 @@ def test_masks_that_transforms_json_names(tmp_path: Path, make: SimpleNamespace,
     footage = open_footage(CaptureSettings(root=tmp_path))
     np.testing.assert_array_equal(footage.mask("cam1", 0) > 127, INSIDE)
     assert form.format(c="{camera}") in footage.description
+
+
+def test_an_opaque_alpha_channel_is_no_mask(tmp_path: Path, make: SimpleNamespace) -> None:
+    root = capture(tmp_path, make, ".png", pillow(ONE))
+    for file in (root / "images").glob("*/*.png"):
+        Image.open(file).convert("RGBA").save(file)
+    assert np.array_equal(open_footage(CaptureSettings(root=root)).mask("a", 0) > 0, INSIDE)
+    assert "opaque" in open_footage(CaptureSettings(root=root, masks="alpha")).description

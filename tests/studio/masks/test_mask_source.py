@@ -7,6 +7,7 @@ import numpy as np
 
 from studio.cameras import Rig
 from studio.capture import CaptureSettings, open_footage
+from studio.capture.checks import check_footage
 from studio.masks.clean_plate import difference_mask
 from studio.masks.median_background import cached_background, estimate_background
 
@@ -121,3 +122,14 @@ def test_estimated_sets_are_cached_and_damaged_files_replaced(tmp_path: Path) ->
     file.write_bytes(file.read_bytes()[:1000])
     cached_background(tmp_path, "k", make_it)
     assert len(calls) == 2
+
+
+def test_static_footage_has_empty_masks(tmp_path: Path, make: SimpleNamespace) -> None:
+    empty = set_of()
+    for frame in range(12):
+        make.image(tmp_path / "images" / "a" / f"{frame}.png", compose(empty, np.zeros((160, 240)), 2.0, frame))
+    footage = open_footage(CaptureSettings(root=tmp_path))
+    assert "estimated from the footage" in footage.description
+    (problem,) = check_footage(footage)
+    assert problem.code == "mask.empty"
+    assert problem.fields == {"camera": "a", "frames": tuple(range(12))}

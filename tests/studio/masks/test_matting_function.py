@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -210,6 +211,29 @@ def test_functions_that_do_not_return_a_mask(function: object, value: object, te
         FunctionMaskSource(function, "my function").mask("a", 3, noisy())  # type: ignore[arg-type]
     assert caught.value.problem.startswith("my function, camera 'a', frame 3: returned ")
     assert text in str(caught.value)
+
+
+def test_only_the_largest_component_is_kept() -> None:
+    mask = np.zeros((64, 96))
+    cv2.circle(mask, (30, 30), 14, 1.0, -1)
+    mask = cv2.GaussianBlur(mask, (0, 0), 1)
+    both = mask.copy()
+    both[50:60, 80:90] = 1.0
+    found = FunctionMaskSource(lambda image, camera, frame: both, components=1).mask("a", 0, noisy())
+    assert np.array_equal(found, np.rint(255 * mask).astype(np.uint8))
+
+
+def test_a_function_knows_the_camera_and_the_frame() -> None:
+    seen = []
+
+    def source(image: np.ndarray, camera: str, frame: int, /) -> np.ndarray:
+        seen.append((camera, frame))
+        return np.zeros(image.shape[:2])
+
+    own = FunctionMaskSource(source)
+    own.mask("cam7", 12, noisy())
+    assert seen == [("cam7", 12)]
+    assert own.files() == [Path(__file__)], "changing the function makes a take stale"
 
 
 MODULE = """

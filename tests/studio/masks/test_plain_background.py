@@ -72,3 +72,26 @@ def test_another_background_is_refused(tmp_path: Path) -> None:
     footage = open_footage(CaptureSettings(root=tmp_path, masks="plain"))
     with refuses("mask.not_plain", camera="a", setting="capture.masks"):
         footage.mask("a", 0)
+
+
+def test_performers_cut_off_by_the_edge(tmp_path: Path) -> None:
+    """Camera b cuts off two sides, c hides nearly the whole border, d does not see the performer yet."""
+    (tmp_path / "images").mkdir()
+    whole, half = before(255), SIZE // 2
+    for camera, image in (
+        ("a", whole),
+        ("b", whole[: half + 5, : half + 5]),
+        ("c", whole[half - 30 : half + 30, 40:100]),
+        ("d", np.full_like(whole, 255)),
+        ("e", whole[:, ::-1]),
+        ("f", whole[::-1]),
+    ):
+        Image.fromarray(image).save(tmp_path / "images" / f"{camera}.png")
+    truth = performer()[1]
+    for masks in ("plain", "auto"):
+        footage = open_footage(CaptureSettings(root=tmp_path, masks=masks))
+        assert "plain background" in footage.description
+        assert ("chosen by auto" in footage.description) == (masks == "auto")
+        assert np.abs(footage.mask("b", 0) / 255 - truth[: half + 5, : half + 5]).mean() < 0.01
+        assert np.abs(footage.mask("c", 0) / 255 - truth[half - 30 : half + 30, 40:100]).mean() < 0.01
+        assert not footage.mask("d", 0).any()

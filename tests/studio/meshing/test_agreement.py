@@ -34,6 +34,40 @@ def test_a_wrong_mask_is_named(two_balls: Callable[..., list[Any]], what: str) -
     assert contradicting(mask_agreement(Silhouettes(views), 4)) == ["cam04"]
 
 
+@pytest.mark.parametrize("pixels", [1e9, 4000.0])
+def test_the_place_of_a_contradiction_is_named(two_balls: Callable[..., list[Any]], pixels: float) -> None:
+    """In pixels of the view, also if the masks are compared at a smaller size."""
+    views = two_balls(9)
+    mask = views[4].mask.copy()
+    patch = (4, 6, 44, 30)
+    assert not mask[patch[1] : patch[3], patch[0] : patch[2]].any()
+    mask[patch[1] : patch[3], patch[0] : patch[2]] = 255
+    views[4] = replace(views[4], mask=mask)
+    box = mask_agreement(Silhouettes(views, max_pixels=pixels * 9), 4)["cam04"].box
+    assert box is not None
+    assert np.abs(np.subtract(box, patch)).max() <= 6
+
+
+def test_a_performer_near_a_camera_does_not_contradict(two_balls: Callable[..., list[Any]]) -> None:
+    """There, the points of the volume are many pixels apart."""
+    views = two_balls(9)
+    here = views[4].camera
+    pose = here.world_to_camera.copy()
+    pose[2, 3] -= 0.75 * float(np.linalg.norm(here.center))
+    near = replace(here, world_to_camera=pose)
+    points = np.random.default_rng(0).normal(size=(400_000, 3))
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    points = np.concatenate([0.5 * points, np.array([0.55, 0.1, 0.25]) + 0.2 * points])
+    column, row = np.floor(near.project(points)[0]).astype(int).T
+    mask = np.zeros_like(views[4].mask)
+    shown = (column >= 0) & (row >= 0) & (column < near.width) & (row < near.height)
+    mask[row[shown], column[shown]] = 255
+    views[4] = replace(views[4], camera=near, mask=mask)
+    agreement = mask_agreement(Silhouettes(views), 4)
+    assert agreement["cam04"].missing < 0.01
+    assert not contradicting(agreement)
+
+
 def test_the_frame_of_a_late_camera_is_found(two_balls: Callable[..., list[Any]]) -> None:
     views = two_balls(9)
     right = views[4].mask

@@ -13,7 +13,7 @@ from studio.camera_files import read_rig
 from studio.cameras import Camera
 from studio.errors import StudioError
 from studio.meshing import HullResult, InitializeSettings, Mesh, initialize_points, sample_surface, visual_hull
-from studio.meshing.silhouettes import signed_distance
+from studio.meshing.silhouettes import Silhouettes, signed_distance
 from tests.support.errors import refuses
 from tests.support.rigs import camera_at
 from tests.support.settings import refuses_setting
@@ -105,6 +105,21 @@ def test_cameras_that_look_away(two_balls: Callable[..., list[Any]]) -> None:
     assert caught.value.code in ("hull.no_overlap", "hull.masks_disagree")
 
 
+def test_cameras_do_not_carve_outside_their_image(scenes: SimpleNamespace, two_balls: Callable[..., list[Any]]) -> None:
+    """In every second camera the ball is half outside the image: cameras do not carve what they cannot see."""
+    views = []
+    for index, view in enumerate(two_balls(12)):
+        if index % 2:
+            left = view.camera.width // 2
+            camera = view.camera.cropped(left, 0, view.camera.width - left, view.camera.height)
+            view = replace(view, camera=camera, image=view.image[:, left:], mask=view.mask[:, left:])
+        views.append(view)
+    result = visual_hull(views, COARSE)
+    distance = scenes.distance_to_balls(result.mesh.vertices)
+    assert distance.min() > -result.hull.voxel
+    assert distance.max() < 0.4
+
+
 def test_bad_settings_and_views(two_balls: Callable[..., list[Any]]) -> None:
     views = two_balls(3)
     with refuses("hull.too_few_cameras", value=1, expected=2):
@@ -117,6 +132,22 @@ def test_bad_settings_and_views(two_balls: Callable[..., list[Any]]) -> None:
     small = replace(views[0], mask=views[0].mask[:10])
     with refuses("hull.mask_size", value=(160, 10), camera="cam00", expected=(160, 120)):
         visual_hull([small, *views[1:]])
+
+
+def test_maps_respect_the_pixel_limit(two_balls: Callable[..., list[Any]]) -> None:
+    views = two_balls(6)
+    shapes = Silhouettes(views, max_pixels=6 * 2000)
+    assert sum(grid.numel() for grid in shapes.maps) <= 6 * 2000 * 1.02
+    # reduced maps agree with full ones
+    import torch
+
+    points = torch.tensor([[0.0, 0, 0], [0.9, 0.9, 0.9]])
+    full = Silhouettes(views)
+    for index in range(6):
+        reduced, seen = shapes.distance(index, points)
+        exact, seen_too = full.distance(index, points)
+        assert seen.tolist() == seen_too.tolist()
+        np.testing.assert_allclose(reduced[seen], exact[seen], atol=0.05)  # the footprint of a reduced pixel is 0.045
 
 
 # Samples and colors --------------------------------------------------------------------------------------------------

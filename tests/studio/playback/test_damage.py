@@ -56,6 +56,13 @@ def test_where_nothing_is_intact_it_is_an_error(stream, realtime):
     assert "the file is missing" in str(caught.value)
 
 
+def test_only_what_was_to_be_played_is_reported(stream):
+    opacity_file(stream, 1).unlink()
+    assert play_headless(stream, frame_limit=5).skipped == ()
+    assert play_headless(stream, frame_limit=6).skipped != ()
+    assert play_headless(stream, start_frame=9).skipped == ()
+
+
 def test_a_picture_that_cannot_be_decoded(stream):
     """Names and checksums match here: the manifest is updated to the damaged file."""
     file = opacity_file(stream, 0)

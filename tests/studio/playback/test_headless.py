@@ -44,6 +44,15 @@ def test_part_of_a_stream(stream):
         assert len(reader.gaussians(0)) == 40  # the caller's reader stays open
 
 
+def test_by_the_clock(stream):
+    seen = []
+    report = play_headless(stream, realtime=True, on_frame=lambda played: seen.append(played.frame))
+    assert seen == sorted(set(seen))
+    assert seen[-1] == 15
+    assert report.shown + report.dropped == 16
+    assert report.seconds >= 15 / 50 - 0.01  # never faster than the stream's rate
+
+
 def test_errors_reach_the_caller(stream, tmp_path):
     for realtime in (False, True):
         with refuses("source.not_found", file=tmp_path / "none"):

@@ -69,6 +69,13 @@ def test_a_steady_network_does_not_oscillate():
         assert 0.4 * rate < average <= rate
 
 
+def test_equal_rates_and_any_order():
+    assert RateRule((5, 5)).choose(0.0) in (0, 1)
+    rule = RateRule((500_000, 8_000_000))
+    rule.fetched(10_000_000, 1.0)
+    assert rule.choose(8.0) == 1
+
+
 @pytest.fixture(scope="module")
 def switching(tmp_path_factory):
     """60 frames in groups of 4, three renditions, few splats."""

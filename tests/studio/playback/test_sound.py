@@ -58,6 +58,15 @@ def test_loops_have_no_gap(output, sound):
     assert heard(output, sound, 0.01)[0, 0] == pytest.approx(RAMP[7200, 0], abs=1e-3)
 
 
+def test_volume_and_mute(output, sound):
+    sound.volume = 0.5
+    sound.play(0.2, loop=False)
+    assert heard(output, sound, 0.02)[0, 0] == pytest.approx(0.125, abs=1e-3)
+    sound.muted = True
+    assert not heard(output, sound, 0.02).any()
+    assert sound.position() == pytest.approx(0.24)  # it still leads
+
+
 @pytest.mark.parametrize("broken", ["missing", "lost"])
 def test_a_missing_or_lost_device_is_silent_and_says_why(output, broken):
     output.refuse = broken == "missing"

@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 
 import pytest
+import torch
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
@@ -354,3 +355,19 @@ def test_any_value_anywhere_ends_in_a_sentence_or_in_frames(copy_of, tmp_path, d
     finally:
         path.write_bytes(original)
     assert message is None or len(message) < 1000
+
+
+def test_rotations_of_nothing_are_not_seen(copy_of, edit_manifest):
+    """All four numbers of the quaternions are 0: they describe no rotation."""
+    stream = copy_of("planes")
+
+    def change(values):
+        for component in values["groups"][0]["renditions"][0]["components"][-4:]:
+            component.update(min=0.0, max=0.0)
+
+    edit_manifest(stream, change)
+    with StreamReader.open(stream) as reader:
+        frame = reader.gaussians(0)
+        assert torch.isfinite(frame.quats).all()
+        assert (frame.opacities < 1 / 255).all()
+        assert (reader.gaussians(5).opacities > 1 / 255).any()

@@ -75,3 +75,21 @@ def test_what_cannot_be_published(make_ladder, object_store, tmp_path):
         }.items():
             with refuses(code, file=target):
                 publish(reader, target)
+
+
+def test_only_s3_is_given_headers(make_ladder, monkeypatch):
+    """Other stores refuse such options."""
+    given = {}
+
+    class Files:
+        def find(self, root, **options):
+            return {}
+
+        def pipe_file(self, path, data, **headers):
+            given[path] = headers
+
+    monkeypatch.setattr("fsspec.core.url_to_fs", lambda url, **options: (Files(), "bucket/take/"))
+    with StreamReader.open(make_ladder((2,), splats=60)) as reader:
+        publish(reader, "gs://bucket/take/")
+    assert "bucket/take/manifest.json" in given
+    assert not any(given.values())

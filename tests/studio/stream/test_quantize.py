@@ -18,6 +18,12 @@ def test_error_is_at_most_half_a_step(levels, low, width, seed):
     assert np.abs(back - values).max() <= 0.5 * (high - low) / levels + rounding
 
 
+def test_constant_range():
+    codes = quantize(np.full(7, 3.25), 3.25, 3.25, LEVELS_8)
+    assert not codes.any()
+    assert dequantize(codes, 3.25, 3.25, LEVELS_8).tolist() == [3.25] * 7
+
+
 def test_plain_split_is_the_paper_s():
     high, low = split_bytes(np.array([0x12FE], dtype=np.uint16), mirrored=False)
     assert (high[0], low[0]) == (0x12, 0xFE)

@@ -1,5 +1,6 @@
 """Round trips of both profiles: each attribute within half a step at QP 0, lossless parts exact at any QP."""
 
+import itertools
 import json
 import math
 from concurrent.futures import ThreadPoolExecutor
@@ -157,6 +158,14 @@ def test_folders_without_a_stream(tmp_path):
 
 
 # Planes
+
+
+def test_quaternion_signs_are_continuous(tmp_path, make_frames):
+    frames = make_frames(6, 300)  # their signs flip every frame
+    _, decoded = bake(tmp_path, frames, profile="planes", quality=0)
+    assert (decoded[0].quats[:, 0] >= -0.01).all()
+    for before, after in itertools.pairwise(decoded):
+        assert ((before.quats * after.quats).sum(1) > 0).all()
 
 
 @pytest.mark.parametrize("mirror", [False, True])

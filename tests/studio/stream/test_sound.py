@@ -73,6 +73,15 @@ def test_what_is_not_the_sound_of_the_manifest(stream):
         sound.read(60_000, 2000)
 
 
+def test_damaged_files_are_found(stream):
+    with StreamReader.open(stream) as reader:
+        file = stream / reader.audio.path
+        file.write_bytes(bytes(file.read_bytes()[:-1]) + b"x")
+        for read in (reader.sound, reader.audio_bytes, reader.verify):
+            with refuses("stream.wrong_checksum", file=f"{stream}/{reader.audio.path}"):
+                read()
+
+
 def test_streams_without_sound(make_stream):
     folder, _ = make_stream((2,), splats=20)
     with StreamReader.open(folder) as reader:

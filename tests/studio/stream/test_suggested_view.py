@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+import torch
 
 from studio.cameras import Camera, look_at_pose
-from studio.stream.suggested_view import suggested_view
+from studio.gaussians import Gaussians
+from studio.stream.suggested_view import eye_level_view, seen_box, suggested_view
 
 UP = np.array([0.0, 0.0, 2.0])
 LOW, HIGH = (-0.5, -0.3, 0.0), (0.7, 0.4, 1.8)
@@ -47,3 +49,28 @@ def test_inside_or_above_it_is_the_camera_itself(eye):
     view = suggested_view(given, LOW, HIGH, UP)
     np.testing.assert_array_equal(view.world_to_camera, given.world_to_camera)
     assert len(view.distortion) == 0
+
+
+def splats(means, opacities):
+    n = len(means)
+    quats = torch.tensor([1.0, 0, 0, 0]).repeat(n, 1)
+    return Gaussians.from_activated(
+        torch.as_tensor(means, dtype=torch.float32), quats, torch.full((n, 3), 0.01), opacities, torch.zeros(n, 1, 3)
+    )
+
+
+def test_where_nothing_can_be_seen_there_is_no_box():
+    assert seen_box([splats(np.zeros((5, 3)), torch.full((5,), 0.001))]) is None
+
+
+def test_a_view_from_the_ceiling_is_lowered_to_eye_level():
+    level = suggested_view(camera((3.0, -1.0, 1.2)), LOW, HIGH, UP)
+    assert eye_level_view(level, LOW, HIGH, UP) is level
+    high = suggested_view(camera((3.0, -1.0, 4.0)), LOW, HIGH, UP)
+    view = eye_level_view(high, LOW, HIGH, UP)
+    assert np.degrees(np.arcsin(-view.rotation[2, 2])) == pytest.approx(10)
+    middle = (np.array(LOW) + HIGH) / 2
+    assert np.linalg.norm(view.center - middle) == pytest.approx(np.linalg.norm(high.center - middle))
+    parts = edges(view) / (view.width, view.height)
+    assert parts.min() > 0
+    assert parts.max() < 1

@@ -10,7 +10,7 @@ from studio.capture import FootageView
 from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize
 from studio.training import Detail, TrainingView, TrainSettings
-from studio.training.details import DetailBox, detail_boxes, detail_loss
+from studio.training.details import DetailBox, detail_boxes, detail_loss, detail_weights
 from studio.training.photometric import photometric_loss
 from studio.training.step import Stepper
 from tests.support.rigs import camera_at
@@ -28,6 +28,11 @@ def test_the_box_is_around_the_ball() -> None:
     assert np.abs(np.array([box.left, box.top]) - low).max() < 1.1
     assert np.abs(np.array([box.right, box.bottom]) - high).max() < 1.1
     assert box.weight == 3.0
+
+
+def test_a_detail_behind_or_beside_the_camera_has_no_box() -> None:
+    camera = camera_at("cam0", np.array([3.0, 0.0, 0.0]))
+    assert detail_boxes(camera, [Detail((6.0, 0.0, 0.0), 0.3, 2.0), Detail((0.0, 500.0, 0.0), 0.3, 2.0)]) == ()
 
 
 def test_weights_are_those_of_pixels() -> None:
@@ -57,6 +62,15 @@ def test_a_step_compares_the_closer_view(large_view: TrainingView) -> None:
     assert torch.allclose(step.loss, expected, atol=1e-6)
 
 
+def test_a_closer_view_shows_the_box_in_more_pixels(large_view: TrainingView) -> None:
+    (box,), (closer,) = large_view.detail_boxes, large_view.closer
+    assert (closer.camera.width, closer.camera.height) == (3 * (box.right - box.left), 3 * (box.bottom - box.top))
+    # a point of the world is at the same place of the box
+    point = np.array([[0.02, 0.05, -0.03]])
+    far, near = (one.camera.project(point)[0][0] for one in (large_view, closer))
+    assert np.allclose(3 * (far - (box.left, box.top)), near, atol=1e-6)
+
+
 @pytest.fixture
 def large_view() -> TrainingView:
     """A crop of a third of the pixels of a noisy image, with a detail."""
@@ -77,3 +91,8 @@ def splats(count: int) -> Gaussians:
     quats = torch.tensor([[1.0, 0, 0, 0]]).repeat(count, 1)
     sh = torch.zeros(count, 1, 3)
     return Gaussians(means, quats, torch.full((count, 3), math.log(0.01)), torch.zeros(count), sh)
+
+
+def test_a_splat_has_the_weight_of_the_heaviest_detail_around_it() -> None:
+    details = [Detail((1.0, 0, 0), 1.1, 3.0), Detail((2.0, 0, 0), 0.5, 5.0), Detail((2.0, 0, 0), 0.6, 2.0)]
+    assert detail_weights(splats(5).means, details).tolist() == [3, 3, 5, 1, 1]

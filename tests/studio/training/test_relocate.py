@@ -7,7 +7,7 @@ import torch
 from studio.cameras import Camera
 from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize
-from studio.training.relocate import add_noise, shared_opacity_and_scale
+from studio.training.relocate import add_noise, grow, relocate_dead, shared_opacity_and_scale
 from studio.training.settings import LearningRates
 from studio.training.splat_optimizer import SplatOptimizer
 
@@ -36,6 +36,33 @@ def test_copies_render_like_the_original(copies: int, opacity: float) -> None:
     # equation 9 preserves the integral along a line, not each pixel
     assert float(after[32].sum()) == pytest.approx(float(before[32].sum()), rel=0.05)
     assert float(after.max()) == pytest.approx(float(before.max()), rel=0.02)
+
+
+def test_dead_splats_move_to_live_ones() -> None:
+    optimizer = SplatOptimizer(splats([0.001, 0.5, 0.002, 0.9, 0.001]), LearningRates(), 1.0)
+    places = optimizer.gaussians.means.detach().clone()
+    assert relocate_dead(optimizer, torch.Generator().manual_seed(0)) == 3
+    after = optimizer.gaussians.detach()
+    assert len(after) == 5
+    assert float(after.opacities.min()) > 0.005
+    live = places[[1, 3]]
+    distance = torch.cdist(after.means, live).amin(1)
+    assert float(distance.max()) == 0
+    assert relocate_dead(optimizer, torch.Generator()) == 0, "no splat is dead now"
+
+
+def test_growth_ends_at_the_budget_and_new_splats_train() -> None:
+    optimizer = SplatOptimizer(splats([0.5] * 100), LearningRates(), 1.0)
+    optimizer.gaussians.opacities.sum().backward()
+    optimizer.step()
+    generator = torch.Generator().manual_seed(1)
+    assert grow(optimizer, 1000, generator) == 5
+    assert grow(optimizer, 107, generator) == 2
+    assert grow(optimizer, 107, generator) == 0
+    assert len(optimizer) == 107
+    optimizer.gaussians.opacities.sum().backward()
+    optimizer.step()
+    assert torch.isfinite(optimizer.gaussians.logit_opacities).all()
 
 
 @pytest.mark.parametrize(

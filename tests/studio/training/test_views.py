@@ -11,7 +11,8 @@ from studio.capture import FootageView
 from studio.gaussians import Gaussians
 from studio.training import TrainingView, TrainSettings
 from studio.training.step import Stepper
-from studio.training.views import over_color
+from studio.training.views import mask_box, over_color
+from tests.support.errors import refuses
 
 SIZE = 120
 
@@ -27,6 +28,25 @@ def captured(with_plate: bool) -> FootageView:
     image = np.rint(60 * alpha + plate * (1 - alpha)).astype(np.uint8)
     K = np.array([[100.0, 0, SIZE / 2], [0, 100.0, SIZE / 2], [0, 0, 1]])
     return FootageView(Camera("a", SIZE, SIZE, K, np.eye(4)), image, mask, 0, plate if with_plate else None)
+
+
+def test_box_is_padded_and_clipped() -> None:
+    mask = captured(False).mask
+    assert mask_box(mask, 0.1, "a") == (50 - 18, 40 - 20, 20 + 36, 40 + 40)
+    full = np.full((30, 20), 255, np.uint8)
+    assert mask_box(full, 0.5, "a") == (0, 0, 20, 30)
+    with refuses("mask.empty", camera="a"):
+        mask_box(np.zeros_like(mask), 0.1, "a")
+
+
+def test_crop_keeps_where_points_project() -> None:
+    view = captured(False)
+    cropped = TrainingView.from_view(view, crop_margin=0.1)
+    point = np.array([[0.1, 0.2, 2.0]])
+    pixel, _ = view.camera.project(point)
+    inside, _ = cropped.camera.project(point)
+    assert pixel - inside == pytest.approx(np.array([[32.0, 20.0]]))
+    assert torch.equal(cropped.image, torch.from_numpy(view.image[20:100, 32:88]).float() / 255)
 
 
 @pytest.mark.usefixtures("instruction_set")

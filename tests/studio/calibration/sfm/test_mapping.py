@@ -14,15 +14,16 @@ import pytest
 
 from studio.calibration import compare_rigs
 from studio.calibration.sfm import mapping
-from studio.calibration.sfm.features import write_cameras, write_image
+from studio.calibration.sfm.features import count_rows, merge_sync_frames, write_cameras, write_image
 from studio.calibration.sfm.focal_lengths import guess_focal_lengths
-from studio.calibration.sfm.job import SfmCamera, SfmJob, SfmSolution
+from studio.calibration.sfm.job import SfmCamera, SfmJob, SfmSolution, neighbors
 from studio.calibration.sfm.mapping import Mapper
 from studio.calibration.sfm.shared_intrinsics import focal_spread
 from studio.calibration.sfm.verdict import match_inlier_ratios
 from studio.calibration.sfm.worker import Worker
 from studio.camera_files.colmap_model import intrinsics
 from studio.cameras import Camera, Rig
+from tests.support.rigs import ring
 
 pycolmap = pytest.importorskip("pycolmap")
 
@@ -226,6 +227,50 @@ def test_an_earlier_solution_is_refined(tmp_path: Path, capfd: pytest.CaptureFix
     kept, _ = solution(tmp_path)
     for camera, start in zip(kept, before, strict=True):
         np.testing.assert_allclose(camera.world_to_camera, start.world_to_camera, atol=1e-9)
+
+
+def test_sync_frames_become_one_image_per_camera(tmp_path: Path) -> None:
+    """Two cameras, two sync frames: keypoints are concatenated, matches renumbered."""
+    rng = np.random.default_rng(0)
+    job = job_of(2, sync_frames=2)
+    each = pycolmap.Database.open(tmp_path / "sync_frames.db")
+    cameras_of = write_cameras(each, job)
+    # points in front of two cameras side by side
+    points = rng.uniform([-1, -1, 4], [1, 1, 8], (80, 3))
+    keypoints = {}
+    for number in range(2):
+        local = points - [0.8 * number, 0, 0]
+        pixels = local[:, :2] / local[:, 2:] * 1280 + [512, 384]
+        for sync_frame in range(2):
+            image = write_image(each, f"{number}_{sync_frame}", *cameras_of[number])
+            part = pixels[:30] if sync_frame == 0 else pixels[30:]
+            keypoints[number, sync_frame] = part
+            each.write_keypoints(image, part.astype(np.float32))
+    for sync_frame, count in ((0, 30), (1, 50)):
+        geometry = pycolmap.TwoViewGeometry()
+        geometry.config = pycolmap.TwoViewGeometryConfiguration.UNCALIBRATED
+        geometry.inlier_matches = np.repeat(np.arange(count)[:, None], 2, axis=1).astype(np.uint32)
+        each.write_two_view_geometry(sync_frame + 1, sync_frame + 3, geometry)
+    each.close()
+    merge_sync_frames(tmp_path / "sync_frames.db", tmp_path / "database.db", job)
+    final = pycolmap.Database.open(tmp_path / "database.db")
+    assert [image.name for image in final.read_all_images()] == ["0000.png", "0001.png"]
+    for number in range(2):
+        together = np.concatenate([keypoints[number, 0], keypoints[number, 1]])
+        np.testing.assert_allclose(final.read_keypoints(number + 1)[:, :2], together, rtol=1e-6)
+    matches = final.read_two_view_geometry(1, 2).inlier_matches
+    assert len(matches) == 80
+    assert (matches[:, 0] == matches[:, 1]).all()
+    final.close()
+    assert count_rows(tmp_path / "database.db", "SELECT COUNT(*) FROM images") == 2
+    assert count_rows(tmp_path / "nothing.db", "SELECT COUNT(*) FROM images") == 0
+
+
+def test_neighbors_have_similar_viewing_directions() -> None:
+    pairs = neighbors(ring(12), each=4)
+    steps = {min((b - a) % 12, (a - b) % 12) for a, b in pairs}
+    assert steps == {1, 2}  # 90 degrees apart is too far
+    assert len(pairs) == 24
 
 
 def test_the_global_mapper_estimates_focal_lengths_only_if_unknown(

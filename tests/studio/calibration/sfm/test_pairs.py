@@ -10,6 +10,15 @@ import pytest
 from studio.calibration.sfm import features
 from studio.calibration.sfm.features import file_name, find_matches
 from studio.calibration.sfm.job import SfmCamera, SfmJob
+from studio.calibration.sfm.pairs import worthwhile
+
+
+def test_enough_matches_or_the_best_there_are() -> None:
+    matches = {(0, 1): 40, (0, 2): 6, (0, 3): 5, (1, 3): 2, (2, 3): 0}
+    assert worthwhile(matches, 4, enough=6, at_least=0) == [(0, 1), (0, 2)]
+    # camera 3 keeps its best partner; pairs without matches do not count
+    assert worthwhile(matches, 4, enough=6, at_least=1) == [(0, 1), (0, 2), (0, 3)]
+    assert worthwhile({(0, 1): 1}, 3, enough=6, at_least=5) == [(0, 1)]
 
 
 def picture(scene: np.ndarray, shift: int) -> np.ndarray:
