@@ -119,10 +119,9 @@ class WorstDialog:
 
     def _on_mouse(self, event: gui.MouseEvent, x: float, y: float) -> bool:
         found = next((frame for frame, box in self._sheet.frames if box.holds(x, y)), None)
-        if event.type != gui.MouseEvent.Type.BUTTON_DOWN or found is None:
-            return event.type != gui.MouseEvent.Type.MOVE
-        LOOP.post(lambda: self._choose(found))  # the toolkit still uses the widget that would be closed
-        return True
+        if event.type == gui.MouseEvent.Type.BUTTON_UP and found is not None:  # until then, it holds the pressed widget
+            LOOP.post(lambda: self._choose(found))  # the toolkit still uses the widget that would be closed
+        return event.type != gui.MouseEvent.Type.MOVE
 
     def _choose(self, frame: WorstFrame) -> None:
         self._dialogs.close()
