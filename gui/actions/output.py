@@ -143,7 +143,7 @@ class OutputActions:
         source = "Exports the splats decoded from the stream."
         if sources:
             stale = ", without the latest changes" if self._stale else ""
-            source = f"decoded: as played from the stream{stale}.\ntrained: before baking."
+            source = f"decoded: as played from the stream{stale}.\ntrained: before baking, with all edits."
         options = "Seconds and background apply to movies, size to movies and plates."
         words = (source, options, "Existing files are not overwritten.")
         parts = [form.grid, *map(dialogs.label, words)]

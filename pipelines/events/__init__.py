@@ -96,7 +96,7 @@ class StageStarted(Event):
     """A stage begins.
 
     Attributes:
-        reason: why it runs ("never run", "bake.quality changed from 22 to 30").
+        reason: why it runs ("not run yet", "bake.quality changed from 22 to 30").
     """
 
     kind: ClassVar[str] = "stage_started"

@@ -47,8 +47,8 @@ class StageStatus:
     Attributes:
         stage: its name.
         state: done, partial (begun, and not finished), stale (settings or inputs have changed), failed (the last
-            attempt), missing (never run).
-        reason: why it is not done ("never run", "bake.quality changed from 22 to 30", "last attempt: ...");
+            attempt), missing (not run yet).
+        reason: why it is not done ("not run yet", "bake.quality changed from 22 to 30", "last attempt: ...");
             if it is done, "" or why that could not be checked.
         units_done, units, unit: finished units, all units, and their name ("frames"); 0, 0, "" if it has none.
         seconds: duration of the finished run.
@@ -155,7 +155,7 @@ def _why_not_done(stage: Stage, inputs: Inputs, record: StageRecord | None, wait
     if record is None:
         if waiting:
             return f"needs {', '.join(waiting)}"
-        return "not finished; the next run resumes" if _is_begun(stage, inputs) else "never run"
+        return "not finished; the next run resumes" if _is_begun(stage, inputs) else "not run yet"
     if waiting:
         return f"{', '.join(waiting)} must run first"
     root, written, touched = inputs.take.root, record.written, False

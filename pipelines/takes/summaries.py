@@ -53,8 +53,8 @@ class InitializeSummary(Result):
     @property
     def words(self) -> list[str]:
         """See `CalibrateSummary.words`."""
-        meshes = f"meshes of {span(self.faces)} triangles"
-        return [counted(self.groups, "group"), f"{self.points_per_group:,} points each", meshes]
+        parts = (f"{self.points_per_group:,} points", f"{span(self.faces)} triangles")
+        return [counted(self.groups, "group"), *(f"{part}{' each' * (self.groups > 1)}" for part in parts)]
 
 
 class TrainSummary(Result):

@@ -64,7 +64,7 @@ def open_mask_source(inputs: MaskInputs) -> tuple[MaskSource, str]:
         if source.name == kind or (kind == "auto" and source.automatic):
             found = source.open(inputs, kind != "auto")
             if found is not None:
-                auto = f", chosen by auto{_unused(inputs, source.name)}" if kind == "auto" else ""
+                auto = f", chosen automatically{_unused(inputs, source.name)}" if kind == "auto" else ""
                 return found[0], f"Masks: {found[1]}{auto}."
     missing = MissingMaskSource(
         "no alpha channel, mask files, clean plates or plain background, and too few frames to estimate the background "

@@ -109,7 +109,7 @@ def run_blocks(workspace: Workspace, stage: str) -> list[Block]:
         for name in ("loss", "psnr", "splats"):
             value, label = progress.figures.get(name), name.replace("psnr", "PSNR")
             if isinstance(value, float):
-                rows.append((label, f"{value:.4g}"))
+                rows.append((label, f"{value:.4g}{' dB' * (name == 'psnr')}"))
             elif isinstance(value, int):
                 rows.append((label, f"{value:,}"))
                 most = workspace.config.train.max_splats if workspace.config is not None else value

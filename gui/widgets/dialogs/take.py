@@ -159,7 +159,7 @@ class NewTakeDialog:
             if not wanted.footage.strip() and not wanted.settings.strip():
                 self._found = Found("Choose the footage folder.")
             else:
-                self._words = "Examining the footage ..."
+                self._found, self._words = Found(""), "Examining the footage ..."
                 self._worker.ask(wanted)
         self._update()
 

@@ -41,5 +41,5 @@ def test_another_source_of_cameras_is_one_change(before: Params, now: Params, sa
 def test_a_stage_that_has_not_run_names_what_it_needs(finished: Path, tmp_path: Path) -> None:
     take = Take.create(tmp_path / "take")
     found = status(take, load_config(finished / "take" / "config.yaml"))
-    assert found["calibrate"].reason == "never run"
+    assert found["calibrate"].reason == "not run yet"
     assert found["train"].reason == "needs calibrate, initialize"

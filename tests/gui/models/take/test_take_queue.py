@@ -61,7 +61,7 @@ def test_the_progress_of_the_take_that_runs(tmp_path: Path) -> None:
         with take.locked("v3studio run"):
             log = EventLog(take.log, 2.0)
             log(RunStarted(take="", stages=("train",), done=(), pid=os.getpid(), version=""))
-            log(StageStarted(stage="train", reason="never run"))
+            log(StageStarted(stage="train", reason="not run yet"))
             log(Progress(stage="train", fraction=0.43, total_seconds_left=725.0))
             found = look(queue)
     assert (found.is_run, found.rows[0].words) == (True, "train 43%, 12 min 05 s left")

@@ -37,7 +37,7 @@ def progress(fraction: float, **figures: object) -> Progress:
 def test_a_run_told_by_its_events() -> None:
     run = RunState()
     run.apply(RunStarted(take="t", stages=("train", "bake"), done=("calibrate",), pid=7, version="1"))
-    run.apply(StageStarted(stage="train", reason="never run"))
+    run.apply(StageStarted(stage="train", reason="not run yet"))
     run.apply(progress(0.25, loss=0.5, psnr=20.0, splats=100))
     assert (run.stage, run.stage_words()) == ("train", "25%, 1 min 30 s left")
     run.apply(progress(0.5, loss=0.4, psnr=21.0, splats=120))
@@ -132,7 +132,7 @@ def test_a_window_opened_later_shows_a_run_on_a_cluster(take_copy: Path) -> None
         take.log.unlink(missing_ok=True)
         log = EventLog(take.log, 2.0)
         log(RunStarted(take="t", stages=("train", "bake"), done=("calibrate",), pid=os.getpid(), version="1"))
-        log(StageStarted(stage="train", reason="never run"))
+        log(StageStarted(stage="train", reason="not run yet"))
         log(replace(groups[0], frames_done=0))
         for group in groups:
             log(group)
