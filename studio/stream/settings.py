@@ -135,7 +135,7 @@ class BakeSettings(Settings):
 
     b_frames: Annotated[int, Field(ge=0, le=7)] | None = None
     """Profile motion: B-frames between P-frames, each predicted from the images before and after it. They save a
-    tenth to a quarter of the bytes. null: 5, and none with codec av1."""
+    tenth to a third of the bytes. null: 5, and none with codec av1."""
 
     smooth_paths: bool | None = None
     """Profile motion: smooth each splat's position, rotation, size, opacity and color over the group, as strongly as
