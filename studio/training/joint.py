@@ -7,6 +7,7 @@ positions.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import torch
 from torch import Tensor
@@ -19,6 +20,7 @@ from studio.training.keyframe import scene_extent
 from studio.training.refine import Refinement
 from studio.training.settings import MEANS_FINETUNE_RATE, TrainSettings
 from studio.training.step import Checkpoint, CheckpointFn
+from studio.training.unseen import settled_colors
 from studio.training.views import TrainingView
 
 _SMOOTHNESS = 0.1
@@ -85,7 +87,7 @@ def train_jointly(
     """
     run = _Run(frames, views, settings, keyframe_off, seed)
     run.train(progress, checkpoint, checkpoint_every, resume)
-    return [run.gaussians(frame).detach().clone() for frame in range(len(frames))]
+    return run.result()
 
 
 class _Run(GroupRun):
@@ -140,6 +142,17 @@ class _Run(GroupRun):
             return photometric
         bend = around[0].detach() - 2 * gaussians.means + around[1].detach()
         return photometric + _SMOOTHNESS / self._extent * bend.abs().sum(-1).mean()
+
+    def result(self) -> list[Gaussians]:
+        """The frames, detached, with settled colors: those of the frame in the middle of a part."""
+        found: list[Gaussians] = []
+        for part in sorted(set(self._parts)):
+            same = [frame for frame, own in enumerate(self._parts) if own == part]
+            middle = same[len(same) // 2]
+            cameras = [view.camera for view in self.steppers[middle].views]
+            sh = settled_colors(self.gaussians(middle).detach(), cameras)
+            found += [replace(self.gaussians(frame).detach().clone(), sh=sh.clone()) for frame in same]
+        return found
 
 
 def _mean(frames: Sequence[Gaussians], name: str) -> Tensor:
