@@ -27,11 +27,13 @@ class QualityFigures:
         stamp: object = None
         if take is not None:
             stamp = (take.root, modified(take.evaluation), modified(take.record("bake")))
-        seen = (stamp, frames, self.camera, window.player.other)
+        bake = window.workspace.assessment.stages.get("bake")
+        changed = bake is not None and bake.state == "stale"
+        seen = (stamp, changed, frames, self.camera, window.player.other)
         if self._seen != seen:
             self._seen = seen
-            none = Evaluation()
-            window.evaluation = none if take is None else Evaluation.read(take.evaluation, measured_earlier_bake(take))
+            stale = take is not None and (changed or measured_earlier_bake(take))
+            window.evaluation = Evaluation() if take is None else Evaluation.read(take.evaluation, stale)
             self._plot(frames)
         self._show_waveform()
 

@@ -32,7 +32,7 @@ KEYS: dict[str, dict[str, str]] = {
     },
     "Compare": {
         "1, 2, 3, 4": "Footage, trained, decoded, the other bake or take",
-        "B": "Switch between the stream and the other",
+        "B": "Switch between the stream and the other bake or take",
         "S, W, D": "Side by side; wipe (drag the line); difference heat map",
     },
     "Edit": {"- and +": "Size of the brush"},

@@ -39,7 +39,7 @@ class Item:
 MENUS: dict[str, tuple[Item | None, ...]] = {
     "File": (
         Item("new", "New take from footage...", needs=""),
-        Item("open", "Open take or stream...", needs=""),
+        Item("open", "Open take, stream or cast...", needs=""),
         Item("address", "Open stream from URL...", needs=""),
         None,
         Item("screenshot", "Save screenshot..."),

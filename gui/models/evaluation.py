@@ -31,7 +31,7 @@ class Evaluation:
         frames: figures by frame, counted from 0.
         held_out: whether they were held out; if not, they are training cameras.
         error: message if the file is damaged; "" otherwise.
-        stale: whether an earlier bake was evaluated, not the one that is there.
+        stale: whether an earlier bake was evaluated: not the one that is there, or not the take as it is set now.
     """
 
     frames: Mapping[int, FrameQuality] = field(default_factory=dict)

@@ -51,7 +51,7 @@ TOOLTIPS = {
     "mesh": "Visual hull of the group's keyframe",
     "points": "Initial points for training",
     "progress": "Live loss, PSNR and splat count; latest render of a held-out camera next to its footage",
-    "camera colors": "Each camera's image as filmed and in the mean camera's colors, with train.camera_colors",
+    "camera colors": "Each camera's image as filmed and in the mean camera's colors, if 'camera colors' is set",
     "bytes": "Size by attribute and by group",
     "try other QPs": "Size and PSNR at other quantization parameters, measured on a whole group",
 }

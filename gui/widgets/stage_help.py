@@ -43,7 +43,7 @@ HELP: Mapping[str, StageHelp] = {
         (
             "Every camera is where it stood, and faces the performer.",
             "Reprojection errors are below 0.5 px; a single bad camera has usually moved or has another zoom.",
-            "Cameras from a file have no errors here: look at the hull in Initialize instead.",
+            "Cameras from a file have no such errors: read the verdict in Report, and look at the hull in Initialize.",
         ),
         "Calibrated from the footage: all cameras on their ring, with small errors.",
         "Two cameras swapped in the camera file: the hull in Initialize is distorted and lacks an arm.",
@@ -73,7 +73,7 @@ HELP: Mapping[str, StageHelp] = {
         (
             "Decoded splats look like trained ones: wipe between them in Review.",
             "Noise on smooth surfaces and ragged edges mean that QP is too high.",
-            "Try other QPs measures bytes against PSNR on this take; take the point before the curve falls.",
+            "'Try other QPs' measures bytes against PSNR on this take; take the point before the curve falls.",
         ),
         "QP 24: no visible loss.",
         "QP 44: smaller, but noisy, with spikes at edges.",

@@ -84,6 +84,7 @@ def test_from_footage_to_a_wipe_and_a_run_that_outlives_the_window(
     window.retype("setting bake.quality", "26")
     window.key("Return")
     window.wait_for("a stale bake", lambda s: s["stages"]["bake"][0] == "stale")
+    window.wait_for("them", lambda s: all("earlier bake" in name for name in s["plots"] if "PSNR" in name))
     window.click("run")
     window.saw("a run", lambda s: s["busy"])
     state = window.wait_for("another bake", lambda s: s["stages"]["bake"][0] == "done" and not s["busy"], 600)

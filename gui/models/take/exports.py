@@ -206,7 +206,7 @@ class Exports:
             if isinstance(event, Progress):
                 self.progress = f"{event.label}: {event.figures.get('done')} of {event.figures.get('total')}"
             elif isinstance(event, Log):
-                self._told += f"\n{event.message[:1].upper()}{event.message[1:]}"
+                self._told += f"\n{event.message[:1].upper()}{event.message[1:].rstrip('.')}."
             elif isinstance(event, Finished):
                 self._told += _size_of(event.result)
         status = process.status

@@ -5,7 +5,6 @@ from collections.abc import Callable, Mapping
 from gui.models.stages import STAGES
 from pipelines.events import Metrics
 from pipelines.reports.terminal import duration
-from pipelines.takes.summaries import summary_words
 from studio.comparison.metrics import EVALUATED
 from studio.counts import counted, size_words
 from studio.json_types import JsonData
@@ -21,11 +20,8 @@ def stage_name(stage: str) -> str:
 def metrics_words(event: Metrics) -> str:
     """One line, for example "Train, frame 12: 35,871 splats, 4 s". Figures that are not known here keep their names."""
     figures = dict(event.values)
-    if event.stage == "evaluate" and event.frame is None:
-        words = summary_words("evaluate", figures)
-    else:
-        known = [part for part in _WORDS.get(event.stage, lambda _figures: [])(figures) if part]
-        words = ", ".join([*known, *_rest(figures)])
+    known = [part for part in _WORDS.get(event.stage, lambda _figures: [])(figures) if part]
+    words = ", ".join([*known, *_rest(figures)])
     where = f"frame {event.frame}" if event.frame is not None else f"group {event.group}"
     return f"{stage_name(event.stage)}{f', {where}' if event.group is not None else ''}: {words}"
 

@@ -178,7 +178,8 @@ class RunState:
     def _metrics(self, event: Metrics) -> None:
         if event.stage in ("train", "bake", "initialize"):
             self.results += 1
-        self._say(metrics_words(event))
+        if event.stage != "evaluate" or event.frame is not None:  # its summary is that of StageFinished
+            self._say(metrics_words(event))
 
     def _train_figures(self, event: Progress) -> None:
         if event.fraction < self._trained:  # training has started over

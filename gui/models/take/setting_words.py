@@ -95,7 +95,7 @@ FOLDERS = frozenset({"capture.root"})
 FILES = frozenset({"calibrate.known_cameras", "calibrate.tie_points", "capture.audio", "capture.rig"})
 """Settings that are a file."""
 
-TEMPLATES = frozenset({"capture.clean_plates", "capture.images", "capture.mask_files"})
+TEMPLATES = frozenset({"capture.clean_plates", "capture.images", "capture.mask_files", "evaluate.exact_masks"})
 """Settings that are paths with placeholders, which are long."""
 
 BASIC = frozenset(

@@ -28,7 +28,7 @@ PHONES = {
 PHONES_SERVE = (
     "The phone must be on the same network, and this machine's firewall must let it in.\n"
     "With https, the phone warns about the certificate, which is new each time: compare its\n"
-    "fingerprint. Without https, it decodes slower and does not check what it receives."
+    "fingerprint. Without https, it decodes more slowly and does not check what it receives."
 )
 """The same, where this machine serves."""
 

@@ -41,7 +41,7 @@ NOT_KNOWN = "from a file"
 """The error of a camera that was not calibrated."""
 
 COLUMNS = ("error px", "points", "coverage", "focal px", "matches fit", "mask error", "refined by")
-PLACES = (0.34, 0.44, 0.54, 0.63, 0.76, 0.87, 1.0)
+PLACES = dict(zip(COLUMNS, (0.31, 0.4, 0.51, 0.6, 0.74, 0.87, 1.0), strict=True))
 """Titles of the report's columns besides the cameras' names, and where columns end, shares of the width."""
 
 
@@ -287,7 +287,7 @@ class CalibrateView(OrbitView):
         wide = size[0] - 2 * em
         places = []
         ends = {CAMERA: 1.7 * em + text_width(CAMERA, normal)}
-        ends |= {title: em + at * wide for at, title in zip(PLACES, columns, strict=False)}
+        ends |= {title: em + PLACES[title] * wide for title in columns}
         self._titles = self._heading(canvas, ends, y, normal)
         y += step
         cameras, names = self._cameras, [camera.name for camera in self._cameras]
@@ -309,9 +309,9 @@ class CalibrateView(OrbitView):
                 canvas.rect(0.2 * em, y, size[0] - 0.4 * em, step, RAISED)
             canvas.dot(em, y + 0.6 * normal, 0.22 * em, self._color(camera.name))
             label = f"{camera.name}, held out" if camera.name in held_out else camera.name
-            canvas.text(1.7 * em, y, label, normal, TEXT, width=PLACES[0] * wide - 5 * em)
-            for at, words in zip(PLACES, columns.values(), strict=False):
-                canvas.text(em + at * wide, y, words[row], normal, TEXT, align="right")
+            canvas.text(1.7 * em, y, label, normal, TEXT, width=PLACES[COLUMNS[0]] * wide - 5 * em)
+            for title, words in columns.items():
+                canvas.text(em + PLACES[title] * wide, y, words[row], normal, TEXT, align="right")
             y += step
         self.places = places
         if self._last_first_row:

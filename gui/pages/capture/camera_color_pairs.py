@@ -19,7 +19,7 @@ from studio.errors import StudioError
 
 OFF = (
     "The colors of the cameras are not corrected. If cameras differ in exposure, white balance or model, set "
-    "train.camera_colors; their images are then compared here."
+    "'camera colors'; their images are then compared here."
 )
 
 NOT_YET = "The colors of the cameras are fitted at the start of training. Run Train."

@@ -8,8 +8,8 @@ Choice = tuple[str, str, str]
 EDIT_CHOICES: tuple[Choice, ...] = (
     ("done", "Done", "Leave the edits and show the take again"),
     ("", "", ""),
-    ("in", "In", "In point: the first frame to keep is this one"),
-    ("out", "Out", "Out point: the last frame to keep is this one"),
+    ("in", "Trim in", "In point: the first frame to keep is this one"),
+    ("out", "Trim out", "Out point: the last frame to keep is this one"),
     ("", "", ""),
     ("look", "Orbit", "Drags turn the view"),
     ("crop", "Crop", "Drag the faces of a box; splats outside are removed"),

@@ -6,6 +6,7 @@ from gui.pages.report_table import Sorting
 
 NAMES = ["cam10", "cam2", "cam1", "cam3"]
 COLUMNS = {"error px": ["0.40", "from file", "1.20", "0.40"], "coverage": ["50%", "", "9%", "100%"]}
+COLUMNS["matches fit"] = ["98% of 611", "", "100% of 8", "9% of 805"]
 
 
 @pytest.mark.parametrize(
@@ -16,6 +17,7 @@ COLUMNS = {"error px": ["0.40", "from file", "1.20", "0.40"], "coverage": ["50%"
         (["error px"] * 3, NAMES),
         (["coverage"], ["cam3", "cam10", "cam1", "cam2"]),
         (["error px", "coverage", "coverage"], ["cam1", "cam10", "cam3", "cam2"]),
+        (["matches fit"], ["cam1", "cam10", "cam3", "cam2"]),
         (["camera"], ["cam1", "cam2", "cam3", "cam10"]),
         (["camera"] * 2, ["cam10", "cam3", "cam2", "cam1"]),
         (["camera"] * 3, NAMES),

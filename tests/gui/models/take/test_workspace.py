@@ -50,6 +50,9 @@ def test_a_run_told_by_its_events() -> None:
     run.apply(StageFinished(stage="train", seconds=2.0))
     assert run.results == before + 2
     assert (run.stage, run.finished) == ("", ["train"])
+    told = len(run.lines)
+    run.apply(Metrics(stage="evaluate", values={"psnr_decoded": 30.0}))
+    assert len(run.lines) == told, "said when the stage has finished"
     run.apply(StageFailed(stage="bake", message="The disk is full.", traceback=""))
     run.apply(Finished(outcome="failed", seconds=3.0, message="The disk is full."))
     assert (run.outcome, run.failed) == ("failed", {"bake": "The disk is full."})
