@@ -91,7 +91,7 @@ def test_performers_cut_off_by_the_edge(tmp_path: Path) -> None:
     for masks in ("plain", "auto"):
         footage = open_footage(CaptureSettings(root=tmp_path, masks=masks))
         assert "plain background" in footage.description
-        assert ("chosen by auto" in footage.description) == (masks == "auto")
+        assert ("chosen automatically" in footage.description) == (masks == "auto")
         assert np.abs(footage.mask("b", 0) / 255 - truth[: half + 5, : half + 5]).mean() < 0.01
         assert np.abs(footage.mask("c", 0) / 255 - truth[half - 30 : half + 30, 40:100]).mean() < 0.01
         assert not footage.mask("d", 0).any()
