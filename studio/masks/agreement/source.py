@@ -2,7 +2,8 @@
 
 For each frame, with all cameras at once and at reduced size:
 
-1. `evidence` gives log-odds of each image from the empty set, motion, and a matting model if there is one.
+1. `evidence` gives log-odds of each image from the empty set and motion. A matting model adds its own (`people`), once
+   votes at half the size have found the people.
 2. `vote` finds for each pixel what the other cameras say about the space behind it. A threshold separates performer
    from set: the one at which votes and evidence agree best.
 3. Both, and `outlines.color_odds`, give new log-odds. Steps 2 and 3 are repeated; GrabCut finds the outlines in the
@@ -16,6 +17,7 @@ import hashlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,15 +28,16 @@ from studio.capture.digest import digest_files
 from studio.capture.settings import DifferenceSettings, ModelSettings
 from studio.errors import StudioError
 from studio.masks.agreement.empty_set import cover, uncovered
-from studio.masks.agreement.evidence import LIMIT, evidence_of, smoothed
-from studio.masks.agreement.outlines import color_odds, cut
+from studio.masks.agreement.evidence import LIMIT, brightness, evidence_of, smoothed
+from studio.masks.agreement.outlines import BINS, color_odds, cut
+from studio.masks.agreement.people import odds_of_people
 from studio.masks.agreement.vote import heard
 from studio.masks.clean_plate import match_exposure, solve_edges
-from studio.masks.filters import keep_components
+from studio.masks.filters import color_bins, keep_components
 from studio.masks.mask_cache import MaskCache
 from studio.masks.mask_source import MaskInputs, MaskSource
 from studio.masks.median_background import Background, background_cache, cached_background
-from studio.masks.onnx_model import open_model
+from studio.masks.onnx_model import OnnxModel, load_model
 from studio.masks.plates import PlateMaskSource, open_clean_plate, open_median_background, shown
 from studio.memory_cache import MemoryCache
 
@@ -46,8 +49,8 @@ _SET_FRAMES, _SET_PASSES = 5, 2
 """Frames outside of whose masks the set is estimated again, and how often."""
 _NEIGHBORS = (-8, -4, 4, 8)
 """Frames in which motion is searched, relative to a frame."""
-_ROUNDS, _COARSE_ROUNDS, _CUT_FROM = 5, 4, 2
-"""Rounds of votes, also at half the size, and the first one after which outlines are cut."""
+_ROUNDS, _COARSE_ROUNDS, _CUTS = 5, 4, 2
+"""Rounds of votes, also at half the size, and the last ones, after which outlines are cut."""
 _HEARD, _COLORS = 2.0, 0.5
 """Weights of the votes and of colors, against the evidence."""
 _IN_COLOR = 1.5
@@ -59,12 +62,12 @@ _LEARNED = 0.3
 what too many cameras miss is lost a little more in each round."""
 _VOTE_LIMIT = 2.0
 """Log-odds of one camera's next vote are clipped to this."""
-_MODEL, _MODEL_CLIP = 0.5, 0.02
-"""Weight of a matting model's log-odds, and how close to 0 and 1 it may be."""
+_MODEL = 1.0
+"""Weight of a matting model's log-odds."""
 _KEPT_FRAMES = 4
 _KEPT_BYTES = 256 << 20
 _SMALLEST = 1e-4  # component, in fractions of the image
-_VERSION = 3  # of the algorithm; part of the names of cached files
+_VERSION = 4  # of the algorithm; part of the names of cached files
 
 
 class AgreedMaskSource:
@@ -74,7 +77,8 @@ class AgreedMaskSource:
         inputs: the footage; with cameras.
         cameras: of the raw frames; None before calibration: each camera's mask is then that of its plate alone.
         plates: the empty set of each camera.
-        model: computes masks that are part of the evidence; None: there is no model.
+        model: its masks of people are part of the evidence; None: there is no model.
+        model_files: on which its masks depend.
         estimated: whether the plates were estimated from the footage.
         cache: recipe of the masks and folder for a disk cache; None: memory only.
     """
@@ -84,11 +88,13 @@ class AgreedMaskSource:
         inputs: MaskInputs,
         cameras: Mapping[str, Camera] | None,
         plates: PlateMaskSource,
-        model: MaskSource | None = None,
+        model: OnnxModel | None = None,
+        model_files: Sequence[Path] = (),
         estimated: bool = False,
         cache: tuple[str, Path] | None = None,
     ) -> None:
         self._inputs, self._cameras, self._plates, self._model, self._cache = inputs, cameras, plates, model, cache
+        self._model_files = list(model_files)
         common = sorted(set.intersection(*(set(source.frames) for source in inputs.sources.values())))
         spread = sorted({round(at) for at in np.linspace(0, len(common) - 1, _SET_FRAMES)}) if common else []
         self._set_frames = [common[at] for at in spread]
@@ -120,7 +126,7 @@ class AgreedMaskSource:
         return found
 
     def files(self) -> list[Path]:
-        return self._plates.files() + (self._model.files() if self._model is not None else [])
+        return self._plates.files() + self._model_files
 
     def plate(self, camera: str) -> np.ndarray:
         return shown(self.background(camera))
@@ -153,27 +159,27 @@ class AgreedMaskSource:
             coarse = {name: _reduced_background(behind, _COARSE_SIDE) for name, behind in sets.items()}
             covers = []
             for frame in self._set_frames:
-                solid = self._vote(frame, coarse, _COARSE_SIDE, _COARSE_ROUNDS)
+                solid = self._vote(frame, coarse, _COARSE_SIDE, _COARSE_ROUNDS, {})
                 covers.append({name: cover(one) for name, one in solid.items()})
         return covers
 
     def evidence(self, camera: str, frame: int) -> np.ndarray:
-        """(h, w) float32 log-odds from this camera's images alone, at reduced size."""
+        """(h, w) float32 log-odds from this camera's images alone, without a model, at reduced size."""
         return self._evidence(camera, frame, _reduced_background(self.background(camera)), _WORK_SIDE)
 
-    def _evidence(self, camera: str, frame: int, behind: Background, side: int) -> np.ndarray:
+    def _evidence(
+        self, camera: str, frame: int, behind: Background, side: int, solid: np.ndarray | None = None
+    ) -> np.ndarray:
         known = self._inputs.sources[camera].frames
         near = [frame + step for step in _NEIGHBORS if frame + step in known]
         image = self._image(camera, frame, side)
         odds = evidence_of(image, [self._image(camera, one, side) for one in near], behind, self._inputs.spec)
         garbage = self._inputs.garbage
-        if self._model is None and garbage is None:
+        if garbage is None and (self._model is None or solid is None):
             return odds
         full = self._inputs.image(camera, frame)
-        if self._model is not None:
-            share = self._model.mask(camera, frame, full) / np.float32(255)
-            share = np.clip(_reduced(share, side), _MODEL_CLIP, 1 - _MODEL_CLIP)
-            odds = np.clip(odds + _MODEL * np.log(share / (1 - share)), -LIMIT, LIMIT)
+        if self._model is not None and solid is not None:
+            odds = np.clip(odds + _MODEL * _reduced(odds_of_people(full, solid, self._model), side), -LIMIT, LIMIT)
         inside = garbage.inside(camera, frame, full) if garbage is not None else None
         return odds if inside is None else np.where(_reduced(inside.astype(np.float32), side) > 0.5, odds, -LIMIT)
 
@@ -184,9 +190,21 @@ class AgreedMaskSource:
             return _reduced_background(self.background(name))
 
         sets = {name: self._small_sets.get_or_make(name, reduced) for name in self._inputs.names}
-        return self._vote(frame, sets, _WORK_SIDE, _ROUNDS)
+        people: Mapping[str, np.ndarray] = {}
+        if self._model is not None:
+            coarse = {name: _reduced_background(behind, _COARSE_SIDE) for name, behind in sets.items()}
+            people = self._vote(frame, coarse, _COARSE_SIDE, _COARSE_ROUNDS, {})
+        return self._vote(frame, sets, _WORK_SIDE, _ROUNDS, people)
 
-    def _vote(self, frame: int, sets: Mapping[str, Background], side: int, rounds: int) -> dict[str, np.ndarray]:
+    def _vote(
+        self,
+        frame: int,
+        sets: Mapping[str, Background],
+        side: int,
+        rounds: int,
+        people: Mapping[str, np.ndarray],
+    ) -> dict[str, np.ndarray]:
+        """`people`: by camera, where a model looks; empty: it is not asked."""
         rig = self._cameras
         assert rig is not None
         with ThreadPoolExecutor(self._inputs.threads or None, thread_name_prefix="masks") as pool:
@@ -198,7 +216,9 @@ class AgreedMaskSource:
             names = self._inputs.names
             own_name = {name: name for name in names}
             images = each(lambda name: self._image(name, frame, side), own_name)
-            own = each(lambda name, behind: self._evidence(name, frame, behind, side), own_name, sets)
+            own = each(lambda name, behind: self._evidence(name, frame, behind, side, people.get(name)), own_name, sets)
+            grays = each(brightness, images)
+            bins = each(partial(color_bins, bins=BINS), images)
             cameras = {name: rig[name].resized(image.shape[1], image.shape[0]) for name, image in images.items()}
             voting, colors = own, {name: np.zeros_like(one) for name, one in own.items()}
             solid: dict[str, np.ndarray] = {}
@@ -208,11 +228,14 @@ class AgreedMaskSource:
                 threshold = best_threshold(votes, voting)
                 others = {name: _HEARD * (votes[name] - threshold) + _COLORS * colors[name] for name in names}
                 alone = each(_in_color, own, colors) if agreed else own
-                odds = each(lambda image, mine, theirs: smoothed(image, mine + theirs), images, alone, others)
-                if turn >= _CUT_FROM:
+                odds = each(lambda gray, mine, theirs: smoothed(gray, mine + theirs), grays, alone, others)
+                if turn >= rounds - _CUTS:
                     solid = each(cut, images, odds, colors)
+                    if turn == rounds - 1:
+                        break
                     odds = each(_after_cut, odds, solid)
-                colors = color_odds(images, odds)
+                shared = np.concatenate([bins[name][odds[name] > 2.0] for name in names])
+                colors = each(partial(color_odds, shared=shared), bins, odds)
                 voting = odds if turn == rounds - 2 else each(_next_vote, own, odds)
         return solid
 
@@ -239,12 +262,15 @@ class AgreedMaskSource:
 
 def best_threshold(votes: Mapping[str, np.ndarray], odds: Mapping[str, np.ndarray]) -> float:
     """The threshold of votes at which their masks have the largest IoU with those of the log-odds."""
-    heard_by_all = np.concatenate([one[::2, ::2].ravel() for one in votes.values()])
-    front = np.concatenate([odds[name][::2, ::2].ravel() > 0 for name in votes])
     candidates = np.arange(-1.0, 1.95, 0.1)
-    inside = [heard_by_all > threshold for threshold in candidates]
-    overlap = [(one & front).sum() / max((one | front).sum(), 1) for one in inside]
-    return float(candidates[int(np.argmax(overlap))])
+    counts = np.zeros((2, len(candidates) + 1))  # set, performer: pixels by the number of candidates that they exceed
+    for name, one in votes.items():
+        front = odds[name][::2, ::2] > 0
+        exceeded = np.searchsorted(candidates, one[::2, ::2])
+        for index, kind in enumerate((exceeded[~front], exceeded[front])):
+            counts[index] += np.bincount(kind, minlength=len(candidates) + 1)
+    wrong, right = counts[:, ::-1].cumsum(1)[:, -2::-1]
+    return float(candidates[int(np.argmax(right / np.maximum(wrong + counts[1].sum(), 1)))])
 
 
 def _in_color(own: np.ndarray, colors: np.ndarray) -> np.ndarray:
@@ -301,24 +327,24 @@ def open_agreed(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | 
         return None
     plates, phrase = found
     assert isinstance(plates, PlateMaskSource)
-    model = open_model(inputs, True)[0] if inputs.spec.mask_model else None
+    model, model_files = load_model(inputs) if inputs.spec.mask_model else (None, [])
     if inputs.cameras is None:
         words = f"those of each camera alone until the cameras are calibrated, {phrase}"
-        return AgreedMaskSource(inputs, None, plates, model), words
-    recipe = _recipe(inputs, plates, model)
-    source = AgreedMaskSource(inputs, inputs.cameras(), plates, model, clean is None, recipe)
+        return AgreedMaskSource(inputs, None, plates, model, model_files), words
+    recipe = _recipe(inputs, plates, model_files)
+    source = AgreedMaskSource(inputs, inputs.cameras(), plates, model, model_files, clean is None, recipe)
     return source, f"agreed by {voters} cameras, from the {phrase}{' and a matting model' if model else ''}"
 
 
-def _recipe(inputs: MaskInputs, plates: PlateMaskSource, model: MaskSource | None) -> tuple[str, Path] | None:
+def _recipe(inputs: MaskInputs, plates: PlateMaskSource, model_files: Sequence[Path]) -> tuple[str, Path] | None:
     """Everything that the masks depend on, and the folder of the cache."""
     spec, folder = inputs.spec, inputs.cache_folder
     if folder is None or inputs.cameras is None:
         return None
-    sources = [*inputs.sources.values(), *(one for one in (plates, model, inputs.garbage) if one is not None)]
+    sources = [*inputs.sources.values(), *(one for one in (plates, inputs.garbage) if one is not None)]
     parts = [
         str(_VERSION),
-        digest_files(spec.root, [path for source in sources for path in source.files()]),
+        digest_files(spec.root, [*model_files, *(path for source in sources for path in source.files())]),
         spec.model_dump_json(include={*DifferenceSettings.model_fields, *ModelSettings.model_fields, "offsets"}),
         spec.model_dump_json(include={"color_matrix", "transfer", "held_out"}),
         *(f"{camera.to_dict()}" for camera in inputs.cameras().values()),

@@ -36,6 +36,14 @@ def test_the_mask_is_the_first_output_of_one_channel() -> None:
     assert np.abs(mask - weighted(image / 255)).max() < 1e-6
 
 
+def test_a_lite_model_has_the_same_mask() -> None:
+    """Without onnxruntime, at the size of its kind."""
+    image = noisy(256, 256)
+    mask = OnnxModel(DATA / "lite.tflite", "selfie")(image)
+    assert np.abs(mask - weighted(image / 255)).max() < 1e-6
+    assert OnnxModel(DATA / "lite.tflite", "selfie")(image[:100]).shape == (100, 256)
+
+
 def test_normalization_and_sigmoid(monkeypatch: pytest.MonkeyPatch) -> None:
     image = noisy()
     monkeypatch.setitem(KINDS, "plain", Kind((0.5, 0.4, 0.3), (0.5, 0.25, 0.2), 0, logits=True))
@@ -74,10 +82,11 @@ def test_models_that_are_not_matting_models(file: str, code: str, value: object)
 def test_files_that_are_missing_or_broken(tmp_path: Path) -> None:
     with refuses("mask.model_missing", file=tmp_path / "nowhere.onnx", setting="capture.mask_model"):
         OnnxModel(tmp_path / "nowhere.onnx")
-    broken = tmp_path / "broken.onnx"
-    broken.write_bytes((DATA / "free.onnx").read_bytes()[:100])
-    with refuses("mask.model_unloadable", file=broken, setting="capture.mask_model"):
-        OnnxModel(broken, "plain", device="cpu")(noisy())
+    for file, kind in (("free.onnx", "plain"), ("lite.tflite", "selfie")):
+        broken = tmp_path / file
+        broken.write_bytes((DATA / file).read_bytes()[:100])
+        with refuses("mask.model_unloadable", file=broken, setting="capture.mask_model"):
+            OnnxModel(broken, kind, device="cpu")(noisy())
 
 
 def test_values_outside_0_to_1() -> None:

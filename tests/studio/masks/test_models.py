@@ -4,7 +4,6 @@ import hashlib
 import io
 import json
 import tarfile
-import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,19 +18,18 @@ WEIGHTS = bytes(range(256)) * 40
 def package_of(name: str, folder: Path) -> Path:
     """A package with `WEIGHTS`, laid out as that of the model."""
     path = folder / "package"
-    if name == "u2netp":
-        with zipfile.ZipFile(path, "w") as archive:
-            archive.writestr("rembg/u2netp.onnx", WEIGHTS)
-        return path
+    if name == "selfie":
+        return _tar(path, {"selfie_segmentation.tflite": WEIGHTS})
     chunks = {"aa": WEIGHTS[:5000], "bb": WEIGHTS[5000:]}
     index = {"/models/medium": {"chunks": [{"hash": key} for key in chunks]}}
+    index_file = {"dist/resources.json": json.dumps(index).encode()}
+    return _tar(path, {"dist/bb": chunks["bb"], **index_file, "dist/aa": chunks["aa"]})
+
+
+def _tar(path: Path, files: dict[str, bytes]) -> Path:
     with tarfile.open(path, "w:gz") as archive:
-        for file, data in {
-            "bb": chunks["bb"],
-            "resources.json": json.dumps(index).encode(),
-            "aa": chunks["aa"],
-        }.items():
-            header = tarfile.TarInfo(f"package/dist/{file}")
+        for file, data in files.items():
+            header = tarfile.TarInfo(f"package/{file}")
             header.size = len(data)
             archive.addfile(header, io.BytesIO(data))
     return path
@@ -45,7 +43,7 @@ def of_weights(model: Model) -> Model:
 def test_weights_are_unpacked_and_checked(model: Model, tmp_path: Path) -> None:
     package = package_of(model.name, tmp_path)
     file = get_model(of_weights(model), tmp_path / "models", package)
-    assert file.name == f"{model.name}.onnx"
+    assert file.name == {"selfie": "selfie.tflite"}.get(model.name, f"{model.name}.onnx")
     assert file.read_bytes() == WEIGHTS
     package.unlink()
     assert get_model(of_weights(model), tmp_path / "models", package) == file  # not needed again

@@ -8,9 +8,11 @@ import pytest
 
 from studio.cameras import Camera, Rig
 from studio.capture import CaptureSettings, Footage, open_footage
+from studio.masks.onnx_model import OnnxModel
 from tests.support.errors import refuses
 from tests.support.rigs import ring
 
+LITE = Path(__file__).parents[1] / "data" / "lite.tflite"
 FRAMES, SIZE = 16, (160, 120)
 RED, BLIND = np.array([200.0, 70.0, 60.0]), "cam4"
 """Color of the performer, and the camera whose wall has the same color."""
@@ -72,6 +74,25 @@ def test_cameras_agree_on_better_masks_than_each_of_them_has(capture: Path, rig:
     again = open_footage(spec, rig, cache_folder=tmp_path, threads=1)
     assert np.array_equal(again.mask("cam2", 7), agreed.mask("cam2", 7))
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("mask_*.png")} == files != {}
+
+
+def test_a_model_sees_squares_around_people_and_counts(
+    capture: Path, rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sides = []
+
+    def nobody(self: OnnxModel, image: np.ndarray, *_: object) -> np.ndarray:
+        sides.append(image.shape[:2])
+        return np.zeros(image.shape[:2], np.float32)
+
+    model = opened(capture, rig, masks="agreed", mask_model=f"selfie:{LITE}")
+    assert LITE in model.files()
+    camera = next(iter(rig))
+    before = overlap(model, camera, 7)
+    monkeypatch.setattr(OnnxModel, "__call__", nobody)
+    assert overlap(opened(capture, rig, masks="agreed", mask_model=f"selfie:{LITE}"), camera, 7) < before - 0.05
+    assert len(sides) == len(rig)
+    assert all(height == width < SIZE[0] for height, width in sides)
 
 
 def test_without_cameras_or_with_few_auto_looks_at_each_camera_alone(capture: Path, rig: Rig) -> None:

@@ -1,0 +1,47 @@
+"""What a matting model says of each person: it sees them enlarged, not small in a whole image."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+_SMALLEST = 0.05
+"""Of the performer's area; smaller parts are not looked at."""
+_MARGIN = 0.15
+"""Around a person, as a fraction of the longer side."""
+_APART = 1 / 160
+"""Gap up to which parts are one person, as a fraction of the image's longer side."""
+_CLIP = 0.02
+"""How close to 0 and 1 a model may be."""
+
+
+def odds_of_people(image: np.ndarray, solid: np.ndarray, model: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+    """Log-odds of a model that gets a square part of an image for each person.
+
+    Args:
+        image: (H, W, 3) uint8 RGB.
+        solid: (h, w) bool, roughly where the performer is, at any size.
+        model: returns masks (N, N) in 0..1 of images (N, N, 3) uint8 RGB.
+
+    Returns:
+        (H, W) float32; 0 in no part.
+    """
+    import cv2
+
+    height, width = image.shape[:2]
+    solid = cv2.resize(solid.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST)
+    reach = 1 + round(_APART * max(height, width))
+    _, labels, _, _ = cv2.connectedComponentsWithStats(cv2.dilate(solid, np.ones((2 * reach + 1,) * 2, np.uint8)))
+    labels *= solid
+    areas = np.bincount(labels.ravel())[1:]
+    share = np.full((height, width), -1.0, np.float32)
+    for label in np.flatnonzero(areas > _SMALLEST * areas.sum()) + 1:
+        left, top, across, down = cv2.boundingRect((labels == label).astype(np.uint8))
+        half = round((0.5 + _MARGIN) * max(across, down))
+        framed = cv2.copyMakeBorder(image, half, half, half, half, cv2.BORDER_REPLICATE)
+        row, column = top + down // 2, left + across // 2  # of the square's corner, in the framed image
+        found = np.full(framed.shape[:2], -1.0, np.float32)
+        square = slice(row, row + 2 * half), slice(column, column + 2 * half)
+        found[square] = model(np.ascontiguousarray(framed[square]))
+        np.maximum(share, found[half:-half, half:-half], out=share)
+    clipped = np.clip(share, _CLIP, 1 - _CLIP)
+    return np.where(share < 0, np.float32(0), np.log(clipped / (1 - clipped)))

@@ -1,0 +1,40 @@
+"""A model that sees each person alone."""
+
+import numpy as np
+
+from studio.masks.agreement.people import odds_of_people
+
+PEOPLE = (slice(40, 100), slice(0, 25)), (slice(20, 60), slice(200, 215))
+"""Rows and columns; the first one stands at the border."""
+
+
+def test_a_model_sees_a_square_around_each_person() -> None:
+    """It finds where the image is red, which is more exact than what it is told."""
+    image, rough = np.zeros((120, 240, 3), np.uint8), np.zeros((60, 120), bool)
+    for rows, columns in PEOPLE:
+        image[rows, columns] = 200, 0, 0
+        rough[rows.start // 2 : rows.stop // 2, columns.start // 2 : columns.stop // 2 - 2] = True
+    image[70:, 130:150] = 200, 0, 0  # is in nobody's square
+    rough[0, 60] = True  # too small for a person
+    seen = []
+
+    def red(part: np.ndarray) -> np.ndarray:
+        seen.append(part.shape)
+        return (part[..., 0] > 100).astype(np.float32)
+
+    odds = odds_of_people(image, rough, red)
+    assert [shape[0] == shape[1] for shape in seen] == [True, True]
+    assert 60 < min(seen)[0] + 10 < max(seen)[0] < 90
+    exact = np.zeros(image.shape[:2], bool)
+    for person in PEOPLE:
+        exact[person] = True
+    assert np.array_equal(odds > 3, exact)
+    assert np.abs(odds[:, 110:170]).max() == 0
+    assert (odds[40:100, 25:30] < -3).all()
+
+
+def test_without_people_a_model_is_not_asked() -> None:
+    def unasked(part: np.ndarray) -> np.ndarray:
+        raise AssertionError
+
+    assert not odds_of_people(np.zeros((8, 8, 3), np.uint8), np.zeros((8, 8), bool), unasked).any()
