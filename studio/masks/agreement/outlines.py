@@ -6,7 +6,6 @@ from studio.masks.filters import binned_color_table
 
 CERTAIN = 2.5
 """Log-odds beyond which a pixel is not up for decision."""
-_ROUNDS = 1  # of GrabCut, which is called several times
 _SHARED = 3000
 """Samples of the performer's colors from all cameras, at least, for each camera."""
 BINS = 24
@@ -64,16 +63,20 @@ def cut(image: np.ndarray, odds: np.ndarray, colors: np.ndarray) -> np.ndarray:
     labels[odds > CERTAIN], labels[odds < -CERTAIN] = cv2.GC_FGD, cv2.GC_BGD
     around = cv2.dilate((odds > -CERTAIN).astype(np.uint8), np.ones((2 * _NEAR + 1, 2 * _NEAR + 1), np.uint8))
     count, parts, stats, _ = cv2.connectedComponentsWithStats(around)
-    for label in range(1, count):  # each with its own colors, which is faster and more exact than all at once
+    left, top, width, height = cv2.boundingRect(around)
+    few = slice(top, top + height, 2), slice(left, left + width, 2)  # enough to learn colors from
+    part = np.ascontiguousarray(labels[few])
+    inside = int((part & 1).sum())
+    if min(inside, part.size - inside) < _FEWEST // 2:
+        return result
+    cv2.setRNGSeed(0)
+    front, back = np.zeros((1, 65)), np.zeros((1, 65))
+    pixels, whole = np.ascontiguousarray(image[few]), (0, 0, 1, 1)
+    cv2.grabCut(pixels, part, whole, back, front, 1, cv2.GC_INIT_WITH_MASK)
+    for label in range(1, count):
         left, top, width, height = stats[label, :4]
         place = slice(top, top + height), slice(left, left + width)
-        part = np.ascontiguousarray(labels[place])
-        inside = int((part & 1).sum())
-        if min(inside, part.size - inside) < _FEWEST:
-            continue
-        cv2.setRNGSeed(0)
-        front, back = np.zeros((1, 65)), np.zeros((1, 65))
-        pixels = np.ascontiguousarray(image[place])
-        cv2.grabCut(pixels, part, (0, 0, 1, 1), back, front, _ROUNDS, cv2.GC_INIT_WITH_MASK)
+        part, pixels = np.ascontiguousarray(labels[place]), np.ascontiguousarray(image[place])
+        cv2.grabCut(pixels, part, whole, back, front, 1, cv2.GC_EVAL_FREEZE_MODEL)
         result[place] = np.where(parts[place] == label, (part & 1) > 0, result[place])
     return result
