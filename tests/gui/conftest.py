@@ -36,8 +36,8 @@ ARTIFACTS = Path(__file__).parents[2] / "test-artifacts"
 
 FPS = 12.0
 GROUPS = ((0, 8), (8, 4))  # first frame, frames
-SIZE = "840x660"
-"""Of the window, as small as all dialogs but New take allow: a software renderer takes time for each pixel."""
+SIZE = "1024x800"
+"""Of the window, as small as all dialogs allow: a software renderer takes time for each pixel."""
 
 STILL = 25
 """Ticks without a change after which a widget counts as still. Panels show a change only when they are next drawn,

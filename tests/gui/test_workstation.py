@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from tests.gui.conftest import SIZE
+
 STAGES = ("capture", "calibrate", "initialize", "train", "bake", "review")
-SIZE = "1024x800"
-"""Of the window: New take does not fit in a smaller one."""
 
 
 def done(state: dict[str, Any]) -> bool:
@@ -22,7 +22,7 @@ def done(state: dict[str, Any]) -> bool:
 def test_from_footage_to_a_wipe_and_a_run_that_outlives_the_window(
     open_window: Callable, footage_project: Path, tmp_path: Path
 ) -> None:
-    window = open_window("--size", SIZE)
+    window = open_window()
     window.wait_for("an empty window", lambda s: "New take" in s["message"] or "new take" in s["message"])
     window.menu("File", "new")
     window.wait_for("the dialog", lambda s: s["dialog"] == "new take")
