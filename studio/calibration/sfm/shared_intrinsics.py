@@ -19,7 +19,7 @@ from studio.calibration.sfm.verdict import noise, reprojection_errors
 LIMIT = 8.0
 """Increase of the misfit per parameter removed, by sharing or by principal points in the middle of the images, below
 which the simpler intrinsics are accepted. Independent
-Gaussian errors give 1; SIFT features of 1 to 3 sync frames gave 3 to 5. At 12 (focal lengths that differ by 0.1%),
+Gaussian errors give 1; SIFT features of 1 to 3 sync frames gave 3 to 5. At 13 (focal lengths that differ by 0.1%),
 shared and separate intrinsics gave equally accurate cameras; at 35 (0.2%), shared intrinsics had twice the error."""
 _FEWEST = 3
 
