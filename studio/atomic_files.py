@@ -32,14 +32,10 @@ runs cannot be known here."""
 def atomic_path(path: Path, durable: bool = False) -> Iterator[Path]:
     """A temporary path in the same folder that is renamed to `path` on success and deleted on any exception.
 
-    The temporary name has the same suffix, since some writers select the format by it. The parent folder is created.
-
-    Args:
-        durable: the file's bytes are on the disk before it gets its name: a power cut leaves the old file or the new
-            one, not an empty one. That takes up to 50 ms; it is for what cannot be made again.
-
-    Raises:
-        StudioError: of the block; its file has the final name.
+    The temporary name has the same suffix, since some writers select the format by it. The parent folder is created. A
+    StudioError of the block gets the final name. `durable`: the file's bytes are on the disk before it gets its name: a
+    power cut leaves the old file or the new one, not an empty one. That takes up to 50 ms; it is for what cannot be
+    made again.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = temporary_path(path)
@@ -65,12 +61,8 @@ def _naming(error: StudioError, temporary: Path, path: Path) -> StudioError:
 
 
 def sync(path: Path) -> None:
-    """Wait until a file's bytes, or a folder's names, are on the disk.
-
-    Raises:
-        OSError: a file cannot be opened or written. Folders that cannot be synced, as on some network file systems, are
-            left as they are.
-    """
+    """Wait until a file's bytes, or a folder's names, are on the disk; OSError if a file cannot be opened or written.
+    Folders that cannot be synced, as on some network file systems, are left as they are."""
     with suppress(OSError) if path.is_dir() else nullcontext():
         descriptor = os.open(path, os.O_RDONLY)
         try:
@@ -81,22 +73,14 @@ def sync(path: Path) -> None:
 
 def temporary_path(path: Path, what: str = "") -> Path:
     """A temporary name for a file or folder, different in each call; `what`, a dot and letters, tells several apart
-    (".old").
-
-    It tells the process and its machine: processes of several machines may write to one shared folder.
-    """
+    (".old"). It tells the process and its machine: processes of several machines may write to one shared folder."""
     writer = f"{os.getpid()}-{machine_name()}-{secrets.token_hex(4)}"
     return path.with_name(f".{path.stem}.{writer}{what}{PARTIAL}{path.suffix}")
 
 
 def leftovers(folder: Path, of: Path | None = None, what: str = "") -> list[Path]:
-    """Temporary files and folders in a folder whose process has ended, as after kill -9.
-
-    Those of other machines are leftovers if nothing was written to them for an hour.
-
-    Args:
-        of: only those for this file or folder; None: all.
-    """
+    """Temporary files and folders in a folder (`of`: only those for this one) whose process has ended, as after kill
+    -9. Those of other machines are leftovers if nothing was written to them for an hour."""
     stem, suffix = (r".+", r"(\.[^.]*)?") if of is None else (re.escape(of.stem), re.escape(of.suffix))
     named = re.compile(rf"\.{stem}\.{_NAMED}{suffix}")
     found = [(path, named.fullmatch(path.name)) for path in (folder.iterdir() if folder.is_dir() else ())]
@@ -148,11 +132,8 @@ def remove_leftovers(folder: Path, of: Path | None = None) -> None:
 
 
 def restore_old(path: Path) -> None:
-    """Put back what a killed process set aside as `temporary_path(path, ".old")`, or delete it if `path` exists.
-
-    Raises:
-        OSError: it cannot be renamed.
-    """
+    """Put back what a killed process set aside as `temporary_path(path, ".old")`, or delete it if `path` exists;
+    OSError if it cannot be renamed."""
     for old in leftovers(path.parent, path, ".old"):
         if os.path.lexists(path):
             remove(old)
@@ -183,12 +164,8 @@ def write_text(path: Path, text: str, durable: bool = False) -> None:
 
 
 def write_json(path: Path, value: Any, durable: bool = False) -> None:
-    """Write indented JSON with a final newline, atomically; `durable` as for `atomic_path`.
-
-    Raises:
-        ValueError: the value contains NaN or infinity, which JSON does not support.
-        OSError: the file cannot be written.
-    """
+    """Write indented JSON with a final newline, atomically; `durable` as for `atomic_path`. ValueError if the value
+    contains NaN or infinity, which JSON does not support; OSError if the file cannot be written."""
     write_text(path, json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n", durable)
 
 

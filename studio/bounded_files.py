@@ -23,13 +23,8 @@ _BRACKETS = re.compile(rb"[\[{]+|[\]}]+")
 
 @dataclass(frozen=True)
 class Bounds:
-    """What a text may hold.
-
-    Attributes:
-        size: bytes.
-        depth: lists and objects inside of each other.
-        values: values of any kind, those of a YAML alias counted each time that it stands for them.
-    """
+    """What a text may hold: bytes, lists and objects inside of each other, and values of any kind, those of a YAML
+    alias counted each time that it stands for them."""
 
     size: int = 64 << 20
     depth: int = 64
@@ -41,11 +36,8 @@ BOUNDS = Bounds()
 
 
 class TextError(ValueError):
-    """A text that cannot be parsed, or is out of bounds. `str(error)` is a clause of bounded length.
-
-    Attributes:
-        line, column: where, counted from 1; None if unknown.
-    """
+    """A text that cannot be parsed, or is out of bounds. `str(error)` is a clause of bounded length; line and column
+    are counted from 1, None if unknown."""
 
     def __init__(self, problem: str, line: int | None = None, column: int | None = None) -> None:
         super().__init__(problem)
@@ -53,15 +45,9 @@ class TextError(ValueError):
 
 
 def parse_json(text: str | bytes, bounds: Bounds = BOUNDS, *, unique: bool = False) -> Any:
-    """The value of a JSON text (RFC 8259; NaN and Infinity are accepted, as Python's json module does).
-
-    Args:
-        text: bytes are UTF-8, -16 or -32.
-        unique: an object may not have a key twice; otherwise the last value is returned.
-
-    Raises:
-        TextError: not JSON, or out of bounds.
-    """
+    """The value of a JSON text, bytes in UTF-8, -16 or -32 (RFC 8259; NaN and Infinity are accepted, as Python's json
+    module does). `unique`: an object may not have a key twice; otherwise the last value is returned. TextError if it is
+    not JSON, or out of bounds."""
     check_text(text, bounds)
 
     def integer(digits: str) -> int:
@@ -116,11 +102,7 @@ def check_text(text: str | bytes, bounds: Bounds = BOUNDS) -> None:
 
 
 def check_depth(text: str, bounds: Bounds = BOUNDS) -> None:
-    """Refuse brackets that are nested too deeply, those in quotes included: for parsers that take long over them.
-
-    Raises:
-        TextError: nested too deeply.
-    """
+    """TextError if brackets are nested too deeply, those in quotes included: for parsers that take long over them."""
     depth = 0
     for match in _BRACKETS.finditer(text.encode("utf-8", "surrogatepass")):
         run = match[0]
@@ -130,11 +112,7 @@ def check_depth(text: str, bounds: Bounds = BOUNDS) -> None:
 
 
 def check_value(value: Any, bounds: Bounds = BOUNDS) -> None:
-    """Refuse a parsed value that is nested too deeply or holds too many values or too long an integer.
-
-    Raises:
-        TextError: out of bounds.
-    """
+    """TextError if a parsed value is nested too deeply or holds too many values or too long an integer."""
     largest = 10**bounds.digits
     known: dict[int, tuple[int, int]] = {}  # values and levels by id: what an alias stands for is walked once
 
@@ -202,11 +180,8 @@ _PART = 1 << 20
 
 
 def read_bounded(path: Path, limit: int = BOUNDS.size) -> bytes:
-    """The whole file, if it has at most `limit` bytes.
-
-    Raises:
-        OSError: it cannot be read, is larger, or does not fit into memory; `strerror` is a clause that says so.
-    """
+    """The whole file, if it has at most `limit` bytes; OSError if it cannot be read, is larger, or does not fit into
+    memory; its `strerror` is a clause that says so."""
     try:
         with path.open("rb") as file:
             size = os.fstat(file.fileno()).st_size
@@ -228,12 +203,8 @@ def _read_unsized(file: BinaryIO, most: int) -> bytes:
 
 
 def read_bounded_text(path: Path) -> str:
-    """A UTF-8 text of at most `BOUNDS.size` bytes, with every line ending as a newline.
-
-    Raises:
-        OSError: as `read_bounded`.
-        UnicodeDecodeError: another encoding.
-    """
+    """A UTF-8 text of at most `BOUNDS.size` bytes, with every line ending as a newline; OSError as `read_bounded`,
+    UnicodeDecodeError for another encoding."""
     return read_bounded(path).decode().replace("\r\n", "\n").replace("\r", "\n")
 
 

@@ -114,15 +114,13 @@ class Camera:
         field_of_view: float = 40.0,
         name: str = "view",
     ) -> Camera:
-        """A pinhole camera at a place that looks at another one.
+        """A pinhole camera at `eye` that looks at `target`, (3,) in world coordinates, with the direction `up` up in
+        the image.
 
         Args:
-            eye: (3,) where it is, in world coordinates.
-            target: (3,) what is in the middle of its image.
-            up: (3,) direction that is up in the image, of any length.
+            up: (3,), of any length.
             width, height: image size in pixels.
             field_of_view: along the shorter side, in degrees, above 0 and below 180.
-            name: of the camera.
 
         Raises:
             StudioError: it would look along `up`, or `eye` is `target` (camera.no_direction), or another value is
@@ -201,15 +199,8 @@ class Camera:
         return K
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Project world points, with lens distortion.
-
-        Args:
-            points: (N, 3) world coordinates.
-
-        Returns:
-            pixels (N, 2), origin at the image corner, and depths (N,) along the viewing axis. Points with depth <= 0
-            are behind the camera; their pixels are undefined.
-        """
+        """Project (N, 3) world points with lens distortion, to pixels (N, 2), origin at the image corner, and depths
+        (N,) along the viewing axis. Points with depth <= 0 are behind the camera; their pixels are undefined."""
         points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
         local = points @ self.rotation.T + self.translation
         depth = local[:, 2]
@@ -226,14 +217,8 @@ class Camera:
         return pixels, depth
 
     def normalized(self, pixels: np.ndarray) -> np.ndarray:
-        """Normalized image coordinates x / z, y / z in camera axes, without lens distortion.
-
-        Args:
-            pixels: (N, 2), origin at the image corner; rows with NaN give NaN.
-
-        Returns:
-            (N, 2) float64. Lens distortion is inverted by iteration; far outside the image it may not converge.
-        """
+        """(N, 2) float64 image coordinates x / z, y / z in camera axes of (N, 2) pixels, origin at the image corner;
+        rows with NaN give NaN. Lens distortion is inverted by iteration; far outside the image it may not converge."""
         pixels = np.asarray(pixels, np.float64).reshape(-1, 2)
         if self.is_pinhole:
             result: np.ndarray = np.linalg.solve(self.K, np.column_stack([pixels, np.ones(len(pixels))]).T)[:2].T
@@ -249,15 +234,8 @@ class Camera:
         return found
 
     def unproject(self, pixels: np.ndarray, depth: float | np.ndarray = 1.0) -> np.ndarray:
-        """The world points that `project` maps to the given pixels and depths.
-
-        Args:
-            pixels: (N, 2), origin at the image corner.
-            depth: distance along the viewing axis, one value or (N,).
-
-        Returns:
-            (N, 3) world coordinates, NaN where the pixel is NaN.
-        """
+        """The (N, 3) world points that `project` maps to the given (N, 2) pixels and depths, one or (N,); NaN where the
+        pixel is."""
         xy = self.normalized(pixels)
         local = np.column_stack([xy, np.ones(len(xy))]) * np.broadcast_to(depth, len(xy))[:, None]
         world: np.ndarray = (local - self.translation) @ self.rotation
@@ -303,11 +281,8 @@ class Camera:
 
     @classmethod
     def from_dict(cls, values: JsonObject) -> Camera:
-        """Inverse of `to_dict`.
-
-        Raises:
-            StudioError: a key is missing (camera.missing_key) or a value is invalid (see `Camera`).
-        """
+        """Inverse of `to_dict`; StudioError if a key is missing (camera.missing_key) or a value is invalid (see
+        `Camera`)."""
         who = str(values.get("name", "?"))
         for key in ("name", "K", "world_to_camera"):
             if key not in values:
@@ -468,12 +443,8 @@ def orbit(
 
 
 def look_at_pose(eye: np.ndarray, target: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """World-to-camera matrix (4, 4) float64 of an upright camera at `eye` whose viewing axis goes through `target`.
-
-    Args:
-        eye, target: (3,) world coordinates, not equal.
-        up: (3,) direction of any length that is not parallel to the viewing axis; it points up in the image.
-    """
+    """World-to-camera matrix (4, 4) float64 of an upright camera at `eye` whose viewing axis goes through `target`,
+    (3,) world coordinates, not equal. `up`: (3,) direction of any length that is not parallel to it."""
     forward = (target - eye) / np.linalg.norm(target - eye)
     right = np.cross(forward, up)
     right /= np.linalg.norm(right)
@@ -485,18 +456,11 @@ def look_at_pose(eye: np.ndarray, target: np.ndarray, up: np.ndarray) -> np.ndar
 
 
 def nearest_point_to_rays(origins: np.ndarray, directions: np.ndarray, weights: np.ndarray | None = None) -> np.ndarray:
-    """The point with the smallest sum of squared distances to lines in space.
+    """The point, (3,) float64, with the smallest sum of squared distances to lines in space, infinite in both
+    directions; of several (the lines are parallel), the one with the smallest norm.
 
-    Lines are infinite in both directions. If they are parallel, so that the point is not unique, the one with the
-    smallest norm is returned.
-
-    Args:
-        origins: (N, 3) a point on each line.
-        directions: (N, 3) unit directions.
-        weights: (N,) weights of the squared distances; None: all 1.
-
-    Returns:
-        (3,) float64.
+    `origins`, `directions`, (N, 3): a point and the unit direction of each line; `weights`, (N,), of the squared
+    distances; None: all 1.
     """
     projectors = np.eye(3)[None] - directions[:, :, None] * directions[:, None, :]
     if weights is not None:

@@ -65,14 +65,12 @@ class ChromaSampling:
 
 
 def resampled(image: Tensor, sampling: ChromaSampling, shift: float = 0.0) -> Tensor:
-    """An image after its chroma was averaged down to the grid and interpolated back; luma is unchanged.
+    """An image (H, W, 3) R'G'B' after its chroma was averaged down to the grid and interpolated back; luma is
+    unchanged. Differentiable.
 
     Averaging is over the area of a chroma sample, interpolation linear. Beyond the border, the outermost pixel repeats.
-
-    Args:
-        image: (H, W, 3) R'G'B'; differentiable.
-        shift: horizontal position at which the encoder took the samples, relative to that grid, in pixels. Not 0 for
-            footage that was converted with one siting and is decoded with another.
+    `shift`: horizontal position at which the encoder took the samples, relative to that grid, in pixels. Not 0 for
+    footage that was converted with one siting and is decoded with another.
     """
     import torch  # `v3studio status` opens footage and does not need it
 

@@ -36,16 +36,8 @@ def fit_color(
 
 
 def correct_color(premultiplied: Tensor, alpha: Tensor, matrix: Tensor) -> Tensor:
-    """Drawn splats in the colors of a camera.
-
-    Args:
-        premultiplied: (H, W, 3) rendered over black, that is, colors times alpha.
-        alpha: (H, W) rendered alpha, 0 to 1.
-        matrix: (3, 4), applied to the colors themselves.
-
-    Returns:
-        (H, W, 3) rendered over black; differentiable.
-    """
+    """Drawn splats, (H, W, 3) over black, that is, colors times alpha (0 to 1), in the colors of a camera: `matrix`,
+    (3, 4), is applied to the colors themselves. Differentiable."""
     matrix = matrix.to(premultiplied)
     return premultiplied @ matrix[:, :3].T + alpha[..., None] * matrix[:, 3]
 

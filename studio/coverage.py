@@ -28,13 +28,8 @@ _MOST_DIRECTIONS = 256
 
 @dataclass(frozen=True, eq=False)
 class ViewRange:
-    """From where a stream can be looked at.
-
-    Attributes:
-        center: (3,) middle of the scene, world units.
-        directions: (N, 3) unit vectors from there to the training cameras, N >= 1.
-        angle: degrees to the nearest direction up to which views are good, above 0, at most 180.
-    """
+    """From where a stream can be looked at: (3,) middle of the scene, world units; (N, 3) unit vectors, N >= 1, from
+    there to the training cameras; degrees to the nearest of them up to which views are good, above 0, at most 180."""
 
     center: np.ndarray
     directions: np.ndarray
@@ -84,13 +79,8 @@ class ViewRange:
 
 
 def view_range(cameras: Iterable[Camera], center: Sequence[float] | np.ndarray) -> ViewRange | None:
-    """The range of views of training cameras around the middle of a scene; None without cameras outside of the
-    center.
-
-    Args:
-        cameras: training cameras. Of more than 256, every n-th counts.
-        center: (3,) middle of the scene, world units.
-    """
+    """The range of views of training cameras around the (3,) middle of a scene, world units; None without cameras
+    outside of it. Of more than 256 cameras, every n-th counts."""
     middle = np.asarray(center, np.float64)
     towards = np.array([camera.center - middle for camera in cameras]).reshape(-1, 3)
     length = np.linalg.norm(towards, axis=1, keepdims=True)
@@ -124,12 +114,8 @@ class Coverage:
 
 
 def coverage(cameras: Sequence[Camera], points: np.ndarray, normals: np.ndarray, up: np.ndarray) -> Coverage | None:
-    """Measure a rig; None without cameras outside of the performer.
-
-    Args:
-        points, normals: (N, 3) samples of the surface, N >= 1, world units; normals of any length point outwards.
-        up: (3,) direction that points up.
-    """
+    """Measure a rig by (N, 3) samples of the surface, N >= 1, world units, and their normals, of any length, outward;
+    None without cameras outside of the performer. `up`: (3,)."""
     found = view_range(cameras, points.mean(0))
     if found is None:
         return None
@@ -143,13 +129,9 @@ def coverage(cameras: Sequence[Camera], points: np.ndarray, normals: np.ndarray,
 
 
 def gaps(found: ViewRange, up: np.ndarray) -> tuple[float, float]:
-    """How much of the way around the performer is outside of a range of views, at the height of the cameras, which
-    need not be that of the performer's middle.
-
-    Returns:
-        the share of horizontal directions outside, 0 to 1, and the largest angle between a direction and the nearest
-        camera, degrees.
-    """
+    """How much of the way around the performer is outside of a range of views, at the height of the cameras, which need
+    not be that of the performer's middle: share of horizontal directions, 0 to 1, and the largest angle between a
+    direction and the nearest camera, degrees."""
     upright = up / np.linalg.norm(up)
     side = np.cross(upright, np.eye(3)[np.abs(upright).argmin()])
     side /= np.linalg.norm(side)

@@ -25,12 +25,8 @@ _SHOWN: dict[str, str] = {}
 
 
 def show_as(prefix: str, shown_prefix: str) -> None:
-    """Messages of this process name files whose path begins with a prefix differently from now on.
-
-    Args:
-        prefix: a folder on this machine that holds copies, ending in a slash.
-        shown_prefix: what the copies were made of, such as "s3://".
-    """
+    """Messages of this process name files whose path begins with `prefix`, a folder on this machine that holds copies,
+    ending in a slash, by what the copies were made of, such as "s3://"."""
     _SHOWN[prefix] = shown_prefix
 
 
@@ -82,12 +78,8 @@ class Message:
 
 
 class StudioError(Exception):
-    """Invalid input: footage, calibration, settings, a take or a stream. `str(error)` is the text for the user.
-
-    Attributes:
-        message: the `Message`; its parts are also attributes of the error: `code`, `problem`, `file`, `value`, `fix`,
-            `fields`.
-    """
+    """Invalid input: footage, calibration, settings, a take or a stream. `str(error)` is the text for the user; the
+    parts of `message` are also attributes of the error."""
 
     def __init__(
         self,

@@ -133,12 +133,8 @@ class Gaussians:
 
     @classmethod
     def from_state_dict(cls, tensors: dict[str, Tensor]) -> Gaussians:
-        """Inverse of `state_dict`; other keys are ignored.
-
-        Raises:
-            StudioError: an attribute is missing (gaussians.missing_attribute) or has the wrong shape, or the dilation
-                is not one number or out of bounds.
-        """
+        """Inverse of `state_dict`; other keys are ignored. StudioError if an attribute is missing
+        (gaussians.missing_attribute) or has the wrong shape, or the dilation is not one number or out of bounds."""
         missing = [name for name in ATTRIBUTES if name not in tensors]
         if missing:
             raise StudioError(
@@ -185,11 +181,8 @@ class Gaussians:
 
     @classmethod
     def cat(cls, *parts: Gaussians) -> Gaussians:
-        """The splats of all parts, concatenated in order.
-
-        Raises:
-            StudioError: `gaussians.dilations_differ`: the parts are not rendered with the same dilation.
-        """
+        """The splats of all parts, in order; StudioError (`gaussians.dilations_differ`) if they differ in their
+        dilation."""
         return cls(
             **{name: torch.cat([getattr(p, name) for p in parts]) for name in ATTRIBUTES},
             dilation=common_dilation(parts),
@@ -208,11 +201,8 @@ class Gaussians:
 
 
 def common_dilation(parts: Iterable[Gaussians]) -> float:
-    """The dilation that all parts are rendered with, square pixels; at least one part.
-
-    Raises:
-        StudioError: `gaussians.dilations_differ`: they have several.
-    """
+    """The dilation that all parts, at least one, are rendered with, square pixels; StudioError
+    (`gaussians.dilations_differ`) if they have several."""
     found = sorted({part.dilation for part in parts})
     if len(found) > 1:
         raise StudioError(

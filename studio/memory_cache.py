@@ -14,13 +14,8 @@ Value = TypeVar("Value")
 class MemoryCache(Generic[Key, Value]):
     """Drops the least recently used values first. Thread-safe. Cached values must not be modified.
 
-    Args:
-        limit: total size of all values; larger values are not cached. By default the number of values.
-        size_of: size of a value, in the unit of `limit`.
-        least: number of values that are kept whatever their size.
-
-    Attributes:
-        used: total size of the cached values.
+    `limit`: total size of all values, in the unit of `size_of`, by default their number; larger values are not cached.
+    `least`: number of values that are kept whatever their size. `used`: total size of the cached values.
     """
 
     def __init__(self, limit: float, size_of: Callable[[Value], int] = lambda value: 1, least: int = 0) -> None:
@@ -60,11 +55,9 @@ class MemoryCache(Generic[Key, Value]):
             self.used += size
 
     def get_or_make(self, key: Key, make: Callable[[Key], Value]) -> Value:
-        """The value cached under `key`; if there is none, what `make` returns, which is then cached.
-
-        Each value is made once, and different keys do not wait for each other. If `make` raises, so does this, and the
-        next call tries again.
-        """
+        """The value cached under `key`; if there is none, what `make` returns, which is then cached. Each value is made
+        once, and different keys do not wait for each other. If `make` raises, so does this, and the next call tries
+        again."""
         with self._lock:
             making = self._making.setdefault(key, threading.Lock())
         with making:

@@ -20,11 +20,7 @@ SSIM_C1, SSIM_C2 = 0.01**2, 0.03**2
 
 
 def check_image_pair(image: Tensor, target: Tensor) -> None:
-    """Check that two images can be compared.
-
-    Raises:
-        StudioError: `metrics.image_shape`: they are not two non-empty (H, W, 3) tensors of the same size.
-    """
+    """StudioError (`metrics.image_shape`) unless both are non-empty (H, W, 3) tensors of the same size."""
     if image.shape != target.shape or image.ndim != 3 or image.shape[-1] != 3 or image.numel() == 0:
         shapes = (tuple(image.shape), tuple(target.shape))
         raise StudioError(
@@ -47,18 +43,9 @@ def _check_mask(mask: Tensor, size: tuple[int, ...]) -> None:
 
 
 def psnr(image: Tensor, target: Tensor, mask: Tensor | None = None) -> Tensor:
-    """Peak signal-to-noise ratio in dB for a peak value of 1.
-
-    Args:
-        image, target: (H, W, 3) in 0 to 1.
-        mask: (H, W) weights of the pixels, 0 to 1; None: all pixels have equal weights.
-
-    Returns:
-        scalar; infinity for identical images.
-
-    Raises:
-        StudioError: `metrics.image_shape`, `metrics.mask_shape` or `metrics.mask_empty`.
-    """
+    """Peak signal-to-noise ratio in dB of (H, W, 3) images in 0 to 1, infinity for identical ones. `mask`: (H, W)
+    weights of the pixels, 0 to 1; None: all equal. StudioError: `metrics.image_shape`, `metrics.mask_shape` or
+    `metrics.mask_empty`."""
     check_image_pair(image, target)
     squared = (image - target).square().mean(-1)
     if mask is None:
@@ -100,19 +87,11 @@ def ssim_map(image: Tensor, target: Tensor) -> Tensor:
 
 
 def ssim(image: Tensor, target: Tensor, mask: Tensor | None = None) -> Tensor:
-    """Structural similarity (Wang et al. 2004) with an 11x11 Gaussian window, sigma 1.5, as in 3DGS and VideoGS.
+    """Structural similarity (Wang et al. 2004) with an 11x11 Gaussian window, sigma 1.5, as in 3DGS and VideoGS, of (H,
+    W, 3) images in 0 to 1; at most 1, differentiable.
 
-    The image is zero-padded, channels are compared separately, and the map is averaged.
-
-    Args:
-        image, target: (H, W, 3) in 0 to 1.
-        mask: (H, W) weights of the SSIM map in the mean, 0 to 1; None: all pixels have equal weights.
-
-    Returns:
-        scalar, at most 1; differentiable.
-
-    Raises:
-        StudioError: `metrics.image_shape`, `metrics.mask_shape` or `metrics.mask_empty`.
+    The image is zero-padded, channels are compared separately, and the map is averaged with `mask`, (H, W) weights of 0
+    to 1; None: all equal. StudioError as `psnr`.
     """
     values = ssim_map(image, target).mean(0)
     if mask is None:

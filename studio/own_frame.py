@@ -20,12 +20,8 @@ _FARTHEST = 64.0  # distance of the middle from the origin, in radii; float32 th
 
 
 def own_frame(rig: Rig) -> Similarity:
-    """From the world of the cameras to the take's own frame: the identity for cameras of ordinary place and size.
-
-    Args:
-        rig: at least one camera. With a single one, or all in one place, nothing says how large the scene is, and it is
-            only moved.
-    """
+    """From the world of the cameras to the take's own frame: the identity for cameras of ordinary place and size. With
+    a single camera, or all in one place, nothing says how large the scene is, and it is only moved."""
     centers = rig.centers
     middle = centers.mean(axis=0)
     radius = float(np.linalg.norm(centers - middle, axis=1).max())
@@ -50,25 +46,15 @@ def in_own_frame(rig: Rig) -> Rig:
 
 
 def undone(frame: Similarity, *, placed: bool) -> Similarity:
-    """What exports apply to the splats of a take, whose `frame` is that of `own_frame`.
-
-    Args:
-        placed: whether the take's world has been placed by an edit, which says where its origin is: then only the
-            unit is undone.
-
-    Returns:
-        from the world of the take's streams to the one in which the user thinks.
-    """
+    """What exports apply to the splats of a take, whose `frame` is that of `own_frame`: from the world of its streams
+    to the one in which the user thinks. `placed`: an edit has placed the world, which says where its origin is: then
+    only the unit is undone."""
     return Similarity(1 / frame.scale) if placed else frame.inverse
 
 
 def frame_sentence(frame: Similarity, whose: str = "take", of: str = "cameras") -> str | None:
-    """What the frame does, for logs and checks; None for the identity.
-
-    Args:
-        whose: what has the frame, as a noun.
-        of: what is far away, as a noun in the plural.
-    """
+    """What the frame does, for logs and checks; None for the identity. Nouns: `whose` has it, `of` (plural) are far
+    away."""
     if frame.is_identity:
         return None
     x, y, z = frame.inverse.translation

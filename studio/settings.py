@@ -46,14 +46,9 @@ RESULTS = {
 
 @dataclass(frozen=True)
 class Affects:
-    """Results that become stale when the field changes. `Affects()`: none.
-
-    A field without this marker uses `Settings.affects` of its class; if that is None, it affects the same results as
-    the field that contains its model.
-
-    Raises:
-        ValueError: a name is not in `RESULTS`.
-    """
+    """Results, all in `RESULTS`, that become stale when the field changes. `Affects()`: none. A field without this
+    marker uses `Settings.affects` of its class; if that is None, it affects the same results as the field that contains
+    its model."""
 
     results: tuple[str, ...]
 
@@ -150,12 +145,8 @@ _Marker = TypeVar("_Marker", Affects, Heading, Unbounded)
 
 
 def as_list(text: str, *, plain: bool = False) -> Any:
-    """The items of a list that was written without brackets; text that cannot be one is returned as it is.
-
-    Args:
-        text: such as "cam05, cam99".
-        plain: leave every item as the text that it is, so that camera 01 does not become 1.
-    """
+    """The items of a list that was written without brackets ("cam05, cam99"); text that cannot be one is returned as it
+    is. `plain`: leave every item as the text that it is, so that camera 01 does not become 1."""
     from studio.yaml_text import YamlError, parse_yaml
 
     if not text.strip() or not set(text).isdisjoint("[]{}&*!:"):  # nothing nested
@@ -198,11 +189,8 @@ def submodel(field: FieldInfo) -> type[Settings] | None:
 
 
 def affected(model: type[Settings], prefix: str = "", outer: Affects | None = None) -> dict[str, tuple[str, ...]]:
-    """Dotted names of the fields of a model and of the models in it, to the results that each affects.
-
-    Args:
-        outer: default for fields and models without `Affects`.
-    """
+    """Dotted names of the fields of a model and of the models in it, to the results that each affects; `outer` is the
+    default without `Affects`."""
     outer = model.affects or outer
     found: dict[str, tuple[str, ...]] = {}
     for name, field in model.model_fields.items():
@@ -266,15 +254,9 @@ def nearest_sentence(model: type[Settings], name: str) -> str:
 def refused(
     error: ValidationError, model: type[Settings], where: str | os.PathLike[str], given: Collection[str] = ()
 ) -> StudioError:
-    """Convert a pydantic error to a StudioError: one sentence per mistake, with file, setting, value and fix.
-
-    Args:
-        where: file that the settings come from, or a description of another source.
-
-    Returns:
-        `settings.unknown` or `settings.invalid`; for several mistakes `settings.invalid`, whose field `mistakes`
-        contains each as `Message.to_dict()`.
-    """
+    """A pydantic error as a StudioError: one sentence per mistake, with file (`where`, or another source), setting,
+    value and fix. Its code is `settings.unknown` or `settings.invalid`; for several mistakes `settings.invalid`, whose
+    field `mistakes` contains each as `Message.to_dict()`."""
     mistakes = [_mistake(dict(problem), model, where, given) for problem in error.errors()]
     if len(mistakes) == 1:
         (one,) = mistakes

@@ -65,15 +65,8 @@ def align_axes(quats: Tensor, scales: Tensor, reference: Tensor) -> tuple[Tensor
     """The same ellipsoids with their axes named so that each rotation is as close as possible to a reference.
 
     An ellipsoid has 24 equivalent rotations, with its scales in different orders. Without this, values between two
-    frames would mix different axes.
-
-    Args:
-        quats: (N, 4) unit quaternions wxyz.
-        scales: (N, 3) of any kind: also logarithms.
-        reference: (N, 4) unit quaternions wxyz.
-
-    Returns:
-        Quaternions (N, 4), each with a positive dot product with its reference, and scales (N, 3).
+    frames would mix different axes. Takes and returns quaternions (N, 4) wxyz of unit length, the new ones each with a
+    positive dot product with its reference, and (N, 3) scales of any kind, also logarithms.
     """
     renamings, order = (one.to(quats.device) for one in _renamings())
     conjugate = reference * reference.new_tensor([1, -1, -1, -1])

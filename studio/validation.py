@@ -16,15 +16,8 @@ def camera_error(
 
 
 def number(values: Mapping[str, Any], key: str, camera: str, default: float | None = None) -> float:
-    """A finite number from a mapping. Numbers as text are accepted, because CSV and XML files only contain text.
-
-    Args:
-        default: value of a missing key; None makes the key required.
-
-    Raises:
-        StudioError: the value is missing and has no default (camera.missing_key), is not a number
-            (camera.not_a_number) or not finite (camera.not_finite).
-    """
+    """A finite number from a mapping, or as text, because CSV and XML files only contain text; a missing key without
+    default is an error. StudioError: camera.missing_key, camera.not_a_number, or camera.not_finite."""
     value = values.get(key, default)
     if value is None:
         raise missing_key(key, camera)
@@ -55,11 +48,8 @@ def whole(values: Mapping[str, Any], key: str, camera: str) -> int:
 
 
 def array(value: Any, key: str, camera: str) -> np.ndarray:
-    """Nested lists of numbers, or of numbers as text, as a float64 array of any shape. May contain NaN.
-
-    Raises:
-        StudioError: an entry is not a number (camera.not_a_number), or rows differ in length (camera.ragged).
-    """
+    """Nested lists of numbers, or of numbers as text, as a float64 array of any shape, which may contain NaN.
+    StudioError if an entry is not a number (camera.not_a_number), or rows differ in length (camera.ragged)."""
     try:
         return np.array(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
@@ -76,11 +66,7 @@ def array(value: Any, key: str, camera: str) -> np.ndarray:
 
 
 def check_finite(value: np.ndarray, key: str, camera: str) -> None:
-    """Raise if an array contains NaN or infinity; the error names the first such entry.
-
-    Raises:
-        StudioError: an entry is not finite (camera.not_finite).
-    """
+    """StudioError (camera.not_finite) that names the first entry that is NaN or infinite."""
     broken = np.argwhere(~np.isfinite(value))
     if len(broken):
         index = "".join(f"[{i}]" for i in broken[0]) if value.size > 1 else ""

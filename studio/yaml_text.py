@@ -20,12 +20,7 @@ BOUNDS = Bounds(size=4 << 20, values=200_000)
 
 
 class YamlError(ValueError):
-    """Text that is not YAML.
-
-    Attributes:
-        problem: what is wrong, without the line.
-        line: counted from 1; None if unknown.
-    """
+    """Text that is not YAML: what is wrong, without the line, and the line, counted from 1; None if unknown."""
 
     def __init__(self, problem: str, line: int | None) -> None:
         super().__init__(problem if line is None else f"line {line}: {problem}")
@@ -60,14 +55,8 @@ _Representer.add_representer(str, _Representer.represent_str)
 
 
 def parse_yaml(text: str, *, plain: bool = False) -> Any:
-    """The value of a YAML document; None if it is empty.
-
-    Args:
-        plain: leave every value as the text that it is, so that 01 does not become 1.
-
-    Raises:
-        YamlError: it is not YAML; `DuplicateKey` for a key that a mapping has twice.
-    """
+    """The value of a YAML document; None if it is empty. `plain`: leave every value as the text that it is, so that 01
+    does not become 1. YamlError if it is not YAML; `DuplicateKey` for a key that a mapping has twice."""
     reader = YAML(typ="base" if plain else "safe", pure=True)
     if not plain:
         reader.Constructor = _Constructor
@@ -80,12 +69,8 @@ def parse_with_comments(text: str) -> Any:
 
 
 def dump_yaml(value: Any, *, flow: bool | None = False, width: int = 120) -> str:
-    """YAML that `parse_yaml` reads as the same JSON-ready value; keys stay in order.
-
-    Args:
-        value: JSON-ready.
-        flow: whether lists and mappings are in brackets; None: those that hold no other ones.
-    """
+    """YAML that `parse_yaml` reads as the same JSON-ready value; keys stay in order. `flow`: whether lists and mappings
+    are in brackets; None: those that hold no other ones."""
     writer = YAML(typ="safe", pure=True)
     writer.Representer = _Representer
     writer.default_flow_style = flow

@@ -13,10 +13,8 @@ from studio.errors import StudioError
 class Cut:
     """A part of a sound file, of exactly `samples` samples at `SAMPLE_RATE`; silence where the file has none.
 
-    Attributes:
-        first: number of the first sample, counted from the file's time 0; may be negative.
-        missing_before, missing_after: seconds without sound at the beginning and at the end; known after `blocks` has
-            been read to its end.
+    `first`: number of the first sample, counted from the file's time 0; may be negative. `missing_before`,
+    `missing_after`: seconds without sound at both ends; known after `blocks` has been read to its end.
     """
 
     file: SoundFile
@@ -36,11 +34,8 @@ class Cut:
         return self.samples / SAMPLE_RATE
 
     def blocks(self) -> Iterator[np.ndarray]:
-        """The samples in order, (n, channels) float32.
-
-        Raises:
-            StudioError: the file cannot be read, or nothing of it is in the part (`audio.outside`).
-        """
+        """The samples in order, (n, channels) float32; StudioError if the file cannot be read, or has nothing in the
+        part (`audio.outside`)."""
         done = 0
         for position, samples in self.file.blocks():
             low = position - self.first
@@ -63,11 +58,8 @@ class Cut:
 
 
 def cut_sound(file: SoundFile, start: float, seconds: float) -> Cut:
-    """The part of a sound that begins `start` seconds after the file's time 0 and takes `seconds`.
-
-    Raises:
-        StudioError: `audio.outside`: the file says that it has no sound there.
-    """
+    """The part of a sound that begins `start` seconds after the file's time 0 and takes `seconds`; StudioError
+    (`audio.outside`) if the file says that it has no sound there."""
     cut = Cut(file, round(start * SAMPLE_RATE), max(1, round(seconds * SAMPLE_RATE)))
     if start + seconds <= 0 or (file.duration is not None and file.duration <= start):
         raise outside(cut)

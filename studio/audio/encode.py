@@ -11,15 +11,8 @@ BIT_RATE = {1: 96_000, 2: 160_000}
 
 
 class SoundEncoder:
-    """Adds an AAC track to a container that is open for writing, and encodes into it.
-
-    The container's edit list hides the encoder's delay, so that sample 0 is at time 0.
-
-    Args:
-        container: an MP4 file, opened with PyAV.
-        sample_rate: in Hz.
-        channels: 1 or 2.
-    """
+    """Adds an AAC track of 1 or 2 channels to an MP4 file that is open in PyAV for writing, and encodes into it. The
+    container's edit list hides the encoder's delay, so that sample 0 is at time 0."""
 
     def __init__(self, container: Any, sample_rate: int, channels: int) -> None:
         import av

@@ -56,15 +56,9 @@ class SoundFile:
         self.description = f"{rate:g} Hz, {layout}{length}"
 
     def blocks(self) -> Iterator[tuple[int, np.ndarray]]:
-        """The sound at `SAMPLE_RATE`, block by block, decoded on the way.
-
-        Yields:
-            number of the block's first sample, counted from time 0 (may be negative), and the samples, (n, channels)
-            float32. Blocks follow each other without gaps.
-
-        Raises:
-            StudioError: `audio.unreadable`.
-        """
+        """The sound at `SAMPLE_RATE`, block by block without gaps, decoded on the way: number of the block's first
+        sample, counted from time 0 (may be negative), and the samples, (n, channels) float32. StudioError:
+        `audio.unreadable`."""
         import av
 
         layout = "mono" if self.channels == 1 else "stereo"

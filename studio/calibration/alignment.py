@@ -12,12 +12,8 @@ from studio.similarity import Similarity
 
 
 def align_points(source: np.ndarray, target: np.ndarray) -> Similarity:
-    """The least-squares similarity from source (N, 3) to target (N, 3) (Umeyama 1991).
-
-    Raises:
-        StudioError: there are fewer than 3 points (calibration.too_few_points), or all coincide
-            (calibration.coincident).
-    """
+    """The least-squares similarity from source (N, 3) to target (N, 3) (Umeyama 1991). StudioError if there are fewer
+    than 3 points (calibration.too_few_points), or all coincide (calibration.coincident)."""
     if len(source) < 3:
         raise StudioError(
             "calibration.too_few_points",
@@ -41,11 +37,8 @@ def align_points(source: np.ndarray, target: np.ndarray) -> Similarity:
 
 
 def align_rigs(source: Rig, target: Rig) -> Similarity:
-    """The similarity from one solution to another, from the centers of their common cameras.
-
-    Raises:
-        StudioError: as `align_points`.
-    """
+    """The similarity from one solution to another, from the centers of their common cameras; StudioError as
+    `align_points`."""
     names = [name for name in source.names if name in target]
     return align_points(source.subset(names).centers, target.subset(names).centers)
 
@@ -53,12 +46,9 @@ def align_rigs(source: Rig, target: Rig) -> Similarity:
 def upright(rig: Rig, points: np.ndarray, *, keep_scale: bool = False) -> Similarity:
     """The transform to world coordinates that are defined by the cameras alone.
 
-    z is the mean of the cameras' up directions, the origin is the point that the cameras look at (the median of the
-    points if the viewing axes do not meet in front of the cameras), x points from there toward the first camera, and
+    z is the mean of the cameras' up directions, the origin is the point that the cameras look at (the median of the (P,
+    3) points if the viewing axes do not meet in front of the cameras), x points from there toward the first camera, and
     the mean distance of the cameras from the origin is 1.
-
-    Args:
-        points: (P, 3) sparse points.
     """
     centers = rig.centers
     focus = rig.focus
@@ -81,20 +71,13 @@ def upright(rig: Rig, points: np.ndarray, *, keep_scale: bool = False) -> Simila
 
 
 def floor_world(rig: Rig, points: np.ndarray) -> tuple[Similarity, FloorReport]:
-    """The transform to world coordinates in which the floor is level and at height 0; scale and heading do not change.
+    """The transform to world coordinates in which the floor is level and at height 0, with a report of the floor plane;
+    scale and heading do not change.
 
-    The floor is the plane with the most sparse points (RANSAC) among all planes within 25 degrees of horizontal that
-    have 90% of the points on or above them and all cameras above them.
-
-    Args:
-        rig: the cameras, with z approximately up, as after `upright`.
-        points: (P, 3) sparse points.
-
-    Returns:
-        the transform, and a report of the floor plane.
-
-    Raises:
-        StudioError: there are fewer than 50 points, or no such plane has 5% of them (calibration.no_floor).
+    The floor is the plane with the most of the (P, 3) sparse points (RANSAC) among all planes within 25 degrees of
+    horizontal that have 90% of the points on or above them and all cameras above them. The rig has z approximately up,
+    as after `upright`. StudioError (calibration.no_floor) with fewer than 50 points, or if no such plane has 5% of
+    them.
     """
     if len(points) < 50:
         raise StudioError(
@@ -170,13 +153,8 @@ def scale_to_distance(rig: Rig, first: str, second: str, distance: float) -> Sim
 
 @dataclass(frozen=True)
 class RigDifference:
-    """Differences between a solution and a reference after alignment.
-
-    Attributes:
-        centers: camera name to distance between the two centers, in units of the reference.
-        rotations: camera name to angle between the two orientations, in degrees.
-        radius: mean distance of the reference's camera centers from their mean.
-    """
+    """Differences of cameras between a solution and a reference after alignment: distances of centers in units of the
+    reference, angles in degrees, and the mean distance of the reference's camera centers from their mean."""
 
     centers: dict[str, float]
     rotations: dict[str, float]
@@ -194,11 +172,7 @@ class RigDifference:
 
 
 def compare_rigs(found: Rig, reference: Rig) -> RigDifference:
-    """Align a solution with a reference and compare their common cameras.
-
-    Raises:
-        StudioError: as `align_points`.
-    """
+    """Align a solution with a reference and compare their common cameras; StudioError as `align_points`."""
     aligned = align_rigs(found, reference).rig(found)
     names = [name for name in found.names if name in reference]
     centers, rotations = {}, {}

@@ -18,14 +18,8 @@ from studio.counts import short_repr
 
 @dataclass
 class CalibrationResult:
-    """Cameras and sparse points.
-
-    Attributes:
-        rig: the registered cameras, in the order of the given images.
-        points: (P, 3) float64 sparse points, world coordinates.
-        colors: (P, 3) uint8 RGB.
-        report: quality of the solution.
-    """
+    """Registered cameras in the order of the given images; (P, 3) float64 sparse points, world coordinates, and their
+    (P, 3) uint8 RGB; quality of the solution."""
 
     rig: Rig
     points: np.ndarray
@@ -54,15 +48,8 @@ def error_statistics(errors: np.ndarray) -> ErrorStatistics:
 
 
 def reprojection_report(rig: Rig, points: np.ndarray, observations: dict[str, np.ndarray]) -> CalibrationReport:
-    """Reprojection errors of a solution, measured with `Camera.project`.
-
-    Args:
-        points: (P, 3) world coordinates.
-        observations: camera name to (M, 3): index of the point, column and row of each observation in pixels.
-
-    Returns:
-        a report with the fields of `ReprojectionReport` set.
-    """
+    """Reprojection errors of (P, 3) points in world coordinates, measured with `Camera.project`. `observations`: camera
+    name to (M, 3): index of the point, column and row of each observation in pixels."""
     every: list[np.ndarray] = []
     cameras: dict[str, CameraReport] = {}
     tracks = np.zeros(len(points), np.int64)

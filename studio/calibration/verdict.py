@@ -71,14 +71,10 @@ def judge(
     mask_errors: Mapping[str, float] | None,
     contradicting: Collection[str] = (),
 ) -> RigVerdict:
-    """Judge a rig.
+    """Judge a rig of pinhole cameras by matches of their images (`match_images`).
 
-    Args:
-        cameras: by name, pinhole.
-        pairs: matches of their images (`match_images`).
-        mask_errors: disagreement of each mask with the others' volume; empty if the masks have no common volume, None
-            if there are too few cameras or no masks.
-        contradicting: cameras whose masks contradict the others.
+    `mask_errors`: disagreement of each mask with the others' volume; empty if the masks have no common volume, None if
+    there are too few cameras or no masks. `contradicting`: cameras whose masks contradict the others.
     """
     evidence = _Evidence(cameras, pairs)
     figures = {

@@ -183,13 +183,11 @@ def _read_xml(path: Path, text: str) -> Rig:
 
 
 def write_rig(rig: Rig, path: Path | str) -> None:
-    """Write cameras, atomically.
+    """Write cameras, atomically, in the format that the name selects.
 
-    Args:
-        rig: the cameras to write.
-        path: the name selects the format. `transforms*.json`: transforms.json; any other `.json`: rig.json; `.csv`:
-            ActorsHQ's calibration.csv; `camera_array*.toml`: Caliscope; any other `.toml`: Pose2Sim; `intri.yml` or
-            `extri.yml`: both files of EasyMocap; no extension: a folder with a COLMAP text model.
+    `transforms*.json`: transforms.json; any other `.json`: rig.json; `.csv`: ActorsHQ's calibration.csv;
+    `camera_array*.toml`: Caliscope; any other `.toml`: Pose2Sim; `intri.yml` or `extri.yml`: both files of EasyMocap;
+    no extension: a folder with a COLMAP text model.
 
     Raises:
         StudioError: the extension is unknown (camera_file.unknown_extension), the format cannot express a camera

@@ -116,9 +116,8 @@ class _Pose:
 def read_colmap(folder: Path) -> Rig:
     """Read a model folder: one camera per registered image, sorted by name and named after the image.
 
-    Args:
-        folder: contains cameras and images as .bin or .txt (binary is preferred, as in COLMAP), either directly or in
-            `sparse` or numbered folders in it, of which the one with the most images is read.
+    It contains cameras and images as .bin or .txt (binary is preferred, as in COLMAP), either directly or in `sparse`
+    or numbered folders in it, of which the one with the most images is read.
     """
     for candidates in ([folder], numbered_models(folder), [folder / "sparse"], numbered_models(folder / "sparse")):
         models = [(part, rig) for part, rig in ((part, _read_one(part)) for part in candidates) if rig is not None]

@@ -17,12 +17,8 @@ from studio.validation import array, camera_error, check_finite
 
 
 def read_text(path: Path) -> str:
-    """The text of a UTF-8 file.
-
-    Raises:
-        StudioError: the file cannot be read (camera_file.unreadable), is not text (camera_file.not_text) or is empty
-            (camera_file.empty).
-    """
+    """The text of a UTF-8 file; StudioError if it cannot be read (camera_file.unreadable), is not text
+    (camera_file.not_text) or is empty (camera_file.empty)."""
     try:
         text = read_bounded(path).decode("utf-8-sig")
     except OSError as error:
@@ -106,13 +102,10 @@ def write_atomic(path: Path, data: bytes) -> None:
 
 
 def read_csv(path: Path, columns: Sequence[str], optional: Collection[str] = ()) -> list[dict[str, str]]:
-    """The rows of a CSV file, each as column to text. The header may start with #; other lines with # are comments.
+    """The rows of a CSV file, each as column to text, with the required `columns`, of which the first names the row.
 
-    Cells are separated by commas, semicolons or tabs; without commas as separators, numbers may have decimal commas,
-    which are replaced by periods.
-
-    Args:
-        columns: required columns; the first one names the row.
+    The header may start with #; other lines with # are comments. Cells are separated by commas, semicolons or tabs;
+    without commas as separators, numbers may have decimal commas, which are replaced by periods.
 
     Raises:
         StudioError: a column is missing (camera_file.missing_column) or unknown and not 0 (camera_file.unknown_column),
@@ -183,12 +176,8 @@ def _heads(line: str, separator: str) -> list[str]:
 
 
 def matrix(value: Any, rows: tuple[int, ...], columns: int, key: str, camera: str) -> np.ndarray:
-    """A finite matrix with one of the given row counts.
-
-    Raises:
-        StudioError: it has another shape (camera.wrong_shape), or an entry is not a finite number (camera.ragged,
-            camera.not_a_number, camera.not_finite).
-    """
+    """A finite matrix with one of the given row counts; StudioError if it has another shape (camera.wrong_shape), or an
+    entry is not a finite number (camera.ragged, camera.not_a_number, camera.not_finite)."""
     result = array(value, key, camera)
     if result.ndim != 2 or result.shape[0] not in rows or result.shape[1] != columns:
         raise wrong_shape(key, camera, result.shape, tuple((n, columns) for n in rows))
@@ -234,11 +223,9 @@ def fisheye(camera: str) -> StudioError:
 
 
 def camera_names(paths: Sequence[str]) -> list[str]:
-    """Short camera names from image paths: file names without extension if they are unique, else folder names.
-
-    `images/cam00.png` gives `cam00`; `cam00/000000.png`, `cam01/000000.png` give `cam00`, `cam01`. If neither is
-    unique, the path without extension is used (equal paths stay equal, and `Rig` rejects them).
-    """
+    """Short camera names from image paths: file names without extension if they are unique (`images/cam00.png`:
+    `cam00`), else folder names (`cam00/000000.png`, `cam01/000000.png`: `cam00`, `cam01`), else the path without
+    extension (equal paths stay equal, and `Rig` rejects them)."""
     parts = [PurePosixPath(without_extension(path)) for path in paths]
     whole = [str(part) for part in parts]
     stems = [part.name for part in parts]

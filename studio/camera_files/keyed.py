@@ -165,12 +165,8 @@ def is_camera(values: object) -> bool:
 
 
 def keyed_rig(path: Path, entries: Sequence[tuple[str, Mapping[str, Any]]], form: KeyedForm = KeyedForm()) -> Rig:
-    """A rig from the named values of its cameras. Cameras that have intrinsics but no pose are in its `left_out`.
-
-    Args:
-        path: the file, for errors and for footage next to it.
-        entries: name and values of each camera.
-    """
+    """A rig from (name, values) of its cameras; `path` is for errors and for footage next to it. Cameras that have
+    intrinsics but no pose are in its `left_out`."""
     with naming(path):
         found = Found()
         names = [name for name, _ in entries]

@@ -11,14 +11,11 @@ _TOLERANCE = 0.25
 
 
 def fit_rational(radial: Callable[[np.ndarray], np.ndarray], reach: float, focal: float, camera: str) -> np.ndarray:
-    """Coefficients of OpenCV's rational model fitted to another radial model.
+    """(8,) coefficients of OpenCV's rational model, k1 k2 p1 p2 k3 k4 k5 k6 with p1 = p2 = 0, fitted to another radial
+    model.
 
-    Args:
-        radial: maps undistorted radii r (N,) in normalized coordinates to the factors that multiply them.
-        focal: focal length in pixels, for the tolerance.
-
-    Returns:
-        (8,): k1 k2 p1 p2 k3 k4 k5 k6 with p1 = p2 = 0.
+    `radial` maps undistorted radii r (N,) in normalized coordinates to the factors that multiply them; `focal` is the
+    focal length in pixels, for the tolerance.
     """
     from scipy.optimize import least_squares
 
@@ -45,14 +42,9 @@ def fit_rational(radial: Callable[[np.ndarray], np.ndarray], reach: float, focal
 
 
 def reach_of(points: Callable[[np.ndarray], np.ndarray], focal: float, offset: np.ndarray, size: np.ndarray) -> float:
-    """Largest undistorted radius in an image, in normalized coordinates.
-
-    Args:
-        points: maps undistorted radii r (N,) to the factors that multiply them.
-        focal: focal length in pixels.
-        offset: (2,) principal point in pixels, relative to the upper left corner.
-        size: (2,) width and height in pixels.
-    """
+    """Largest undistorted radius in an image, in normalized coordinates; `points` maps undistorted radii r (N,) to the
+    factors that multiply them. Focal length, (2,) principal point from the upper left corner, and (2,) size are in
+    pixels."""
     corners = np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) * size - offset
     far = float(np.linalg.norm(corners, axis=1).max()) / focal
     r = np.linspace(0, 3 * far, 3000)

@@ -13,13 +13,9 @@ _VIDEOS = (".mp4", ".mov", ".mkv", ".avi", ".webm", ".m4v")
 
 
 def size_nearby(folder: Path, name: str, camera: str) -> tuple[int, int]:
-    """Width and height in pixels of a camera's footage.
-
-    Args:
-        folder: the folder of the camera file.
-        name: name of an image, a video (extension optional) or a folder of images, in the folder itself or in
-            images/, videos/ and similar subfolders.
-    """
+    """Width and height in pixels of a camera's footage near `folder`, that of the camera file. `name` is of an image, a
+    video (extension optional) or a folder of images, in the folder itself or in images/, videos/ and similar
+    subfolders."""
     for part in _FOLDERS:
         base = folder / part / name
         files = [base] if base.suffix.lower() in _IMAGES + _VIDEOS else []

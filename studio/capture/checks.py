@@ -98,18 +98,15 @@ def check_footage(
     frames: tuple[int, ...] | None = None,
     drift: ColorDrift | None = None,
 ) -> list[Message]:
-    """Decode all frames and masks, several cameras in parallel, and report problems.
+    """Decode all frames (or those of the given numbers) and masks, several cameras in parallel, and report problems.
 
     Args:
-        footage: the capture to check.
         progress: called with the number of images decoded and their total; may raise `Cancelled`.
-        frames: frame numbers to check; None checks all.
         drift: sees the frames of cameras with masks, for its own messages.
 
     Returns:
         `Footage.problems`, then for each camera up to three errors (with the codes of `Footage.image` and
         `Footage.mask`) and at most one `mask.empty` and one `mask.full` with the fields `camera` and `frames`.
-        Empty if no problems are found.
     """
     frames = footage.frames if frames is None else frames
     total = len(frames) * len(footage.camera_names)

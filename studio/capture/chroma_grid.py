@@ -14,19 +14,12 @@ _LEVELS = 4
 
 
 def chroma_grid(frame: Any, to_rgb: Callable[[Any], np.ndarray], color_matrix: str) -> ChromaSampling | None:
-    """The chroma grid of a decoded frame.
+    """The chroma grid of a decoded `av.VideoFrame`, which is overwritten.
 
     FFmpeg places samples by the stream's tag, or by the codec's default, and PyAV tells neither. So a frame whose
-    chroma is a ramp is converted, and the place where the ramp crosses gray tells where its samples are.
-
-    Args:
-        frame: `av.VideoFrame` from a decoder; it is overwritten.
-        to_rgb: converts it to (H, W, 3 or more) RGB uint8.
-        color_matrix: see `VideoReader`.
-
-    Returns:
-        None for frames without subsampled chroma, frames whose chroma planes are interleaved (NV12), and frames with
-        fewer than 8 chroma samples per row or column.
+    chroma is a ramp is converted by `to_rgb`, to (H, W, 3 or more) RGB uint8, and the place where the ramp crosses gray
+    tells where its samples are. None for frames without subsampled chroma, frames whose chroma planes are interleaved
+    (NV12), and frames with fewer than 8 chroma samples per row or column.
     """
     chroma = [index for index, part in enumerate(frame.format.components) if part.is_chroma]
     if len(chroma) != 2 or len(frame.planes) < 3:

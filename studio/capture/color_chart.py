@@ -71,15 +71,9 @@ class ChartFit:
 
 
 def find_chart(image: np.ndarray) -> ChartColors:
-    """Find a ColorChecker Classic (24 patches) and measure its colors. It may be upside down.
-
-    Args:
-        image: (H, W, 3) uint8 RGB.
-
-    Raises:
-        StudioError: `color_chart.not_found`; `color_chart.camera_clipped`: too much of it is clipped; or
-            `color_chart.wrong`: there are 24 patches, but not with its colors in its order, as on other charts.
-    """
+    """Find a ColorChecker Classic (24 patches), maybe upside down, in an (H, W, 3) uint8 RGB image and measure its
+    colors. StudioError: `color_chart.not_found`; `color_chart.camera_clipped`: too much of it is clipped; or
+    `color_chart.wrong`: there are 24 patches, but not with its colors in its order, as on other charts."""
     if min(image.shape[:2]) < 4 * _SMALLEST or max(image.shape[:2]) < 6 * _SMALLEST:
         raise _not_found()  # the detector takes minutes for images of few rows or columns
     shrink = min(1.0, _LONGEST / max(image.shape[:2]))
@@ -151,12 +145,10 @@ def _misfit(seen: ChartColors) -> float:
 def fit_chart_colors(
     footage: Footage, frame: int, cameras: Sequence[str], progress: ProgressFn = no_progress
 ) -> ChartFit:
-    """Find the chart in the images of a frame and fit a matrix for each camera that sees it.
+    """Find the chart in the images of a frame and fit a matrix for each camera that sees it; the mean is taken over
+    these.
 
-    Args:
-        footage: the capture; images are read as filmed, in the sRGB values that training compares.
-        frame: frame number in the footage; it need not be one of `footage.frames`.
-        cameras: names; the mean is taken over those that see the chart.
+    Images are read as filmed, in the sRGB values that training compares. `frame` need not be one of `footage.frames`.
     """
     if not any(frame in footage.frames_of(name) for name in cameras):
         first, last = (end(pick(footage.frames_of(name)) for name in cameras) for end, pick in ((min, min), (max, max)))

@@ -26,15 +26,8 @@ def is_deep(path: Path, transfer: TransferFunction = "auto") -> bool:
 
 
 def read_deep_image(path: Path, transfer: TransferFunction = "auto") -> np.ndarray:
-    """Decode an image to 8 bits of sRGB.
-
-    Args:
-        path: an EXR (RGB or gray, half or float), DPX (8 to 16 bits), TIFF or PNG file.
-        transfer: what its values are; auto: EXR files are linear, others sRGB.
-
-    Returns:
-        (H, W, 3) RGB or (H, W, 4) RGBA with straight alpha, uint8.
-    """
+    """Decode an EXR (RGB or gray, half or float), DPX (8 to 16 bits), TIFF or PNG file to (H, W, 3) RGB or (H, W, 4)
+    RGBA with straight alpha, uint8 sRGB; `transfer` auto: EXR files are linear, others sRGB."""
     suffix = path.suffix.lower()
     data = _data(path)
     values = _decoded(path, data, _CODECS[suffix]) if suffix in _CODECS else _by_opencv(path, data, transfer)

@@ -54,11 +54,8 @@ _PARTS = ", whose files are parts of one recording"
 
 
 def detect_images(root: Path) -> tuple[str, list[Match]]:
-    """Find the footage below `root`: in a usual layout, where transforms.json says, or in the only folder with videos
-    or with images.
-
-    Returns:
-        A pattern and the files that match it.
+    """The pattern of the footage below `root` and the files that match it: in a usual layout, where transforms.json
+    says, or in the only folder with videos or with images.
 
     Raises:
         StudioError: `footage.not_found`, `footage.ambiguous_layout` if several folders contain videos, or
@@ -391,15 +388,9 @@ def detect_beside(root: Path, folders: re.Pattern[str], cameras: Sequence[str]) 
 
 
 def all_beside(root: Path, folders: re.Pattern[str], cameras: Sequence[str]) -> Iterator[tuple[str, list[Match]]]:
-    """Find masks or clean plates of the cameras.
-
-    Args:
-        folders: `MASK_FOLDERS` or `PLATE_FOLDERS`: names of folders to look for, below `root`, the folders of the
-            frames or those of the cameras. Masks may also be beside the images.
-
-    Yields:
-        Patterns, each with the files of `cameras` that match it, the most likely first; some may match the same files.
-    """
+    """Patterns of masks or clean plates, each with the files of `cameras` that match it, the most likely first; some
+    may match the same files. `folders`, `MASK_FOLDERS` or `PLATE_FOLDERS`, are looked for below `root`, the folders of
+    the frames or those of the cameras. Masks may also be beside the images."""
     wanted = set(cameras)
     listing = cache(lambda: list(walk(root, _DEPTH)))
     named, own = _masks_named_in(root / "transforms.json") if folders is MASK_FOLDERS else ([], set())

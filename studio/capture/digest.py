@@ -15,12 +15,9 @@ def digest_files(root: Path, paths: Iterable[Path], names: Mapping[Path, str] | 
     """SHA-256 (64 hexadecimal digits) of files by name, size and contents.
 
     If the total size of the files exceeds `HASH_WHOLE_BELOW`, modification times are used instead of contents. Below
-    that, a copy of a capture has the same digest. Of objects in a store, the version that the store tells (its ETag)
-    is used: they are not read.
-
-    Args:
-        root: folder to which file names are relative, for files below it.
-        names: names of files that are neither below it nor always at the same path.
+    that, a copy of a capture has the same digest. Of objects in a store, the version that the store tells (its ETag) is
+    used: they are not read. File names are relative to `root`; `names` has those of files that are neither below it nor
+    always at the same path.
     """
     digest = hashlib.sha256()
     other_names = names or {}

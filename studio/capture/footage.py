@@ -111,10 +111,7 @@ class Footage:
     @property
     def rig(self) -> Rig:
         """Pinhole cameras of the images returned by `image` (undistorted, scaled), in the order of `camera_names`.
-
-        Raises:
-            StudioError: `footage.not_calibrated`: the footage was opened without a rig.
-        """
+        StudioError (`footage.not_calibrated`) if the footage was opened without a rig."""
         if self._rig is None:
             raise StudioError(
                 "footage.not_calibrated",
@@ -165,11 +162,8 @@ class Footage:
         return files[0] if files else None
 
     def raw_image(self, camera: str, frame: int) -> np.ndarray:
-        """(H, W, 3) uint8 RGB as stored: distorted, full size. For calibration.
-
-        Raises:
-            StudioError: `footage.unknown_camera`, `footage.no_such_frame`, or the file cannot be read.
-        """
+        """(H, W, 3) uint8 RGB as stored: distorted, full size. For calibration. StudioError: `footage.unknown_camera`,
+        `footage.no_such_frame`, or the file cannot be read."""
         return np.array(self._raw(camera, frame)[:, :, :3])
 
     def raw_mask(self, camera: str, frame: int) -> np.ndarray:
@@ -177,21 +171,13 @@ class Footage:
         return self._raw_mask(camera, frame).copy()
 
     def image(self, camera: str, frame: int) -> np.ndarray:
-        """(H, W, 3) uint8 RGB, undistorted, scaled, and despilled if the mask source does that (see `Recolors`).
-
-        The caller may modify the array.
-
-        Raises:
-            StudioError: `footage.unknown_camera`, `footage.no_such_frame`, or the file cannot be read.
-        """
+        """(H, W, 3) uint8 RGB, undistorted, scaled, and despilled if the mask source does that (see `Recolors`). The
+        caller may modify the array. StudioError as `raw_image`."""
         return self._image(camera, frame).copy()
 
     def mask(self, camera: str, frame: int) -> np.ndarray:
-        """(H, W) uint8, 255 = foreground, undistorted and scaled like the image.
-
-        Raises:
-            StudioError: as `image`, or the mask source fails (code `mask.*`).
-        """
+        """(H, W) uint8, 255 = foreground, undistorted and scaled like the image. StudioError as `image`, or if the mask
+        source fails (code `mask.*`)."""
         return self._mask(camera, frame, self.mask_source, "mask").copy()
 
     def evaluation_mask(self, camera: str, frame: int) -> np.ndarray:
@@ -203,21 +189,13 @@ class Footage:
         return self._mask(camera, frame, exact, "exact").copy()
 
     def view(self, camera: str, frame: int) -> FootageView:
-        """Camera, image and mask together; the frame is decoded only once.
-
-        Raises:
-            StudioError: as `image`, `mask` and `rig`.
-        """
+        """Camera, image and mask together, decoding the frame only once; StudioError as `image`, `mask` and `rig`."""
         image, mask = self.image(camera, frame), self.mask(camera, frame)
         return FootageView(self.rig[camera], image, mask, frame, self.plate(camera))
 
     def full_size_view(self, camera: str, frame: int) -> FootageView:
         """As `view`, at the size of the footage, whatever `spec.scale` is. Its images are not cached; a `view` of the
-        same camera and frame that follows needs no more decoding.
-
-        Raises:
-            StudioError: as `view`.
-        """
+        same camera and frame that follows needs no more decoding."""
         scaled = self._warp(camera).source
         warp = Warp(scaled, scaled.width, scaled.height, 1.0)
         maps = self._maps(camera, warp)
@@ -249,20 +227,12 @@ class Footage:
 
     def chroma(self, camera: str, full_size: bool = False) -> ChromaSampling | None:
         """Chroma grid of a camera's images, or of those of `full_size_view`; None without subsampling, for image files,
-        and for images that are undistorted or scaled, as these have no such grid.
-
-        Raises:
-            StudioError: `footage.unknown_camera`.
-        """
+        and for images that are undistorted or scaled, as these have no such grid."""
         source, warp = self._source(camera), self._warp(camera)
         return source.chroma if warp.is_identity or (full_size and warp.source.is_pinhole) else None
 
     def digest(self, names: Mapping[Path, str] | None = None) -> str:
-        """Hexadecimal digest of `files()`: names, sizes and contents.
-
-        Args:
-            names: see `digest_files`.
-        """
+        """Hexadecimal digest of `files()`: names (see `digest_files`), sizes and contents."""
         key = tuple(sorted((names or {}).items()))
         if key not in self._digests:
             self._digests[key] = digest_files(self.spec.root, self.files(), names)

@@ -16,13 +16,8 @@ _MOST = 2.0  # frames at a constant rate per frame of the file
 
 @dataclass(frozen=True)
 class FrameClock:
-    """Frames at a constant rate.
-
-    Attributes:
-        interval: time between two frames, in the unit of the times.
-        shown: for each frame the index of the file's frame to show; None if there would be more than twice as many:
-            the rate is not nearly constant.
-    """
+    """Frames at a constant `interval`, in the unit of the times. `shown`: for each frame the index of the file's frame
+    to show; None if there would be more than twice as many: the rate is not nearly constant."""
 
     interval: float
     shown: list[int] | None

@@ -39,11 +39,7 @@ class FrameSource(Protocol):
     note: str
 
     def read(self, frame: int) -> np.ndarray:
-        """(H, W, 3) RGB or (H, W, 4) RGBA uint8.
-
-        Raises:
-            StudioError: there is no such frame, or its file cannot be read.
-        """
+        """(H, W, 3) RGB or (H, W, 4) RGBA uint8; StudioError if there is no such frame, or its file cannot be read."""
 
     def files(self, frames: Iterable[int] | None = None) -> list[Path]:
         """The files that contain the given frames (None: all)."""

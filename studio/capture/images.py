@@ -50,20 +50,12 @@ def is_turned(path: Path) -> bool:
 
 
 def read_image(path: Path, transfer: TransferFunction = "auto") -> np.ndarray:
-    """Decode an image.
+    """Decode an image to (H, W, 3) RGB or (H, W, 4) RGBA with straight alpha, uint8; `transfer`: see
+    `CaptureSettings.transfer`.
 
-    Pixels are returned as stored: an EXIF orientation is not applied, because calibrations (COLMAP's included) refer
-    to stored pixels.
-
-    Args:
-        transfer: what its values are, see `CaptureSettings.transfer`.
-
-    Returns:
-        (H, W, 3) RGB or (H, W, 4) RGBA with straight alpha, uint8. Gray images have three equal channels; 16-bit PNG
-        and TIFF images are rounded to 8 bits.
-
-    Raises:
-        StudioError: `footage.image_missing`, or `footage.image_unreadable` if it is truncated or not an image.
+    Pixels are returned as stored: an EXIF orientation is not applied, because calibrations (COLMAP's included) refer to
+    stored pixels. Gray images have three equal channels; 16-bit PNG and TIFF images are rounded to 8 bits. StudioError:
+    `footage.image_missing`, or `footage.image_unreadable` if it is truncated or not an image.
     """
     if is_deep(path, transfer) or not _pillow_reads(path):
         found = read_deep_image(path, transfer)
@@ -87,12 +79,9 @@ def read_image(path: Path, transfer: TransferFunction = "auto") -> np.ndarray:
 
 
 def read_values(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
-    """The numbers that an image file stores, for masks: no conversion of colors, bits or transfer functions.
-
-    Returns:
-        (H, W), or (H, W, 3 or 4) RGB or RGBA, of the type in the file, 1 bit as 0 and 255; and the palette, (256, 3)
-        uint8, if the values are its indices.
-    """
+    """The numbers that an image file stores, for masks: no conversion of colors, bits or transfer functions. (H, W), or
+    (H, W, 3 or 4) RGB or RGBA, of the type in the file, 1 bit as 0 and 255; and the palette, (256, 3) uint8, if the
+    values are its indices."""
     if is_deep(path) or not _pillow_reads(path):
         return read_deep_values(path), None
     with _open(path) as image:

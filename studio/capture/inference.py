@@ -49,12 +49,8 @@ class _Form:
 
 
 def infer_layouts(paths: Sequence[str], cameras: Collection[str] = ()) -> list[Layout]:
-    """The likely layouts of files, the best one first.
-
-    Args:
-        paths: relative, with '/', of files of one kind and the same number of folders.
-        cameras: names of cameras that are known; a layout must have some of them. Empty: any.
-    """
+    """The likely layouts, the best one first, of files of one kind and the same number of folders, as relative paths
+    with '/'. A layout must have some of the known `cameras`, if there are any."""
     split = [(*path.split("/")[:-1], PurePosixPath(path).stem) for path in paths]
     extensions = {PurePosixPath(path).suffix for path in paths}
     extension = extensions.pop() if len(extensions) == 1 else ".*"

@@ -17,22 +17,13 @@ _LEAST_CAMERAS = 2
 
 
 def rig_of_footage(rig: Rig, spec: CaptureSettings, names: Sequence[str], without_masks: Sequence[str] = ()) -> Rig:
-    """The cameras that the footage and a camera file share, matched as in `match_rig`.
+    """The cameras that the footage (`names`) and a camera file share, matched as in `match_rig`, with their names in
+    the footage; `left_out` are those of the footage that are not used, `notes` also say which of either are not.
 
-    Footage of cameras that the file does not have, or has without a pose, is not used. The former is refused if the
-    file has other cameras that the footage lacks, since names may then differ or count from another number; if fewer
-    than two cameras would remain; and if `spec.cameras` asks for these cameras.
-
-    Args:
-        names: the cameras of the footage that are used.
-        without_masks: those that are not, since they have no masks. The file need not have them.
-
-    Returns:
-        the cameras with their names in the footage; `left_out` are those of the footage that are not used; `notes` also
-        say which cameras of either are not used.
-
-    Raises:
-        StudioError: `calibration.camera_missing`.
+    Footage of cameras that the file does not have, or has without a pose, is not used. The former is refused
+    (StudioError `calibration.camera_missing`) if the file has other cameras that the footage lacks, since names may
+    then differ or count from another number; if fewer than two cameras would remain; and if `spec.cameras` asks for
+    these cameras. The file need not have those `without_masks`.
     """
     matched = _matched(rig, (*names, *without_masks))
     posed = [name for name in names if matched.get(name) in rig]
@@ -60,17 +51,10 @@ def rig_of_footage(rig: Rig, spec: CaptureSettings, names: Sequence[str], withou
 
 
 def match_rig(rig: Rig, names: Sequence[str]) -> dict[str, Camera]:
-    """Match the cameras of a rig with those of the footage, by name, else by name without folder and extension, else by
-    the number in the name if that is unambiguous and both have the same numbers.
-
-    Returns:
-        name in the footage to the camera of the rig, renamed to the name in the footage; without those that the rig's
-        file leaves out (`Rig.left_out`).
-
-    Raises:
-        StudioError: `calibration.camera_missing`: a camera of the footage is not in the rig. Other cameras of the rig
-            are left out.
-    """
+    """Cameras of a rig, renamed, by the names in the footage: matched by name, else by name without folder and
+    extension, else by the number in the name if that is unambiguous and both have the same numbers; without those in
+    `Rig.left_out`, and without those that the footage does not have. StudioError `calibration.camera_missing`: a camera
+    of the footage is not in the rig."""
     matched = _matched(rig, names)
     without = [name for name in names if name not in matched]
     if without:
@@ -125,10 +109,8 @@ def _stem(name: str) -> str:
 
 def _by_number(cameras: Mapping[str, str], names: Sequence[str]) -> dict[str, str]:
     """Names of cameras by the name in the footage that has the same numbers, as in `00000007` and `cam_7` or `hd_00_03`
-    and `00_03`; empty unless this is unambiguous and holds for all of the footage.
-
-    Of names with a single number, the rig must have no other: it may count from 0 and the footage from 1.
-    """
+    and `00_03`; empty unless this is unambiguous and holds for all of the footage. Of names with a single number, the
+    rig must have no other: it may count from 0 and the footage from 1."""
     mine, others = ({_numbers(name): name for name in group} for group in (names, cameras))
     ambiguous = len(mine) != len(names) or len(others) != len(cameras) or () in mine
     if ambiguous or not set(mine) <= set(others):

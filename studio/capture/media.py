@@ -47,14 +47,9 @@ def open_media(path: Path | str) -> InputContainer:
 
 @contextmanager
 def open_packets(path: Path | str) -> Iterator[InputContainer]:
-    """Open a file to list its packets: their times, sizes and flags, not their content.
-
-    Of an MP4 in object storage, only the header is read, which has all of these; the content of packets that are not on
-    this machine is zeros.
-
-    Raises:
-        av.FFmpegError, OSError, ValueError: as `open_media`.
-    """
+    """Open a file to list its packets: their times, sizes and flags, not their content; raises as `open_media`. Of an
+    MP4 in object storage, only the header is read, which has all of these; the content of packets that are not on this
+    machine is zeros."""
     stored = cached_object(Path(path))
     # FFmpeg's parser would take keyframes from the content instead of the header
     with open_media(path) if stored is None else _open_stored(stored, fflags="+noparse") as container:
@@ -71,12 +66,10 @@ def _open_stored(stored: CachedObject, **options: str) -> InputContainer:
 
 def video_stream(container: InputContainer) -> VideoStream | None:
     """The stream with the footage: not cover art or thumbnails, and the largest of several, as others are previews.
+    None if there is no video whose codec FFmpeg knows.
 
     A stream other than the first that is the only one marked as default precedes. Programs mark the first one without
     being asked to, so that this mark says nothing.
-
-    Returns:
-        None if there is no video whose codec FFmpeg knows.
     """
     from av.stream import Disposition
 

@@ -25,12 +25,8 @@ def motion(images: tuple[np.ndarray, np.ndarray], masks: tuple[np.ndarray, np.nd
     """Root mean square of the displacement of the performer's pixels, from optical flow, plus the share of them that
     appeared or vanished. The unit is the performer's size: the square root of their area.
 
-    Args:
-        images: (H, W, 3) uint8 RGB, of two consecutive frames.
-        masks: (H, W) uint8, 255 = performer.
-
-    Returns:
-        0 if nothing moves, 1 if the performer is visible in one frame only, None if in neither.
+    Takes (H, W, 3) uint8 RGB images and (H, W) uint8 masks (255 = performer) of two consecutive frames. 0 if nothing
+    moves, 1 if the performer is visible in one frame only, None if in neither.
     """
     inside = [(mask > 127).astype(np.uint8) for mask in masks]
     visible = [int(mask.sum()) >= _MIN_PIXELS for mask in inside]

@@ -215,14 +215,8 @@ def _instead(root: Path) -> str:
 
 
 def refuse_unknown_cameras(names: Sequence[str], known: Sequence[str], setting: str) -> None:
-    """Check that a setting names existing cameras.
-
-    Args:
-        setting: full name of the setting, such as "capture.held_out".
-
-    Raises:
-        StudioError: `footage.unknown_camera`, with the fields `setting`, `known` and `suggestion` (may be None).
-    """
+    """Check that a setting, such as "capture.held_out", names existing cameras; StudioError `footage.unknown_camera`,
+    with the fields `setting`, `known` and `suggestion` (may be None)."""
     for name in names:
         if name not in known:
             near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
@@ -410,22 +404,12 @@ def _raw_cameras(
 
 def find_cameras(spec: CaptureSettings) -> tuple[str, ...]:
     """Names of all cameras of the footage in order, also of those that `spec.cameras` leaves out. Reads no images.
-
-    Raises:
-        StudioError: there is no footage, or its store cannot be listed.
-    """
+    StudioError if there is no footage, or its store cannot be listed."""
     return tuple(dict.fromkeys(match.camera for match in _find_images(on_this_machine(spec))[1]))
 
 
 def held_out_cameras(spec: CaptureSettings, names: tuple[str, ...]) -> tuple[str, ...]:
-    """The cameras that are held out, in order.
-
-    Args:
-        names: all cameras that are used, in order.
-
-    Raises:
-        StudioError: a camera is unknown, or all of them would be held out.
-    """
+    """The cameras that are held out, in order, of all that are used; StudioError if one is unknown, or all are."""
     wanted: set[str] = set()
     for entry in spec.held_out:
         every = EVERY.fullmatch(entry)

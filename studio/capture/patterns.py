@@ -99,14 +99,10 @@ def find_files(
 ) -> list[Match]:
     """All files below `root` that match `pattern`, sorted by camera and frame.
 
-    Args:
-        extensions: of the files to find, in lower case; by default images and videos.
-        listing: returns the paths below `root`, at least as deep as the pattern, when several patterns are tried on
-            the same folder; used if the pattern begins with a placeholder.
-
-    Raises:
-        StudioError: `footage.bad_pattern`: no `{camera}`, or an unknown placeholder; `footage.duplicate_file`: two
-            files match the same camera and frame; `footage.folder_unreadable`.
+    Extensions are in lower case. `listing` returns the paths below `root`, at least as deep as the pattern, when
+    several patterns are tried on the same folder; used if the pattern begins with a placeholder. StudioError:
+    `footage.bad_pattern`: no `{camera}`, or an unknown placeholder; `footage.duplicate_file`: two files match the same
+    camera and frame; `footage.folder_unreadable`.
     """
     if "{camera}" not in pattern:
         raise StudioError(

@@ -14,13 +14,8 @@ from studio.errors import StudioError
 
 @dataclass(frozen=True)
 class CaptureSound:
-    """The sound of a capture's footage.
-
-    Attributes:
-        start: seconds from the footage's first frame to the file's time 0.
-        first: number of the footage's first frame.
-        fps: frames per second of the footage.
-    """
+    """The sound of a capture's footage: seconds from the first frame to the file's time 0, that frame's number, and
+    fps."""
 
     file: SoundFile
     start: float

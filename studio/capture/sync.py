@@ -79,15 +79,11 @@ class SyncReport:
 
 
 def offsets_of(signals: Mapping[str, np.ndarray], most: int) -> tuple[dict[str, float], dict[str, float]]:
-    """Lag of each signal, from the correlations of all pairs.
+    """Lag of each signal in samples (the median is 0; NaN if no correlation reaches 0.35), and its highest correlation,
+    0..1, by name, from the correlations of all pairs.
 
-    Args:
-        signals: name to (N,) samples, all at the same rate; synchronized signals start at the same time.
-        most: largest lag to search, in samples.
-
-    Returns:
-        name to lag in samples (the median is 0; NaN if no correlation reaches 0.35), and name to highest correlation,
-        0..1.
+    Signals, (N,), are at the same rate and start at the same time if synchronized; `most` is the largest lag to search,
+    in samples.
     """
     names = list(signals)
     pairs = []

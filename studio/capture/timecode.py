@@ -39,16 +39,9 @@ class Timecode:
 
 
 def parse_timecode(text: str, rate: Fraction, file: Path | None = None) -> Timecode:
-    """The frame that a label names.
-
-    Drop-frame labels leave out the first two of each minute (four at 59.94 fps), except in each tenth.
-
-    Args:
-        text: `HH:MM:SS:FF`, or `HH:MM:SS;FF` for drop-frame.
-
-    Raises:
-        StudioError: `sync.timecode_invalid`: there is no such label at this rate.
-    """
+    """The frame that a label `HH:MM:SS:FF`, or `HH:MM:SS;FF` for drop-frame, names; StudioError
+    (`sync.timecode_invalid`) if there is no such label at this rate. Drop-frame labels leave out the first two of each
+    minute (four at 59.94 fps), except in each tenth."""
     found = _LABEL.fullmatch(text.strip())
     fps = round(rate)
     if found is None or fps < 1:
@@ -78,13 +71,9 @@ def _invalid(text: str, rate: Fraction, file: Path | None) -> StudioError:
 
 
 def read_timecode(file: Path) -> Timecode | None:
-    """The start timecode of a video: that of the video's stream (with MOV and MP4, its tmcd track), else of the
-    file; None if it has none.
-
-    Raises:
-        StudioError: `footage.video_unreadable`, `sync.timecode_invalid`; or `sync.timecode_rate`: the track counts
-            at another rate than the video's, as cameras do that count to 25 while they film 50 frames.
-    """
+    """The start timecode of a video: that of the video's stream (with MOV and MP4, its tmcd track), else of the file;
+    None if it has none. StudioError: `footage.video_unreadable`, `sync.timecode_invalid`; or `sync.timecode_rate`: the
+    track counts at another rate than the video's, as cameras do that count to 25 while they film 50 frames."""
     import av
 
     try:
@@ -125,14 +114,9 @@ def _tag(metadata: Mapping[str, str]) -> str | None:
 
 
 def timecode_offsets(timecodes: Mapping[str, Timecode]) -> dict[str, int]:
-    """Offsets in frames, as `CaptureSettings.offsets`: a camera that started earlier has a larger one.
-
-    That of the camera in the middle is 0. Midnight may lie between the starts: the longest stretch of the day without a
-    start is taken to be the time when nothing was filmed.
-
-    Args:
-        timecodes: camera to the start of its video; at least one.
-    """
+    """Offsets in frames by camera, as `CaptureSettings.offsets`, from the starts of their videos: a camera that started
+    earlier has a larger one. That of the camera in the middle is 0. Midnight may lie between the starts: the longest
+    stretch of the day without a start is taken to be the time when nothing was filmed."""
     names = sorted(timecodes, key=lambda name: timecodes[name].rate)
     slowest, fastest = timecodes[names[0]], timecodes[names[-1]]
     if fastest.rate > slowest.rate * Fraction(100_02, 100_00):  # 29.97 and 30 differ by 0.1%

@@ -191,12 +191,8 @@ class VideoReader:
         self._next = 0
 
     def _without_empty(self, sizes: list[int], times: list[int]) -> None:
-        """Find packets that repeat the frame before them, as written by MPEG-4 encoders for dropped frames: decoders
-        return nothing for them, so the video would seem to be truncated.
-
-        Args:
-            sizes, times: size in bytes and time of each packet, as listed by the container.
-        """
+        """Find packets, by size in bytes and time, that repeat the frame before them, as written by MPEG-4 encoders for
+        dropped frames: decoders return nothing for them, so the video would seem to be truncated."""
         import av
 
         if min(sizes) > _EMPTY_PACKET or sorted(sizes)[len(sizes) // 2] <= 8 * _EMPTY_PACKET:

@@ -10,12 +10,8 @@ from studio.validation import camera_error
 
 @dataclass(frozen=True)
 class Fit:
-    """The calibrated image within the footage's frames.
-
-    Attributes:
-        left, top, width, height: rectangle in footage pixels.
-        note: a clause for the user if the fit was guessed, otherwise "".
-    """
+    """The calibrated image within the footage's frames: a rectangle in footage pixels; `note`: a clause for the user if
+    the fit was guessed, otherwise ""."""
 
     left: float
     top: float
@@ -39,13 +35,9 @@ def black_bars(image: np.ndarray) -> tuple[int, int, int, int]:
 
 
 def fit_size(camera: Camera, width: int, height: int, rule: str, image: np.ndarray | None) -> Fit:
-    """Fit the image size at which `camera` was calibrated to footage of another size.
-
-    If the aspect ratios are equal (within one pixel of rounding), the rule is not used.
-
-    Args:
-        image: (H, W, 3) uint8 frame of the footage in which "auto" detects black bars; may be None.
-    """
+    """Fit the image size at which `camera` was calibrated to footage of another size. If the aspect ratios are equal
+    (within one pixel of rounding), the rule is not used; "auto" detects black bars in the (H, W, 3) uint8 `image`,
+    which may be None."""
     across, down = width / camera.width, height / camera.height
     if abs(across * camera.height - height) <= 1.0 or abs(down * camera.width - width) <= 1.0 or rule == "stretch":
         return Fit(0.0, 0.0, width, height)
@@ -79,17 +71,11 @@ def fit_size(camera: Camera, width: int, height: int, rule: str, image: np.ndarr
 
 
 class Warp:
-    """Undistorts and scales the images of one camera.
+    """Undistorts and scales the images of one camera, with lens distortion, of footage of width x height pixels.
 
-    Args:
-        camera: the calibrated camera, with lens distortion.
-        width, height: size of the footage in pixels.
-        scale: size of the result relative to the footage, 0 < scale <= 1.
-        fit: see `fit_size`; None: the calibrated image fills the frame.
-
-    Attributes:
-        source: camera of the raw frames, with lens distortion, at the footage's size.
-        camera: pinhole camera of the result of `apply`.
+    `scale`: size of the result relative to the footage, 0 < scale <= 1; `fit`: see `fit_size`; None: the calibrated
+    image fills the frame. `source` is the camera of the raw frames, `camera` the pinhole camera of the result of
+    `apply`.
     """
 
     def __init__(self, camera: Camera, width: int, height: int, scale: float, fit: Fit | None = None) -> None:
@@ -120,15 +106,11 @@ class Warp:
         return first, second
 
     def apply(self, raw: np.ndarray, maps: tuple[np.ndarray, np.ndarray] | None, smooth: bool) -> np.ndarray:
-        """Undistort and scale an image or a mask.
+        """Undistort and scale (H, W, 3) or (H, W) uint8 at the footage's size to the size of `camera`; pixels outside
+        are 0.
 
-        Args:
-            raw: (H, W, 3) or (H, W) uint8 at the footage's size.
-            maps: from `maps`; None for pinhole cameras.
-            smooth: bicubic (for images) rather than bilinear (for masks, which must not overshoot).
-
-        Returns:
-            (h, w, 3) or (h, w) uint8 at the size of `camera`; pixels outside the raw image are 0.
+        `maps` are from `maps`, None for pinhole cameras; `smooth`: bicubic (for images) rather than bilinear (for
+        masks, which must not overshoot).
         """
         import cv2
 

@@ -15,12 +15,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Residual:
-    """Rendered minus footage in the box of a view, kept from one frame to the next to measure flicker.
-
-    Attributes:
-        box: rows and columns of the image.
-        values: (h, w, 3) float16, colors in 0 to 1.
-    """
+    """Rendered minus footage in the box (rows and columns) of a view, (h, w, 3) float16, colors in 0 to 1, kept from
+    one frame to the next to measure flicker."""
 
     box: tuple[slice, slice]
     values: np.ndarray
@@ -64,13 +60,8 @@ class ViewPair:
         device: str = "cpu",
         fit: bool = False,
     ) -> ViewPair:
-        """Render a view and composite the footage.
-
-        Args:
-            image: (H, W, 3) uint8 RGB.
-            mask: (H, W) uint8, 255 is the performer.
-            background: RGB, 0 to 1.
-        """
+        """Render a view and composite the (H, W, 3) uint8 RGB footage with its (H, W) uint8 mask over a background,
+        RGB, 0 to 1."""
         import torch
 
         from studio.color_fit import correct_color, fit_color
@@ -114,23 +105,18 @@ def padded_box(mask: np.ndarray, padding: int) -> tuple[slice, slice] | None:
 
 
 def flicker(before: np.ndarray, now: np.ndarray) -> float:
-    """RMS change of the residual between two consecutive frames of one camera, in levels of 0 to 255.
+    """RMS change of the residual (rendered minus footage, (H, W, 3), colors in 0 to 1) between two consecutive frames
+    of one camera, in levels of 0 to 255.
 
     An error that stays, such as blur, does not flicker; motion that is reproduced does not either. The footage's own
     noise is part of it, equally for all that is compared with the same footage.
-
-    Args:
-        before, now: (H, W, 3) residuals, rendered minus footage, colors in 0 to 1; the same size.
     """
     return float(np.sqrt(np.square((now - before).astype(np.float64)).mean()) * 255)
 
 
 def flicker_of(before: Mapping[str, Residual], now: Mapping[str, Residual]) -> float | None:
-    """Flicker between two consecutive frames where the boxes overlap, mean over cameras, in levels of 0 to 255.
-
-    Returns:
-        None if no camera has the performer in both frames.
-    """
+    """Flicker between two consecutive frames where the boxes overlap, mean over cameras, in levels of 0 to 255; None if
+    no camera has the performer in both."""
     found = []
     for camera in sorted(set(before) & set(now)):
         one, other = before[camera], now[camera]

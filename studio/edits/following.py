@@ -21,18 +21,12 @@ def follow(
     radius: float,
     weight: float,
 ) -> DetailMark:
-    """Follow the splats inside of a ball through the frames of a take.
+    """Follow the splats inside of a ball, in world units, through the frames of a take.
 
     Within a group, the ball moves by the median of what its splats move. At the border between two groups, which have
     different splats, it continues at the same speed. Where no splats are in it any more, it is not followed further.
-
-    Args:
-        means_at: (N, 3) means of a frame, counted from 0 in the take; the same splats in all frames of a group.
-        groups: frames of each group, in order and without gaps.
-        center: (3,) its middle in that frame, world units.
-
-    Returns:
-        Its path has the frame, the first and last frame of each group, and every `EVERY`th frame between.
+    The path has `frame`, the first and last frame of each group, and every `EVERY`th frame between. `means_at` gives
+    the (N, 3) means of a frame, counted from 0 in the take; groups are without gaps.
     """
     number = next((at for at, one in enumerate(groups) if frame in one), None)
     if number is None or not len(inside := _inside(means_at(frame), center, radius)):

@@ -26,12 +26,7 @@ _HALF = tuple(step for step in product((-1, 0, 1), repeat=3) if step > (0, 0, 0)
 
 @dataclass(frozen=True, eq=False)
 class Paths:
-    """Where the splats of a group are, and how opaque.
-
-    Attributes:
-        means: (F, N, 3) world units.
-        opacities: (F, N), 0 to 1.
-    """
+    """Where the splats of a group are, (F, N, 3) in world units, and how opaque, (F, N), 0 to 1."""
 
     frames: Sequence[int]
     means: np.ndarray
@@ -49,11 +44,8 @@ class Paths:
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """(N,) bool for each kind of edit: the splats that it removes.
-
-    Attributes:
-        loose: in a small cluster, of those that nothing else removes.
-    """
+    """(N,) bool for each kind of edit: the splats that it removes; `loose`: in a small cluster, if nothing else removes
+    them."""
 
     crop: np.ndarray
     ground: np.ndarray
@@ -155,11 +147,9 @@ def cluster_distance(means: np.ndarray, opacities: np.ndarray) -> float:
 
 
 def clusters(means: np.ndarray, distance: float) -> np.ndarray:
-    """(N,) number of each splat's cluster, from means (N, 3) and the spacing of a grid in world units.
-
-    Splats in the same or in touching cells of a grid are in one cluster. So splats closer than the grid's spacing
-    always are, and ones farther apart than 3.5 times that are not neighbors.
-    """
+    """(N,) number of each splat's cluster, from means (N, 3) and the spacing of a grid in world units: splats in the
+    same or in touching cells are in one cluster. So splats closer than the spacing always are, and ones farther apart
+    than 3.5 times that are not neighbors."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 

@@ -154,23 +154,15 @@ def ignore(note: str) -> None:
 
 def read_rows(path: Path, note: Note = ignore) -> Gaussians:
     """All rows of a file of one frame, or of a SOG's meta.json, on the CPU; float64 if its positions are, else float32.
-
-    Not all of them need be `usable` (see `studio.formats.checks`).
-
-    Raises:
-        StudioError: the extension is not supported, or the file is missing, damaged, does not contain splats, or
-            contains what would change their meaning and is not supported.
-    """
+    Not all need be `usable` (see `studio.formats.checks`). StudioError if the extension is not supported, or the file
+    is missing, damaged, has no splats, or has what would change their meaning and is not supported."""
     found: Gaussians = _read_format(path).module.read(path, note)
     return found
 
 
 def read_splats(path: Path | str, note: Note = ignore) -> Gaussians:
-    """As `read_rows`, as float32, and without the splats that cannot be rendered; their number is noted.
-
-    Raises:
-        StudioError: as `read_rows`, or no splat can be rendered.
-    """
+    """As `read_rows`, as float32, and without the splats that cannot be rendered; their number is noted. StudioError
+    also if no splat is left."""
     path = Path(path)
     import torch
 
@@ -204,17 +196,9 @@ def splats_size(path: Path) -> tuple[int, int]:
 
 
 def write_splats(gaussians: Gaussians, path: Path | str, **options: Any) -> None:
-    """Write a file of one frame. Not atomic: callers write to a temporary name.
-
-    Args:
-        gaussians: one frame.
-        path: file to write.
-        options: of the format; SPZ has `version`, 3 or 4.
-
-    Raises:
-        StudioError: the extension is not supported, there are no splats, or a value is not finite or outside the range
-            of the format.
-    """
+    """Write a file of one frame; `options` are of the format (SPZ: `version`, 3 or 4). Not atomic: callers write to a
+    temporary name. StudioError if the extension is not supported, there are no splats, or a value is not finite or out
+    of range."""
     path = Path(path)
     written = [suffix for suffix, one in FRAME_FILES.items() if one.written]
     _format(path, written, "written to").module.write(path, gaussians, **options)

@@ -49,13 +49,8 @@ _SAMPLED_FRAMES = 5  # frames of the video from which the subject is located
 
 @dataclass(frozen=True, eq=False)
 class Key:
-    """A camera at a point in time.
-
-    Attributes:
-        time: time in seconds.
-        frame: frame of the splat video; None: the video plays at its own rate.
-        easing: how the camera moves to the next key, one of `EASINGS`.
-    """
+    """A camera at a `time` in seconds. `frame` of the splat video: None if it plays at its own rate. `easing`, one of
+    `EASINGS`: how the camera moves to the next key."""
 
     time: float
     camera: Camera
@@ -231,12 +226,9 @@ def read_film_keys(
 ) -> list[Key]:
     """The keys of a camera in a file of a film tool: one for each of its frames, or one if it stands still.
 
-    Frames between those of the video are left out; keys before and after the video have frames outside of it.
-
-    Args:
-        name: of the camera; None: there is only one.
-        size: of the image, for formats that do not have it.
-        numbers: frame numbers of the video, ascending.
+    Frames between those of the video are left out; keys before and after the video have frames outside of it. `name` of
+    the camera: None if there is only one; `size` of the image, for formats without it; `numbers`: of the video's
+    frames, ascending.
     """
     module = importlib.import_module(f"studio.formats.{FILM_FORMATS[path.suffix.lower()]}")
     found: dict[str, dict[int, Camera]] = module.read_cameras(path, *size)
@@ -346,17 +338,13 @@ def turntable(
     elevation: float = 10.0,
     field_of_view: float = 40.0,
 ) -> Callable[[float], Camera]:
-    """A camera that circles the subject at the distance at which all of it is visible.
+    """A function from a fraction of the path (0 to 1) to a camera that circles the subject, all of which it sees.
 
     Args:
         video: provides the subject, the up direction and the side from which the path starts (that of its view).
-        width, height: size of the movie in pixels.
         turns: number of turns; negative for the opposite direction.
         elevation: angle above the subject's center in degrees, -89 to 89.
-        field_of_view: field of view along the shorter side in degrees, 1 to 150.
-
-    Returns:
-        a function from a fraction of the path (0 to 1) to the camera.
+        field_of_view: along the shorter side in degrees, 1 to 150.
     """
     if not -89 <= elevation <= 89:
         raise StudioError(

@@ -126,12 +126,10 @@ def to_arrays(path: Path, gaussians: Gaussians) -> dict[str, np.ndarray]:
 
 
 def from_arrays(arrays: Mapping[str, np.ndarray], dtype: type[np.floating[Any]] = np.float32) -> Gaussians:
-    """Gaussians from float arrays named as in `Gaussians.ATTRIBUTES`. Infinite logits become +-`LOGIT_LIMIT`.
+    """Gaussians from float arrays named as in `Gaussians.ATTRIBUTES`; float64 if positions have that many digits.
 
-    All rows are kept, so that splats correspond from frame to frame; `usable` says which of them can be rendered.
-
-    Args:
-        dtype: float64 if the file has positions of that many digits.
+    Infinite logits become +-`LOGIT_LIMIT`. All rows are kept, so that splats correspond from frame to frame; `usable`
+    says which of them can be rendered.
     """
     with np.errstate(invalid="ignore", over="ignore"):  # what does not fit is not usable
         values = {name: np.ascontiguousarray(array, dtype=dtype) for name, array in arrays.items()}
@@ -160,12 +158,8 @@ def check_some_usable(path: Path, kept: np.ndarray) -> None:
 
 
 def quats_of_three(stored: np.ndarray, largest: np.ndarray) -> np.ndarray:
-    """(N, 4) unit quaternions, in the order of the file's components.
-
-    Args:
-        stored: (N, 3), the other components in their order.
-        largest: (N,) index of the component that is not stored, 0 to 3; it is positive.
-    """
+    """(N, 4) unit quaternions in the order of the file's components, from the (N, 3) others and the (N,) index, 0 to 3,
+    of the positive one that is not stored."""
     quats = np.empty((len(stored), 4))
     for index in range(4):
         chosen = largest == index

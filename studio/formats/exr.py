@@ -145,11 +145,8 @@ def _converted(oiio: Any, rgba: np.ndarray, color_space: str) -> np.ndarray:
 
 
 def _attributes(camera: Camera, number: int, fps: float, shutter: Shutter, color_space: str) -> Attributes:
-    """The header of a file: OpenEXR's standard attributes.
-
-    Matrices multiply row vectors, as everywhere in OpenEXR. Cameras look along -z with y up. In NDC, the image is from
-    -1 to 1, with y up.
-    """
+    """The header of a file: OpenEXR's standard attributes. Matrices multiply row vectors, as everywhere in OpenEXR;
+    cameras look along -z with y up; in NDC, the image is from -1 to 1, with y up."""
     view = OPENGL_AXES @ camera.world_to_camera
     (fx, _, cx), (_, fy, cy) = camera.K[:2].tolist()
     width, height = camera.width, camera.height

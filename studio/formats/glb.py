@@ -22,11 +22,7 @@ _TYPES = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
 
 
 def write(path: Path, gaussians: Gaussians, offset: np.ndarray | None = None) -> None:
-    """Write a GLB file with one node, mesh and primitive.
-
-    Args:
-        offset: (3,) float64, translation of the node; None: none.
-    """
+    """Write a GLB file with one node, mesh and primitive; `offset`, (3,) float64: translation of the node."""
     arrays = to_arrays(path, gaussians)
     opacities = 1 / (1 + np.exp(-arrays["logit_opacities"].astype(np.float64)))
     sh = arrays["sh"]

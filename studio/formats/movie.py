@@ -169,15 +169,8 @@ class MovieSound:
 def movie_sound(
     video: SplatVideo, frame: Callable[[float], float], seconds: float, fps: float
 ) -> tuple[MovieSound | None, str]:
-    """The sound of a movie of `video`, and the reason if it is left out.
-
-    Args:
-        frame: returns the frame of the video at a movie time in seconds, as for `render_movie`.
-
-    Returns:
-        The sound and ""; None and "" for a silent video; None and why, if the movie does not show the frames at their
-        own speed.
-    """
+    """The sound of a movie of `video` and "", None and "" for a silent video, or None and the reason if it is left out
+    because the movie does not show the frames at their own speed; `frame` as for `render_movie`."""
     if video.sound is None:
         return None, ""
     times = np.arange(max(1, round(seconds * fps))) / fps

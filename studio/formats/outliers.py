@@ -23,13 +23,8 @@ _REACH = 16.0  # cells of positions are then at most 1/2048 of the bulk's radius
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """Where the splats of one frame are.
-
-    Attributes:
-        middle: (3,) median of their positions.
-        radius: distance from it within which all are but 0.1%.
-        farthest: (0.1% of N,) distances of the others.
-    """
+    """Where the splats of one frame are: (3,) median of their positions, distance within which all are but 0.1%, and
+    the (0.1% of N,) distances of the others."""
 
     middle: np.ndarray
     radius: float

@@ -65,12 +65,10 @@ class Performers:
         """(N,) the performer of each splat of the group."""
 
     def enter(self, splats: Gaussians, before: Gaussians | None, number: int, order: Sequence[float]) -> None:
-        """Go on to a group.
+        """Go on to a group from `before`, the last frame of the group labeled last, if there is one.
 
-        Args:
-            before: the frame before, of the group that was labeled last; None: there is none.
-            number: of the first frame, for messages.
-            order: (3,) a direction along which the performers are numbered, if there is no frame before.
+        `number` of the first frame is for messages; `order`, (3,): direction along which performers are numbered
+        without `before`.
         """
         found = separated(splats, self.count)
         if found is None:

@@ -50,12 +50,8 @@ class Plate:
 
 @dataclass(frozen=True)
 class Shutter:
-    """When the colors of a frame are recorded.
-
-    Attributes:
-        angle: degrees for which the shutter is open, around the time of the frame, 0 to 360; 0: an instant.
-        samples: number of instants whose mean is taken, at least 1.
-    """
+    """When the colors of a frame are recorded: degrees (0 to 360; 0: an instant) for which the shutter is open around
+    the time of the frame, and the number of instants whose mean is taken, at least 1."""
 
     angle: float = 0.0
     samples: int = 1

@@ -29,12 +29,8 @@ _DEGREES = {0: 0, 9: 1, 24: 2, 45: 3}  # by the number of f_rest properties
 
 
 def write(path: Path, gaussians: Gaussians, offset: np.ndarray | None = None) -> None:
-    """Write a 3DGS PLY file.
-
-    Args:
-        offset: (3,) float64, added to the positions, which are then written as doubles: far from zero, float32 has not
-            enough digits. None: float32, as in all other files.
-    """
+    """Write a 3DGS PLY file of float32. `offset`, (3,) float64, is added to the positions, which are then doubles: far
+    from zero, float32 has not enough digits."""
     from plyfile import PlyData, PlyElement
 
     arrays = to_arrays(path, gaussians)
@@ -74,13 +70,8 @@ def said_up(path: Path) -> tuple[float, float, float] | None:
 
 
 def read(path: Path, note: Note) -> Gaussians:
-    """Read a 3DGS PLY file or a compressed PLY file.
-
-    The filter of Mip-Splatting is merged into scales and opacities; splats with two scales (2DGS) become flat.
-
-    Args:
-        note: takes other elements and properties, which are ignored.
-    """
+    """Read a 3DGS PLY file or a compressed PLY file; `note` takes ignored elements and properties. The filter of
+    Mip-Splatting is merged into scales and opacities; splats with two scales (2DGS) become flat."""
     ply = _opened(path)
     others = [element.name for element in ply.elements if element.name not in ("vertex", "chunk", "sh")]
     if others:

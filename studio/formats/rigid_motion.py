@@ -16,16 +16,9 @@ from studio.torch_rotations import quat_multiply
 
 
 def turned(gaussians: Gaussians, rotation: np.ndarray) -> Gaussians:
-    """Splats rotated about the origin, or mirrored, including their spherical harmonics.
-
-    A camera that is rotated with them sees the same image.
-
-    Args:
-        rotation: (3, 3), orthonormal, determinant 1 or -1: new = rotation @ old.
-
-    Returns:
-        new Gaussians with the same dtype and device and with unit quaternions.
-    """
+    """Splats rotated about the origin, or mirrored, including their spherical harmonics, by an orthonormal (3, 3)
+    `rotation`: new = rotation @ old. A camera that is rotated with them sees the same image. Quaternions become
+    unit."""
     dtype, device = gaussians.means.dtype, gaussians.device
     matrix = torch.as_tensor(rotation, dtype=torch.float64)
     # splats are symmetric about their centers, so a mirrored one is one turned by minus the matrix
@@ -54,11 +47,9 @@ def moved(gaussians: Gaussians, frame: Similarity) -> Gaussians:
 
 
 def _sh_rotation(matrix: torch.Tensor, degree: int) -> torch.Tensor:
-    """(K, K) float64 matrix that maps SH coefficients of a function to those of the rotated function.
-
-    The value at d moves to R d, so Y(R d) new = Y(d) old for all d. Harmonics up to a given degree are closed under
-    rotation, so enough directions determine the matrix, and the least-squares residual is zero.
-    """
+    """(K, K) float64 matrix that maps SH coefficients of a function to those of the rotated function. The value at d
+    moves to R d, so Y(R d) new = Y(d) old for all d. Harmonics up to a given degree are closed under rotation, so
+    enough directions determine the matrix, and the least-squares residual is zero."""
     if degree == 0:
         return torch.ones(1, 1, dtype=torch.float64)
     directions = _directions()

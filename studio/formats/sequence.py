@@ -39,17 +39,9 @@ _SAME_ORDER = 0.3
 
 
 def open_sequence(place: Path, fps: float = DEFAULT_FPS, progress: ProgressFn = no_progress) -> SplatVideo:
-    """Open a folder of splat files, or one file, as a video.
-
-    A new group starts where the number or the order of the splats changes.
-
-    Args:
-        place: folder or file; see `find_frames`.
-
-    Returns:
-        the video; its notes say what was ignored, dropped or moved. Splats that cannot be rendered in a frame are
-        dropped from its whole group.
-    """
+    """Open a folder of splat files, or one file, as a video (see `find_frames`); a new group starts where the number or
+    the order of the splats changes. Splats that cannot be rendered in a frame are dropped from its whole group; the
+    video's notes say what was ignored, dropped or moved."""
     found = find_frames(place)
     paths = [path for _, path in found]
     notes = [
@@ -185,16 +177,11 @@ def _same_splats(before: np.ndarray, after: np.ndarray, generator: np.random.Gen
 
 
 def open_import(place: Path | str, fps: float | None = None, progress: ProgressFn = no_progress) -> SplatVideo:
-    """Open the VideoGS layout, a USD file, a folder of splat files of one format (see `studio.formats`), or a single
-    such file.
+    """Open the VideoGS layout, a USD file, a folder of splat files of one format (see `studio.formats`), or one such
+    file.
 
-    Args:
-        place: folder or file.
-        fps: frame rate of playback. None: that of a USD file; `DEFAULT_FPS` for the others, which store none.
-        progress: called with scanned and total files.
-
-    Raises:
-        StudioError: the input has none of these formats or more than one of them, or its files are damaged.
+    `fps` None: that of a USD file, otherwise `DEFAULT_FPS`, as the others store none. StudioError if the input has none
+    of these formats or more than one, or its files are damaged.
     """
     place = Path(place)
     if is_videogs(place):
@@ -206,14 +193,8 @@ def open_import(place: Path | str, fps: float | None = None, progress: ProgressF
 
 
 def axes_of(video: SplatVideo, format_up: Up, upright_for_viewers: bool) -> np.ndarray | None:
-    """The (3, 3) rotation to apply for a file format, or None to keep the world axes.
-
-    Args:
-        video: provides the up and front directions.
-        format_up: `Format.up`.
-        upright_for_viewers: rotate to the up convention of the format, with the side that faces the video's view to the
-            front.
-    """
+    """The (3, 3) rotation to the `up` of a format, with the side that faces the video's view to the front if it is
+    `upright_for_viewers`; None to keep the world axes."""
     if not upright_for_viewers:
         return None
     rotation = upright(video)
@@ -229,15 +210,11 @@ def export_sequence(
     progress: ProgressFn = no_progress,
     **options: Any,
 ) -> None:
-    """Write `folder/frame_0000.ply`, ..., numbered as in the video, in the world of `video.original`.
+    """Write `folder/frame_0000.ply`, ..., numbered as in the video, in the world of `video.original`; with a rotation
+    of `axes_of`, only its units count: viewers compute in float32.
 
-    With a rotation, only its units count: viewers compute in float32.
-
-    Args:
-        folder: must not exist; appears only when it is complete.
-        suffix: of a format in `FRAME_FILES` that is written.
-        rotation: (3, 3) rotation from `axes_of`; None: no rotation.
-        options: of the format; see `write_splats`.
+    The folder must not exist, and appears only when it is complete. `suffix` is of a format in `FRAME_FILES` that is
+    written; `options` are those of `write_splats`.
     """
     digits = max(4, len(str(max(video.number(index) for index in range(video.frame_count)))))
     with new_folder(folder) as temporary:

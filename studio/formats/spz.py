@@ -66,13 +66,10 @@ _LARGEST_WINDOW = 1 << 27  # of Zstandard; what level 22 needs
 
 
 def write(path: Path, gaussians: Gaussians, version: int = DEFAULT_VERSION, offset: np.ndarray | None = None) -> None:
-    """Write an SPZ file. The same splats give the same bytes.
+    """Write an SPZ file of version 4 (Zstandard), or 3 (gzip) for older viewers; the same splats give the same bytes.
 
-    Positions have at least 12 fractional bits and at least 16 bits over the extent of the splats, if that fits.
-
-    Args:
-        version: 4 (Zstandard), or 3 (gzip) for older viewers; both have the same splats.
-        offset: (3,) float64, added to the positions; None: none.
+    Positions have at least 12 fractional bits and at least 16 bits over the extent of the splats, if that fits;
+    `offset`, (3,) float64, is added to them.
     """
     if version not in WRITTEN_VERSIONS:
         raise StudioError(
@@ -170,13 +167,8 @@ def size(path: Path) -> tuple[int, int]:
 
 
 def read(path: Path, note: Note) -> Gaussians:
-    """Read an SPZ file of version 2, 3 or 4.
-
-    Splats that are stored in other axes than right, up, back are turned to these, and mirrored if need be.
-
-    Args:
-        note: takes other extensions, which are skipped, and other axes.
-    """
+    """Read an SPZ file of version 2, 3 or 4; `note` takes other extensions, which are skipped, and other axes than
+    right, up, back: splats are turned to these, and mirrored if need be."""
     head, attributes, records = read_container(path)
     axes = _AXES[_axes(path, records, note)]
     if head.flags & _ANTIALIASED:
@@ -232,11 +224,8 @@ class Head:
 
 def read_container(path: Path) -> tuple[Head, list[bytes], bytes]:
     """The header, the six attributes in the order of `Head.sizes`, of exactly these sizes, and the extension records.
-
-    Raises:
-        StudioError: missing or damaged file, not an SPZ file, a header out of range, an unsupported version,
-            or more data than a file of this size can hold.
-    """
+    StudioError if the file is missing, damaged, not SPZ, out of range, of an unsupported version, or has more data than
+    its size can hold."""
     data = read_bytes(path)
     head, inflater = _opened(path, data)
     size = sum(head.sizes)

@@ -63,14 +63,11 @@ def export_videogs(
     qp: int = 22,
     progress: ProgressFn = no_progress,
 ) -> None:
-    """Write the layout described in the module docstring.
+    """Write the layout described in the module docstring. The folder must not exist, and appears only when it is
+    complete.
 
-    QPs follow the paper: high bytes of positions are lossless, and the QP of color, scale and rotation is at most 22.
-    Opacities are quantized by the step of the QP and then lossless.
-
-    Args:
-        folder: must not exist; appears only when it is complete.
-        qp: quantization parameter, 0 (lossless) to 51.
+    QPs (`qp`: 0, lossless, to 51) follow the paper: high bytes of positions are lossless, and the QP of color, scale
+    and rotation is at most 22. Opacities are quantized by the step of the QP and then lossless.
     """
     if not 0 <= qp <= 51:
         raise StudioError("export.invalid_qp", f"QP is {qp}; it must be 0 to 51", value=qp)
@@ -204,12 +201,9 @@ class _Frame:
 
 
 def open_videogs(folder: Path, fps: float = DEFAULT_FPS) -> SplatVideo:
-    """Open a folder in this layout as a video. Frames are decoded when read; sequential reading is fastest.
-
-    Raises:
-        StudioError: a JSON file is missing or damaged, there are gaps between groups, or values are out of bounds.
-            Reading a frame raises it if a video is missing, damaged or too short.
-    """
+    """Open a folder in this layout as a video. Frames are decoded when read; sequential reading is fastest. StudioError
+    if a JSON file is missing or damaged, there are gaps between groups, values are out of bounds, or (when reading a
+    frame) a video is missing, damaged or too short."""
     groups = _groups(folder)
     table = _read_json(folder / "viewer_min_max.json")
     frames: list[_Frame] = []

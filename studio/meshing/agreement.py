@@ -55,16 +55,8 @@ class MaskAgreement:
 
 
 def mask_agreement(shapes: Silhouettes, min_views: int) -> dict[str, MaskAgreement]:
-    """Compare each mask with the volume that most of the other cameras see as foreground.
-
-    Differences of two voxels, a 48th of the volume's size, are tolerated.
-
-    Args:
-        shapes: silhouettes, of at least `LEAST_CAMERAS` cameras.
-
-    Returns:
-        By camera; empty if they have no common volume.
-    """
+    """Compare each mask, of at least `LEAST_CAMERAS`, with the volume that most of the other cameras see as foreground;
+    empty if they have none in common. Differences of two voxels, a 48th of the volume's size, are tolerated."""
     least = max(2, min_views - 1)  # without one of them
     common = _common_volume(shapes, least)
     if common is None:
@@ -76,12 +68,8 @@ def mask_agreement(shapes: Silhouettes, min_views: int) -> dict[str, MaskAgreeme
 
 
 def frame_that_fits(shapes: Silhouettes, name: str, masks: Mapping[int, np.ndarray], min_views: int) -> int | None:
-    """The frame whose mask of a camera fits the volume of the other cameras, though that in `shapes` does not;
-    None if none contradicts them a third as much.
-
-    Args:
-        masks: (H, W) uint8 of other frames, of full or reduced size.
-    """
+    """The frame whose mask of a camera, (H, W) uint8 of full or reduced size, fits the volume of the other cameras,
+    though that in `shapes` does not; None if none contradicts them a third as much."""
     import cv2
 
     index, least = shapes.names.index(name), max(2, min_views - 1)

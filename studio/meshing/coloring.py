@@ -35,19 +35,13 @@ def color_points(
     max_pixels: int = 300_000,
     progress: ProgressFn = no_progress,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Color every point with the median of its best views.
+    """Color every point with the median of its best views, each of which is read once.
 
     A point is visible in a view if it projects into the image and the mask, faces the camera, and is not occluded by
-    the mesh (tested with a depth map of reduced size). Views are ranked by viewing angle and distance.
-
-    Args:
-        points: (N, 3) world coordinates.
-        normals: (N, 3) unit normals.
-        views: pinhole views; each is read once.
-
-    Returns:
-        colors (N, 3) float32 in 0..1, and the number of views that see each point, (N,) int32. Points that are not
-        visible take the color of the nearest visible point; if none is visible, all are gray.
+    the mesh (tested with a depth map of reduced size). Views are ranked by viewing angle and distance. Takes (N, 3)
+    world coordinates and unit normals; returns (N, 3) float32 colors in 0..1, and the number of views that see each
+    point, (N,) int32. Points that are not visible take the color of the nearest visible point; if none is visible, all
+    are gray.
     """
     count = len(points)
     scores = np.zeros((best, count), np.float32)

@@ -9,13 +9,9 @@ from studio.meshing.silhouettes import Silhouettes
 
 
 def raise_disagreement(shapes: Silhouettes, points: torch.Tensor, slack: float, min_views: int) -> NoReturn:
-    """Raise an error that names the cameras that reject the points on which most other cameras agree.
-
-    Args:
-        points: (N, 3) float32 world points that cover the expected hull.
-        slack: distance in world units by which an accepted point may be outside a silhouette cone.
-        min_views: number of cameras that must see a point of the hull.
-    """
+    """Raise an error that names the cameras that reject the (N, 3) float32 world points, covering the expected hull, on
+    which most other cameras agree. `slack`: distance in world units by which a point may be outside a silhouette cone;
+    `min_views`: number of cameras that must see a point."""
     rejections, visible = [], []
     for index in range(len(shapes)):
         value, seen = shapes.distance(index, points)

@@ -196,16 +196,11 @@ def carve(
     min_views: int,
     tick: Tick = no_tick,
 ) -> tuple[Hull, np.ndarray]:
-    """Carve the hull within bounds.
+    """Carve the hull within a lower and an upper corner, (3,) each, in world units: the strict hull; and (Z, Y, X) bool
+    on the same grid, true where at most `allowed` cameras reject.
 
-    Args:
-        bounds: lower and upper corner, (3,) each, in world units.
-        resolution: voxels along the longest side; fewer if pixels are coarser.
-        allowed: number of cameras that may be outliers.
-        min_views: number of cameras that must see a point.
-
-    Returns:
-        the strict hull; and (Z, Y, X) bool on the same grid, true where at most `allowed` cameras reject.
+    `resolution`: voxels along the longest side; fewer if pixels are coarser. `allowed` cameras may be outliers,
+    `min_views` must see a point.
     """
     low, high = bounds
     middle = (low + high) / 2

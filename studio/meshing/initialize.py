@@ -56,19 +56,10 @@ def initialize_points(
     seed: int = 0,
     progress: ProgressFn = no_progress,
 ) -> InitResult:
-    """Colored points on the visual hull of one frame.
+    """Colored points on the visual hull of one frame, from pinhole views with image and mask.
 
-    Args:
-        views: pinhole views of the frame, with image and mask.
-        settings: settings of hull, mesh and sampling; None: the defaults.
-        seed: random seed of the sampling; the same inputs and seed give the same points.
-        progress: called often; may raise `Cancelled`.
-
-    Returns:
-        mesh, points, normals, colors and the disagreement of the cameras.
-
-    Raises:
-        StudioError: see `visual_hull`.
+    The same inputs and seed give the same points. `progress` is called often and may raise `Cancelled`. StudioError:
+    see `visual_hull`.
     """
     settings = settings or InitializeSettings()
     result = visual_hull(views, settings, progress=part_of(progress, 0, 70))

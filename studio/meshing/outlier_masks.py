@@ -28,16 +28,14 @@ def _without(shapes: Silhouettes, points: torch.Tensor, left_out: Collection[int
 def restore(
     hull: Hull, tolerant: np.ndarray, shapes: Silhouettes, uncovered: list[np.ndarray], tick: Tick = no_tick
 ) -> Hull:
-    """Restore the volume that outlier masks carved away.
+    """Restore the volume that outlier masks carved away; `hull` itself if there is none.
+
+    The result includes the voxels that are uncovered in half of the cameras that see and accept them; these are carved
+    without the outlier cameras. `tick` is called often and may raise `Cancelled`.
 
     Args:
         tolerant: (Z, Y, X) bool: voxels that at most the tolerated number of cameras reject.
         uncovered: one (h, w) bool per camera, in its reduced image: foreground that the strict hull does not cover.
-        tick: called often; may raise `Cancelled`.
-
-    Returns:
-        the hull, including the voxels that are uncovered in half of the cameras that see and accept them; these voxels
-        are carved without the outlier cameras. `hull` itself if there are none.
     """
     flat = np.flatnonzero(tolerant.ravel() & (hull.field.ravel() <= 0))
     if len(flat) == 0:

@@ -20,15 +20,9 @@ from studio.progress import ProgressFn, no_progress
 
 
 def signed_distance(mask: np.ndarray) -> np.ndarray:
-    """Signed distance of every pixel center to the outline of a mask.
-
-    Args:
-        mask: (H, W) uint8, 0 = background, 255 = foreground; the outline is where it crosses one half.
-
-    Returns:
-        (H, W) float32 in pixels, positive inside. Without any foreground, all values are minus the image diagonal;
-        without any background, plus the image diagonal.
-    """
+    """Signed distance (H, W) float32 in pixels, positive inside, of every pixel center to the outline of a mask, (H, W)
+    uint8, where it crosses one half. Without any foreground, all values are minus the image diagonal; without any
+    background, plus the image diagonal."""
     import cv2
 
     inside = (mask >= 128).astype(np.uint8)
@@ -156,15 +150,9 @@ class Silhouettes:
         return local[:, :2] / depth.clamp_min(1e-9)[:, None], depth
 
     def distance(self, index: int, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Signed distance of points to one camera's silhouette cone.
-
-        Args:
-            points: (N, 3) float32 world coordinates.
-
-        Returns:
-            distance (N,) float32 in world units, positive inside, sampled bilinearly from the map; seen (N,) bool: the
-            point is in front of the camera and inside its image.
-        """
+        """Signed distance (N,) float32 in world units, positive inside, of (N, 3) float32 world points to one camera's
+        silhouette cone, sampled bilinearly from the map; and (N,) bool: the point is in front of the camera and inside
+        its image."""
         camera = self.cameras[index]
         pixels, depth = self.project(index, points)
         grid = torch.stack([pixels[:, 0] * (2.0 / camera.width) - 1, pixels[:, 1] * (2.0 / camera.height) - 1], -1)
@@ -175,16 +163,9 @@ class Silhouettes:
         return sampled * (depth / (0.5 * (camera.fx + camera.fy))), seen
 
     def touches(self, index: int, points: torch.Tensor, radius: float) -> tuple[torch.Tensor, torch.Tensor]:
-        """Conservative test of whether balls may touch one camera's silhouette cone.
-
-        Args:
-            points: (N, 3) float32 centers in world coordinates.
-            radius: radius of the balls in world units.
-
-        Returns:
-            rejected (N,) bool: the whole ball is certainly inside the image and outside the silhouette; and seen (N,)
-            bool: a part of the ball may be inside the image.
-        """
+        """Conservative test of whether balls with (N, 3) float32 centers and a radius in world units may touch one
+        camera's silhouette cone: (N,) bool: the whole ball is certainly inside the image and outside the silhouette;
+        and (N,) bool: a part of the ball may be inside the image."""
         camera = self.cameras[index]
         pixels, depth = self.project(index, points)
         focal = max(camera.fx, camera.fy)

@@ -28,12 +28,8 @@ def open3d() -> Any:
 
 @dataclass
 class Mesh:
-    """A triangle mesh.
-
-    Attributes:
-        vertices: (V, 3) float64 world coordinates.
-        faces: (F, 3) int32 vertex indices, counterclockwise seen from outside.
-    """
+    """A triangle mesh: (V, 3) float64 world coordinates, and (F, 3) int32 vertex indices, counterclockwise from
+    outside."""
 
     vertices: np.ndarray
     faces: np.ndarray
@@ -76,11 +72,7 @@ class Mesh:
         return total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-30)
 
     def save(self, path: Path | str) -> None:
-        """Write a PLY file, atomically.
-
-        Raises:
-            StudioError: `mesh.unwritable`.
-        """
+        """Write a PLY file, atomically; StudioError: `mesh.unwritable`."""
         o3d = open3d()
 
         with atomic_path(Path(path)) as temporary:
@@ -94,11 +86,7 @@ class Mesh:
 
     @classmethod
     def load(cls, path: Path | str) -> Mesh:
-        """Read a mesh file (PLY, OBJ, ...).
-
-        Raises:
-            StudioError: `mesh.missing` or `mesh.unreadable`.
-        """
+        """Read a mesh file (PLY, OBJ, ...); StudioError: `mesh.missing` or `mesh.unreadable`."""
         o3d = open3d()
 
         if not Path(path).is_file():
@@ -219,21 +207,12 @@ class MeshViews:
 
 
 def sample_surface(mesh: Mesh, count: int, *, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Sample points by area.
+    """Sample `count` (at least 1) points by area, (count, 3) float32, with unit normals interpolated between the
+    vertices.
 
     The total area is divided into `count` equal parts along the list of faces, and one point is drawn from each part
     (stratified sampling). This distributes points more evenly than independent draws, without a neighbor search.
-
-    Args:
-        mesh: the surface.
-        count: number of points, at least 1.
-        seed: the same seed gives the same points.
-
-    Returns:
-        points (count, 3) float32, and unit normals (count, 3) float32 interpolated between the vertices.
-
-    Raises:
-        StudioError: `mesh.point_count`: `count` is below 1; `mesh.no_area`.
+    StudioError: `mesh.point_count`: `count` is below 1; `mesh.no_area`.
     """
     if count < 1:
         raise StudioError(

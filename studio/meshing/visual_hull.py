@@ -51,18 +51,10 @@ def visual_hull(
     *,
     progress: ProgressFn = no_progress,
 ) -> HullResult:
-    """Carve the visual hull of one frame and extract its surface.
+    """Carve the visual hull of one frame and extract its surface, from at least two pinhole views, each read once.
 
-    Args:
-        views: at least two views with pinhole cameras; each is read once, so a lazy sequence works.
-        settings: settings of the hull; None: the defaults.
-        progress: called with percentages; may raise `Cancelled`.
-
-    Returns:
-        the hull, its mesh, and the disagreement of each camera.
-
-    Raises:
-        StudioError: cameras or masks are unusable (see `Silhouettes`), or the hull is empty (see `raise_disagreement`).
+    `progress` is called with percentages and may raise `Cancelled`. StudioError if cameras or masks are unusable (see
+    `Silhouettes`), or the hull is empty (see `raise_disagreement`).
     """
     settings = settings or InitializeSettings()
     shapes = Silhouettes(views, progress=part_of(progress, 0, 20))

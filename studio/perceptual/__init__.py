@@ -118,11 +118,8 @@ class Lpips:
         )
 
     def __call__(self, image: Tensor, target: Tensor, /) -> float:
-        """The distance: 0 for equal images, about 1 for unrelated ones.
-
-        Args:
-            image, target: (H, W, 3) in 0 to 1, at least `SMALLEST` pixels wide and high.
-        """
+        """The distance of (H, W, 3) images in 0 to 1, at least `SMALLEST` pixels wide and high: 0 for equal images,
+        about 1 for unrelated ones."""
         if image.shape != target.shape or image.ndim != 3 or image.shape[-1] != 3 or min(image.shape[:2]) < SMALLEST:
             shapes = (tuple(image.shape), tuple(target.shape))
             raise StudioError(

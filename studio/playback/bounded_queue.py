@@ -21,15 +21,9 @@ class BoundedQueue(Generic[T]):
         self._aborted = False
 
     def put(self, item: T, stale: Callable[[T], bool] | None = None) -> int | None:
-        """Append an item; waits while the queue is full.
-
-        Args:
-            stale: if the queue is full, the oldest item is dropped when `stale` is true for the second oldest, that is,
-                when the second oldest is already due. None: no item is dropped.
-
-        Returns:
-            The number of items dropped to make room, or None if the queue was aborted.
-        """
+        """Append an item, waiting while the queue is full; returns the number of items dropped to make room, or None if
+        the queue was aborted. When it is full, the oldest item is dropped if `stale` is true for the second oldest,
+        that is, when that is already due."""
         dropped = 0
         with self._changed:
             while len(self._items) >= self._capacity and not self._aborted:

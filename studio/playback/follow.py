@@ -12,11 +12,9 @@ SHORTEST, LONGEST = 0.5, 5.0  # seconds between two reads; in between, about the
 class Follower:
     """A thread that refreshes a reader until its stream is no longer live. It does nothing for other streams.
 
-    Args:
-        grown: called after new groups were found, and when the stream is complete.
-        lost: called with the error if the stream was replaced by another one; nothing follows.
-
-    An unreachable server or a file that is just being replaced is tried again.
+    `grown` is called after new groups were found, and when the stream is complete; `lost` with the error if the stream
+    was replaced by another one; nothing follows. An unreachable server or a file that is just being replaced is tried
+    again.
     """
 
     def __init__(

@@ -30,13 +30,7 @@ _JOIN_SECONDS = 1.0  # after this time, a hanging fetch is abandoned; its thread
 
 @dataclass(frozen=True)
 class PlayedFrame:
-    """A frame ready for rendering.
-
-    Attributes:
-        frame: 0-based index in the stream.
-        gaussians: the splats, float32 on the CPU.
-        stats: cost of the frame.
-    """
+    """A frame ready for rendering: its 0-based index in the stream, splats (float32 on the CPU), and cost."""
 
     frame: int
     gaussians: Gaussians
@@ -60,13 +54,9 @@ class _Decoded:
 
 
 class Run:
-    """Frames in order from a start frame to the end of the stream; at the end of a live one, it waits for more.
-
-    Args:
-        shared: the reader, and what is known of its groups.
-        due: returns the frame to display now; frames are dropped if a later one is already due. None: every frame is
-            delivered, no matter how slow the consumer is.
-    """
+    """Frames in order from a start frame to the end of the stream; at the end of a live one, it waits for more. `due`
+    returns the frame to display now; frames are dropped if a later one is already due. None: every frame is delivered,
+    no matter how slow the consumer is."""
 
     def __init__(self, shared: Shared, start: int, due: Callable[[], int] | None) -> None:
         self._shared = shared

@@ -66,11 +66,8 @@ class RateRule:
             return self._mean_throughput()
 
     def choose(self, buffered: float) -> int:
-        """Position of the rendition to fetch next in the manifest's order.
-
-        Args:
-            buffered: seconds of frames that are fetched and not yet shown.
-        """
+        """Position of the rendition to fetch next in the manifest's order, with `buffered` seconds of frames that are
+        fetched and not yet shown."""
         with self._lock:
             by_rate = self._sustained()
             choice = by_rate

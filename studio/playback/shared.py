@@ -30,12 +30,8 @@ class Span:
 
 
 class Shared:
-    """See the module docstring. Thread safe.
-
-    Args:
-        adaptive: True: change renditions by `RateRule`; False: keep the reader's; None: change them if the stream comes
-            from a web server and has several.
-    """
+    """See the module docstring. Thread safe. `adaptive`: change renditions by `RateRule`, or keep the reader's; None:
+    change them if the stream comes from a web server and has several."""
 
     def __init__(self, reader: StreamReader, adaptive: bool | None = None) -> None:
         self.reader = reader
@@ -74,14 +70,8 @@ class Shared:
         return False
 
     def choose(self, number: int, buffered: float) -> Rendition:
-        """Group `number` in the rendition to play it in.
-
-        Args:
-            buffered: seconds of frames that are fetched and not yet shown.
-
-        Raises:
-            StudioError: its page of the index is missing or damaged.
-        """
+        """Group `number` in the rendition to play it in, with `buffered` seconds of frames that are fetched and not yet
+        shown. StudioError if its page of the index is missing or damaged."""
         if self.rule is None:
             return self.reader.group(number)
         return self.reader.group(number, self.reader.renditions[self.rule.choose(buffered)].id)

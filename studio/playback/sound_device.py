@@ -14,11 +14,7 @@ class SoundDevice:
         self._stream: Any = None
 
     def start(self, sample_rate: int, channels: int, fill: FillFn) -> None:
-        """See `Output.start`.
-
-        Raises:
-            StudioError: `sound.unavailable`: PortAudio or an output device is missing.
-        """
+        """See `Output.start`; StudioError (`sound.unavailable`) if PortAudio or an output device is missing."""
         sounddevice = _sounddevice()
 
         def callback(out: Any, frames: int, times: Any, status: Any) -> None:

@@ -26,11 +26,7 @@ class Output(Protocol):
     """An output device, which asks for samples on a thread of its own."""
 
     def start(self, sample_rate: int, channels: int, fill: FillFn) -> None:
-        """Begin to call `fill`.
-
-        Raises:
-            StudioError: there is no device (`sound.unavailable`).
-        """
+        """Begin to call `fill`; StudioError (`sound.unavailable`) if there is no device."""
 
     def stop(self) -> None:
         """Release the device; no call of `fill` is in progress afterwards."""
@@ -53,17 +49,12 @@ class Leader(Protocol):
 
 
 class SoundPlayer:
-    """Plays a sound on an output device. Thread safe; no method waits for the device.
+    """Plays a sound, whose sample 0 is heard with frame 0, on an output device. Thread safe; no method waits for the
+    device.
 
     A device that cannot be opened, or that is lost (a headset that is unplugged), makes the sound silent: `message`
-    says why, `position` is None, and anyone who asks for it falls back to another clock.
-
-    Args:
-        sound: sample 0 is heard with frame 0.
-        seconds: duration of the frames, at which the sound starts over if it loops.
-
-    Attributes:
-        message: why nothing is heard; "" if it works, as far as known.
+    says why, `position` is None, and anyone who asks for it falls back to another clock. `seconds`: duration of the
+    frames, at which the sound starts over if it loops.
     """
 
     def __init__(self, sound: Pcm, seconds: float, output: Output) -> None:

@@ -35,12 +35,7 @@ class FrameStats:
 
 @dataclass(frozen=True)
 class SkippedGroup:
-    """Frames that could not be played because their group is damaged, missing or unreachable.
-
-    Attributes:
-        first_frame, frame_count: the skipped frames, 0-based.
-        cause: the error that made them unplayable.
-    """
+    """Frames, 0-based, that could not be played because of `cause`: their group is damaged, missing or unreachable."""
 
     group: int
     first_frame: int
@@ -91,14 +86,8 @@ class Spread:
 
 @dataclass(frozen=True)
 class PlaybackReport:
-    """Statistics of a playback.
-
-    Attributes:
-        frames: cost of each delivered frame, in order.
-        dropped: number of late frames that were dropped.
-        seconds: time from the first request to the last frame.
-        skipped: damaged groups; their frames count as neither shown nor dropped.
-    """
+    """Statistics of a playback: cost of each delivered frame, number of late frames that were dropped, time from the
+    first request to the last frame, and damaged groups, whose frames count as neither shown nor dropped."""
 
     frames: tuple[FrameStats, ...]
     dropped: int

@@ -13,17 +13,11 @@ from studio.rasterizer.interface import rasterize
 
 @torch.enable_grad()  # type: ignore[untyped-decorator]
 def contribution(gaussians: Gaussians, cameras: Sequence[Camera], weights: Sequence[Tensor] | None = None) -> Tensor:
-    """Sum over cameras and pixels of each splat's blending weight alpha_i prod_(j<i) (1 - alpha_j) (3DGS, equation 3).
+    """(N,) float64 sum over cameras, without distortion, and pixels of each splat's blending weight alpha_i prod_(j<i)
+    (1 - alpha_j) (3DGS, equation 3); at least 0. `weights`, (H, W): how much pixels of each camera count; None: the
+    same.
 
     The weights are the derivative of the image by the splats' colors, so one backward pass per camera gives them all.
-
-    Args:
-        gaussians: N splats, on the device to render on.
-        cameras: at least one, without distortion.
-        weights: how much the pixels of each camera count, (H, W); None: all the same.
-
-    Returns:
-        (N,) float64, at least 0; 0 for splats that no camera sees.
     """
     gray = torch.zeros(len(gaussians), 1, 3, device=gaussians.device, dtype=gaussians.means.dtype, requires_grad=True)
     colorless = replace(gaussians.detach(), sh=gray)

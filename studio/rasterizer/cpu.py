@@ -39,10 +39,7 @@ _threads: int | None = None
 
 def set_kernel_threads(count: int | None) -> None:
     """Set the number of threads of the CPU rasterizer and photometric loss; None means `torch.get_num_threads()`.
-
-    Raises:
-        StudioError: `rasterizer.invalid_argument`: `count` is below 1.
-    """
+    StudioError (`rasterizer.invalid_argument`) if it is below 1."""
     global _threads
     if count is not None and count < 1:
         raise StudioError(

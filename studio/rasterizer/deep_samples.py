@@ -27,12 +27,8 @@ class DeepSamples:
 def deep_samples(
     splats: Gaussians, camera: Camera, rendered: Render, most: int, linear: Callable[[np.ndarray], np.ndarray]
 ) -> DeepSamples:
-    """Samples whose "over" is the rendered image.
-
-    Args:
-        most: samples of a pixel, at least 1. Each is of the same number of splats of the image.
-        linear: from (1, M, 4) premultiplied sRGB to the color space of the samples.
-    """
+    """At most `most` samples of a pixel, each of the same number of splats, whose "over" is the rendered image;
+    `linear` maps (1, M, 4) premultiplied sRGB to the color space of the samples."""
     distances = torch.as_tensor(camera.project(splats.means.cpu().numpy())[1])
     seen = torch.nonzero(rendered.radii.cpu() > 0)[:, 0]
     ordered = seen[distances[seen].argsort(stable=True)]

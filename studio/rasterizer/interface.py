@@ -54,12 +54,8 @@ def preferred_device() -> torch.device:
 
 
 def check_finite(gaussians: Gaussians) -> None:
-    """The check of `rasterize(checked=True)`. The error names the first bad splat.
-
-    Raises:
-        StudioError: `gaussians.not_finite`: an attribute is NaN or infinite; `gaussians.zero_quaternion`: a quaternion
-            has norm 0.
-    """
+    """The check of `rasterize(checked=True)`. The StudioError names the first bad splat: `gaussians.not_finite`: an
+    attribute is NaN or infinite; `gaussians.zero_quaternion`: a quaternion has norm 0."""
     for name, tensor in gaussians.items():
         bad = ~torch.isfinite(tensor.detach()).reshape(len(gaussians), -1).all(-1)
         if bad.any():
@@ -181,19 +177,8 @@ def rasterize_views(
     alpha_max: float = ALPHA_MAX,
     checked: bool = False,
 ) -> list[Render]:
-    """Render the same splats from several cameras; on a GPU, the triton backend does so in one call.
-
-    Args:
-        cameras: as `camera` of `rasterize`.
-        backgrounds: as `background` of `rasterize`, one for each camera.
-        gaussians, backend, screen_offsets, near, alpha_max, checked: as for `rasterize`, for all cameras.
-
-    Returns:
-        A `Render` for each camera, as `rasterize` gives it.
-
-    Raises:
-        StudioError: as `rasterize`.
-    """
+    """Render the same splats from several cameras, each over its own background, otherwise as `rasterize`; on a GPU,
+    the triton backend does so in one call."""
     pinholes = [Pinhole.of(camera) for camera in cameras]
     means = gaussians.means
     for name, tensor in gaussians.items():

@@ -14,11 +14,8 @@ _enabled = True
 
 
 def kernels_for(*tensors: Tensor) -> Any | None:
-    """The C++ kernels if they can compute with these tensors, else None.
-
-    They take tensors on the CPU, all float32 or all float64. On other devices, and where the kernels are not built, the
-    PyTorch definition of each computation is used.
-    """
+    """The C++ kernels if they can compute with these tensors, on the CPU and all float32 or all float64, else None: on
+    other devices, and where the kernels are not built, the PyTorch definition of each computation is used."""
     if not _enabled:
         return None
     dtype = tensors[0].dtype

@@ -63,12 +63,8 @@ def project(gaussians: Gaussians, pinhole: Pinhole) -> tuple[Tensor, Tensor, Ten
 def visible_radii(
     gaussians: Gaussians, pinhole: Pinhole, offsets: Tensor | None, near: float
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Footprints of splats. Arguments as in `project` and `studio.rasterizer.rasterize`.
-
-    Returns:
-        (N, 2) half sizes in pixels of the box outside which alpha is below 1/255, 0 for splats that are not drawn;
-        (N,) depths in world units; and (N, 2) centers of the boxes in pixels.
-    """
+    """(N, 2) half sizes in pixels of the box outside which alpha is below 1/255, 0 for splats that are not drawn; (N,)
+    depths in world units; and (N, 2) centers of the boxes in pixels. Arguments as in `project` and `rasterize`."""
     finite = torch.isfinite(gaussians.means).all(-1) & torch.isfinite(gaussians.log_scales).all(-1)
     finite &= torch.isfinite(gaussians.quats).all(-1) & (gaussians.quats.norm(dim=-1) > 0)
     finite &= torch.isfinite(gaussians.sh).flatten(1).all(-1)

@@ -108,14 +108,8 @@ class Tiles:
 
 @torch.no_grad()
 def bin_splats(boxes: Tensor, keys: Tensor, half: Tensor, tiles: int) -> tuple[Tensor, Tiles]:
-    """Assign splats to the tiles that their boxes overlap.
-
-    Args:
-        boxes, keys, half: as written by `project_splats`.
-
-    Returns:
-        (D,) places of the drawn splats, view by view, nearest first; and their tiles.
-    """
+    """(D,) places of the drawn splats, view by view, nearest first; and the tiles that their boxes overlap. Boxes, keys
+    and half sizes are as written by `project_splats`."""
     drawn, total = torch.stack([(half[:, 0] > 0).sum(), boxes[:, 3].sum()]).tolist()  # the one wait
     index = torch.sort(keys, stable=True).indices[:drawn]
     boxes = boxes[index]

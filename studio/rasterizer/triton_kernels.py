@@ -185,13 +185,8 @@ def blend_tile_backward(
 
 @triton.jit
 def sum_pairs(d_pairs, ends, d_table):
-    """Add the rows of each splat, which are adjacent.
-
-    Args:
-        d_pairs: (P, 10) float32.
-        ends: (V,) int64, one past the last row of each splat.
-        d_table: (V, 10) float32, output.
-    """
+    """Add the rows of each splat, which are adjacent: (P, 10) float32 to (V, 10); `ends`, (V,) int64, is one past its
+    last row."""
     splat = tl.program_id(0).to(tl.int64)
     start = tl.load(ends + splat - 1, mask=splat > 0, other=0)
     end = tl.load(ends + splat)

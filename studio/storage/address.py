@@ -44,12 +44,8 @@ class StoreAddress(PosixPath):
 
 
 def checked(path: Path | str) -> StoreAddress:
-    """The address in a path or text.
-
-    Raises:
-        StudioError: an unknown kind (`storage.unknown_kind`), no bucket (`storage.no_bucket_named`), or credentials in
-            it (`storage.credentials_in_address`), which are not repeated.
-    """
+    """The address in a path or text; StudioError: an unknown kind (`storage.unknown_kind`), no bucket
+    (`storage.no_bucket_named`), or credentials in it (`storage.credentials_in_address`), which are not repeated."""
     address = StoreAddress(str(path))
     scheme, _, rest = str(address).partition("://")
     if has_credentials(path):

@@ -21,15 +21,11 @@ _PARALLEL = 16
 
 
 def mirrored(address: str | os.PathLike[str]) -> Path:
-    """List a folder of a store (s3://bucket/folder), bring its mirror in the machine's cache up to date, and
-    return it.
+    """List a folder of a store (s3://bucket/folder), bring its mirror in the machine's cache up to date, and return it.
 
     Files that describe the capture are fetched; of images and videos only what is read later, and each part once: see
-    `studio.storage.objects`.
-
-    Raises:
-        StudioError: `storage.*`; `storage.empty`: there are no objects at this address; `storage.bad_name`: an object
-            that no file can be named after.
+    `studio.storage.objects`. StudioError: `storage.*`; `storage.empty`: there are no objects at this address;
+    `storage.bad_name`: an object that no file can be named after.
     """
     store = Store(address)
     entries = store.list()

@@ -55,12 +55,8 @@ class Pointer:
 
 
 class CachedObject:
-    """An object, read through the cache. Thread safe.
-
-    Attributes:
-        size: in bytes.
-        fetches: False: blocks that are not in the cache read as zeros.
-    """
+    """An object of `size` bytes, read through the cache. Thread safe. Unless it `fetches`, blocks that are not in the
+    cache read as zeros."""
 
     def __init__(self, pointer: Pointer) -> None:
         self._pointer = pointer
@@ -205,14 +201,11 @@ def whole_file(path: Path) -> Path:
 
 
 def whole_files(paths: Sequence[Path]) -> list[Path]:
-    """Ordinary files with the contents of `paths`, for what only reads files.
+    """Ordinary files with the contents of `paths`, for what only reads files; StudioError: `storage.*`.
 
     Objects of a store are copied to the machine's cache: together in one folder and with their names, because a model
     finds its external weights by name. Another version of an object has another folder. The copies are not counted as
     part of the cache. Other paths, also of missing files, are returned as they are.
-
-    Raises:
-        StudioError: `storage.*`.
     """
     pointers = {path: pointer for path in paths if (pointer := read_pointer(path)) is not None}
     if not pointers:

@@ -39,11 +39,8 @@ class Entry:
 
 
 class Store:
-    """A folder in an object store. Thread safe.
-
-    Args:
-        address: s3://bucket/folder, gs://... or az://...; credentials come from the environment.
-    """
+    """A folder in an object store: s3://bucket/folder, gs://... or az://...; credentials come from the environment.
+    Thread safe."""
 
     def __init__(self, address: str | os.PathLike[str]) -> None:
         self.address = str(checked(os.fspath(address)))
@@ -83,11 +80,8 @@ class Store:
         }
 
     def read(self, path: str, start: int, stop: int) -> bytes:
-        """Bytes start to stop (exclusive) of an object.
-
-        Raises:
-            StudioError: `storage.*`; also if every attempt returns too few bytes.
-        """
+        """Bytes start to stop (exclusive) of an object; StudioError: `storage.*`, also if every attempt returns too few
+        bytes."""
 
         def get() -> bytes:
             data: bytes = self._files.cat_file(self._path(path), start=start, end=stop)
@@ -98,15 +92,8 @@ class Store:
         return self._repeated("read", path, get) if stop > start else b""
 
     def write(self, path: str, data: bytes, kind: str, cache: str) -> None:
-        """Write an object.
-
-        Args:
-            path: relative to the store's folder.
-            kind, cache: Content-Type and Cache-Control with which S3 serves it; other stores take no such options.
-
-        Raises:
-            StudioError: `storage.*`.
-        """
+        """Write an object, by its path in the store's folder; StudioError: `storage.*`. `kind`, `cache`: Content-Type
+        and Cache-Control with which S3 serves it; other stores take no such options."""
         headers = {"CacheControl": cache, "ContentType": kind} if self.address.startswith("s3://") else {}
         self._repeated("written", path, lambda: self._files.pipe_file(self._path(path), data, **headers))
 

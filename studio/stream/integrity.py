@@ -12,13 +12,8 @@ from studio.stream.sources.source import SourceUnavailable
 
 @dataclass(frozen=True)
 class StreamDamage:
-    """A file that is missing or not what the manifest says.
-
-    Attributes:
-        file: path relative to the stream.
-        problem: what is wrong, without the file's name.
-        groups: numbers of the groups that cannot be played without it, at least in one rendition; empty for the sound.
-    """
+    """A file that is missing or not what the manifest says: its path in the stream, what is wrong, and the numbers of
+    the groups that cannot be played without it, at least in one rendition; empty for the sound."""
 
     file: str
     problem: str
@@ -27,13 +22,8 @@ class StreamDamage:
 
 @dataclass(frozen=True)
 class StreamIntegrity:
-    """What `check_stream` found.
-
-    Attributes:
-        files: number of files checked, including the manifest.
-        bytes: their size according to the manifest.
-        damage: the damaged ones.
-    """
+    """What `check_stream` found: files checked, including the manifest, their size by the manifest, and the damaged
+    ones."""
 
     files: int
     bytes: int
@@ -44,14 +34,8 @@ def check_stream(reader: StreamReader, progress: ProgressFn = no_progress) -> St
     """Read every file of all renditions and compare it with the size and the SHA-256 in the manifest.
 
     The manifest itself was checked when the stream was opened. Files of groups whose page of the index is damaged
-    cannot be checked, because only the page lists them.
-
-    Args:
-        reader: an open stream.
-        progress: called with the bytes checked so far, and with how many are known of.
-
-    Raises:
-        SourceUnavailable: the server does not answer.
+    cannot be checked, because only the page lists them. `progress` is called with the bytes checked, and with how many
+    are known of. SourceUnavailable if the server does not answer.
     """
     damage: list[StreamDamage] = []
     files: dict[str, FileEntry] = {}

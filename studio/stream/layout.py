@@ -53,21 +53,13 @@ def to_plane(codes: np.ndarray, side: int) -> np.ndarray:
 
 
 def component_frames(frames: Iterable[Gaussians], order: np.ndarray | None = None) -> Iterator[np.ndarray]:
-    """The values to quantize, per frame of one group.
+    """The values to quantize, (C, N) float32 in the order of `attributes.components(sh_degree)`, per frame of one
+    group.
 
-    Quaternions are normalized and have the sign w >= 0 in the keyframe, then the sign nearest to the previous frame
-    (q and -q are the same rotation), so that they are continuous in time. Opacity is linear, scale logarithmic.
-
-    Args:
-        frames: frames of the group, with the same number of splats and SH degree.
-        order: (N,) permutation of the splats; None keeps their order.
-
-    Yields:
-        (C, N) float32, rows as `attributes.components(sh_degree)`.
-
-    Raises:
-        StudioError: the keyframe is empty, a frame differs in its number of splats, SH degree or dilation, or a value
-            is not finite.
+    Quaternions are normalized and have the sign w >= 0 in the keyframe, then the sign nearest to the previous frame (q
+    and -q are the same rotation), so that they are continuous in time. Opacity is linear, scale logarithmic. `order`,
+    (N,), is a permutation of the splats. StudioError if the keyframe is empty, a frame differs in its number of splats,
+    SH degree or dilation, or a value is not finite.
     """
     # NumPy instead of torch: the operations are small, and torch's thread pool costs more than they do.
     previous: np.ndarray | None = None

@@ -141,12 +141,7 @@ class Box(Model):
 
 
 class FileEntry(Model):
-    """One file of the stream.
-
-    Attributes:
-        path: relative to the manifest; the name is the beginning of `sha256`.
-        bytes, sha256: size and SHA-256 of the file.
-    """
+    """One file of the stream: path relative to the manifest, named by the beginning of `sha256`, and size in bytes."""
 
     path: str
     bytes: Annotated[int, Field(ge=1, le=MAX_FILE_BYTES)]
@@ -171,24 +166,16 @@ Checks = Annotated[tuple[LumaCheck, ...], Field(min_length=1, max_length=2)]
 
 
 class VideoEntry(FileEntry):
-    """A video file.
-
-    Attributes:
-        qp: quantization parameter on the codec's own scale, 0 is lossless; informative.
-        checks: of its first and of one later image.
-    """
+    """A video file: QP on the codec's own scale (0 is lossless; informative), and checks of its first and a later
+    image."""
 
     qp: Annotated[int, Field(ge=0, le=63)]
     checks: Checks
 
 
 class PlaneEntry(FileEntry):
-    """The video of one plane.
-
-    Attributes:
-        qp, checks: as in `VideoEntry`.
-        part: byte of the component: all (8 bits), high, low, or low_mirrored (255 - low where the high byte is odd).
-    """
+    """The video of one plane. `part`: byte of the component: all (8 bits), high, low, or low_mirrored (255 - low where
+    the high byte is odd)."""
 
     qp: Annotated[int, Field(ge=0, le=63)]
     part: Part
@@ -196,21 +183,13 @@ class PlaneEntry(FileEntry):
 
 
 class SideEntry(FileEntry):
-    """The side file: keyframe positions, blocks, motions, classes and escapes.
-
-    Attributes:
-        raw_bytes: its decompressed size.
-    """
+    """The side file: keyframe positions, blocks, motions, classes and escapes. `raw_bytes`: its decompressed size."""
 
     raw_bytes: Annotated[int, Field(ge=1, le=MAX_SIDE_BYTES)]
 
 
 class PageEntry(FileEntry):
-    """A page of the index: a file with consecutive groups.
-
-    Attributes:
-        frames: frame_count of each of its groups.
-    """
+    """A page of the index: a file with consecutive groups. `frames`: frame_count of each of them."""
 
     bytes: Annotated[int, Field(ge=1, le=MAX_PAGE_BYTES)]
     frames: Annotated[tuple[FrameCount, ...], Field(min_length=1, max_length=MAX_PAGE_GROUPS)]
@@ -331,12 +310,8 @@ class ComponentEntry(Model):
 
 
 class PlanesRendition(Rendition):
-    """A rendition of a group in the profile `planes`.
-
-    Attributes:
-        side: side of the planes in pixels: the smallest multiple of 8 with side^2 >= N.
-        components: in the order of `attributes.components(sh_degree)`.
-    """
+    """A rendition of a group in the profile `planes`, with its components in the order of
+    `attributes.components(sh_degree)`. `side` of the planes in pixels: the smallest multiple of 8 with side^2 >= N."""
 
     side: Annotated[int, Field(ge=8)]
     components: Annotated[tuple[ComponentEntry, ...], Field(max_length=64)]
@@ -395,14 +370,9 @@ class Lattice(Model):
 
 
 class BlockTable(Model):
-    """Blocks and the units of their motion.
-
-    Attributes:
-        count: B.
-        radius: scale of positions relative to the block's center, world units.
-        step: unit of the affine motion parameters, world units.
-        rotation_step: unit of the mean rotation's MRP.
-    """
+    """Blocks (`count`: B) and the units of their motion. `radius`: scale of positions relative to the block's center;
+    `step`: unit of the affine motion parameters (both in world units); `rotation_step`: unit of the mean rotation's
+    MRP."""
 
     count: Annotated[int, Field(ge=1, le=32767)]
     radius: Step
@@ -728,11 +698,9 @@ class Manifest(Model):
 
 
 def invalid(error: ValidationError, file: str, fix: str) -> StudioError:
-    """The error for the first finding of a failed validation.
-
-    Its fields: `location`, the dotted path of the value or of the inconsistent object ("" for the whole file), and
-    `rule`, the name of the violated rule (pydantic's, or that of an `InconsistentError`).
-    """
+    """The error for the first finding of a failed validation. Its fields: `location`, the dotted path of the value or
+    of the inconsistent object ("" for the whole file), and `rule`, the violated one (pydantic's, or of an
+    `InconsistentError`)."""
     first = error.errors(include_url=False)[0]
     location = ".".join(str(part) for part in first["loc"] if part not in _TAGS)
     message, rule = violation(first), first["type"]

@@ -78,11 +78,7 @@ def _check_head(data: bytes, name: str) -> None:
 def parse_page(
     data: bytes, page: PageEntry, manifest: Manifest, first_group: int, first_frame: int, name: str
 ) -> tuple[GroupEntry, ...]:
-    """Parse and validate a page of the index.
-
-    Args:
-        first_group, first_frame: of the page, by the manifest.
-    """
+    """Parse and validate a page of the index, which the manifest says begins with this group and frame."""
     if hashlib.sha256(data).hexdigest() != page.sha256:
         raise damaged("stream.wrong_checksum", "SHA-256 differs from the manifest", name)
     try:
@@ -118,14 +114,8 @@ def check_total(manifest: Manifest, group_bytes: int, manifest_bytes: int, name:
 
 
 def seal(manifest: Manifest, group_bytes: int) -> tuple[Manifest, bytes]:
-    """Fill in `total_bytes` and `manifest_sha256`, which depend on the bytes of the manifest itself.
-
-    Args:
-        group_bytes: `distinct_bytes` of all groups, also of those in pages.
-
-    Returns:
-        The manifest and the bytes to write.
-    """
+    """The manifest with `total_bytes` and `manifest_sha256`, which depend on its own bytes, and these bytes;
+    `group_bytes` are `distinct_bytes` of all groups, also of those in pages."""
     zeros = "0" * 64
     total = file_bytes = group_bytes + sum(file.bytes for file in manifest.fixed_files)
     while True:  # the size includes its own digits; it only grows, so this converges after a few rounds

@@ -43,12 +43,8 @@ def with_plain_texts(values: Mapping[str, Any]) -> JsonObject:
 
 @dataclass(frozen=True, eq=False)
 class CapturePlace:
-    """Where an edited stream lies in the take that it was baked from.
-
-    Attributes:
-        first_frame: the take's frame, counted from 0, that is frame 0 of the stream.
-        world: from the world of the capture to that of the stream.
-    """
+    """Where an edited stream lies in the take that it was baked from: the take's frame, from 0, that is frame 0 of the
+    stream, and the similarity from the world of the capture to that of the stream."""
 
     first_frame: int = 0
     world: Similarity = field(default_factory=Similarity)
@@ -114,11 +110,8 @@ class StreamMetadata:
 
     @classmethod
     def from_json(cls, values: JsonObject) -> StreamMetadata:
-        """Read a manifest's metadata, which may hold anything: entries that are malformed count as not given.
-
-        Raises:
-            StudioError: the suggested camera is invalid (see `Camera.from_dict`).
-        """
+        """Read a manifest's metadata, which may hold anything: malformed entries count as not given. StudioError if the
+        suggested camera is invalid (see `Camera.from_dict`)."""
         camera, background, up = (values.get(key) for key in ("suggested_camera", "background", "up"))
         return cls(
             suggested_camera=Camera.from_dict(camera) if isinstance(camera, dict) else None,

@@ -26,17 +26,9 @@ def interleave(cells: np.ndarray) -> np.ndarray:
 
 
 def morton_order(points: np.ndarray) -> np.ndarray:
-    """The order of splats on the planes.
-
+    """The order of (N, 3) finite positions on the planes, (N,) int64: `points[morton_order(points)]` is sorted.
     Coordinates are scaled to 2^21 cells by the longest side of the bounding box, so that cells are cubes. Equal codes
-    keep the order of the input, so the result depends on the points only.
-
-    Args:
-        points: (N, 3) finite positions.
-
-    Returns:
-        (N,) int64: `points[morton_order(points)]` is sorted.
-    """
+    keep the order of the input, so the result depends on the points only."""
     points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
     if len(points) == 0:
         return np.zeros(0, dtype=np.int64)
@@ -60,14 +52,9 @@ def deinterleave(codes: np.ndarray) -> np.ndarray:
 
 
 def square_scan(side: int, count: int) -> np.ndarray:
-    """Pixels of splats in a square image, along a Morton curve: neighbors in the order are close in the image.
-
-    The pixels of a side x side square are sorted by the number whose bit 2i is bit i of the column and bit 2i + 1 bit i
-    of the row; if the side is not a power of two, the curve leaves the square in between.
-
-    Returns:
-        (count,) int64 row * side + column of splats 0, 1, 2, ...
-    """
+    """(count,) int64 row * side + column of splats 0, 1, 2, ... in a square image, along a Morton curve: neighbors in
+    the order are close in the image. Pixels are sorted by the number whose bit 2i is bit i of the column and bit 2i + 1
+    bit i of the row; if the side is not a power of two, the curve leaves the square in between."""
     axis = np.arange(side, dtype=np.int64)
     spread = np.zeros_like(axis)
     for bit in range(16):

@@ -91,12 +91,9 @@ def find_blocks(positions: np.ndarray, step: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Blocks:
-    """Blocks over the keyframe's means. Encoder and decoder run the same computation.
-
-    Attributes:
-        labels: (N,) block of each splat; no block is empty.
-        local: (N, 4): position in the keyframe relative to the block's center, divided by `radius`, and 1.
-    """
+    """Blocks over the keyframe's means; encoder and decoder run the same computation. `labels`, (N,): block of each
+    splat, none is empty; `local`, (N, 4): keyframe position relative to the block's center, divided by `radius`, and
+    1."""
 
     labels: np.ndarray
     count: int
@@ -121,12 +118,8 @@ class Blocks:
         return cls(labels, count, local)
 
     def fit(self, targets: np.ndarray) -> np.ndarray:
-        """Affine map of each block to (N, 3) displacements: robust least squares (Geman and McClure 1987), so that
-        outliers do not distort the motion of their block.
-
-        Returns:
-            (B, 4, 3): displacement = local @ map.
-        """
+        """(B, 4, 3) affine map of each block to (N, 3) displacements, displacement = local @ map: robust least squares
+        (Geman and McClure 1987), so that outliers do not distort the motion of their block."""
         order = np.argsort(self.labels, kind="stable")
         local, target, label = self.local[order], targets[order], self.labels[order]
         members = np.bincount(label, minlength=self.count)

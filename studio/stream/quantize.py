@@ -7,16 +7,8 @@ LEVELS_16 = 65535
 
 
 def quantize(values: np.ndarray, low: float, high: float, levels: int) -> np.ndarray:
-    """Round values to `levels + 1` equally spaced levels from `low` to `high`.
-
-    Args:
-        values: any shape, finite. Values outside the range are clamped.
-        low, high: the range; if they are equal, all codes are 0.
-        levels: 255 or 65535.
-
-    Returns:
-        uint16, same shape, at most half a step (high - low) / levels from the input within the range.
-    """
+    """Round finite values of any shape to uint16 codes of `levels` + 1 (256 or 65536) equally spaced levels from `low`
+    to `high`. Values outside are clamped; if the range is empty, all codes are 0."""
     if high <= low:
         return np.zeros(values.shape, dtype=np.uint16)
     scaled = (values.astype(np.float64) - low) * (levels / (high - low))
@@ -29,15 +21,9 @@ def dequantize(codes: np.ndarray, low: float, high: float, levels: int) -> np.nd
 
 
 def split_bytes(codes: np.ndarray, mirrored: bool) -> tuple[np.ndarray, np.ndarray]:
-    """High and low byte of uint16 codes.
-
-    A plain low byte jumps between 255 and 0 whenever the high byte changes: an edge in space and time that costs many
-    bits and that a lossy codec blurs. Mirrored, it is 255 - low where the high byte is odd, and therefore continuous
-    wherever the position is.
-
-    Returns:
-        high, low: uint8, same shape.
-    """
+    """High and low byte of uint16 codes. A plain low byte jumps between 255 and 0 whenever the high byte changes: an
+    edge in space and time that costs many bits and that a lossy codec blurs. Mirrored, it is 255 - low where the high
+    byte is odd, and therefore continuous wherever the position is."""
     high = (codes >> 8).astype(np.uint8)
     low = (codes & 255).astype(np.uint8)
     if mirrored:

@@ -31,11 +31,7 @@ from studio.stream.sources.source import Source, SourceUnavailable, close_source
 
 
 def fetch_group(source: Source, group: Rendition) -> dict[str, bytes]:
-    """Content by path of all files of a group, verified against size and SHA-256.
-
-    Raises:
-        StudioError: a file is missing, has a different size or a different SHA-256.
-    """
+    """Content by path of all files of a group; StudioError if one is missing or has another size or SHA-256."""
     files = read_files(source, [(file.path, file.bytes) for file in group.files])
     for file in group.files:
         check_file(files[file.path], file, source)
@@ -65,15 +61,11 @@ def check_file(data: bytes, file: FileEntry, source: Source) -> None:
 
 
 class StreamReader:
-    """Random and sequential access to the frames of a stream. Thread safe. Sequential reads decode each frame once.
+    """Random and sequential access to the frames of a stream. Thread safe. Sequential reads decode each frame once. Use
+    it as a context manager, or call `close`.
 
-    Use it as a context manager, or call `close`.
-
-    Attributes:
-        source: where the files come from.
-        index: the manifest, and all groups in all renditions.
-        manifest_bytes: of the manifest that `index` was read from. Copies of a stream use them: meanwhile another
-            manifest may have replaced it.
+    `manifest_bytes` are those of the manifest that `index` was read from. Copies of a stream use them: meanwhile
+    another manifest may have replaced it.
     """
 
     def __init__(self, source: Source, data: bytes, threads: int = 0, rendition: str | None = None) -> None:
@@ -90,16 +82,15 @@ class StreamReader:
 
     @classmethod
     def open(cls, source: Path | str | Source, threads: int = 0, rendition: str | None = None) -> StreamReader:
-        """Read and validate the manifest of a stream.
+        """Read and validate the manifest of a stream: folder, file of a one-file stream, http(s) URL, or a `Source`
+        (which `close` leaves open).
 
         Args:
-            source: folder, file of a one-file stream, http(s) URL, or a `Source` (which `close` leaves open).
             threads: decoding threads; 0 is one per core.
             rendition: id of the rendition to read; None: the best one.
 
         Raises:
-            StudioError: the manifest is missing, damaged, out of bounds or of another version, or there is no such
-                rendition.
+            StudioError: the manifest is missing, damaged, out of bounds or of another version; no such rendition.
         """
         opened = open_source(source)
         try:
@@ -156,14 +147,9 @@ class StreamReader:
         return self.manifest.live
 
     def refresh(self) -> int:
-        """Read the manifest of a live stream again; frames of known groups stay the same.
-
-        Returns:
-            Number of new groups.
-
-        Raises:
-            StudioError: `stream.live_changed`: the new manifest takes back what the old one published; also as `open`.
-        """
+        """Read the manifest of a live stream again, and return the number of new groups; frames of known groups stay
+        the same. StudioError as `open`, or `stream.live_changed`: the new manifest takes back what the old one
+        published."""
         if not self.live:
             return 0
         read = getattr(self.source, "read_changed", self.source.read)
@@ -178,11 +164,8 @@ class StreamReader:
         return grown
 
     def fetch(self, group: Rendition) -> dict[str, bytes]:
-        """Content by path of all files of a group, verified.
-
-        Raises:
-            StudioError: as `fetch_group`; `stream.replaced`: the stream was baked again since it was opened.
-        """
+        """Content by path of all files of a group; StudioError as `fetch_group`, or `stream.replaced` if it was baked
+        again."""
         with self._reading():
             return fetch_group(self.source, group)
 
@@ -240,28 +223,19 @@ class StreamReader:
         return self.index.starts
 
     def choose(self, rendition: str) -> None:
-        """Read another rendition from the next group on; a group that is being decoded is finished as it is.
-
-        Raises:
-            StudioError: there is no such rendition.
-        """
+        """Read another rendition (StudioError: there is none) from the next group on; a group that is being decoded is
+        finished as it is."""
         self._rendition = self.index.rendition_number(rendition)
 
     def group(self, number: int, rendition: str | None = None) -> Rendition:
-        """Group `number` in a rendition by id; None is the chosen one.
-
-        Raises:
-            StudioError: no such rendition, or its page of the index is missing or damaged.
-        """
+        """Group `number` in a rendition by id; None is the chosen one. StudioError if there is none, or its page of the
+        index is missing or damaged."""
         chosen = self._rendition if rendition is None else self.index.rendition_number(rendition)
         return self.index.group(number).renditions[chosen]
 
     def group_of(self, frame: int) -> Rendition:
-        """The group that contains a frame, in the chosen rendition; reads the page of that group alone.
-
-        Raises:
-            StudioError: no such frame, or the page is missing or damaged.
-        """
+        """The group that contains a frame, in the chosen rendition; reads the page of that group alone. StudioError if
+        there is no such frame, or the page is missing or damaged."""
         return self.group(self.index.group_of(frame))
 
     @property
@@ -270,22 +244,16 @@ class StreamReader:
         return self.manifest.audio
 
     def audio_bytes(self) -> bytes:
-        """The sound's file, verified: an MP4 with one AAC track.
-
-        Raises:
-            StudioError: the stream has none (`stream.no_sound`), or the file is missing or damaged.
-        """
+        """The sound's file: an MP4 with one AAC track. StudioError if there is none (`stream.no_sound`), or it is
+        damaged."""
         entry = self.audio
         if entry is None:
             raise StudioError("stream.no_sound", "the stream has no sound", file=self.source.name)
         return self.checked(entry)
 
     def sound(self) -> StreamSound | None:
-        """The decoded sound, for random access; the caller closes it. None for silent streams.
-
-        Raises:
-            StudioError: the file is missing, damaged or not what the manifest says.
-        """
+        """The decoded sound, for random access; the caller closes it. None for silent streams. StudioError if the file
+        is missing, damaged or not what the manifest says."""
         entry = self.audio
         if entry is None:
             return None
@@ -308,10 +276,7 @@ class StreamReader:
 
     def gaussians(self, frame: int) -> Gaussians:
         """One frame, 0-based. The next frame costs one decoded image; seeking decodes from the group's keyframe.
-
-        Raises:
-            StudioError: no such frame, or a file of its group is missing or damaged.
-        """
+        StudioError if there is no such frame, or a file of its group is missing or damaged."""
         group = self.group_of(frame)
         with self._lock:
             decoder = self._decoder

@@ -25,16 +25,9 @@ def shapes_of(quats: np.ndarray, scales: np.ndarray) -> np.ndarray:
 
 
 def shape_axes(shapes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rotations and scales of shapes, by a fixed number of Jacobi rotations (Golub and Van Loan, section 8.5).
-
-    The kernel `dequantize` has the same operations in the same order, so that quaternions have the same bits.
-
-    Args:
-        shapes: (6, N), of any symmetric matrices.
-
-    Returns:
-        Quaternions (N, 4), of unit length but for rounding; log scales (N, 3). Both have the dtype of `shapes`.
-    """
+    """Unit quaternions (N, 4) and log scales (N, 3) of (6, N) symmetric matrices, by a fixed number of Jacobi rotations
+    (Golub and Van Loan, section 8.5). The kernel `dequantize` has the same operations in the same order, so that
+    quaternions have the same bits."""
     matrix: list[list[np.ndarray]] = [[shapes[0]] * 3 for _ in range(3)]
     for (row, column), values in zip(ENTRIES, shapes, strict=True):
         matrix[row][column] = matrix[column][row] = values

@@ -49,10 +49,7 @@ def inflate(data: bytes, size: int) -> np.ndarray:
 
 def split(values: np.ndarray, width: int) -> list[bytes]:
     """Signed integers as `width` byte planes, lowest byte first, of their zigzag codes (0, -1, 1, -2 are 0, 1, 2, 3).
-
-    Raises:
-        ValueError: a code needs more than 8 * width bits.
-    """
+    ValueError if a code needs more than 8 * width bits."""
     wide = values.astype(np.int64).reshape(-1)
     codes = ((wide << 1) ^ (wide >> 63)).astype(np.uint64)
     if codes.size and int(codes.max()) >> (8 * width):

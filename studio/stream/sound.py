@@ -21,20 +21,9 @@ _AHEAD = 8 * _FRAME  # reads that go on a little later decode on instead of seek
 class StreamSound:
     """A stream's sound by sample number; sample 0 is at frame 0, whatever the file's `start`. Thread safe.
 
-    It holds the file and at most a few decoded frames besides what `read` returns.
-
-    Args:
-        data: the whole file, verified.
-        name: path or URL for messages.
-
-    Attributes:
-        entry: as given.
-        sample_rate: samples per second and channel.
-        channels: 1 or 2.
-        samples: number of samples, from frame 0 to the end of the sound.
-
-    Raises:
-        StudioError: not an MP4 with one track of that codec, rate and number of channels (`stream.wrong_sound`).
+    It holds the whole verified file `data` and at most a few decoded frames besides what `read` returns. `samples`
+    counts them from frame 0 to the end of the sound; `name`, path or URL, is for messages. StudioError
+    (`stream.wrong_sound`) if it is not an MP4 with one track of that codec, rate and number of channels.
     """
 
     def __init__(self, data: bytes, entry: AudioEntry, name: str) -> None:
@@ -76,11 +65,8 @@ class StreamSound:
         return av.open(io.BytesIO(self._data), "r", format="mp4")
 
     def read(self, first: int, count: int) -> np.ndarray:
-        """See `Pcm.read`: (count, channels) float32 from sample `first` on, silence outside of the sound.
-
-        Raises:
-            StudioError: `stream.sound_damaged`.
-        """
+        """See `Pcm.read`: (count, channels) float32 from sample `first` on, silence outside of the sound; StudioError
+        if damaged."""
         out = np.zeros((count, self.channels), np.float32)
         low, high = max(first - self._skip, 0), min(first + count - self._skip, self.entry.samples)
         if high <= low:

@@ -25,14 +25,8 @@ _STRAY = 0.001  # share of splats that may lie outside, on each side of each axi
 
 
 def seen_box(frames: Iterable[Gaussians]) -> tuple[np.ndarray, np.ndarray] | None:
-    """The box of what one sees in some frames: without faint splats, and without the few that lie far from all others.
-
-    Args:
-        frames: of a group, at least one.
-
-    Returns:
-        (3,) least and greatest corner, world units, float64; None if nothing can be seen.
-    """
+    """The (3,) least and greatest corner, world units, float64, of what one sees in frames of a group: without faint
+    splats, and without the few that lie far from all others; None if nothing can be seen."""
     found = [frame.means[frame.opacities.reshape(-1) >= _SEEN].detach().cpu().numpy() for frame in frames]
     corners = [np.quantile(means.astype(np.float64), (_STRAY, 1 - _STRAY), axis=0) for means in found if len(means)]
     if not corners:
@@ -41,16 +35,12 @@ def seen_box(frames: Iterable[Gaussians]) -> tuple[np.ndarray, np.ndarray] | Non
 
 
 def suggested_view(camera: Camera, low: Sequence[float], high: Sequence[float], up: np.ndarray) -> Camera:
-    """The camera's place and image size; it looks at the middle of a box, which fills the image.
+    """The camera's place and image size, without lens distortion; it looks at the middle of a box, which fills the
+    image.
 
     The middles of the box's edges are inside the image. Its corners, where hardly anything ever is, need not be.
-
-    Args:
-        low, high: (3,) least and greatest corner of the box, world units.
-
-    Returns:
-        a camera without lens distortion. `camera` without its distortion if it is inside the box or above or below
-        its middle: there is no upright view that shows the box.
+    `camera` without its distortion if it is inside the box or above or below its middle: there is no upright view that
+    shows the box.
     """
     middle = (np.array(low) + np.array(high)) / 2
     edges = middle + _EDGES * (np.array(high) - np.array(low)) / 2
@@ -69,14 +59,8 @@ def suggested_view(camera: Camera, low: Sequence[float], high: Sequence[float], 
 
 
 def eye_level_view(view: Camera, low: Sequence[float], high: Sequence[float], up: np.ndarray) -> Camera:
-    """The first view of the browser player: a suggested view, lowered or raised to eye level around the box's middle.
-
-    Args:
-        low, high: (3,) least and greatest corner of the whole stream's box, world units.
-
-    Returns:
-        `view` itself if it is at eye level, or looks straight up or down.
-    """
+    """The first view of the browser player: a suggested view, lowered or raised to eye level around the middle of the
+    whole stream's box; `view` itself if it is at eye level, or looks straight up or down."""
     upright = up / np.linalg.norm(up)
     forward = view.rotation[2]
     elevation = float(np.arcsin(np.clip(-forward @ upright, -1, 1)))

@@ -137,16 +137,10 @@ the information, and `PlaneDecoder` checks each image."""
 
 
 class PlaneDecoder:
-    """Decodes one video, held in memory, frame by frame in order.
+    """Decodes one video, held in memory, frame by frame in order; size, most images and codec are from the manifest.
 
-    Args:
-        size: width and height, from the manifest.
-        pictures: that the file may have at most, from the manifest.
-        codec: h264, hevc or av1, from the manifest.
-        threads: decoder threads; more than one decode several images in parallel.
-
-    Raises:
-        StudioError: not an MP4 of that codec and image size, or with more images.
+    More than one of `threads` decode several images in parallel. StudioError if it is not an MP4 of that codec and
+    image size, or has more images.
     """
 
     def __init__(

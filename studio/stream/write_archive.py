@@ -12,11 +12,8 @@ _DATE = (1980, 1, 1, 0, 0, 0)  # equal streams give equal archives
 
 
 def write_archive(reader: StreamReader, out: Path, progress: ProgressFn = no_progress) -> int:
-    """Write a stream with all its renditions, verified, into one file; returns its size in bytes.
-
-    Args:
-        out: the file, replaced if it exists; written under a temporary name by the caller where that matters.
-    """
+    """Write a stream with all its renditions, verified, into the file `out`, which is replaced; returns its size in
+    bytes."""
     written = {MANIFEST_NAME}
     with zipfile.ZipFile(out, "w", zipfile.ZIP_STORED) as archive:
 

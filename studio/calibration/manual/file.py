@@ -29,7 +29,6 @@ class TiePoint:
     """A point in the world and its marks in the images.
 
     Attributes:
-        name: unique name.
         pixels: camera name to (column, row) in pixels of the raw (distorted) image, origin at its upper left corner.
         world: (3,) measured position in meters, z up; None if not measured.
         frame: frame in which it was marked; None if it does not move.
@@ -42,12 +41,8 @@ class TiePoint:
 
 
 def read_tie_points(path: Path | str) -> tuple[TiePoint, ...]:
-    """Read a tie point file.
-
-    Raises:
-        StudioError: the file is unreadable (tie_points.unreadable), not YAML (tie_points.syntax), or a value is invalid
-            (tie_points.*).
-    """
+    """Read a tie point file; StudioError if it is unreadable (tie_points.unreadable), not YAML (tie_points.syntax), or
+    a value is invalid (tie_points.*)."""
     path = Path(path)
     try:
         text = read_bounded(path).decode("utf-8-sig")
@@ -94,11 +89,7 @@ def read_tie_points(path: Path | str) -> tuple[TiePoint, ...]:
 
 
 def write_tie_points(points: Sequence[TiePoint], path: Path) -> None:
-    """Write a tie point file atomically; pixels are rounded to 0.01.
-
-    Raises:
-        StudioError: the file cannot be written (camera_file.unwritable).
-    """
+    """Write a tie point file atomically, pixels rounded to 0.01; StudioError (camera_file.unwritable) if that fails."""
     content = {}
     for point in points:
         values: JsonObject = {}

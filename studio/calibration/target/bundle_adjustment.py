@@ -17,13 +17,8 @@ from studio.errors import StudioError
 
 @dataclass
 class TargetRig:
-    """Cameras, target poses and observations.
-
-    Attributes:
-        cameras: name to camera; `world_to_camera` maps from rig coordinates.
-        target_poses: sync frame to (4, 4), target to rig.
-        views: (sync frame, camera) to observation.
-    """
+    """Cameras by name (`world_to_camera` maps from rig coordinates), (4, 4) target poses, target to rig, by sync frame,
+    and observations by (sync frame, camera)."""
 
     cameras: dict[str, Camera]
     target_poses: dict[int, np.ndarray]

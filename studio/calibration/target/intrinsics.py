@@ -25,11 +25,8 @@ def intrinsics_from_views(
 ) -> Camera:
     """Initial intrinsics of a camera by Zhang's method (OpenCV), as a camera at the identity pose.
 
-    Args:
-        size: (width, height) of its images.
-        views: observations at several positions and tilts.
-        model: COLMAP camera model, as in `CalibrateSettings.camera_model`.
-        principal_point: estimate it; otherwise it is the image center.
+    From `views` at several positions and tilts; `model` as in `CalibrateSettings.camera_model`; `principal_point`:
+    estimate it; otherwise it is the center of the image of (width, height) `size`.
     """
     import cv2
 
@@ -129,12 +126,8 @@ def _mark(view: TargetObservation, size: tuple[int, int]) -> np.ndarray:
 
 
 def target_pose(camera: Camera, target: CalibrationTarget, view: TargetObservation) -> tuple[np.ndarray, float]:
-    """Pose of the target relative to the camera.
-
-    Returns:
-        (4, 4) target to camera, and the RMS reprojection error in pixels. Of the two poses of a planar target (Collins
-        and Bartoli 2014) it is the one with the smaller error.
-    """
+    """(4, 4) pose, target to camera, and the RMS reprojection error in pixels. Of the two poses of a planar target
+    (Collins and Bartoli 2014) it is the one with the smaller error."""
     import cv2
 
     world = target.corners[view.ids]

@@ -23,10 +23,7 @@ def refine_without_outliers(
 
     A camera that is not exactly synchronized sees a moving target at a different position, so its whole observation is
     wrong even if it is sharp. The threshold is therefore derived from the error of each observation at its own best
-    target pose, not at the common pose.
-
-    Args:
-        outlier: threshold as a multiple of the median of these errors; the threshold is at least 0.5 pixels.
+    target pose, not at the common pose: `outlier` times the median of these errors, at least 0.5 pixels.
     """
     poses = {key: target_pose(state.cameras[key[1]], target, view) for key, view in state.views.items()}
     limit = max(0.5, outlier * float(np.median([error for _, error in poses.values()])))

@@ -133,14 +133,8 @@ class CalibrationTarget(Settings):
         return cv2.aruco.CharucoDetector(self.charuco, detectorParams=parameters)
 
     def detect(self, image: np.ndarray) -> TargetObservation | None:
-        """Detect the target in an image.
-
-        Args:
-            image: (H, W, 3) RGB or (H, W), uint8.
-
-        Returns:
-            the detected corners; None if there are fewer than six, or all are collinear.
-        """
+        """The corners detected in a (H, W, 3) RGB or (H, W) uint8 image; None if there are fewer than six, or all are
+        collinear."""
         import cv2
 
         gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image
@@ -207,12 +201,8 @@ def _is_lighter(gray: np.ndarray, grid: np.ndarray) -> bool:
 
 @dataclass(frozen=True)
 class TargetObservation:
-    """The corners of a target detected in one image.
-
-    Attributes:
-        ids: (M,) int64, indices into `CalibrationTarget.corners`.
-        pixels: (M, 2), origin at the image corner.
-    """
+    """The corners of a target detected in one image: (M,) int64 indices into `CalibrationTarget.corners` and (M, 2)
+    pixels, origin at the image corner."""
 
     ids: np.ndarray
     pixels: np.ndarray

@@ -23,15 +23,11 @@ _TEXT = 9.0  # millimeters for the ruler and text below the target
 
 
 def write_target_pdf(target: CalibrationTarget, path: Path | str, *, paper: str = "fit") -> tuple[float, float]:
-    """Write a target as a PDF.
+    """Write a target as a PDF, atomically; returns width and height of the page in millimeters.
 
     Args:
-        path: the PDF file, replaced atomically.
         paper: "fit" for a page of the target's size with a margin of one square, or a key of `PAPERS`; the orientation
             (portrait or landscape) is chosen so that the target fits.
-
-    Returns:
-        width and height of the page in millimeters.
 
     Raises:
         StudioError: the paper is unknown (target.paper), the target does not fit on it (target.too_large), or the file

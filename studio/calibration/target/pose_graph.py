@@ -21,12 +21,8 @@ def chain_poses(
 ) -> TargetRig:
     """Chain relative camera poses along the pairs with the most common sync frames (maximum spanning tree).
 
-    Args:
-        intrinsics: name to camera with intrinsics; poses are not used.
-        views: (sync frame, camera) to observation.
-
-    Returns:
-        cameras in the coordinates of the first one, and target poses of all sync frames with a usable observation.
+    Takes cameras' intrinsics by name and observations by (sync frame, camera). The result has cameras in the
+    coordinates of the first one, and target poses of all sync frames with a usable observation.
     """
     poses: dict[tuple[int, str], np.ndarray] = {}
     for key, view in views.items():

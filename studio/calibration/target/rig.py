@@ -40,12 +40,11 @@ def detect_target(
     target: CalibrationTarget,
     progress: ProgressFn = no_progress,
 ) -> tuple[dict[tuple[int, str], TargetObservation], dict[str, tuple[int, int]]]:
-    """Detect the target in every image.
+    """Detect the target in every image; `progress` is called per image.
 
     Args:
         cameras: name to a function that reads the image (H, W, 3) uint8 RGB of a sync frame.
         sync_frames: name to the sync frames to read.
-        progress: called per image.
 
     Returns:
         (sync frame, camera) to observation, and (width, height) of each camera's images.
@@ -87,15 +86,9 @@ def calibrate_intrinsics(
     settings: CalibrateSettings | None = None,
     threads: int = 0,
 ) -> tuple[dict[str, Camera], dict[str, IntrinsicsReport]]:
-    """Estimate only the intrinsics of each camera, from its own images of the target, which need not be synchronized.
-
-    Returns:
-        name to camera at the identity pose, and name to report.
-
-    Raises:
-        StudioError: a camera has too few observations (target.too_few_views), or they do not determine its intrinsics
-            (target.focal_length, target.no_fit).
-    """
+    """Intrinsics of each camera, at the identity pose, and a report, by name, from its own images of the target, which
+    need not be synchronized. StudioError if a camera has too few observations (target.too_few_views), or they do not
+    determine its intrinsics (target.focal_length, target.no_fit)."""
     settings = settings or CalibrateSettings()
     cameras, figures = {}, {}
     for name, seen in views.items():

@@ -23,12 +23,9 @@ def shared_sync_frames(state: TargetRig) -> dict[str, int]:
 
 
 def scale_check(state: TargetRig, target: CalibrationTarget) -> tuple[float, float] | None:
-    """Triangulate the corners with the calibrated cameras and compare them with the target.
-
-    Returns:
-        relative error of the distances between corners (0.001 is 1 mm per meter), and RMS distance in millimeters
-        between the triangulated corners and the target fitted to them; None if no two cameras see the same corners.
-    """
+    """Triangulate the corners with the calibrated cameras and compare them with the target: relative error of the
+    distances between corners (0.001 is 1 mm per meter), and RMS distance in millimeters between the triangulated
+    corners and the target fitted to them; None if no two cameras see the same corners."""
     scales, squares = [], []
     for sync_frame in state.target_poses:
         rays: dict[int, list[tuple[Camera, np.ndarray]]] = {}

@@ -19,18 +19,14 @@ def open_decoder(
     codec: str,
     threads: int = 1,
 ) -> GroupDecoder:
-    """A decoder at the group's first frame.
+    """A decoder at the group's first frame; StudioError if a file does not match the manifest.
 
     Args:
         group: its entry in the manifest.
         files: content by path, from `fetch_group`.
-        pool: threads that decode several videos in parallel.
+        pool: threads that decode several videos in parallel; `threads` are of the decoder of a profile's single video.
         name: the stream, for messages.
         codec: as in the manifest.
-        threads: for a profile with a single video: threads of its decoder.
-
-    Raises:
-        StudioError: a file does not match the manifest.
     """
     if isinstance(group, PlanesRendition):
         return PlanesDecoder(group, files, pool, name)

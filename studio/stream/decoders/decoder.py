@@ -19,22 +19,16 @@ class DecodedFrame(ABC):
 
 
 class GroupDecoder(ABC):
-    """Decodes the frames of one group in order.
-
-    Attributes:
-        next_frame: index in the stream of the frame that `read` returns next.
-    """
+    """Decodes the frames of one group in order; `next_frame` is the index in the stream of the one that `read`
+    returns."""
 
     def __init__(self, group: Rendition) -> None:
         self.group = group
         self.next_frame = group.first_frame
 
     def read(self) -> DecodedFrame:
-        """The next frame; call `DecodedFrame.gaussians` on any thread for its splats.
-
-        Raises:
-            StudioError: a file is damaged, or the group has no further frame.
-        """
+        """The next frame; call `DecodedFrame.gaussians` on any thread for its splats. StudioError if a file is damaged,
+        or there is none."""
         if self.next_frame >= self.group.end_frame:
             raise StudioError(
                 "stream.end_of_group",

@@ -387,18 +387,9 @@ def _ranking(rungs: Sequence[Rung], splats: int, contribution: ContributionFn | 
 
 
 def bake_sound(cut: Cut, directory: Path) -> AudioEntry:
-    """Encode a sound into `directory/files`, under the name of its content. The same sound gives the same bytes.
-
-    Args:
-        cut: the sound, as long as the stream's frames.
-        directory: the stream's folder; created if missing.
-
-    Returns:
-        The entry for the manifest. `cut` then knows how much of it is silence (`missing_before`, `missing_after`).
-
-    Raises:
-        StudioError: the sound cannot be read, or the file cannot be written.
-    """
+    """Encode a sound, as long as the stream's frames, into `directory/files`, under the name of its content; the same
+    sound gives the same bytes. `cut` then knows how much of it is silence (`missing_before`, `missing_after`).
+    StudioError if the sound cannot be read, or the file cannot be written."""
     folder = directory / FILES
     partial = temporary_path(folder / "sound")
     try:

@@ -14,12 +14,8 @@ MAX_MACROBLOCK_RATE = 983_040
 
 
 def beyond_hardware(group: GroupEntry, fps: float, codec: str) -> list[Message]:
-    """One warning for each rendition that hardware decoders of H.264 may refuse; none for other codecs, and for the
-    profile `planes`, whose lossless planes are decoded in software anyway.
-
-    Args:
-        fps: frames per second that it plays at.
-    """
+    """One warning for each rendition that hardware decoders of H.264 may refuse when it plays at `fps`; none for other
+    codecs, and for the profile `planes`, whose lossless planes are decoded in software anyway."""
     found = []
     for one in group.renditions:
         if codec != "h264" or not isinstance(one, MotionRendition):

@@ -39,12 +39,8 @@ _STEPS_A_SIDE = 127  # range of residual codes in either direction
 
 
 class MotionBake:
-    """One group, held in memory. The constructor analyzes it once; `write` can then be called for any QP.
-
-    Args:
-        frames: frames of the group, keyframe first.
-        progress: called before each frame, so that it can cancel.
-    """
+    """One group, held in memory, keyframe first. The constructor analyzes it once; `write` can then be called for any
+    QP. `progress` is called before each frame, so that it can cancel."""
 
     def __init__(self, frames: Sequence[Gaussians], progress: ProgressFn) -> None:
         self._count, self._splats, self._degree = len(frames), len(frames[0]), frames[0].sh_degree
@@ -108,13 +104,8 @@ class MotionBake:
         threads: int,
         fps: float,
     ) -> MotionRendition:
-        """Write side file and video into `folder`, under the names of their content.
-
-        Args:
-            identity: values of the rendition that are not known here.
-            settings: as they are; QP and attributes' QPs are used.
-            progress: called with (frames encoded, frames).
-        """
+        """Write side file and video into `folder`, under the names of their content; `identity` has the values of the
+        rendition that are not known here, `progress` is called with (frames encoded, frames)."""
         coarse = 2.0 ** ((settings.qp - _REFERENCE_QP) / 6)  # 6 QPs double the quantizer step of the codec
         cell = _KEYFRAME_STEP * coarse * self._step
         bits = MAX_BITS if settings.qp == 0 else keyframe_bits(self._extent, cell)

@@ -27,13 +27,8 @@ _NO_SMOOTHING = 1e-6  # stands for 0, whose likelihood has no limit
 def carry_hidden_splats(positions: np.ndarray, opacities: np.ndarray) -> np.ndarray:
     """Move splats that a frame does not show like the visible splat that is nearest in the keyframe.
 
-    Args:
-        positions: (F, N, 3) means, keyframe first, world units.
-        opacities: (F, N), 0 to 1.
-
-    Returns:
-        (F, N, 3) means: those of visible splats and of the keyframe are unchanged. `positions` itself if nothing
-        changes.
+    Takes (F, N, 3) means, keyframe first, world units, and (F, N) opacities, 0 to 1. Returns means: those of visible
+    splats and of the keyframe are unchanged. `positions` itself if nothing changes.
     """
     carried = positions
     for frame in range(1, len(positions)):

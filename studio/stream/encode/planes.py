@@ -22,14 +22,12 @@ from studio.stream.video import PlaneEncoder
 
 
 class PlanesBake:
-    """One group. The constructor reads all frames once for their ranges; `write` can then be called for any QP.
+    """One group, keyframe first. The constructor reads all frames once for their ranges, each `write` reads them again,
+    for any QP.
 
     The splats of all frames are put into the Morton order of the keyframe, each component is rounded to levels over its
-    range in the group, and the planes are encoded in parallel.
-
-    Args:
-        frames: frames of the group, keyframe first; every `write` reads them again.
-        progress: called before each frame, so that it can cancel.
+    range in the group, and the planes are encoded in parallel. `progress` is called before each frame, so that it can
+    cancel.
     """
 
     def __init__(self, frames: Sequence[Gaussians], progress: ProgressFn) -> None:

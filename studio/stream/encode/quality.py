@@ -26,14 +26,11 @@ _LEAST_FALL, _MOST_FALL = 0.25, 4.0  # of `spare` per QP: two values close to ea
 
 
 def highest_qp(spare: Callable[[int], float], start: int) -> int:
-    """The highest QP that leaves something to spare, in a few calls.
+    """The highest QP that leaves something to spare, in a few calls; `QP_BEST` - 1 if not even `QP_BEST` is good
+    enough.
 
-    Args:
-        spare: of a QP from `QP_BEST` to `QP_MAX`; falls by about 1 per QP. At least 0: the QP is good enough.
-        start: the QP that is tried first.
-
-    Returns:
-        the QP; `QP_BEST` - 1 if not even `QP_BEST` is good enough.
+    `spare` takes a QP from `QP_BEST` to `QP_MAX` and falls by about 1 per QP; at least 0 is good enough. `start` is
+    tried first.
     """
     low, high = QP_BEST - 1, QP_MAX + 1
     qp, fall = start, 1.0

@@ -13,13 +13,10 @@ _MAX_CODE = float(1 << 30)  # of an escape; the side file has 32 bits
 
 
 def channel_steps(sh_degree: int, position_step: float, typical: float, settings: BakeSettings) -> list[float]:
-    """Step of each channel of `attributes.channels(sh_degree)`, before `channel_range`.
+    """Step of each channel of `attributes.channels(sh_degree)`, before `channel_range`, in world units.
 
-    Args:
-        sh_degree: 0 to 3.
-        position_step: step of position residuals of class 1, world units; class 0 has half of it.
-        typical: size of a typical splat, world units.
-        settings: an attribute whose QP differs from `qp` has a finer or coarser step, 6 QPs per factor of two.
+    `position_step` is of residuals of class 1; class 0 has half of it. `typical` is the size of a typical splat. An
+    attribute whose QP differs from `qp` has a finer or coarser step, 6 QPs per factor of two.
     """
 
     result: list[float] = []

@@ -94,13 +94,11 @@ class PlanesCoding:
         )
 
     def quantizer(self, values: Tensor) -> tuple[Tensor, Tensor]:
-        """Offset and step of each channel, both (C,) and detached: coded is round((value - offset) / step).
+        """Offset and step of each channel, both (C,) and detached, from (N, C) coded values: coded is round((value -
+        offset) / step).
 
-        Steps are at least 1e-3: a channel that is nearly constant in this frame has a larger range over the group.
-
-        Args:
-            values: (N, C) coded values of the frame that the range is measured on. The baker measures it over the
-                whole group, which is not known during training.
+        Steps are at least 1e-3: a channel that is nearly constant in this frame has a larger range over the group. The
+        baker measures the range over the whole group, which is not known during training.
         """
         low = values.amin(0)
         steps = ((values.amax(0) - low) / LEVELS_8).clamp_min(_MIN_STEP)

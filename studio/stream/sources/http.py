@@ -45,12 +45,8 @@ class _Temporary(Exception):
 
 
 class _Partial:
-    """The part of a file received so far, and the validator (ETag or date) of its version.
-
-    Args:
-        window: first byte and number of bytes if only a part of the file is wanted.
-        known: ETag of a version that is known, and not wanted again.
-    """
+    """The part of a file received so far, and the validator (ETag or date) of its version; `window`: first byte and
+    number of bytes if only a part is wanted; `known`: ETag of a version that is known, and not wanted again."""
 
     def __init__(self, window: tuple[int, int] | None = None, known: str | None = None) -> None:
         self.data = bytearray()
@@ -142,12 +138,8 @@ class HttpSource:
         return urlunsplit(self._base._replace(query=""))
 
     def read(self, path: str, limit: int) -> bytes:
-        """See `Source.read`.
-
-        Raises:
-            SourceUnavailable: no complete answer before `patience` ran out.
-            StudioError: the file is missing, access is denied, or the file is longer than `limit`.
-        """
+        """See `Source.read`. SourceUnavailable if there is no complete answer before `patience` runs out; StudioError
+        if the file is missing, access is denied, or it is longer than `limit`."""
         url = urlunsplit(self._base._replace(path=f"{self._base.path}/{path}"))
         partial = _Partial()
         self._read(url, f"{self.name}/{path}", partial, limit)
@@ -164,12 +156,8 @@ class HttpSource:
         return bytes(partial.data)
 
     def read_part(self, offset: int, count: int) -> tuple[bytes, int]:
-        """Up to `count` bytes from `offset` of the file that the URL itself names, fewer only at its end, and its
-        size.
-
-        Raises:
-            StudioError: as `read`, or the server does not answer range requests.
-        """
+        """Up to `count` bytes from `offset` of the file that the URL itself names, fewer only at its end, and its size.
+        StudioError as `read`, or if the server does not answer range requests."""
         partial = _Partial((offset, count))
         self._read(urlunsplit(self._base), self.name, partial, count)
         return bytes(partial.data), partial.size

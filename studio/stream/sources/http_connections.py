@@ -21,14 +21,9 @@ _current = threading.local()
 
 
 class Watch:
-    """Ends the connection that this thread uses in the block, if `progress` is not called often enough.
-
-    Args:
-        seconds: from entering, and from each `progress`, to the next.
-
-    Attributes:
-        late: whether that did not happen. The end of the connection may look like that of a complete answer.
-    """
+    """Ends the connection that this thread uses in the block, if `progress` is not called within `seconds` from
+    entering, and from each call to the next. `late`: that happened; the end of the connection may look like that of a
+    complete answer."""
 
     def __init__(self, seconds: float) -> None:
         self._seconds = seconds

@@ -38,12 +38,8 @@ class Source(Protocol):
         """The stream in messages: a folder or a URL."""
 
     def read(self, path: str, limit: int) -> bytes:
-        """The whole file. Never holds more than about `limit` bytes.
-
-        Raises:
-            StudioError: the file is missing, unreadable or longer than `limit`.
-            SourceUnavailable: the server cannot be reached at present.
-        """
+        """The whole file, of at most `limit` bytes. StudioError if it is missing, unreadable or longer;
+        SourceUnavailable if the server cannot be reached at present."""
 
 
 class FolderSource:
@@ -100,13 +96,8 @@ def close_source(source: Source) -> None:
 
 
 def read_files(source: Source, wanted: Sequence[tuple[str, int]]) -> dict[str, bytes]:
-    """Content by path of several files, given as (path, limit).
-
-    Reads `source.parallel` files at once: over a network, most of the time of a small file is latency.
-
-    Raises:
-        StudioError: as `Source.read`, for the first file that fails.
-    """
+    """Content by path of several files, given as (path, limit); StudioError as `Source.read`, for the first that fails.
+    Reads `source.parallel` files at once: over a network, most of the time of a small file is latency."""
     parallel = min(int(getattr(source, "parallel", 1)), len(wanted))
     if parallel <= 1:
         return {path: source.read(path, limit) for path, limit in wanted}
