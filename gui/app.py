@@ -112,17 +112,9 @@ def _run(path: str | None, size: tuple[int, int], log: Path | None, device: str)
 
 
 def run_ticks(tick: Callable[[], bool], progress: Callable[[], object], report: Callable[[Exception], None]) -> bool:
-    """Tick until there is no window.
-
-    What a callback of the toolkit raises comes out of a tick. It is reported, and the window keeps running: one failure
-    must not freeze it.
-
-    Args:
-        tick: one tick; False once the window is closed.
-
-    Returns:
-        False if it was given up after `MOST_FAILURES` exceptions without progress.
-    """
+    """Tick until there is no window; `tick` returns False then. False if it was given up after `MOST_FAILURES`
+    exceptions without progress. What a callback of the toolkit raises comes out of a tick. It is reported, and the
+    window keeps running: one failure must not freeze it."""
     failures, before = 0, progress()
     while True:
         try:

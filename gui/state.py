@@ -117,11 +117,8 @@ def _widgets(window: Shell) -> dict[str, gui.Widget]:
 
 
 class StateLog:
-    """Appends a JSON line to a file whenever the state has changed.
-
-    FILE.ticks contains the number of ticks so far: a program that drives the window waits for a few of them to be sure
-    that an input event has been processed.
-    """
+    """Appends a JSON line to a file whenever the state has changed. FILE.ticks contains the number of ticks so far: a
+    program that drives the window waits for a few of them to be sure that an input event has been processed."""
 
     def __init__(self, path: Path | None) -> None:
         self._file: TextIO | None = None

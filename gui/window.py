@@ -54,14 +54,8 @@ LEAST_SIZE = (51, 40)
 
 
 class MainWindow(Shell):
-    """See the module.
-
-    Attributes:
-        ticks: completed ticks, without those at rest.
-
-    Args:
-        log: file to which a JSON line is appended whenever the state has changed; None for none.
-    """
+    """See the module. `ticks`: completed ones, without those at rest; `log`: file to which a JSON line is appended
+    whenever the state has changed; None for none."""
 
     def __init__(
         self, size: tuple[int, int], log: Path | None = None, device: str = "", software: bool = False

@@ -82,12 +82,8 @@ class NewTake:
         return {**own, "audio": given or "none", "preset": given or preset_here()}
 
     def config(self) -> Config:
-        """The initial settings of the take.
-
-        Raises:
-            StudioError: `take.no_footage`, `take.bad_rate`, `take.bad_frames`, `footage.no_folder`, no camera is left
-                to train on, or settings that cannot be read.
-        """
+        """The initial settings of the take; StudioError: `take.no_footage`, `take.bad_rate`, `take.bad_frames`,
+        `footage.no_folder`, no camera is left to train on, or settings that cannot be read."""
         values: dict[str, Any] = {}
         rate, span = self._rate(), self.span()
         if rate is not None:

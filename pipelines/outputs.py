@@ -9,12 +9,8 @@ from studio.errors import StudioError
 
 
 def check_output(out: Path, overwrite: bool, ours: Callable[[Path], bool]) -> None:
-    """Check that `out` may be written. An empty folder always may.
-
-    Args:
-        overwrite: whether it may exist.
-        ours: whether an existing output is of the kind that would be written; may raise a StudioError that says more.
-    """
+    """Check that `out` may be written: an empty folder always, what exists if `overwrite` and `ours`: it is of the kind
+    that would be written. `ours` may raise a StudioError that says more."""
     if not os.path.lexists(out) or _is_empty(out):
         return
     if out.is_symlink() or not ours(out):
@@ -32,11 +28,8 @@ def check_output(out: Path, overwrite: bool, ours: Callable[[Path], bool]) -> No
 
 @contextmanager
 def replacing(out: Path, overwrite: bool, ours: Callable[[Path], bool]) -> Iterator[None]:
-    """The block writes `out`, which does not exist then. What was there is restored if it fails, and, if the process is
-    killed, by the next call.
-
-    Args and raises: as for `check_output`.
-    """
+    """The block writes `out`, which does not exist then; arguments as for `check_output`. What was there is restored if
+    it fails, and, if the process is killed, by the next call."""
     from pipelines.takes.atomic_files import disk_errors
     from studio.atomic_files import remove, restore_old, temporary_path
 

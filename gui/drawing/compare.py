@@ -65,12 +65,8 @@ def side_by_side(
     text: int = LABEL_SIZE,
     corner: tuple[int, int] = (0, 0),
 ) -> np.ndarray:
-    """Draw images side by side, each with its label.
-
-    Args:
-        text: size of labels, pixels.
-        corner: column and row of each image where what is filmed begins: its label is there.
-    """
+    """Draw images side by side, each with its label, in letters of `text` pixels at its `corner`: the column and row
+    where what is filmed begins."""
     canvas = Canvas(*size)
     for box, image, name in zip(where, images, names, strict=True):
         canvas.image(box.x, box.y, image)

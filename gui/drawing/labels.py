@@ -16,13 +16,8 @@ def place_labels(
 ) -> list[tuple[int, int] | None]:
     """The upper left corner of each label in pixels; None where it would cover another label.
 
-    Each is below, above, to the right or to the left of its shape, wherever it covers least of all shapes. Earlier ones
-    choose first.
-
-    Args:
-        shapes: (N, 2) pixels of each, whose convex hull counts.
-        sizes: width and height of each label, pixels.
-        room: width and height of the image, pixels.
+    Each is below, above, to the right or to the left of its shape, (N, 2) pixels whose convex hull counts, wherever it
+    covers least of all shapes. Earlier ones choose first. Sizes and room are widths and heights in pixels.
     """
     import cv2
 

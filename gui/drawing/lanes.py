@@ -20,13 +20,8 @@ _COLORS: dict[str, RGB] = {"failed": BAD, "running": ACCENT, "retried": FAIR, "q
 def draw_lanes(
     canvas: Canvas, area: tuple[float, float, float, float], lanes: Collection[GroupState], em: float
 ) -> None:
-    """Draw one row per group, those that fit; the last row counts the others. A number after the state is that of the
-    attempt, from the second one.
-
-    Args:
-        area: x, y, width and height in pixels.
-        lanes: the latest state of each group, in any order.
-    """
+    """Draw one row per group with its latest state, those that fit in x, y, width and height in pixels; the last row
+    counts the others. A number after the state is that of the attempt, from the second one."""
     x, y, width, height = area
     small = round(0.85 * em)
     row = line_height(small) + 0.5 * em

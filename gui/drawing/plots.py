@@ -80,13 +80,9 @@ def curve(
     newest: str = "",
     nothing: str = "no data from the last run",
 ) -> None:
-    """Draw a line plot: title and latest value above, ticks at the left.
-
-    Args:
-        area: x, y, width, height in the canvas.
-        color: of the value above, and of a single line; several have those of `SERIES` (`legend` names them).
-        x_words: labels below the left and right ends of the axis.
-    """
+    """Draw a line plot in x, y, width, height of the canvas: title and latest value above, ticks at the left. `color`
+    is of the value above, and of a single line; several have those of `SERIES` (`legend` names them). `x_words`: labels
+    below the left and right ends of the axis."""
     x, y, width, height = area
     size = round(0.82 * em)
     canvas.text(x, y, title, round(0.95 * em), TEXT)

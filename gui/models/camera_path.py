@@ -19,13 +19,8 @@ LEAST_SECONDS = 0.1
 
 @dataclass(frozen=True, eq=False)
 class PathKey:
-    """A view of the camera path.
-
-    Attributes:
-        frame: number of the frame shown (`FrameNumbers`).
-        time: seconds in the movie.
-        easing: how the camera moves to the next view, one of `EASINGS`.
-    """
+    """A view of the camera path: number of the frame shown (`FrameNumbers`), seconds in the movie, and how the camera
+    moves to the next view, one of `EASINGS`."""
 
     camera: Camera
     frame: int

@@ -34,9 +34,8 @@ class FolderList:
         wanted: "folder" (any), "take" (the folder of a take or a stream) or "file".
         endings: extensions of files that can be chosen; none: all, if files are wanted.
 
-    Attributes:
-        entries: its entries, folders first, in natural order (cam2 before cam10).
-        message: why the last action failed; "" if it succeeded.
+    `entries` are folders first, in natural order (cam2 before cam10). `message`: why the last action failed; "" if it
+    succeeded.
     """
 
     def __init__(self, start: Path, wanted: str, endings: Sequence[str] = ()) -> None:

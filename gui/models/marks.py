@@ -7,15 +7,9 @@ from studio.errors import StudioError
 
 
 class Marks:
-    """The take's marks. The file may also be changed by others, such as browsers (`v3studio serve --review`).
-
-    Args:
-        path: the file, which may not exist yet. None keeps marks in memory only (for a bare stream).
-
-    Attributes:
-        marks: by frame number in the footage (`FrameNumbers`).
-        error: message if the file is damaged, in which case it is never written; "" otherwise.
-    """
+    """The take's marks by frame number in the footage (`FrameNumbers`). Others may change the file, too, such as
+    browsers (`v3studio serve --review`); it may not exist yet, and None keeps marks in memory only (for a bare stream).
+    `error`: message if the file is damaged, in which case it is never written; "" otherwise."""
 
     def __init__(self, path: Path | None) -> None:
         self._path = path
@@ -53,15 +47,9 @@ class Marks:
         return True
 
     def set(self, frame: int, note: str, replaces: Mark | None, view: MarkView | None = None) -> bool:
-        """Mark a frame, or change its note; returns whether there was anything to change.
-
-        Args:
-            replaces: the frame's mark when the change was begun.
-            view: what is on screen; a mark that has a view keeps its own.
-
-        Raises:
-            StudioError: somebody else has changed this mark meanwhile, or the file is damaged or cannot be written.
-        """
+        """Mark a frame, or change its note; returns whether there was anything to change. `replaces`: its mark when the
+        change was begun; `view`: what is on screen; a mark that has a view keeps its own. StudioError if somebody else
+        has changed this mark meanwhile, or the file is damaged or cannot be written."""
         note = note.strip()
         if replaces is not None and note == replaces.note:
             return False

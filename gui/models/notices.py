@@ -20,13 +20,8 @@ MOST_FAILURES = 20
 
 @dataclass(frozen=True)
 class Notice:
-    """One message.
-
-    Attributes:
-        text: one or more sentences; may have line breaks.
-        path: the file or folder that was written; None if none was.
-        topic: what it is about; a later success of the same topic removes it.
-    """
+    """One message, which may have line breaks, and the file or folder that was written, if any. A later success of the
+    same topic removes it."""
 
     text: str
     bad: bool = False

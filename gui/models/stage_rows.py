@@ -22,13 +22,8 @@ def pipeline_name(key: str) -> str:
 
 @dataclass(frozen=True)
 class StageRow:
-    """A line of the stage list.
-
-    Attributes:
-        state: done, partial, stale, failed, missing, running, or waiting (later in the current run).
-        detail: the reason, as a sentence; "" if there is none.
-        setting: name of the setting that fixes the problem; "" if none does.
-    """
+    """A line of the stage list: done, partial, stale, failed, missing, running, or waiting (later in the current run);
+    the reason, as a sentence, or ""; and the name of the setting that fixes the problem, or ""."""
 
     key: str
     state: str
@@ -45,13 +40,8 @@ class StageRow:
 
 @dataclass(frozen=True)
 class Assessment:
-    """Status of a take's stages and footage.
-
-    Attributes:
-        footage_error: why the footage cannot be opened; None if it can.
-        numbers: frame numbers in the footage's files; empty if it cannot be opened.
-        camera_file: name of the calibration file that is used; "" if the cameras are calibrated from the footage.
-    """
+    """Status of a take's stages and footage: why it cannot be opened, if so; frame numbers in its files, if it can;
+    name of the calibration file, "" if the cameras are calibrated from the footage."""
 
     stages: dict[str, StageStatus] = field(default_factory=dict)
     footage: str = ""

@@ -26,12 +26,8 @@ class Done(Generic[Request, Result]):
 
 
 class LatestWorker(Generic[Request, Result]):
-    """Runs `work` on a separate thread, always on the newest request.
-
-    Args:
-        work: called with a request on the worker's thread; an exception becomes the result's `error`.
-        done: called with each finished request on the window's thread; None to `take` them instead.
-    """
+    """Runs `work` on a separate thread, always on the newest request; an exception becomes the result's `error`. `done`
+    is called with each finished request on the window's thread; None to `take` them instead."""
 
     def __init__(
         self,

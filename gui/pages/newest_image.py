@@ -45,12 +45,8 @@ class NewestImage:
         size: tuple[int, int],
         em: float,
     ) -> np.ndarray | None:
-        """The image to show, if it changes. Call at each tick.
-
-        Args:
-            right_frame: whether the newest image shows the current frame.
-            finished: whether no image is being rendered.
-        """
+        """The image to show, if it changes. Call at each tick. `right_frame`: the newest image shows the current frame;
+        `finished`: no image is being rendered."""
         before, self._updated = self._updated, self._now()
         if pixels is not None:
             self._shown, self._pixels, self._missing_since, self._words = wanted, pixels, None, ""

@@ -250,10 +250,8 @@ class StageViews:
         return self.player.span_source()
 
     def poll(self, size: tuple[int, int], render_size: tuple[int, int], em: float) -> np.ndarray | None:
-        """Return a new image if there is one. Never blocks; call at each tick.
-
-        An image is never left under another label: while the chosen one is being made, the old one is dimmed.
-        """
+        """Return a new image if there is one. Never blocks; call at each tick. An image is never left under another
+        label: while the chosen one is being made, the old one is dimmed."""
         pixels = self._poll(size, render_size, em)
         right_frame = not self.shows_player or self.player.opened is None or self.player.current
         return self._newest.update(pixels, self._wanted, right_frame, self._finished, self.message, size, em)

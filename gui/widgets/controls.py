@@ -19,13 +19,8 @@ SOUND = "Volume of the stream's sound (V: off or on). It plays at speed 1x only.
 
 
 class ControlsPanel:
-    """Buttons: start, back, play, forward, end; loop, speed, sound, capture camera, reset. Sound and
-    cameras are shown if the open take or stream has them.
-
-    Attributes:
-        buttons: all of them, by key.
-        lists: those that open a list.
-    """
+    """Buttons by key: start, back, play, forward, end; loop, speed, sound, capture camera, reset; `lists` open a list.
+    Sound and cameras are shown if the open take or stream has them."""
 
     def __init__(
         self,

@@ -15,12 +15,8 @@ class Flow:
         self._items: list[tuple[gui.Widget, float, bool, float | None]] = []
 
     def add(self, widget: gui.Widget, before: float = 0.0, right: bool = False, width: float | None = None) -> None:
-        """Append a widget.
-
-        Args:
-            before: extra pixels between it and the previous one; it begins a group, see `flow_lines`.
-            right: right-align it and all later ones if there is room.
-        """
+        """Append a widget, `before` extra pixels after the previous one: it begins a group, see `flow_lines`. `right`:
+        right-align it and all later ones if there is room."""
         self.widget.add_child(widget)
         self._items.append((widget, before, right, width))
 
@@ -67,11 +63,8 @@ def _down(widget: gui.Widget, line: float, context: gui.LayoutContext) -> int:
 def flow_lines(
     wides: Sequence[float], befores: Sequence[float], width: float, gap: float
 ) -> list[list[tuple[int, float]]]:
-    """Index and left end of what is in each line; at least one line.
-
-    Args:
-        befores: extra room before each. What has some begins a group, which is not divided if a line can hold it.
-    """
+    """Index and left end of what is in each line; at least one line. What has extra room before it begins a group,
+    which is not divided if a line can hold it."""
     lines: list[list[tuple[int, float]]] = [[]]
     x = 0.0
     for number, (wide, before) in enumerate(zip(wides, befores, strict=True)):

@@ -66,11 +66,8 @@ class Hints:
         self.listing = not self.listing and any(widget.visible and holds(widget, x, y) for widget in lists)
 
     def update(self, pointer: tuple[int, int] | None, hidden: bool) -> bool:
-        """Show the hint of what the pointer rests on; returns whether anything changed, which needs a layout.
-
-        Args:
-            pointer: its position in the window, pixels; None if it is not known.
-        """
+        """Show the hint of what the pointer, in window pixels if it is known, rests on; returns whether anything
+        changed, which needs a layout."""
         found = self._at(*pointer) if pointer is not None else None
         if found is None or found[0] is not self._clicked:
             self._clicked = None

@@ -33,11 +33,8 @@ class NoticeBar:
         self.widget.visible = False
 
     def update(self, room: float, hidden: bool) -> bool:
-        """Show the notice; returns whether anything changed, which needs a layout.
-
-        Args:
-            hidden: whether something else needs the place; a failure is shown nevertheless.
-        """
+        """Show the notice; returns whether anything changed, which needs a layout. `hidden`: something else needs the
+        place; a failure is shown nevertheless."""
         self._show_failure(self._pages.failure())
         card = self._notices.card
         if card is not None and hidden and not card.bad:

@@ -11,11 +11,8 @@ from gui.widgets.picture import ImagePanel
 
 
 class PathPanel:
-    """See the module.
-
-    Args:
-        act: called with what was clicked, a key of `drawing.path_list.HINTS`, and the view's index (-1: none).
-    """
+    """See the module. `act` is called with what was clicked, a key of `drawing.path_list.HINTS`, and the view's index
+    (-1: none)."""
 
     def __init__(
         self, em: float, editor: PathEditor, act: Callable[[str, int], None], changed: Callable[[], None]

@@ -58,14 +58,9 @@ def text_room(text: str, em: float) -> float:
 
 
 def lowered(label: gui.Label, down: int = FIELD_PADDING, room: float = 0.0) -> gui.Vert:
-    """A label of one line on the baseline of the text beside it, in a row that is no higher.
-
-    Args:
-        label: of one line.
-        down: pixels above the text of what is beside it, a field unless given.
-        room: least width of the row, pixels. A label that gets exactly the width that it asks for is broken, since the
-            toolkit rounds that down; its row is then two lines high.
-    """
+    """A label of one line on the baseline of the text beside it, `down` pixels below its top, a field's unless given,
+    in a row that is no higher, and `room` pixels wide at least. A label that gets exactly the width that it asks for is
+    broken, since the toolkit rounds that down; its row is then two lines high."""
     row = gui.Vert(0, gui.Margins(0, down, 0, -down))
     row.add_child(label)
     if room:

@@ -16,13 +16,9 @@ SetValue = Callable[[SettingField, str], None]
 
 @dataclass
 class Editor:
-    """Widgets of a setting.
-
-    Attributes:
-        steps: buttons that make a number lower and higher; none if it has no close limits. Not a slider: the toolkit's
-            prints the number once more, and covers it with its handle.
-        grows: whether the widget takes all the room that there is.
-    """
+    """Widgets of a setting. `steps`: buttons that make a number lower and higher; none if it has no close limits. Not a
+    slider: the toolkit's prints the number once more, and covers it with its handle. `grows`: it takes all the room
+    that there is."""
 
     widget: gui.Widget
     put: Callable[[str], None]

@@ -44,12 +44,8 @@ class SettingActions:
 
 
 class SettingsList:
-    """See the module.
-
-    Attributes:
-        edited: whether the last press was on the fields, so that letters are meant for them.
-        camera_file: name of the calibration file that is used; "" if there is none.
-    """
+    """See the module. `edited`: the last press was on the fields, so that letters are meant for them. `camera_file`:
+    name of the calibration file that is used; "" if there is none."""
 
     def __init__(self, stage: str, em: float, actions: SettingActions, estimates: Estimates) -> None:
         self._em, self._actions, self._estimates = em, actions, estimates

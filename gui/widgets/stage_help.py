@@ -94,15 +94,8 @@ HELP: Mapping[str, StageHelp] = {
 
 
 def example_of(stage: str, kind: str) -> np.ndarray:
-    """(H, W, 3) uint8 RGB.
-
-    Args:
-        stage: key of `HELP`.
-        kind: "good" or "bad".
-
-    Raises:
-        FileNotFoundError: the installation lacks it.
-    """
+    """(H, W, 3) uint8 RGB of a stage, a key of `HELP`, "good" or "bad"; FileNotFoundError if the installation lacks
+    it."""
     import cv2
 
     path = PICTURES / f"{stage}_{kind}.jpg"

@@ -11,11 +11,8 @@ REST = 0.7
 
 
 class SwapGuard:
-    """See the module.
-
-    Args:
-        pointer: position of the pointer in the window, pixels; None where it is not known, and then nothing is refused.
-    """
+    """See the module. `pointer`: its position in the window, pixels; None where it is not known, and then nothing is
+    refused."""
 
     def __init__(self, pointer: Callable[[], tuple[int, int] | None], em: float) -> None:
         self._pointer, self._rest = pointer, REST * em

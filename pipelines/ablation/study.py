@@ -113,13 +113,8 @@ def share(source: Take, target: Take) -> None:
 
 
 def compare(variants: Sequence[VariantResult]) -> tuple[VariantResult, ...]:
-    """Compare rate-distortion curves with that of the first variant (Bjontegaard).
-
-    Piecewise cubic interpolation (pchip) over the range that both curves cover.
-
-    Returns:
-        the variants; all but the first have `bd_rate_percent` and `bd_psnr_db`.
-    """
+    """The variants, all but the first with BD-rate and BD-PSNR of its rate-distortion curve against the first's
+    (Bjontegaard), by piecewise cubic interpolation (pchip) over the range that both curves cover."""
     import bjontegaard
 
     curves = [monotonic((one.kb_per_frame, one.psnr_decoded) for one in entry.points) for entry in variants]

@@ -31,20 +31,13 @@ def run_queue(
     command: Callable[[QueuedTake], list[str]] = run_command,
     check: Callable[[], None] = lambda: None,
 ) -> tuple[int, int]:
-    """Run all takes that wait, also those that are added meanwhile. A failed take does not stop the next one.
+    """Run all takes that wait, also those that are added meanwhile; returns how many were finished, and failed.
 
     Each take runs in a process of its own (`v3studio run`), so that nothing of one is left in memory for the next, and
-    not even a crash stops the queue. An interrupted take waits again and resumes where it stopped.
-
-    Args:
-        check: called before each take and often while one is waited for or runs; may raise `Cancelled`. Python drops an
-            exception that a signal's handler raises within a destructor; what the handler has noted is not lost.
-
-    Returns:
-        the numbers of takes that were finished, and that failed.
-
-    Raises:
-        Cancelled: Ctrl-C or SIGTERM.
+    not even a crash stops the queue. An interrupted take (Cancelled: Ctrl-C or SIGTERM) waits again and resumes where
+    it stopped. `check` is called before each take and often while one is waited for or runs; it may raise `Cancelled`.
+    Python drops an exception that a signal's handler raises within a destructor; what the handler has noted is not
+    lost.
     """
     done = failed = 0
     with queue.running():

@@ -43,15 +43,9 @@ class FrameMeasurer:
     def measure(
         self, frame: int, before: int | None, keep: bool, tick: Callable[[bool], None]
     ) -> tuple[tuple[FrameOfTake, ...], dict[str, dict[str, ViewPair]]]:
-        """Measure one frame.
-
-        Args:
-            before: the frame that flicker is measured against, None for the first one. It is rendered again if it is
-                not the one that was measured last.
-
-        Returns:
-            the figures of each take, and the views by camera and name of the take; empty without `keep`.
-        """
+        """The figures of each take in one frame, and the views by camera and name of the take (none without `keep`).
+        Flicker is measured against the frame `before`, if there is one, which is rendered again unless it was measured
+        last."""
         if self._flicker and before is not None and before != self._last:
             for take in self._takes:
                 pairs = self._pairs(take, before, lambda: tick(False))

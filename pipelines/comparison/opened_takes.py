@@ -50,20 +50,11 @@ def open_takes(
     closing: ExitStack,
     footage: Path | None = None,
 ) -> tuple[list[OpenedTake], tuple[str, ...]]:
-    """Open takes for a comparison.
+    """Open takes for a comparison: the takes, and the names of the cameras.
 
-    Images and masks come from the footage settings of one take, so that all are compared with the same; each take is
-    rendered with its own calibration.
-
-    Args:
-        footage: folder of the take whose footage settings are used; None: the first.
-
-    Returns:
-        the takes, and the names of the cameras.
-
-    Raises:
-        StudioError: a take has no stream, a camera is missing (`compare.no_such_camera`), or no camera is held out
-            (`compare.no_held_out`).
+    Images and masks come from the footage settings of one take (`footage`: its folder; None: the first), so that all
+    are compared with the same; each take is rendered with its own calibration. StudioError if a take has no stream, a
+    camera is missing (`compare.no_such_camera`), or none is held out (`compare.no_held_out`).
     """
     from studio.camera_files import read_rig
     from studio.capture import open_footage

@@ -114,14 +114,9 @@ class ComparedFrame(Result):
 
 
 class FinishedFrames:
-    """The finished frames of a comparison, on the disk. The folder is created with the first frame.
-
-    Args:
-        key: digest of what the comparison is made from; frames of other comparisons are deleted.
-
-    Attributes:
-        found: frames that an interrupted comparison has finished, by frame number.
-    """
+    """The finished frames of a comparison, on the disk. The folder is created with the first frame. `key`: digest of
+    what the comparison is made from; frames of others are deleted. `found`: frames that an interrupted one has
+    finished, by number."""
 
     def __init__(self, out: Path, key: str) -> None:
         self._out = out

@@ -18,11 +18,9 @@ from studio.yaml_text import YamlError, dump_yaml, parse_yaml
 
 
 def parse_override(text: str) -> tuple[str, Any]:
-    """`train.max-splats=20000` to ("train.max_splats", 20000); the value is parsed as YAML.
-
-    The value of a setting that is text needs no quotes: `capture.images={camera}/video.avi`. Nor do the items of a list
-    of text: `capture.held_out=01,02` names the cameras 01 and 02.
-    """
+    """`train.max-splats=20000` to ("train.max_splats", 20000); the value is parsed as YAML. Text needs no quotes,
+    `capture.images={camera}/video.avi`, nor do the items of a list of text: `capture.held_out=01,02` names two
+    cameras."""
     name, equals, value = text.partition("=")
     name = name.strip().replace("-", "_")
     if not equals or "." not in name:
@@ -59,16 +57,11 @@ def _is_text(field: FieldInfo | None) -> bool:
 
 
 def load_config(path: Path | str | None, overrides: Iterable[tuple[str, Any]] = ()) -> Config:
-    """Read and validate settings.
+    """Settings of a YAML file (None: the defaults) with (dotted name, value) overrides, of which later ones win.
 
-    Args:
-        path: YAML file; None: the defaults. A relative `capture.root` is relative to this file's folder.
-        overrides: (dotted name, value) pairs; later ones win. A relative `capture.root` is relative to the working
-            directory.
-
-    Raises:
-        StudioError: the file cannot be read (see `read_yaml`), a setting is unknown (`settings.unknown`) or has an
-            invalid value (`settings.invalid`).
+    A relative `capture.root` is relative to the file's folder, in an override to the working directory. StudioError if
+    the file cannot be read (see `read_yaml`), a setting is unknown (`settings.unknown`) or invalid
+    (`settings.invalid`).
     """
     path = None if path is None else Path(path)
     values: JsonObject = {}

@@ -60,12 +60,8 @@ class Notice(Event):
 
     @classmethod
     def of(cls, what: Message, **own: Any) -> Self:
-        """The event of a message, JSON-ready and of bounded length.
-
-        Args:
-            what: fills in `message`, `code`, `file`, `value`, `fix` and `fields`.
-            own: the event's other attributes.
-        """
+        """The event of a message, JSON-ready and of bounded length; `own` are the attributes that it does not fill
+        in."""
         found = what.to_dict()
         parts = {name: found.pop(name) for name in ("message", "code", "file", "value", "fix") if name in found}
         return cls(**parts, fields=found, **own)
@@ -318,13 +314,9 @@ def parse_event(line: str) -> Event:
 
 
 def read_line(line: bytes | str) -> tuple[Event | None, str]:
-    """Split a line of another process's output into an event and the text around it. Never raises.
-
-    Native libraries may print between events, or in front of one without a newline.
-
-    Args:
-        line: with or without its newline; bytes need not be UTF-8.
-    """
+    """Split a line of another process's output, with or without its newline, into an event and the text around it.
+    Never raises. Native libraries may print between events, or in front of one without a newline; bytes need not be
+    UTF-8."""
     text = line.decode("utf-8", "replace") if isinstance(line, bytes) else line
     start = text.find(_START)
     event = None

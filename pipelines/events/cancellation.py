@@ -46,11 +46,8 @@ class Cancellation:
 
 @contextmanager
 def stop_on_signals(cancellation: Cancellation, last_words: Callable[[], None]) -> Iterator[None]:
-    """Within the block, SIGINT and SIGTERM set `cancellation`; the process ends at most `GRACE` seconds later.
-
-    Args:
-        last_words: called by the watchdog before it ends the process.
-    """
+    """Within the block, SIGINT and SIGTERM set `cancellation`; the process ends at most `GRACE` seconds later, after
+    the watchdog has called `last_words`."""
     if threading.current_thread() is not threading.main_thread():
         yield  # only the main thread can handle signals; callers on other threads set the flag
         return

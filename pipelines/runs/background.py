@@ -11,13 +11,8 @@ from studio.errors import StudioError
 
 
 def start_background(take: Take, config: Config, arguments: Sequence[str]) -> Launched:
-    """Start a run that continues when this process ends.
-
-    With a Ray client address (ray://), it runs on the head node of the cluster, else on this machine.
-
-    Returns:
-        the run, which has begun, or found everything up to date and ended.
-    """
+    """Start a run that continues when this process ends; returns when it has begun, or found everything up to date and
+    ended. With a Ray client address (ray://), it runs on the head node of the cluster, else on this machine."""
     holder = take.running()
     if holder is not None:
         raise StudioError(

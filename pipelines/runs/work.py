@@ -44,12 +44,9 @@ def work(
 ) -> tuple[str, ...]:
     """Do these stages of one group, in the order of a run; returns those that had something to do.
 
-    Args:
-        expected: `GroupStageCode.group_key` of the only stage, as the caller knows it.
-
-    Raises:
-        StudioError: the stage needs another one first (`stage.dependency`), there is no such group
-            (`work.no_such_group`), the take is not what the caller expects (`work.take_changed`), or bad input.
+    `expected`: `GroupStageCode.group_key` of the only stage, as the caller knows it. StudioError if the stage needs
+    another one first (`stage.dependency`), there is no such group (`work.no_such_group`), the take is not what the
+    caller expects (`work.take_changed`), or for bad input.
     """
     inputs = Inputs(take, config)
     chosen = group_of(inputs, group)

@@ -15,11 +15,9 @@ _ELSEWHERE = {socket.AF_INET: "192.0.2.1", socket.AF_INET6: "2001:db8::1"}
 
 
 def reachable_hosts(host: str) -> list[str]:
-    """Hosts to put into URLs for a server that is bound to `host`, the one to try first at the beginning.
-
-    For every interface (`0.0.0.0`, `::`), the addresses of this machine's interfaces that are up, except loopback and
-    link-local ones; the name of this machine where there are none. IPv6 addresses are in brackets.
-    """
+    """Hosts to put into URLs for a server that is bound to `host`, the one to try first at the beginning; IPv6 in
+    brackets. For every interface (`0.0.0.0`, `::`), the addresses of this machine's interfaces that are up, except
+    loopback and link-local ones; the name of this machine where there are none."""
     if host not in ANY:
         return [_bracketed(host)]
     family = socket.AF_INET6 if host == "::" else socket.AF_INET

@@ -129,14 +129,11 @@ def read_cast(path: Path) -> Cast:
 
 
 def write_cast(source: Path, out: Path, text: PageText, progress: ProgressFn) -> tuple[str, dict[str, int]]:
-    """Write the page of a cast into a folder; returns its title, and the bytes of each file.
+    """Write the page of a cast into a folder; returns its title, and the bytes of each file. Without `text`, title,
+    credits and license are the document's and the streams'.
 
-    Args:
-        text: title, credits and license; by default the document's title, and what the streams say.
-
-    Raises:
-        StudioError: `share.bad_cast` (also for a text that the page has no place for), `share.no_player`, no stream
-            where an item names one, or a disk that is full.
+    StudioError: `share.bad_cast` (also for a text that the page has no place for), `share.no_player`, no stream where
+    an item names one, or a disk that is full.
     """
     cast = read_cast(source)
     page, script, licenses = _page_files()

@@ -43,13 +43,9 @@ class _Stream:
 
 
 class CastFrames:
-    """See the module. Frames come at the highest rate of the streams, until the last of them has ended; those that
-    have ended before start over, as on the page. All splats are rendered with the dilation of the first stream, as
-    there.
-
-    Attributes:
-        models: GLB files, and where they are.
-    """
+    """See the module; `models`: GLB files, and where they are. Frames come at the highest rate of the streams, until
+    the last of them has ended; those that have ended before start over, as on the page. All splats are rendered with
+    the dilation of the first stream, as there."""
 
     name = "decoded"
     first = 0

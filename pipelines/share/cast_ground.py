@@ -23,12 +23,11 @@ _CLOSEST = 0.01  # depth, meters
 
 @dataclass(frozen=True, eq=False)
 class Shadow:
-    """A performer's shadow.
+    """A performer's shadow, (64, 64) opacities from 0 to 1, rows along z, columns along x.
 
     Attributes:
         world: from the performer's coordinates, in which it stands on y = 0, to those of the ground.
         corner: (2,) x and z of its first pixel's corner in the performer's coordinates.
-        opacities: (64, 64) 0 to 1; rows go along z, columns along x.
     """
 
     world: Similarity
@@ -39,12 +38,8 @@ class Shadow:
 
     @classmethod
     def of(cls, splats: Gaussians, box: np.ndarray, world: Similarity, strength: float) -> Shadow:
-        """The shadow in a frame.
-
-        Args:
-            box: (2, 3) bounds of the whole take, in the performer's.
-            strength: opacity of its darkest parts, 0 to 1.
-        """
+        """The shadow in a frame; `box`, (2, 3), bounds the whole take in the performer's coordinates; `strength` is the
+        opacity of its darkest parts, 0 to 1."""
         low, high = box
         width, height = 1.3 * max(float((high - low)[[0, 2]].max()), 1e-6), max(float(high[1] - low[1]), 1e-6)
         corner, pixel = (low + high)[[0, 2]] / 2 - width / 2, width / _SIDE

@@ -15,13 +15,8 @@ _BEGIN, _END = "-----BEGIN CERTIFICATE-----", "-----END CERTIFICATE-----"
 
 @dataclass(frozen=True)
 class Certificate:
-    """A server's certificate.
-
-    Attributes:
-        context: with the certificate and its key.
-        fingerprint: SHA-256 of the certificate as browsers show it, for example "AB:CD:...".
-        made: made by `make_certificate`: browsers warn of it, and the fingerprint tells that it is the right one.
-    """
+    """A server's certificate, and its SHA-256 as browsers show it, for example "AB:CD:...". `made` by
+    `make_certificate`: browsers warn of it, and the fingerprint tells that it is the right one."""
 
     context: ssl.SSLContext
     fingerprint: str

@@ -113,13 +113,8 @@ def script_elements(names: Iterable[str], folder: str = "") -> str:
 
 
 def preview_tags(text: PageText, poster: str | None, size: tuple[int, int]) -> list[str]:
-    """Open Graph tags for link previews, HTML.
-
-    Args:
-        text: escaped here.
-        poster: the image's name relative to the page; None for no image.
-        size: its width and height, pixels.
-    """
+    """Open Graph tags for link previews, HTML; text is escaped here. `poster`: name of an image of `size` pixels
+    relative to the page; None for no image."""
     base = None if text.address is None else text.address.rstrip("/") + "/"
     title = text.title or ""
     what = text.description or "Volumetric video"
@@ -160,13 +155,8 @@ def first_files(manifest: bytes) -> list[str]:
 
 
 def read_intro(path: Path, source: str) -> str:
-    """The text that a page holds of a camera path: times, easings, sizes and poses, without names, frames and
-    distortion.
-
-    Args:
-        path: a file that `path_keys` reads.
-        source: the stream, see `open_reader`.
-    """
+    """The text that a page holds of a camera path, a file that `path_keys` reads for the stream `source`: times,
+    easings, sizes and poses, without names, frames and distortion."""
     from pipelines.takes.camera_paths import path_keys
     from pipelines.takes.videos import decoded_video, open_reader, stream_numbers
 

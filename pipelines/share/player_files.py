@@ -32,10 +32,7 @@ class PlayerFiles:
 
 def player_folder() -> Path:
     """Folder of the built player: package data of `v3studio`, which is located, but not imported, from here.
-
-    Raises:
-        FileNotFoundError: `v3studio` is not installed.
-    """
+    FileNotFoundError if it is not installed."""
     spec = find_spec("v3studio")
     if spec is None or spec.origin is None:
         raise FileNotFoundError("the package v3studio is not installed")

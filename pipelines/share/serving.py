@@ -117,16 +117,11 @@ def prepare(
     text: PageText | None = None,
     **options: Any,
 ) -> Serving:
-    """Listen for `serve` or for the command, which run the server in a thread or in the main thread.
+    """Listen for `serve` or for the command, which run the server in a thread or in the main thread; StudioError as
+    `serve`, and for nothing to review (`serve.nothing_to_review`).
 
-    Args:
-        player: None to serve the streams alone.
-        certificate: given; None to make one if `https`.
-        review: whether to serve reviews below another secret path, too.
-        text: title and intro of the pages; a title is for a single stream.
-
-    Raises:
-        StudioError: as `serve`, and for nothing to review (`serve.nothing_to_review`).
+    `player` None: serve the streams alone; `certificate` None: make one if `https`; `review`: serve reviews below
+    another secret path, too; `text`: title (of a single stream) and intro of the pages.
     """
     from pipelines.share.addresses import is_local, reachable_hosts
     from pipelines.share.certificates import make_certificate

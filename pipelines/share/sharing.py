@@ -35,13 +35,8 @@ _ENDS_SCRIPT = re.compile(r"<(?=/script|!--)", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class ShareSize:
-    """What sharing a stream would take, without the poster (some 50 to 150 KB).
-
-    Attributes:
-        stream_bytes: of all files of the stream.
-        single_file_bytes: of the single HTML file: base64 makes everything a third larger.
-        single_file_possible: whether the stream is small enough for one.
-    """
+    """What sharing a stream would take, without the poster (some 50 to 150 KB): bytes of all its files; bytes of the
+    single HTML file, which base64 makes a third larger, and whether the stream is small enough for one."""
 
     stream_bytes: int
     player_bytes: int

@@ -74,13 +74,8 @@ class StreamToShare:
         return Poster(encode(image, ".jpg", _QUALITY), (image.shape[1], image.shape[0]))
 
     def page_files(self, text: PageText, player: PlayerFiles, manifest: str) -> dict[str, bytes]:
-        """The files that play the stream from a web server, by name: the poster first, the page last.
-
-        All but the page are named by their content, and all addresses are relative to the page.
-
-        Args:
-            manifest: address of the stream's manifest relative to the page.
-        """
+        """The files that play the stream from a web server, by name: the poster first, the page last. All but the page
+        are named by their content; addresses, also that of the `manifest`, are relative to the page."""
         poster = self.poster()
         name = hashed_name("poster.jpg", poster.data)
         hashed = player.hashed()
@@ -92,12 +87,8 @@ class StreamToShare:
 
 @contextmanager
 def stream_to_share(text: str) -> Iterator[StreamToShare]:
-    """Open what a user names: the folder of a take or of a stream, or a URL.
-
-    Raises:
-        StudioError: no such folder (`stream.not_found`), a take without a stream (`take.no_stream`), no or a bad
-            manifest.
-    """
+    """Open what a user names: the folder of a take or of a stream, or a URL. StudioError: no such folder
+    (`stream.not_found`), a take without a stream (`take.no_stream`), no or a bad manifest."""
     from studio.stream import StreamReader
 
     place = stream_place(text)

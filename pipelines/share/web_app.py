@@ -102,14 +102,9 @@ def build_app(
 
 @dataclass(frozen=True)
 class _Site:
-    """The streams with the player, with their reviews or without.
-
-    Attributes:
-        streams, player, text: as for `build_app`.
-        reviews: by the path of their stream.
-        watching: where the same is served without reviews, relative to "/", which pages copy as a link. None: links
-            are to the pages themselves.
-    """
+    """The streams with the player, as for `build_app`, with their reviews by the path of their stream, or without.
+    `watching`: where the same is served without reviews, relative to "/", which pages copy as a link. None: the pages
+    themselves."""
 
     streams: dict[str, Path]
     player: PlayerFiles | None

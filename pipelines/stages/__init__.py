@@ -105,18 +105,11 @@ class StageCode(Protocol):
         """Number of finished valid units, number of all units, their name ("frames"); None if it has no units."""
 
     def run(self, inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> Result:
-        """Write the results; finished units are kept.
+        """Write the results, and return the main figures, a model of `pipelines.takes.summaries`; finished units are
+        kept.
 
-        Args:
-            reporter: receives progress, figures and warnings; raises Cancelled when the run is cancelled.
-            executor: runs groups elsewhere; None: they run in this process.
-
-        Returns:
-            the main figures: a model of `pipelines.takes.summaries`.
-
-        Raises:
-            StudioError: bad input.
-            Cancelled: the run was cancelled.
+        The reporter receives progress, figures and warnings; it raises Cancelled when the run is cancelled. `executor`:
+        runs groups elsewhere; None: in this process. StudioError for bad input.
         """
 
 
@@ -144,14 +137,8 @@ class Executor(Protocol):
         reporter: StageReporter,
         finished: Callable[[Group], None] = lambda group: None,
     ) -> None:
-        """Run these groups; returns when the results of all are in the take.
+        """Run these groups, those that are not up to date; returns when the results of all are in the take.
 
-        Args:
-            groups: those that are not up to date.
-            reporter: receives progress, figures, previews and warnings as in a local run.
-            finished: called after each group, in this thread.
-
-        Raises:
-            StudioError: a group failed; the others are cancelled.
-            Cancelled: the run was cancelled.
+        The reporter is used as in a local run; `finished` is called after each group, in this thread. StudioError if a
+        group failed; the others are cancelled. Cancelled if the run was.
         """

@@ -33,12 +33,8 @@ class TakeFootage:
     @cached_property
     def capture(self) -> CaptureSettings:
         """The settings of the footage, with its folder on this machine: where it is mounted here (`run.paths`), or the
-        mirror of a folder in object storage, which is listed on first access; and with the path of garbage masks in
-        the take.
-
-        Raises:
-            StudioError: the store cannot be listed (`storage.*`).
-        """
+        mirror of a folder in object storage, which is listed on first access (StudioError `storage.*`); and with the
+        path of garbage masks in the take."""
         from studio.storage import is_address, mirrored
 
         capture = with_garbage_of(self.config.capture, self.take)
@@ -50,10 +46,7 @@ class TakeFootage:
     @cached_property
     def edits(self) -> EditList:
         """The take's edits, read on first access, so that a run uses the same ones from its beginning to its end.
-
-        Raises:
-            StudioError: they cannot be read (`take.edits_*`).
-        """
+        StudioError (`take.edits_*`) if they cannot be read."""
         return read_edits(self.take.edits)
 
     @cached_property

@@ -19,16 +19,11 @@ if TYPE_CHECKING:
 def footage_check(
     footage: Footage, frames: tuple[int, ...], stop: Cancellation, reporter: StageReporter
 ) -> Iterator[None]:
-    """Check frames in a thread while the block trains; the block's end waits for the check.
+    """Check frames in a thread while the block trains; the block's end waits for the check, which sets `stop` to end
+    the training when it finds problems, and warns of each camera whose exposure or white balance changes.
 
-    Args:
-        stop: ends the training in the block; set when the check finds problems.
-        reporter: gets a warning for each camera whose exposure or white balance changes.
-
-    Raises:
-        StudioError: a frame cannot be read or has an empty mask. It names all problems, also if the block failed
-            first with one of them.
-        Cancelled: the run was cancelled.
+    StudioError if a frame cannot be read or has an empty mask. It names all problems, also if the block failed first
+    with one of them.
     """
     from studio.capture import check_footage
     from studio.capture.checks import ColorDrift

@@ -79,11 +79,9 @@ def memory_of_group(inputs: Inputs) -> int:
 
 
 def threads_by_group(groups: int, at_once: int, threads: int) -> list[int]:
-    """CPU threads per group; if the last round has fewer groups, they get more.
-
-    It depends only on the index of the group, not on which groups are left: sums over another number of threads round
-    differently, and a resumed run must give the same bits.
-    """
+    """CPU threads per group; if the last round has fewer groups, they get more. It depends only on the index of the
+    group, not on which groups are left: sums over another number of threads round differently, and a resumed run must
+    give the same bits."""
     full = groups - groups % at_once
     last = max(1, threads // (groups % at_once)) if groups % at_once else 0
     return [max(1, threads // at_once) if index < full else last for index in range(groups)]
@@ -97,14 +95,8 @@ def threads_of_groups(inputs: Inputs) -> list[int]:
 def run_groups(
     jobs: Mapping[int, Callable[[], None]], at_once: int, threads: Sequence[int], stop: Cancellation
 ) -> None:
-    """Run one job per group, several in parallel.
-
-    Args:
-        stop: set when a job fails, to end the others soon.
-
-    Raises:
-        Exception: the first that a job raised; Cancelled only if no job raised anything else.
-    """
+    """Run one job per group, several in parallel; `stop` is set when a job fails, to end the others soon. Raises the
+    first exception of a job; Cancelled only if there is no other."""
     import torch
 
     def work(index: int, job: Callable[[], None]) -> None:

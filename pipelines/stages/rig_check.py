@@ -125,12 +125,8 @@ def judge_views(
     views: Sequence[FootageView],
     near: Callable[[str], Mapping[int, np.ndarray]],
 ) -> RigVerdict:
-    """Judge a rig by the images and masks of a frame.
-
-    Args:
-        views: of the cameras whose masks are compared; not compared if there are too few.
-        near: masks of a camera in other frames, by frame; asked if one of a few cameras contradicts the others.
-    """
+    """Judge a rig by the images and masks of a frame, the latter those of `views`, if they are enough. `near` gives
+    masks of a camera in other frames, by frame; asked if one of a few cameras contradicts the others."""
     from studio.meshing.agreement import LEAST_CAMERAS, PIXELS, contradicting, frame_that_fits, mask_agreement
     from studio.meshing.silhouettes import Silhouettes
 

@@ -250,11 +250,7 @@ def _final_keys(inputs: Inputs, keys: list[str]) -> list[str]:
 
 def _keys_to_write(inputs: Inputs, group: Group) -> tuple[list[str], list[str]]:
     """The keys of frames that are trained now, before and after joint training: without the group's report they would
-    name other initial points.
-
-    Raises:
-        StudioError: the report is missing, or a network file system does not show it here yet.
-    """
+    name other initial points, so a StudioError if it is missing, or a network file system does not show it here yet."""
     report = inputs.take.initialize_group(group.index) / "report.json"
     if not report.is_file():
         raise StudioError(

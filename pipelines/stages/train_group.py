@@ -57,14 +57,9 @@ Place = tuple[int, int]
 
 
 class TrainClock:
-    """Elapsed fraction of the training time.
-
-    At first, frames are weighted by their number of training steps, where one of motion counts as several; then by
-    measured seconds per kind of frame. Joint training counts once for each frame of the group.
-
-    Args:
-        finished: positions of the frames trained before this run, by group index.
-    """
+    """Elapsed fraction of the training time. At first, frames are weighted by their number of training steps, where one
+    of motion counts as several; then by measured seconds per kind of frame. Joint training counts once for each frame
+    of the group. `finished`: positions of the frames trained before this run, by group index."""
 
     def __init__(self, groups: Sequence[Group], finished: Mapping[int, Set[int]], settings: TrainSettings) -> None:
         frames = sum(len(group.frames) - len(finished[group.index]) for group in groups)
@@ -126,14 +121,8 @@ def _kind(group: Group, position: int) -> Kind:
 
 
 class GroupWork:
-    """Trains groups; several threads may train one group each.
-
-    Args:
-        written: called with the index of a group when all of its frames are written.
-
-    Attributes:
-        stop: set it to cancel all groups; they raise Cancelled.
-    """
+    """Trains groups; several threads may train one group each. Set `stop` to cancel all of them: they raise Cancelled.
+    `written` is called with the index of a group when all of its frames are written."""
 
     def __init__(
         self,
@@ -161,12 +150,9 @@ class GroupWork:
     def train(self, group: Group, finished: Set[int], keys: list[str], final_keys: list[str]) -> None:
         """Train the frames of a group and write each as soon as it is finished; then train them jointly.
 
-        The two sides of the keyframe are trained in parallel if there are threads for both.
-
-        Args:
-            finished: positions of the frames that are trained already, not counting joint training.
-            keys: key of each frame before joint training, see `pipelines.stages.train`.
-            final_keys: the same after it; equal to `keys` if there is none.
+        The two sides of the keyframe are trained in parallel if there are threads for both. `finished`: positions of
+        the frames that are trained already, not counting joint training. `keys`, `final_keys`: of each frame before and
+        after joint training, see `pipelines.stages.train`; equal if there is none.
         """
         import torch
 
@@ -198,13 +184,9 @@ class GroupWork:
         timings: list[float],
         seen: dict[int, list[TrainingView]] | None,
     ) -> None:
-        """Train the keyframe, or frames on one side of it, in this order.
-
-        Args:
-            keys: of all frames of the group.
-            timings: of all frames; those of these are entered.
-            seen: gets the views that joint training needs, by position; None: there is none.
-        """
+        """Train the keyframe, or frames on one side of it, in this order. `keys` and `timings` are of all frames of the
+        group; those of these are entered into the latter. `seen` gets the views that joint training needs, by position;
+        None: there is none."""
         last = [self._trained(group, position, keys) for position in group.trained_before(positions[0])]
         # decode the images of the next frame while this one trains
         with ThreadPoolExecutor(1, thread_name_prefix="footage") as ahead:
@@ -245,12 +227,8 @@ class GroupWork:
     def _train_jointly(
         self, group: Group, seen: dict[int, list[TrainingView]], keys: list[str], key: str, timings: list[float]
     ) -> None:
-        """Train all frames of a group together, from a checkpoint with the same key if there is one.
-
-        Args:
-            seen: views of frames that this run has read already, by position.
-            keys: of the frames before joint training.
-        """
+        """Train all frames of a group together, from a checkpoint with the same key if there is one. `seen`: views of
+        frames that this run has read already, by position; `keys`: of the frames before joint training."""
         from studio.training import train_jointly
 
         take, device = self.inputs.take, self.inputs.device

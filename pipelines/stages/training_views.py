@@ -36,7 +36,8 @@ def training_views(
     colored: bool = True,
     detailed: bool = True,
 ) -> list[TrainingView]:
-    """Views of all cameras that see the performer.
+    """Views of all cameras that see the performer. StudioError if an image cannot be read, none sees them, or the
+    cameras' colors are not there.
 
     Args:
         reading: called with images read and images before each image, by any thread; may raise Cancelled.
@@ -44,9 +45,6 @@ def training_views(
         footage: where images and cameras are from; None: `TakeFootage.trained`.
         cameras: names; None: the training cameras.
         colored: with the cameras' colors, with `train.camera_colors`.
-
-    Raises:
-        StudioError: an image cannot be read, no camera sees the performer, or the cameras' colors are not there.
     """
     from studio.training import Detail, TrainingView
 

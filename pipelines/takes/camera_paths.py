@@ -64,12 +64,11 @@ def path_keys(
 
 
 def keys_in_take(source: str, of: str, path: Path, camera: str | None = None) -> list[Key]:
-    """The keys of a camera path in the world of a take before its edits, with the numbers of their frames.
+    """The keys of a camera path in the world of a take before its edits, with the numbers of their frames; `path` and
+    `camera` as for `path_keys`. A camera that stands still has a key at both ends of the video.
 
-    Args:
-        source: folder of a take; or of a stream, or its URL, whose own world and numbers count.
-        of: "decoded" or "trained", the frames that `v3studio export` would read; "" for a stream.
-        path, camera: as for `path_keys`. A camera that stands still has a key at both ends of the video.
+    `source`: folder of a take; or of a stream, or its URL, whose own world and numbers count. `of`: "decoded" or
+    "trained", the frames that `v3studio export` would read; "" for a stream.
     """
     if of == "trained":
         video, world = trained_video(source), read_edits(Take.open(Path(source)).edits).similarity
@@ -89,12 +88,8 @@ def keys_in_take(source: str, of: str, path: Path, camera: str | None = None) ->
 
 
 def in_export(keys: Sequence[Key], source: str, of: str, numbers: FrameNumbers) -> list[Key]:
-    """The keys, which count frames and lie as in the take, as `v3studio export` takes them.
-
-    Args:
-        source: folder of the take; or of a stream, or its URL.
-        of: "decoded" or "trained"; "" for a stream, in whose own frames and world the keys are.
-    """
+    """The keys, which count frames and lie as in the take, as `v3studio export` takes them; `source` and `of` as for
+    `keys_in_take`."""
     place, count = _place_of(source, of)
     first, last = place.first_frame, place.first_frame + count - 1
     frames = [int(key.frame or 0) for key in keys]

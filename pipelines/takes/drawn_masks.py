@@ -34,12 +34,9 @@ def with_garbage_of(capture: CaptureSettings, take: Take) -> CaptureSettings:
 
 
 def for_another_take(config: Config, path: Path | None, other: Path | None = None) -> Config:
-    """A take's settings for use in another take: its garbage masks stay those that were drawn in the first.
-
-    Args:
-        path: the file that they are from; None: the defaults.
-        other: folder of the other take, if there is one already; the settings stay as they are if `path` is in it.
-    """
+    """Settings of a take, from the file `path` (None: the defaults), for another take: its garbage masks stay those
+    that were drawn in the first. They stay as they are if the file is in `other`, the other take's folder, if there is
+    one."""
     if path is None or (other is not None and os.path.realpath(path.absolute().parent) == os.path.realpath(other)):
         return config
     capture = with_garbage_of(config.capture, Take(path.absolute().parent))

@@ -30,11 +30,8 @@ def concerns(frames: tuple[int, int] | None, group: Group) -> bool:
 
 
 def read_paths(take: Take, group: Group) -> Paths:
-    """Where the splats of a trained group are in each of its frames.
-
-    Raises:
-        StudioError: a frame is missing or damaged, or they have different numbers of splats (`take.not_trained`).
-    """
+    """Where the splats of a trained group are in each of its frames; StudioError if a frame is missing or damaged, or
+    they have different numbers of splats (`take.not_trained`)."""
     from studio.edits import Paths
 
     def frames() -> Iterator[Gaussians]:
@@ -93,10 +90,7 @@ class EditedGroup:
 
     def kept(self) -> torch.Tensor | None:
         """(M,) int64: the splats that are kept, ascending; None: all. The first call reads all frames of the group.
-
-        Raises:
-            StudioError: a frame is missing or damaged, or no splat is left (`edits.nothing_left`).
-        """
+        StudioError if one is missing or damaged, or no splat is left (`edits.nothing_left`)."""
         import numpy as np
         import torch
 
@@ -112,12 +106,8 @@ class EditedGroup:
         return read_frame(self._take.trained_frame(self._group.index, index))
 
     def cut(self, gaussians: Gaussians, among: torch.Tensor | None = None) -> Gaussians:
-        """A trained frame of the group without the splats that are removed, in the world of the capture.
-
-        Args:
-            gaussians: all splats of the frame, or some.
-            among: (K,) int64 numbers of those in `gaussians`; None: it has all.
-        """
+        """All splats of a trained frame of the group, or those `among` them with these (K,) int64 numbers, without the
+        ones that are removed, in the world of the capture."""
         import torch
 
         kept = self.kept()

@@ -55,12 +55,8 @@ class EditsFile(BaseModel):
 
 
 def read_edits(path: Path) -> EditList:
-    """The edits of a take; empty if the file does not exist.
-
-    Raises:
-        StudioError: the file is not what this module writes (`take.edits_damaged`), or of a later version
-            (`take.edits_unknown_format`).
-    """
+    """The edits of a take, none without a file; StudioError if it is not what this module writes
+    (`take.edits_damaged`), or of a later version (`take.edits_unknown_format`)."""
     return read_edits_file(path).edits
 
 
@@ -93,15 +89,11 @@ def read_edits_file(path: Path) -> EditsFile:
 
 
 def change_edits(path: Path, edits: EditList, words: str, replaces: EditList | None = None) -> EditsFile:
-    """Replace the edits of a take by others; the change can be undone.
+    """Replace the edits of a take by others; the change can be undone. If they are the present ones, nothing is
+    written. `replaces`: the edits as they were when the change was begun; None: whatever they are.
 
-    Args:
-        edits: the new ones. If they equal the present ones, nothing is written.
-        replaces: the edits as they were when the change was begun; None: whatever they are.
-
-    Raises:
-        StudioError: the edits are others by now (`take.edits_changed`), or the file is damaged (as `read_edits`) or
-            cannot be written (`take.disk_full`, `take.not_writable`).
+    StudioError if the edits are others by now (`take.edits_changed`), or the file is damaged (as `read_edits`) or
+    cannot be written (`take.disk_full`, `take.not_writable`).
     """
     with changing(path):
         found = read_edits_file(path)
@@ -168,12 +160,8 @@ PREFIX = "edits."
 
 
 def edit_params(edits: EditList, *names: str) -> dict[str, JsonData]:
-    """What is edited, by name, as parameters of a stage: nothing without edits, so that results without them stay as
-    they are.
-
-    Args:
-        names: of the edits; none: all but the marked details, which only training uses.
-    """
+    """What is edited, of these names (none: all but the marked details, which only training uses), as parameters of a
+    stage: nothing without edits, so that results without them stay as they are."""
     values = edits.model_dump(mode="json")
     if values["crop"] is not None:
         del values["crop"]["training"]  # whether training sees the box, too, changes nothing here
@@ -201,12 +189,9 @@ def placed_world(edits: EditList, frame: Similarity) -> Similarity:
 
 
 def describe(edits: EditList, frame: Similarity | None = None) -> dict[str, str]:
-    """What is edited, by name; a region counts as `regions 1`, `regions 2`, ..., a detail as `details 1`.
-
-    Args:
-        frame: from `frame_of`: positions and sizes are in the world that the edits place, else in that of the cameras,
-            as `v3studio edit` takes them. None: they are in the take's own frame.
-    """
+    """What is edited, by name; a region counts as `regions 1`, `regions 2`, ..., a detail as `details 1`. With a
+    `frame` from `frame_of`, positions and sizes are in the world that the edits place, else in that of the cameras, as
+    `v3studio edit` takes them; without, in the take's own frame."""
     placed = edits.similarity if frame is None else placed_world(edits, frame)
     if frame is not None and edits.world is not None:
         origin = frame.inverse.points(np.array(edits.world.origin)).tolist()

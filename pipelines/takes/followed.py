@@ -19,11 +19,8 @@ if TYPE_CHECKING:
 
 
 def followed(take: Take, frame: int | None, center: np.ndarray, radius: float, weight: float) -> DetailMark:
-    """A ball that is marked in a trained frame, with its path through all trained frames.
-
-    Args:
-        frame: its number in the footage; None: the first.
-    """
+    """A ball that is marked in a trained frame (its number in the footage; None: the first), with its path through all
+    of them."""
     from pydantic import ValidationError
 
     from studio.edits import follow

@@ -16,11 +16,8 @@ from pipelines.takes.take import Take
 
 @dataclass(frozen=True)
 class FrameNumbers:
-    """The numbers of a take's frames.
-
-    Attributes:
-        known: frame numbers in the footage, ascending, by index in the take; none: they are counted from 0.
-    """
+    """The numbers of a take's frames in the footage, ascending, by index in the take; none known: they are counted from
+    0."""
 
     known: tuple[int, ...] = ()
 
@@ -64,11 +61,8 @@ def trained_groups(take: Take) -> list[Group]:
 
 def frames_so_far(take: Take) -> tuple[dict[int, Path], list[Group]]:
     """Files of all trained frames by index in the take, ascending, and their groups with all frames. Training begins in
-    the middle of a group, so the first frames of one may be missing.
-
-    Raises:
-        StudioError: a group's file is missing or damaged (`take.file_not_found`, `take.damaged`).
-    """
+    the middle of a group, so the first frames of one may be missing. StudioError if a group's file is missing or
+    damaged (`take.file_not_found`, `take.damaged`)."""
     files: dict[int, Path] = {}
     groups: list[Group] = []
     first = 0

@@ -21,12 +21,8 @@ the sample's 30 frames, which are best as one group, it is 0.31; in groups of 12
 
 @dataclass(frozen=True)
 class Group:
-    """Consecutive frames that share one set of splats.
-
-    Attributes:
-        index: number of the group, counted from 0.
-        first: index of its first frame, counted from 0 in the take.
-    """
+    """Consecutive frames that share one set of splats: their number, and their first frame in the take, counted from
+    0."""
 
     index: int
     first: int
@@ -62,11 +58,8 @@ class Group:
 @lru_cache(maxsize=8)
 def cut_into_groups(frames: tuple[int, ...], size: int, motion: tuple[float, ...] | None = None) -> tuple[Group, ...]:
     """Split frames into as few groups as possible, as even as possible: of `size` frames at most, with a path of at
-    most `MOST_MOTION` between the keyframe and either end, or of at most `FEWEST` frames.
-
-    Args:
-        motion: of the performer from each frame to the next, see `studio.capture.motion`; None: they do not move.
-    """
+    most `MOST_MOTION` between the keyframe and either end, or of at most `FEWEST` frames. `motion`: of the performer
+    from each frame to the next, see `studio.capture.motion`; None: they do not move."""
     path = np.cumsum([0.0, *(motion or (0.0,) * (len(frames) - 1))])
     counts, unevenness, before = np.zeros(len(frames) + 1), np.zeros(len(frames) + 1), [0] * (len(frames) + 1)
     for end in range(1, len(frames) + 1):

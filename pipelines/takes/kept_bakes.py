@@ -33,13 +33,8 @@ _DEVICE = re.compile(r"(con|prn|aux|nul|(com|lpt)[0-9¹²³]) *(\..*)?", re.IGNO
 
 @dataclass(frozen=True)
 class KeptBake:
-    """A kept bake.
-
-    Attributes:
-        is_stream: whether it is the take's stream now.
-        current: whether it was baked from the take's present training.
-        same_edits: whether it was baked with the take's present edits; False also if those cannot be read.
-    """
+    """A kept bake: whether it is the take's stream now, was baked from the present training, and with the present
+    edits; the last is False also if those cannot be read."""
 
     name: str
     take: Take
@@ -155,13 +150,9 @@ def free_name(take: Take, name: str) -> str:
 
 
 def keep_bake(take: Take, name: str) -> KeptBake:
-    """Keep the take's stream under a name. The caller holds the take's lock.
-
-    Raises:
-        StudioError: `bakes.invalid_name`, `bakes.name_taken`, there is no finished stream (`bakes.not_baked`), or files
-            are not what the last finished bake or evaluation wrote (`take.damaged`).
-        OSError: the disk is full, for example; nothing is left behind.
-    """
+    """Keep the take's stream under a name. The caller holds the take's lock. StudioError: `bakes.invalid_name`,
+    `bakes.name_taken`, there is no finished stream (`bakes.not_baked`), or files are not what the last finished bake or
+    evaluation wrote (`take.damaged`). OSError: the disk is full, for example; nothing is left behind."""
     name = free_name(take, name)
     record = read_record(take, "bake")
     if record is None or not (take.stream / "manifest.json").is_file():
@@ -215,14 +206,9 @@ def kept_bake(take: Take, name: str) -> KeptBake:
 
 
 def choose_bake(take: Take, name: str) -> None:
-    """Make a kept bake the take's stream again, with its settings and evaluation. The caller holds the lock.
-
-    Players that read the stream meanwhile see the old one or the new one, as when it is baked.
-
-    Raises:
-        StudioError: `bakes.not_found`, or the kept bake is damaged (`take.damaged`).
-        OSError: a file cannot be written. Then the stage bake runs again.
-    """
+    """Make a kept bake the take's stream again, with its settings and evaluation. The caller holds the lock. Players
+    that read the stream meanwhile see the old one or the new one, as when it is baked. StudioError: `bakes.not_found`,
+    or the kept bake is damaged (`take.damaged`). OSError: a file cannot be written; then the stage bake runs again."""
     kept = kept_bake(take, name)
     records = [kept.record, *_evaluation_of(kept.take, kept.record)]
     for record in records:
@@ -251,12 +237,8 @@ def remove_bake(take: Take, name: str) -> None:
 
 
 def note_evaluation(take: Take) -> None:
-    """Give kept bakes that are the take's stream its new evaluation. The caller holds the lock.
-
-    Raises:
-        StudioError: the evaluation is not what was recorded (`take.damaged`).
-        OSError: a file cannot be written.
-    """
+    """Give kept bakes that are the take's stream its new evaluation. The caller holds the lock. StudioError if the
+    evaluation is not what was recorded (`take.damaged`); OSError if a file cannot be written."""
     for kept in kept_bakes(take):
         before = result_of(kept.take, "evaluate")
         for record in _evaluation_of(take, kept.record):

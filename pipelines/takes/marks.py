@@ -91,17 +91,13 @@ def read_marks(path: Path) -> dict[int, Mark]:
 
 
 def change_mark(path: Path, frame: int, mark: Mark | None, replaces: Mark | None) -> dict[int, Mark]:
-    """Add, change or remove the mark of one frame; returns all marks by frame. Other marks stay as they are in the
-    file.
+    """Add, change or remove (`mark` None) the mark of one frame; returns all marks by frame. Others stay as they are in
+    the file. Note and author are made plain (`plain_text`). `replaces`: the frame's mark when the change was begun;
+    None for none.
 
-    Args:
-        mark: the new mark; None removes it. Note and author are made plain (`plain_text`).
-        replaces: the frame's mark as it was when the change was begun; None for none.
-
-    Raises:
-        StudioError: the frame's mark is another one by now (`take.mark_changed`), too long (`take.mark_too_long`), one
-            too many (`take.too_many_marks`), or the file is damaged (as `read_marks`) or cannot be written
-            (`take.disk_full`, `take.not_writable`).
+    StudioError if it is another one by now (`take.mark_changed`), too long (`take.mark_too_long`), one too many
+    (`take.too_many_marks`), or the file is damaged (as `read_marks`) or cannot be written (`take.disk_full`,
+    `take.not_writable`).
     """
     if mark is not None:
         mark = _plain(path, mark)

@@ -32,11 +32,8 @@ _WORDS = {"<f4": "float", "<f8": "double", "|u1": "uchar"}
 def write_points(
     path: Path, points: np.ndarray, normals: np.ndarray | None, colors: np.ndarray, doubles: bool = False
 ) -> None:
-    """Write positions (N, 3), normals (N, 3) (None: zeros) and colors (N, 3), 0 to 255.
-
-    Args:
-        doubles: write positions with 64 bits, for points that may be far from zero.
-    """
+    """Write positions (N, 3), normals (N, 3) (None: zeros) and colors (N, 3), 0 to 255; `doubles`: positions with 64
+    bits, for points that may be far from zero."""
     kinds = _FAR_POINT if doubles else _POINT
     rows = np.zeros(len(points), dtype=kinds)
     for column, name in enumerate(("x", "y", "z")):

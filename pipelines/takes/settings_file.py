@@ -31,18 +31,12 @@ _FIX = "Fix the file, or write a new one with `v3studio config > FILE`."
 
 
 def set_settings(path: Path, values: Mapping[str, Any]) -> None:
-    """Set values in a YAML file, atomically; comments, order and all other values are kept.
+    """Set JSON-ready values by dotted name ("calibrate.board.columns") in a YAML file, atomically; comments, order and
+    all other values are kept.
 
-    Missing sections and settings are appended. A value that does not change is not rewritten, so a file that
-    already has all values keeps its bytes.
-
-    Args:
-        values: JSON-ready values by dotted name, "bake.quality" or "calibrate.board.columns".
-
-    Raises:
-        StudioError: the file is not a YAML mapping or exceeds a limit (`settings.not_yaml`), or cannot be read
-            (`settings.unreadable`).
-        OSError: the file cannot be written.
+    Missing sections and settings are appended. A value that does not change is not rewritten, so a file that already
+    has all values keeps its bytes. StudioError if the file is not a YAML mapping or exceeds a limit
+    (`settings.not_yaml`), or cannot be read (`settings.unreadable`); OSError if it cannot be written.
     """
     text = changed_text(path, values)
     if text is not None:

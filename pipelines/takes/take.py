@@ -52,11 +52,7 @@ class _At:
 
 @dataclass(frozen=True)
 class Take:
-    """The paths in a take. Use `open` or `create`, which check the folder.
-
-    Attributes:
-        root: the take's folder, absolute.
-    """
+    """The paths in a take, below its absolute folder. Use `open` or `create`, which check the folder."""
 
     root: Path
     config = _At("config.yaml")
@@ -108,13 +104,9 @@ class Take:
 
     @classmethod
     def open(cls, root: Path | str) -> Take:
-        """Open an existing take.
-
-        Raises:
-            StudioError: an address in object storage (`take.needs_folder`), no such folder (`take.not_found`), no
-                take.json (`take.not_a_take`), another format (`take.unknown_format`), or a damaged take.json
-                (`take.damaged`).
-        """
+        """Open an existing take; StudioError: an address in object storage (`take.needs_folder`), no such folder
+        (`take.not_found`), no take.json (`take.not_a_take`), another format (`take.unknown_format`), or a damaged
+        take.json (`take.damaged`)."""
         root = root if isinstance(root, Path) else Path(root)
         root = _checked(root)
         command = f"`v3studio run CONFIG --take {shlex.quote(str(root))}`"
@@ -147,11 +139,8 @@ class Take:
 
     @classmethod
     def create(cls, root: Path | str) -> Take:
-        """Open the take at `root`, or create one there.
-
-        Raises:
-            StudioError: a file (`take.is_file`), a folder of other files (`take.not_empty`), or as `open`.
-        """
+        """Open the take at `root`, or create one there; StudioError: a file (`take.is_file`), a folder of other files
+        (`take.not_empty`), or as `open`."""
         root = root if isinstance(root, Path) else Path(root)
         root = _checked(root)
         if (root / "take.json").exists():
@@ -233,16 +222,9 @@ class Take:
 
     @contextmanager
     def locked(self, command: str) -> Iterator[None]:
-        """Lock the take for this process; leftovers of killed runs are deleted first.
-
-        The kernel releases the lock when the process ends for any reason.
-
-        Args:
-            command: recorded in the lock, for the error that a second run gets.
-
-        Raises:
-            StudioError: another run holds the lock (`take.locked`; fields pid and command).
-        """
+        """Lock the take for this process; leftovers of killed runs are deleted first. The kernel releases the lock when
+        the process ends for any reason. `command` is recorded for the error that a second run gets: StudioError
+        `take.locked` with the fields pid and command."""
         self.private.mkdir(parents=True, exist_ok=True)
         path = self.private / "lock"
         with path.open("a+") as file:
@@ -270,14 +252,9 @@ class Take:
 
     @contextmanager
     def group_locked(self, stage: str, group: int, waiting: Callable[[], None]) -> Iterator[None]:
-        """Lock one group of a stage, so that two workers never make the same files; the second waits.
-
-        On a file system without locks, nothing is locked: files are still written atomically, and both workers write
-        the same bytes.
-
-        Args:
-            waiting: called every 0.2 s while another process holds the lock; may raise.
-        """
+        """Lock one group of a stage, so that two workers never make the same files; the second waits, and calls
+        `waiting`, which may raise, every 0.2 s. On a file system without locks, nothing is locked: files are still
+        written atomically, and both workers write the same bytes."""
         folder = self.private / "groups"
         folder.mkdir(parents=True, exist_ok=True)
         with (folder / f"{stage}_{group:03d}.lock").open("a") as file:

@@ -29,12 +29,9 @@ def is_take(text: str) -> bool:
 
 
 def trained_video(root: str | os.PathLike[str]) -> SplatVideo:
-    """Trained frames of a take, up to the first missing one, with the take's edits.
-
-    Raises:
-        StudioError: not a take (see `Take.open`), no trained frames (`take.not_trained`), the edits cannot be read
-            (`take.edits_*`), or none of the trained frames is within the trim (`edits.no_frames_left`).
-    """
+    """Trained frames of a take, up to the first missing one, with the take's edits. StudioError: not a take (see
+    `Take.open`), no trained frames (`take.not_trained`), the edits cannot be read (`take.edits_*`), or none of the
+    trained frames is within the trim (`edits.no_frames_left`)."""
     root = Path(root)
     from pipelines.config import load_config
     from pipelines.takes.edited import EditedGroup
@@ -111,12 +108,8 @@ def decoded_video(reader: StreamReader) -> SplatVideo:
 
 
 def footage_cameras(source: str, *, decoded: bool) -> tuple[Camera, ...]:
-    """The cameras of a take's footage, refined ones if training used them, in the world of its splats.
-
-    Args:
-        source: folder of a take; other sources have none.
-        decoded: whether the splats are those of its stream, which may have been baked before the last edits.
-    """
+    """The cameras of a take's footage, refined ones if training used them, in the world of its splats: with `decoded`,
+    those of its stream, which may have been baked before the last edits. None for sources that are no take."""
     from pipelines.takes.edits import read_edits
     from studio.camera_files import read_rig
     from studio.own_frame import in_own_frame
@@ -135,11 +128,8 @@ def footage_cameras(source: str, *, decoded: bool) -> tuple[Camera, ...]:
 
 
 def open_reader(text: str) -> StreamReader:
-    """Open a stream from its folder, the folder of a take, or a URL. The caller closes it.
-
-    Raises:
-        StudioError: see `pipelines.takes.videos.stream_place` and `StreamReader.open`.
-    """
+    """Open a stream from its folder, the folder of a take, or a URL; StudioError as `stream_place` and
+    `StreamReader.open`. The caller closes it."""
     from studio.stream import StreamReader
 
     return StreamReader.open(stream_place(text))
@@ -153,11 +143,8 @@ def capture_place(reader: StreamReader) -> CapturePlace:
 
 
 def stream_numbers(text: str, reader: StreamReader) -> FrameNumbers:
-    """The numbers of a stream's frames: those in the footage for the stream of a take, else they are counted from 0.
-
-    Args:
-        text: what was opened, see `open_reader`.
-    """
+    """The numbers of the frames of a stream that was opened from `text`: those in the footage for a take's, else
+    counted from 0."""
     from pipelines.takes.frame_numbers import FrameNumbers, trained_numbers
 
     if not is_take(text):

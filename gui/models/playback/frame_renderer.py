@@ -314,12 +314,8 @@ def faded(
 
 
 def footage_image(request: RenderRequest, width: int, height: int) -> np.ndarray:
-    """(height, width, 3) uint8: the performer as filmed, over the background, as in evaluation.
-
-    Raises:
-        StudioError: `playback.no_footage`, `playback.no_camera_selected`, `footage.no_such_frame`,
-            or an unreadable image.
-    """
+    """(height, width, 3) uint8: the performer as filmed, over the background, as in evaluation. StudioError:
+    `playback.no_footage`, `playback.no_camera_selected`, `footage.no_such_frame`, or an unreadable image."""
     if request.context is None:
         raise StudioError("playback.no_footage", "a stream has no footage", fix="Open its take.")
     if not request.camera:

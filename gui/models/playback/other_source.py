@@ -73,15 +73,11 @@ class OtherSource:
 
 
 def open_other(place: Path, label: str = "", evaluation: Path | None = None, in_take: bool = True) -> OtherSource:
-    """Open the folder of a stream or of a take to compare with.
+    """Open the folder of a stream or of a take to compare with; StudioError if it is neither, it is damaged, or nothing
+    in it can be shown (`gui.nothing_to_compare`).
 
-    Args:
-        evaluation: its evaluation.json; None for that of a take, unless it is of an earlier bake.
-        in_take: whether a stream has the frames and the world of the take that it was baked from, as the open one has
-            if that is a take.
-
-    Raises:
-        StudioError: it is neither, it is damaged, or nothing in it can be shown (`gui.nothing_to_compare`).
+    `evaluation`: its evaluation.json; None for that of a take, unless it is of an earlier bake. `in_take`: whether a
+    stream has the frames and the world of the take that it was baked from, as the open one has if that is a take.
     """
     opened = open_path(place, in_take)
     if opened.default is None:

@@ -357,14 +357,9 @@ class PlayerPresenter(Viewpoint):
         return (self.picture.cameras, self.picture.ends) if self.picture is not None else ((), ())
 
     def rests(self, full: tuple[int, int]) -> bool:
-        """Whether the view has rested long enough for an image at full resolution. Call at each tick.
-
-        That an image takes long must not keep the next change waiting: from the time that the present one took, it is
-        decided once per rest whether there will be one. A scene always gets one.
-
-        Args:
-            full: (width, height) of such an image.
-        """
+        """Whether the view has rested long enough for an image at full resolution, `full`. Call at each tick. That an
+        image takes long must not keep the next change waiting: from the time that the present one took, it is decided
+        once per rest whether there will be one. A scene always gets one."""
         view = (
             self.mode, self.orbit.key, self.camera, self.image_zoom, self.what, self.reference, self.wipe,
             self.background, self.scene_parts, self.frame,

@@ -80,23 +80,17 @@ class Opened:
         return next(iter(self.sources.values()), None)
 
     def group(self, frame: int, starts: Sequence[int] = ()) -> int:
-        """The number of a frame's group in the take's folders. The groups of its stream can be others: a trim drops
-        some, and `bake.first_group_size` divides one.
-
-        Args:
-            starts: first frame of each group of the footage; if empty, the groups that are trained are used.
-        """
+        """The number of a frame's group in the take's folders, from the first frame of each group of the footage or
+        else of the groups that are trained. The groups of its stream can be others: a trim drops some, and
+        `bake.first_group_size` divides one."""
         trained = self.sources.get("trained")
         known = starts or (trained.group_starts if trained is not None else ())
         return max(bisect_right(known, frame) - 1, 0)
 
 
 class TrainedSource:
-    """A take's trained frames, without the splats that its edits remove from complete groups.
-
-    Raises:
-        StudioError: `take.not_trained`, a group's file is damaged, or the edits cannot be read (`take.edits_*`).
-    """
+    """A take's trained frames, without the splats that its edits remove from complete groups. StudioError:
+    `take.not_trained`, a group's file is damaged, or the edits cannot be read (`take.edits_*`)."""
 
     name = "trained"
 

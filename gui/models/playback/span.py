@@ -15,12 +15,9 @@ SPANNED = (QUALITY, "bytes", FLICKER.name)
 def span_rows(
     series: Series, first: int, last: int, other: Series | None = None, number: Callable[[int], int] = int
 ) -> list[tuple[str, str]]:
-    """(name, value) of each figure of the frames from `first` to `last` that is known.
-
-    Args:
-        series: values of every frame by name of `SPANNED`; None where nothing was measured.
-        other: the same of what it is compared with, whose figures follow a slash.
-    """
+    """(name, value) of each figure of the frames from `first` to `last` that is known, from the values of every frame
+    by name of `SPANNED`, None where nothing was measured; figures of `other`, with which it is compared, follow a
+    slash."""
     frames = slice(first, last + 1)
     measured = [(value, first + at) for at, value in enumerate(series.get(QUALITY, ())[frames]) if value is not None]
     where = f", frame {number(min(measured)[1])}" if measured else ""

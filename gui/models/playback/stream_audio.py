@@ -19,13 +19,9 @@ PEAKS = 4096
 
 
 class StreamAudio:
-    """See the module. Attributes are set by its thread, in one piece each.
-
-    Attributes:
-        frame_count, fps: of the source: with the frames before a take's in point, which are silent.
-        player: plays the sound; None until it is loaded.
-        waveform: for the timeline; None until it is known.
-    """
+    """See the module. Attributes are set by its thread, in one piece each: `player` and `waveform` (for the timeline)
+    are None until they are loaded. Frames are those of the source: with those before a take's in point, which are
+    silent."""
 
     def __init__(self, source: StreamSource | CastFrames, output: Output) -> None:
         self.frame_count, self.fps = source.frame_count, source.fps

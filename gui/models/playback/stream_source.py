@@ -36,18 +36,10 @@ class LeftOut(StudioError):
 
 class StreamSource:
     """See the module. One thread decodes the requested frame and then a few after it, so that the next frames are
-    decoded while one is drawn.
+    decoded while one is drawn. StudioError if it is not a stream, or the manifest is damaged.
 
-    Args:
-        in_take: whether frames are counted, and splats placed, as in the take that the stream was baked from, whose
-            edits may have trimmed and moved it.
-
-    Attributes:
-        first: the first frame that there is; above 0 only with `in_take`, in a take that is trimmed at its start.
-        frame_count: frames up to the last one, with those before `first`.
-
-    Raises:
-        StudioError: not a stream, or a damaged manifest.
+    `in_take`: whether frames are counted, and splats placed, as in the take that the stream was baked from, whose edits
+    may have trimmed and moved it: then `first` may be above 0, and `frame_count` has the frames before it, too.
     """
 
     name = "decoded"

@@ -54,13 +54,8 @@ class Thumbnails:
         size: tuple[int, int],
         ask: bool = True,
     ) -> np.ndarray | None:
-        """A image if it is there; else it is asked for, unless another one is being drawn. Until the new one is
-        there, the last one with other contents is returned.
-
-        Args:
-            contents: changes when its frames do.
-            ask: whether one that is not there, or has other contents, is drawn.
-        """
+        """An image if it is there; else it is asked for (`ask`), unless another one is being drawn. Until the new one
+        is there, the last one with other `contents`, which change when its frames do, is returned."""
         request = _Request(place, contents, camera, frame, size)
         held = self._pictures.get(request.key)
         if ask and not self._asked and (held is None or held[0] != contents):

@@ -18,13 +18,9 @@ PAST_OTHER_GROUP = (54, 112, 134)
 
 @dataclass(frozen=True)
 class Timeline:
-    """Frames side by side on a track `width` pixels wide; their widths differ by at most a pixel.
-
-    Attributes:
-        group_starts: first frame of each group; groups alternate between two shades.
-        first, shown: the part that is shown, see `TimelineZoom`.
-        kept: the frames that are not trimmed off; None for all.
-    """
+    """Frames side by side on a track `width` pixels wide; their widths differ by at most a pixel. Groups alternate
+    between two shades; `first` and `shown` are the part that is shown, see `TimelineZoom`; `kept` are the frames that
+    are not trimmed off, None for all."""
 
     width: int
     height: int

@@ -32,13 +32,8 @@ APART = 3.5
 
 @dataclass(frozen=True)
 class Plot:
-    """One row.
-
-    Attributes:
-        bars: whether values are bars that begin at zero; else a line on an axis with its own limits.
-        other: values of the bake or take that it is compared with, a line; none if there is none.
-        short: the title where there is less room.
-    """
+    """One row: bars that begin at zero, or a line on an axis with its own limits, and a line of the other values, of
+    the bake or take that it is compared with, if any. `short`: the title where there is less room."""
 
     title: str
     values: Sequence[float | None]

@@ -103,13 +103,8 @@ class Lines:
 
 @dataclass(frozen=True, eq=False)
 class SceneContents:
-    """See the module. World coordinates.
-
-    Attributes:
-        length: of their frusta.
-        points: (N, 3), with `colors` (N, 3) uint8.
-        surfaces: meshes and the ground, and where they are.
-    """
+    """See the module. World coordinates; `length` is that of frusta; (N, 3) points have (N, 3) uint8 colors; surfaces
+    are meshes and the ground, and where they are."""
 
     cameras: tuple[SceneCamera, ...] = ()
     length: float = 1.0

@@ -53,13 +53,8 @@ class OrbitCamera:
 
     @classmethod
     def around(cls, points: np.ndarray, up: np.ndarray, fov: float = math.radians(45.0)) -> OrbitCamera:
-        """A view that contains almost all of the points; a few outliers do not affect it.
-
-        Args:
-            points: (N, 3) world coordinates; if there are none, a unit ball at the origin is framed.
-            up: (3,) world up direction.
-            fov: vertical field of view, radians.
-        """
+        """A view that contains almost all of the (N, 3) points, world coordinates; a few outliers do not affect it.
+        Without points, a unit ball at the origin is framed. `fov`: vertical, radians."""
         points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
         if len(points) == 0:
             points = np.eye(3)

@@ -145,12 +145,9 @@ class Exports:
         return self.progress if self.running else ""
 
     def start(self, request: ExportRequest) -> None:
-        """Start an export.
-
-        Raises:
-            StudioError: `export.running`, `export.target_exists`, `export.too_few_views`, `export.bad_seconds`, views
-                show frames that what is exported does not have (`export.frames_left_out`), or it cannot be read.
-        """
+        """Start an export; StudioError: `export.running`, `export.target_exists`, `export.too_few_views`,
+        `export.bad_seconds`, views show frames that what is exported does not have (`export.frames_left_out`), or it
+        cannot be read."""
         self._check_idle()
         if request.path.exists():
             raise StudioError(

@@ -31,15 +31,9 @@ def v3studio_command() -> list[str]:
 
 
 class ChildProcess:
-    """A child process in its own session, so that it can outlive the window.
-
-    Args:
-        errors: file for its standard error.
-        tied: give it a pipe as standard input, which ends with the window, even if that is killed.
-
-    Attributes:
-        output: emitted when there are new lines, and when the process has ended.
-    """
+    """A child process in its own session, so that it can outlive the window. `errors`: file for its standard error.
+    `tied`: give it a pipe as standard input, which ends with the window, even if that is killed. `output` is emitted
+    when there are new lines, and when the process has ended."""
 
     def __init__(self, command: Sequence[str], errors: Path, folder: Path, tied: bool = False) -> None:
         self.errors = errors
@@ -126,12 +120,8 @@ class ChildProcess:
 
 
 class Job(ChildProcess):
-    """One run of `v3studio` on a take.
-
-    Args:
-        take: the take; output other than events goes to a file in its private folder.
-        arguments: arguments of `v3studio`, without `--take` and `--json`, for example ("run", "--until", "train").
-    """
+    """One run of `v3studio` on a take, with arguments without `--take` and `--json`, for example ("run", "--until",
+    "train"). Output other than events goes to a file in the take's private folder."""
 
     def __init__(self, take: Take, arguments: Sequence[str], program: Sequence[str] = ()) -> None:
         take.private.mkdir(parents=True, exist_ok=True)

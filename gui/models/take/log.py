@@ -33,13 +33,8 @@ TITLE = "Job log"
 
 @dataclass(frozen=True)
 class LogRow:
-    """A row of the image.
-
-    Attributes:
-        clock: time of day; "" in the rows that continue a line, and where it is not known.
-        first: whether a line begins here.
-        fix: what the button does; None for others.
-    """
+    """A row of the image: time of day, "" in the rows that continue a line, and where it is not known; whether a line
+    begins here; what the button does, if it has one."""
 
     kind: str
     text: str
@@ -64,10 +59,8 @@ def grouped(lines: Iterable[LogLine]) -> list[LogLine]:
 
 
 def _about(line: LogLine) -> tuple[object, ...]:
-    """What a warning about a camera has in common with the same about another one; () for other lines.
-
-    Only a name in quotes is taken out: bare, that of camera 12 would also be the figure in "by 12%".
-    """
+    """What a warning about a camera has in common with the same about another one; () for other lines. Only a name in
+    quotes is taken out: bare, that of camera 12 would also be the figure in "by 12%"."""
     notice = line.notice
     if line.kind != "warning" or notice is None or not notice.code or not notice.fields.get("camera"):
         return ()
@@ -118,14 +111,8 @@ def _clock(told: float) -> str:
 
 @dataclass(frozen=True)
 class LogView:
-    """Which rows are in the image.
-
-    Attributes:
-        back: number of rows that it is scrolled back from the end.
-        large: whether it covers the view.
-        warnings: number of warnings and errors among all lines.
-        only_warnings: whether the rows are theirs only.
-    """
+    """Which rows are in the image: it is scrolled `back` rows from the end, may be `large` and cover the view, and have
+    only those of warnings and errors, whose number among all lines is `warnings`."""
 
     rows: Sequence[LogRow]
     width: int

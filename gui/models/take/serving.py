@@ -13,13 +13,8 @@ from pipelines.takes.atomic_files import remove
 
 @dataclass
 class Serving:
-    """One server at a time.
-
-    Attributes:
-        fingerprint: SHA-256 of its certificate; "" over http.
-        started: emitted when the address is known.
-        failed: emitted with the reason if the server ends before it is stopped.
-    """
+    """One server at a time. `fingerprint`: SHA-256 of its certificate; "" over http. `started` is emitted when the
+    address is known, `failed` with the reason if the server ends before it is stopped."""
 
     source: str = ""
     address: str = ""

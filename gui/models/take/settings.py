@@ -112,14 +112,10 @@ class SettingField:
         return parse_override(f"{self.name}={text}")[1]
 
     def stepped(self, text: str, count: int) -> str | None:
-        """A number moved to a multiple of its step, and kept within its limits.
-
-        The step is 1 for whole numbers, else a twentieth of the range, rounded up to 1, 2 or 5 times a power of ten:
-        0.05 from 0 to 1. From between two multiples, the first step leads to the next one.
-
-        Returns:
-            The number as text, `text` itself if it stays the same; None if there are no limits, or `text` is no number.
-        """
+        """A number moved to a multiple of its step, and kept within its limits, as text, `text` itself if it stays the
+        same; None if there are no limits, or it is no number. The step is 1 for whole numbers, else a twentieth of the
+        range, rounded up to 1, 2 or 5 times a power of ten: 0.05 from 0 to 1. From between two multiples, the first
+        step leads to the next one."""
         try:
             value = float(text)
         except ValueError:

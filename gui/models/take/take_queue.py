@@ -22,12 +22,8 @@ LOOK_EVERY = 1.0
 
 @dataclass(frozen=True)
 class QueueRow:
-    """A take in the list: its number, folder and state, and its progress or why it failed.
-
-    Attributes:
-        stage: what runs; "" if nothing does.
-        fraction: how much of it is done, 0 to 1; None if it is not known yet, or nothing runs.
-    """
+    """A take in the list: its number, folder and state, and its progress or why it failed. `stage` runs, "" if nothing
+    does; `fraction` of it is done, 0 to 1; None if it is not known yet, or nothing runs."""
 
     number: int
     take: Path
@@ -75,13 +71,9 @@ def _killed(number: int) -> str:
 
 
 class TakeQueue:
-    """See the module. Nothing here blocks.
-
-    Attributes:
-        message: why the last change was refused, or why the program that ran the queue failed; "" if neither.
-        watched: whether the queue is on screen, so that its file is read now and then.
-        changed: emitted when `state` has changed.
-    """
+    """See the module. Nothing here blocks. `message`: why the last change was refused, or why the program that ran the
+    queue failed; "" if neither. While it is `watched`, on screen, its file is read now and then; `changed` tells of
+    `state`."""
 
     def __init__(
         self,

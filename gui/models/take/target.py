@@ -5,12 +5,8 @@ from typing import ClassVar
 
 
 class NamedTarget:
-    """Base of the requests of dialogs with a field for the target.
-
-    Attributes:
-        done: what it is called afterwards.
-        stays: whether the notice that it is done stays until it is dismissed.
-    """
+    """Base of the requests of dialogs with a field for the target. `done`: what it is called afterwards; `stays`:
+    whether the notice that it is done stays until it is dismissed."""
 
     does: ClassVar[str] = "Export"
     done: ClassVar[str] = "Written"

@@ -297,9 +297,7 @@ class Workspace:
 
     def start(self, key: str, again: bool = False) -> bool:
         """Run a stage and the stages it depends on, as needed; `again` reruns a finished stage; "all" runs all stages.
-
-        Returns False, and emits `refused`, if the run cannot be started.
-        """
+        False, and `refused` is emitted, if the run cannot be started."""
         if self.take is None:
             self.refused.emit("Open a take first. A stream has no stages to run.")
             return False

@@ -14,12 +14,8 @@ TITLES = ("QP", "KB per frame", "Mbit/s", "PSNR, dB")
 
 
 class QpChart:
-    """See the module.
-
-    Attributes:
-        points: center of each QP's point, and of each level's name, pixels.
-        cells: the table as words: titles, then a row for each QP with results.
-    """
+    """See the module. `points`: center of each QP's point, and of each level's name, pixels. `cells`: the table as
+    words: titles, then a row for each QP with results."""
 
     def __init__(self, size: Size, em: float, trial: QpTrial, current: int | str, done: str) -> None:
         self.canvas, self._em, self._current = Canvas(*size, GROUND), em, current

@@ -14,14 +14,8 @@ LEAST = 6
 
 
 class TieMarks:
-    """The points of a file, which is saved after each change.
-
-    Attributes:
-        points: the points in list order; those without marks are not saved.
-
-    Raises:
-        StudioError: the file cannot be read.
-    """
+    """The points of a file (StudioError if it cannot be read), in list order, saved after each change; those without
+    marks are not."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -146,12 +140,8 @@ def _short(name: str) -> str:
 
 
 def expected(point: TiePoint, camera: Camera, rig: Rig) -> np.ndarray | None:
-    """Where calibrated cameras predict a point in another camera's image.
-
-    Returns:
-        (1, 2): its pixel, from marks in two or more other cameras; (N, 2): its epipolar line, from one mark; None
-        if there are no other marks.
-    """
+    """Where calibrated cameras predict a point in another camera's image: (1, 2) its pixel, from marks in two or more
+    other cameras; (N, 2) its epipolar line, from one mark; None if there are no other marks."""
     from studio.calibration.manual.bootstrap import Observations, TieRig, triangulate
 
     others = [name for name in point.pixels if name != camera.name and name in rig]

@@ -24,11 +24,8 @@ from studio.storage import is_address
 
 
 class PointsView(StageView):
-    """See the module. Clicks act on the layout of the last image.
-
-    Attributes:
-        magnifiers: what is shown of each camera's image, and where; by camera.
-    """
+    """See the module. Clicks act on the layout of the last image; `magnifiers`, by camera: what is shown of its image,
+    and where."""
 
     modes = ("points by hand",)
 

@@ -52,13 +52,8 @@ class RigCoverage:
     def of(
         cls, rig: Rig, names: Sequence[str], center: np.ndarray, surface: tuple[np.ndarray, np.ndarray] | None
     ) -> RigCoverage | None:
-        """Measure a rig.
-
-        Args:
-            names: of the training cameras; those that the rig lacks are left out.
-            center: (3,) middle of the scene, if there is no surface.
-            surface: points and normals, (N, 3) each; None before the stage Initialize.
-        """
+        """Measure a rig by the training cameras `names` that it has; `surface`: points and normals, (N, 3) each, or
+        None before the stage Initialize: then `center`, (3,), is the middle of the scene."""
         cameras = [camera for camera in rig if camera.name in names]
         points, normals = surface if surface is not None and len(surface[0]) else (np.zeros((0, 3)), np.zeros((0, 3)))
         found = view_range(cameras, points.mean(0) if len(points) else center)

@@ -31,11 +31,8 @@ _State = tuple[object, Polygons | None]
 
 
 class GarbageDrawing:
-    """See the module. Polygons are kept in the take; a file that the setting named before is left as it is.
-
-    Attributes:
-        corners: of the polygon that is being drawn, pixels of the footage.
-    """
+    """See the module. Polygons are kept in the take; a file that the setting named before is left as it is. `corners`
+    are those of the polygon that is being drawn, pixels of the footage."""
 
     def __init__(self, workspace: Workspace) -> None:
         self._workspace = workspace

@@ -49,13 +49,8 @@ DECODED_BYTES = 64 * 1024 * 1024
 
 
 class CaptureView(StageView):
-    """Thumbnails of all cameras, or one of them (`camera`), with masks or without; and with garbage masks, which are
-    drawn on one camera.
-
-    Attributes:
-        footage_check: decodes all of the footage.
-        image_at: where the image of the camera that is shown alone is; None without one.
-    """
+    """Thumbnails of all cameras, or one of them (`camera`, its image at `image_at`), with masks or without; and with
+    garbage masks, which are drawn on one camera. `footage_check` decodes all of the footage."""
 
     modes = (MASKS, EVIDENCE, GARBAGE)
 

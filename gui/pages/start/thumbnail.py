@@ -29,11 +29,7 @@ _VERSION = "1"
 
 def thumbnail(place: str) -> np.ndarray | None:
     """(270, 480, 3) uint8 RGB of what a recent place shows: its first frame, or an image of its footage; None for a URL
-    and where there is nothing to see.
-
-    Raises:
-        StudioError: it is damaged.
-    """
+    and where there is nothing to see. StudioError if it is damaged."""
     if is_address(place):
         return None
     name = hashlib.sha256(repr((_VERSION, place, _contents(place))).encode()).hexdigest()

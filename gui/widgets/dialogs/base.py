@@ -104,12 +104,8 @@ class Dialogs:
         on_enter: Callable[[], None] | None = None,
         accent: str | None = None,
     ) -> None:
-        """Show a dialog made of `parts`, replacing the open one.
-
-        Args:
-            on_enter: action of the Enter key; None for none.
-            accent: key of the highlighted answer; None for the first.
-        """
+        """Show a dialog made of `parts`, replacing the open one; `on_enter`: action of the Enter key; `accent`: key of
+        the highlighted answer; None for the first."""
         made = self.widgets
         early = (self._early, self._early_enter) if self.expected else ([], False)
         self.close()

@@ -23,13 +23,8 @@ def ask_path(
     cancelled: Callable[[], None] = lambda: None,
     endings: Sequence[str] = (),
 ) -> None:
-    """Show the dialog.
-
-    Args:
-        wanted, endings: as in `FolderList`.
-        done: called with the path after the dialog has closed.
-        cancelled: called if it is closed without a path.
-    """
+    """Show the dialog; `wanted` and `endings` as in `FolderList`. `done` is called with the path after the dialog has
+    closed, `cancelled` if it is closed without a path."""
     _PathDialog(dialogs, FolderList(start, wanted, endings), done, cancelled).show(title)
 
 

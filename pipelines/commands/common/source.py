@@ -61,14 +61,11 @@ def read_settings(
     preset: str | None = None,
     take: Path | None = None,
 ) -> Config:
-    """The settings that a command works with.
+    """The settings that a command works with: of a YAML file or a take, or the preset for this machine for footage
+    without settings, also where only `capture.root` says where it is.
 
-    Those of a YAML file or a take come from there. Footage without settings, also where only `capture.root` says where
-    it is, gets the preset for this machine.
-
-    Args:
-        source: what the command was given; None: the settings of `take`, or the defaults if there is no take yet.
-        take: folder of the take that the settings are for, if any. If it exists, footage gets its settings.
+    `source` None: those of `take`, the folder of the take that they are for, if any, or the defaults if there is none
+    yet. If it exists, footage gets its settings.
     """
     from pipelines.config import load_config
     from pipelines.config.presets import PRESETS as VALUES

@@ -43,15 +43,11 @@ def load_ray(address: str = "local") -> Any:
 
 @contextmanager
 def connected(address: str, cpus: int) -> Iterator[Any]:
-    """Connect to a cluster; at the end everything that was started through the connection is stopped.
+    """Connect to a cluster, `run.address` or the environment variable `ADDRESS_VARIABLE`; "local" starts one with
+    `cpus`. At the end everything that was started through the connection is stopped.
 
-    Args:
-        address: `run.address`; the environment variable `ADDRESS_VARIABLE` overrides it.
-        cpus: for "local", CPUs of the cluster that is started.
-
-    Raises:
-        StudioError: Ray is not installed (`cluster.no_ray`), nothing answers (`cluster.unreachable`), the token is
-            wrong or missing (`cluster.token`), or the cluster has another version of Python or Ray (`cluster.version`).
+    StudioError if Ray is not installed (`cluster.no_ray`), nothing answers (`cluster.unreachable`), the token is wrong
+    or missing (`cluster.token`), or the cluster has another version of Python or Ray (`cluster.version`).
     """
     address = os.environ.get(ADDRESS_VARIABLE) or address
     ray = load_ray(address)

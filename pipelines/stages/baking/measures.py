@@ -18,11 +18,9 @@ _WIDTH = 640
 
 
 class RenderedError:
-    """Mean squared error of decoded frames against trained ones, for levels of quality.
-
-    Both are rendered from two training cameras, usually on opposite sides of the performer and other ones in each
-    frame, and compared in the bounding box of the foreground.
-    """
+    """Mean squared error of decoded frames against trained ones, for levels of quality. Both are rendered from two
+    training cameras, usually on opposite sides of the performer and other ones in each frame, and compared in the
+    bounding box of the foreground."""
 
     def __init__(
         self, frames: Sequence[Gaussians], cameras: Sequence[Camera], background: Sequence[float], device: str

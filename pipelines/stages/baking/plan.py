@@ -29,12 +29,7 @@ STAGE = stage_named("bake")
 @dataclass(frozen=True)
 class Part:
     """A group of the stream: a trained group, or a part of one (`bake.first_group_size`, or the take is trimmed).
-
-    Attributes:
-        index: number of the group in the stream.
-        indices: its frames, counted from 0 in the take.
-        stream_first: its first frame, counted from 0 in the stream.
-    """
+    `index` counts groups in the stream, `indices` frames in the take, `stream_first` frames in the stream, from 0."""
 
     index: int
     trained: Group
@@ -85,14 +80,9 @@ def stream_cameras(inputs: Inputs) -> list[Camera]:
 
 
 class BakePlan:
-    """The parts of a stream, and the work folder in which they are baked.
-
-    Each baked part has a note beside the folder: the digest of everything that it was made from, the digests of its
-    files, and its entry for the manifest. Files are in the work folder or in the take's stream.
-
-    Attributes:
-        parts: in order.
-    """
+    """The parts of a stream, in order, and the work folder in which they are baked. Each baked part has a note beside
+    the folder: the digest of everything that it was made from, the digests of its files, and its entry for the
+    manifest. Files are in the work folder or in the take's stream."""
 
     def __init__(self, inputs: Inputs) -> None:
         self.inputs = inputs

@@ -57,12 +57,9 @@ def finetuning_params(inputs: Inputs) -> Params:
 
 
 class RungTraining:
-    """Trains the offsets of rungs and keeps them in the take.
-
-    Each result is a file with a key, a digest of everything it was made from: settings, footage, cameras, seed and the
-    trained frames of the group. A run that was killed continues from the last checkpoint with the same key, and gives
-    the same result.
-    """
+    """Trains the offsets of rungs and keeps them in the take. Each result is a file with a key, a digest of everything
+    it was made from: settings, footage, cameras, seed and the trained frames of the group. A run that was killed
+    continues from the last checkpoint with the same key, and gives the same result."""
 
     def __init__(self, inputs: Inputs) -> None:
         self._inputs = inputs
