@@ -35,19 +35,12 @@ SAMPLES = ((0.25, 0.25), (0.75, 0.25), (0.25, 0.75), (0.75, 0.75))
 
 @dataclass
 class Part:
-    """A part of the body in a frame.
+    """A part of the body in a frame."""
 
-    Attributes:
-        center: (3,) position in meters.
-        axes: (3, 3) rotation, columns are the part's axes in the world.
-        size: (3,) half axes in meters.
-        kind: index of its texture.
-    """
-
-    center: np.ndarray
-    axes: np.ndarray
-    size: np.ndarray
-    kind: int
+    center: np.ndarray  # (3,) position in meters
+    axes: np.ndarray  # (3, 3) rotation, columns are the part's axes in the world
+    size: np.ndarray  # (3,) half axes in meters
+    kind: int  # index of its texture
 
 
 def turn(axis: str, angle: float) -> np.ndarray:

@@ -37,21 +37,13 @@ Near = Callable[[str], Mapping[int, np.ndarray]]
 
 @dataclass(frozen=True)
 class Trial:
-    """A rig, and what should be said of it.
+    """A rig, and what should be said of it."""
 
-    Attributes:
-        what: how it was made.
-        views: by camera.
-        same_images: whether the images are those of the capture, so that their matches are known.
-        right: whether a verdict is right.
-        near: masks of a camera in other frames, by frame.
-    """
-
-    what: str
-    views: Views
-    same_images: bool
-    right: Callable[[RigVerdict], bool]
-    near: Near = lambda name: {}
+    what: str  # how it was made
+    views: Views  # by camera
+    same_images: bool  # whether the images are those of the capture, so that their matches are known
+    right: Callable[[RigVerdict], bool]  # whether a verdict is right
+    near: Near = lambda name: {}  # masks of a camera in other frames, by frame
 
 
 def whole(*words: str) -> Callable[[RigVerdict], bool]:

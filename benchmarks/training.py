@@ -52,20 +52,13 @@ console = Console(width=112)
 
 @dataclass
 class Pair:
-    """Times of one computation in milliseconds, fused and by its definition.
+    """Times of one computation in milliseconds, fused and by its definition."""
 
-    Attributes:
-        name: what is computed, forward and backward.
-        fused, plain: (median, minimum).
-        step: the step that it is part of.
-        calls: its calls in one step.
-    """
-
-    name: str
-    fused: tuple[float, float]
+    name: str  # what is computed, forward and backward
+    fused: tuple[float, float]  # fused, plain: (median, minimum)
     plain: tuple[float, float]
-    step: str
-    calls: int
+    step: str  # the step that it is part of
+    calls: int  # its calls in one step
 
     @property
     def ratio(self) -> float:

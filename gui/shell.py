@@ -134,17 +134,11 @@ class Shell:
 
 
 class Layout:
-    """See the module.
-
-    Attributes:
-        fullscreen: only the viewport is visible.
-        left: width of the left panel, em; at most a third of the window.
-        view: x, y, width and height of the viewport, or of the start page, window pixels.
-    """
+    """See the module."""
 
     def __init__(self, panels: Shell) -> None:
         self._panels = panels
-        self.fullscreen = False
+        self.fullscreen = False  # only the viewport is visible
         self.figures: bool | None = None
         self._width = panels.window.content_rect.width  # asking for it takes a round trip to the X server
         # Fills between the panels: one background under everything would cost a software driver 30 ms per draw.
@@ -152,8 +146,8 @@ class Layout:
         self.fills = [gui.Vert() for _ in range(4)]
         for number, fill in enumerate(self.fills):
             fill.background_color = color(GROUND if number < 3 else PANEL)
-        self.left = LEFT
-        self.view = (0, 0, 16, 16)
+        self.left = LEFT  # width of the left panel, em; at most a third of the window
+        self.view = (0, 0, 16, 16)  # x, y, width and height of the viewport, or of the start page, window pixels
 
     def widen(self, x: float) -> None:
         """Drag the left panel's edge to a column of the window."""

@@ -32,38 +32,26 @@ BACKGROUND = 0.35
 
 @dataclass(frozen=True, eq=False)
 class Inspection:
-    """See the module.
+    """See the module."""
 
-    Attributes:
-        lines: what was found, one sentence each.
-        rigs: calibration files to choose from with `capture.rig`; empty if there is one, or none.
-        masks, plates, sounds: what there is to choose from for `capture.mask_files`, `capture.clean_plates` and
-            `capture.audio`.
-        cameras: names of all cameras, also of those that are not used.
-        used: those that a take would use.
-        unmasked: those without mask files, although others have them.
-        suggested: cameras to hold out for evaluation, unless some are.
-        frames: numbers of the frames that all cameras have.
-        filmed_fps: frames per second that the files give; None if they give none.
-        thumbnails: (H, W, 3) uint8 RGB of the first frame by camera, darker outside of the mask; empty for footage in
-            object storage, which would have to be copied.
-        strip: the same of some frames of one camera, by their number.
-    """
-
-    lines: tuple[str, ...] = ()
+    lines: tuple[str, ...] = ()  # what was found, one sentence each
     problems: tuple[Message, ...] = ()
-    rigs: tuple[str, ...] = ()
+    rigs: tuple[str, ...] = ()  # calibration files to choose from with `capture.rig`; empty if there is one, or none
+    # masks, plates, sounds: what there is to choose from for `capture.mask_files`, `capture.clean_plates` and
+    # `capture.audio`
     masks: tuple[str, ...] = ()
     plates: tuple[str, ...] = ()
     sounds: tuple[str, ...] = ()
-    cameras: tuple[str, ...] = ()
-    used: tuple[str, ...] = ()
-    unmasked: tuple[str, ...] = ()
-    suggested: tuple[str, ...] = ()
-    frames: tuple[int, ...] = ()
-    filmed_fps: float | None = None
+    cameras: tuple[str, ...] = ()  # names of all cameras, also of those that are not used
+    used: tuple[str, ...] = ()  # those that a take would use
+    unmasked: tuple[str, ...] = ()  # those without mask files, although others have them
+    suggested: tuple[str, ...] = ()  # cameras to hold out for evaluation, unless some are
+    frames: tuple[int, ...] = ()  # numbers of the frames that all cameras have
+    filmed_fps: float | None = None  # frames per second that the files give; None if they give none
+    # (H, W, 3) uint8 RGB of the first frame by camera, darker outside of the mask; empty for footage in object storage,
+    # which would have to be copied
     thumbnails: dict[str, np.ndarray] = field(default_factory=dict)
-    strip: dict[int, np.ndarray] = field(default_factory=dict)
+    strip: dict[int, np.ndarray] = field(default_factory=dict)  # the same of some frames of one camera, by their number
 
 
 def inspect(capture: CaptureSettings, progress: ProgressFn | None = None) -> Inspection:

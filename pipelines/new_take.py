@@ -28,52 +28,32 @@ CALIBRATE = "none: calibrate from the footage"
 
 @dataclass(frozen=True)
 class Found:
-    """What is known about the footage.
-
-    Attributes:
-        fps: frames per second that the files or the settings give; None if neither does, so that it may be typed.
-        inspection: what was found; empty if the footage cannot be opened.
-        images: patterns of the footage to choose from; empty if there is only one.
-        uses: what the settings use each camera for.
-    """
+    """What is known about the footage."""
 
     words: str
+    # frames per second that the files or the settings give; None if neither does, so that it may be typed
     fps: float | None = None
-    inspection: Inspection = field(default_factory=Inspection)
-    images: tuple[str, ...] = ()
-    uses: CameraUses = field(default_factory=lambda: CameraUses({}))
+    inspection: Inspection = field(default_factory=Inspection)  # what was found; empty if the footage cannot be opened
+    images: tuple[str, ...] = ()  # patterns of the footage to choose from; empty if there is only one
+    uses: CameraUses = field(default_factory=lambda: CameraUses({}))  # what the settings use each camera for
 
 
 @dataclass
 class NewTake:
-    """A new take as specified in the dialog; text as typed.
+    """A new take as specified in the dialog; text as typed."""
 
-    Attributes:
-        footage: footage folder or its address in object storage; may be empty if the settings name it.
-        settings: YAML file with settings; empty for the preset for this machine.
-        take: folder of the new take; empty for `proposed_take`.
-        fps: frames per second, where the footage gives none; empty for that of the settings.
-        images: pattern of the footage; here and below "" is what the settings say.
-        rig: calibration file.
-        masks, plates: patterns of mask files and clean plates.
-        audio: sound file.
-        preset: one of `PRESETS`; "" without settings is that for this machine.
-        frames: "60 to 83"; empty for those of the settings.
-        uses: what each camera is used for; None: as the settings say.
-    """
-
-    footage: str = ""
-    settings: str = ""
-    take: str = ""
-    fps: str = ""
-    images: str = ""
-    rig: str = ""
-    masks: str = ""
+    footage: str = ""  # footage folder or its address in object storage; may be empty if the settings name it
+    settings: str = ""  # YAML file with settings; empty for the preset for this machine
+    take: str = ""  # folder of the new take; empty for `proposed_take`
+    fps: str = ""  # frames per second, where the footage gives none; empty for that of the settings
+    images: str = ""  # pattern of the footage; here and below "" is what the settings say
+    rig: str = ""  # calibration file
+    masks: str = ""  # masks, plates: patterns of mask files and clean plates
     plates: str = ""
-    audio: str = ""
-    preset: str = ""
-    frames: str = ""
-    uses: CameraUses | None = None
+    audio: str = ""  # sound file
+    preset: str = ""  # one of `PRESETS`; "" without settings is that for this machine
+    frames: str = ""  # "60 to 83"; empty for those of the settings
+    uses: CameraUses | None = None  # what each camera is used for; None: as the settings say
 
     def unchosen(self) -> dict[str, str]:
         """Of what is chosen in lists, the words for "", by attribute."""

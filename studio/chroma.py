@@ -27,20 +27,15 @@ LUMA_WEIGHTS = {
 
 @dataclass(frozen=True)
 class ChromaSampling:
-    """The chroma grid of a video.
+    """The chroma grid of a video."""
 
-    Attributes:
-        step: (x, y) luma samples per chroma sample: (2, 2) for 4:2:0, (2, 1) for 4:2:2.
-        first: (x, y) position of the first chroma sample relative to the first luma sample, in luma samples, as the
-            file is decoded: 0 on it, 0.5 between it and the second one.
-        siting: where the decoder assumes the samples; None if the image was turned, so that x is not "left".
-        matrix: a name in `LUMA_WEIGHTS`.
-    """
-
-    step: tuple[int, int]
+    step: tuple[int, int]  # (x, y) luma samples per chroma sample: (2, 2) for 4:2:0, (2, 1) for 4:2:2
+    # (x, y) position of the first chroma sample relative to the first luma sample, in luma samples, as the file is
+    # decoded: 0 on it, 0.5 between it and the second one
     first: tuple[float, float]
+    # where the decoder assumes the samples; None if the image was turned, so that x is not "left"
     siting: Siting | None = "left"
-    matrix: str = "bt601"
+    matrix: str = "bt601"  # a name in `LUMA_WEIGHTS`
 
     def cropped(self, left: int, top: int) -> ChromaSampling:
         """The grid of a crop that begins at pixel (left, top)."""

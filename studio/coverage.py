@@ -98,19 +98,12 @@ def view_range(cameras: Iterable[Camera], center: Sequence[float] | np.ndarray) 
 
 @dataclass(frozen=True)
 class Coverage:
-    """What a rig does not see.
+    """What a rig does not see."""
 
-    Attributes:
-        outside: share of the horizontal directions around the performer that are outside of the view range, 0 to 1.
-        farthest: largest angle between such a direction and the nearest camera, degrees.
-        unseen: share of the surface that faces fewer than two cameras, 0 to 1. What hides it is not considered.
-        angle: of the view range, degrees.
-    """
-
-    outside: float
-    farthest: float
-    unseen: float
-    angle: float
+    outside: float  # share of the horizontal directions around the performer that are outside of the view range, 0 to 1
+    farthest: float  # largest angle between such a direction and the nearest camera, degrees
+    unseen: float  # share of the surface that faces fewer than two cameras, 0 to 1. What hides it is not considered
+    angle: float  # of the view range, degrees
 
 
 def coverage(cameras: Sequence[Camera], points: np.ndarray, normals: np.ndarray, up: np.ndarray) -> Coverage | None:

@@ -15,17 +15,11 @@ from studio.rotations import matrices_to_quats, quats_to_matrices
 
 @dataclass(frozen=True, eq=False)
 class Similarity:
-    """new = scale * rotation @ old + translation.
+    """new = scale * rotation @ old + translation."""
 
-    Attributes:
-        scale: units of the new world in one of the old world, above 0.
-        rotation: (3, 3) float64, orthonormal, determinant 1.
-        translation: (3,) float64, units of the new world.
-    """
-
-    scale: float = 1.0
-    rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
-    translation: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    scale: float = 1.0  # units of the new world in one of the old world, above 0
+    rotation: np.ndarray = field(default_factory=lambda: np.eye(3))  # (3, 3) float64, orthonormal, determinant 1
+    translation: np.ndarray = field(default_factory=lambda: np.zeros(3))  # (3,) float64, units of the new world
 
     __repr__ = short_repr
 

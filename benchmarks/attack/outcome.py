@@ -6,21 +6,13 @@ from dataclasses import dataclass, field
 
 @dataclass
 class Outcome:
-    """Counts attempts and collects what was wrong.
+    """Counts attempts and collects what was wrong."""
 
-    Attributes:
-        name: the part.
-        promised: what must hold, in a few words.
-        count: attempts.
-        wrong: one line per broken promise.
-        notes: what happened that is no fault, such as what was refused.
-    """
-
-    name: str
-    promised: str
-    count: int = 0
-    wrong: list[str] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
+    name: str  # the part
+    promised: str  # what must hold, in a few words
+    count: int = 0  # attempts
+    wrong: list[str] = field(default_factory=list)  # one line per broken promise
+    notes: list[str] = field(default_factory=list)  # what happened that is no fault, such as what was refused
     began: float = field(default_factory=time.monotonic)
 
     def failed(self, line: str) -> None:

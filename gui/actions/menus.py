@@ -12,17 +12,13 @@ from gui.widgets.picture import text_room
 
 @dataclass(frozen=True)
 class Item:
-    """An item of a menu.
-
-    Attributes:
-        label: what it does; ends with "..." if it asks for more first.
-        needs: what must be open: "open" a take or a stream, "take" a take, "splats" one in which something is trained,
-            "" nothing: only these act while the start page covers the open take or stream.
-    """
+    """An item of a menu."""
 
     key: str
-    label: str
+    label: str  # what it does; ends with "..." if it asks for more first
     shortcut: str = ""
+    # what must be open: "open" a take or a stream, "take" a take, "splats" one in which something is trained, ""
+    # nothing: only these act while the start page covers the open take or stream
     needs: str = "open"
 
     @property

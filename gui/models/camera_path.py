@@ -29,19 +29,13 @@ class PathKey:
 
 
 class PathEditor:
-    """See the module. Every change is written at once.
-
-    Attributes:
-        keys: the views, ordered by time; the first is at 0.
-        selected: index of the selected view; None for none.
-        error: why the take's path could not be read, in which case it is never overwritten; "" otherwise.
-        numbers: of the take's frames. Callers count frames from 0 in the take, the file has their numbers.
-    """
+    """See the module. Every change is written at once."""
 
     def __init__(self) -> None:
-        self.keys: tuple[PathKey, ...] = ()
-        self.selected: int | None = None
-        self.error = ""
+        self.keys: tuple[PathKey, ...] = ()  # the views, ordered by time; the first is at 0
+        self.selected: int | None = None  # index of the selected view; None for none
+        self.error = ""  # why the take's path could not be read, in which case it is never overwritten; "" otherwise
+        # of the take's frames. Callers count frames from 0 in the take, the file has their numbers
         self.numbers = FrameNumbers()
         self._file: Path | None = None
         self._history = History()

@@ -25,19 +25,13 @@ class WorstFrame:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Figures of all evaluated frames.
+    """Figures of all evaluated frames."""
 
-    Attributes:
-        frames: figures by frame, counted from 0.
-        held_out: whether they were held out; if not, they are training cameras.
-        error: message if the file is damaged; "" otherwise.
-        stale: whether an earlier bake was evaluated: not the one that is there, or not the take as it is set now.
-    """
-
-    frames: Mapping[int, FrameQuality] = field(default_factory=dict)
+    frames: Mapping[int, FrameQuality] = field(default_factory=dict)  # figures by frame, counted from 0
     cameras: Mapping[str, Quality] = field(default_factory=dict)
-    held_out: bool = True
-    error: str = ""
+    held_out: bool = True  # whether they were held out; if not, they are training cameras
+    error: str = ""  # message if the file is damaged; "" otherwise
+    # whether an earlier bake was evaluated: not the one that is there, or not the take as it is set now
     stale: bool = False
 
     @classmethod

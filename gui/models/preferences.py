@@ -31,21 +31,15 @@ def preferences_path() -> Path:
 
 @dataclass
 class Preferences:
-    """See the module.
+    """See the module."""
 
-    Attributes:
-        picture_size: maximum resolution at which splats are rendered, a key of `PICTURE_SIZES`.
-        recent: folders, files and URLs, newest first.
-        folder: where a file or a folder was chosen last; "" if none was.
-        shares: what was last chosen in the dialog of a share, newest last, by its form and source.
-    """
-
-    picture_size: str = "960 x 540"
+    picture_size: str = "960 x 540"  # maximum resolution at which splats are rendered, a key of `PICTURE_SIZES`
     background: str = "dark"
     play_on_opening: bool = True
     panel_width: float = 18.0
-    recent: list[str] = field(default_factory=list)
-    folder: str = ""
+    recent: list[str] = field(default_factory=list)  # folders, files and URLs, newest first
+    folder: str = ""  # where a file or a folder was chosen last; "" if none was
+    # what was last chosen in the dialog of a share, newest last, by its form and source
     shares: dict[str, dict[str, str]] = field(default_factory=dict)
 
     @classmethod

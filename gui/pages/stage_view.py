@@ -22,16 +22,10 @@ _Request = tuple[Size, str, Hashable, bool]
 
 
 class StageView:
-    """Base of stage views. Subclasses define what the image depends on (`state`) and draw it (`draw`, on a thread).
+    """Base of stage views. Subclasses define what the image depends on (`state`) and draw it (`draw`, on a thread)."""
 
-    Attributes:
-        modes: images to choose from; the first is the default.
-        sharp: whether it is drawn at the resolution of the viewport once it rests, though it orbits.
-        places: (camera, corners as (N, 2) pixels of the image) of what shows a camera, those in front last.
-        camera: the marked camera; "" for none.
-    """
-
-    modes: ClassVar[tuple[str, ...]] = ()
+    modes: ClassVar[tuple[str, ...]] = ()  # images to choose from; the first is the default
+    # whether it is drawn at the resolution of the viewport once it rests, though it orbits
     sharp: ClassVar[bool] = False
 
     def __init__(self, workspace: Workspace) -> None:
@@ -39,8 +33,9 @@ class StageView:
         self.mode = self.modes[0] if self.modes else ""
         self.em = 16.0
         self.frame = 0
+        # (camera, corners as (N, 2) pixels of the image) of what shows a camera, those in front last
         self.places: list[tuple[str, np.ndarray]] = []
-        self.camera = ""
+        self.camera = ""  # the marked camera; "" for none
         self._worker: LatestWorker[_Request, np.ndarray] = LatestWorker(self._work, f"v3studio {type(self).__name__}")
         self._asked: _Request | None = None
 

@@ -31,14 +31,7 @@ EDIT_KEYS = frozenset(key for key, _, _ in EDIT_CHOICES if key)
 
 
 class StageViews:
-    """The stage views, and which one is on screen.
-
-    Attributes:
-        camera_clicked, camera_menu: emitted with a camera's name after a click, a right click on it.
-        dialog_wanted: emitted with the name of a dialog, "cameras" or "bakes".
-        edit_dialog: emitted with the button of the edits that needs a dialog.
-        editing: whether Review shows the edits.
-    """
+    """The stage views, and which one is on screen."""
 
     def __init__(
         self,
@@ -58,7 +51,7 @@ class StageViews:
         }
         self.points = PointsView(workspace)
         self.editor = EditView(workspace)
-        self.editing = False
+        self.editing = False  # whether Review shows the edits
         self._edits = EditList()  # before the changes since they are on screen
         self.stage = "review"
         self._left_scene_of: object = None
@@ -67,10 +60,11 @@ class StageViews:
         self._newest = NewestImage(now)
         self._rest = Rest(now)
         self.clicked: Signal[[]] = Signal()
+        # camera_clicked, camera_menu: emitted with a camera's name after a click, a right click on it
         self.camera_clicked: Signal[[str]] = Signal()
         self.camera_menu: Signal[[str]] = Signal()
-        self.dialog_wanted: Signal[[str]] = Signal()
-        self.edit_dialog: Signal[[str]] = Signal()
+        self.dialog_wanted: Signal[[str]] = Signal()  # emitted with the name of a dialog, "cameras" or "bakes"
+        self.edit_dialog: Signal[[str]] = Signal()  # emitted with the button of the edits that needs a dialog
 
     def choices(self) -> dict[str, tuple[Choice, ...]]:
         """Buttons above the viewport, by stage."""

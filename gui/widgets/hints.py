@@ -32,11 +32,6 @@ class Hints:
 
     Args:
         follows: whether `update` receives the pointer's position.
-
-    Attributes:
-        picture: the hint; its widget is to be added to the window.
-        text: what it says; "" if there is none.
-        listing: whether a list is open, as far as is known: the toolkit does not report it, and a hint closes it.
     """
 
     def __init__(self, follows: bool, em: float, now: Callable[[], float] = time.monotonic) -> None:
@@ -46,9 +41,10 @@ class Hints:
         self._row: gui.Widget | None = None
         self._clicked: gui.Widget | None = None  # no hint of it until the pointer has left it
         self._since = 0.0
-        self.text = ""
+        self.text = ""  # what it says; "" if there is none
+        # whether a list is open, as far as is known: the toolkit does not report it, and a hint closes it
         self.listing = False
-        self.picture = ImagePanel()
+        self.picture = ImagePanel()  # the hint; its widget is to be added to the window
         self.picture.widget.visible = False
 
     def give(self, widget: gui.Widget, text: str, row: gui.Widget) -> None:

@@ -43,14 +43,7 @@ STILL = 3
 
 
 class InspectorPanel:
-    """See the module.
-
-    Attributes:
-        stage: the selected stage; Review has more figures than others, which leave more room to the log.
-        large: whether the log covers the view.
-        log_height: height of the log as dragged, em; None for what the figures leave.
-        only_warnings: whether the log shows warnings and errors only.
-    """
+    """See the module."""
 
     def __init__(
         self,
@@ -62,10 +55,11 @@ class InspectorPanel:
         self._em, self._changed, self._apply_fix, self._laid_out = em, changed, apply_fix, laid_out
         self.figures = ImagePanel(self._on_figures)
         self.log = ImagePanel(self._on_mouse)
+        # the selected stage; Review has more figures than others, which leave more room to the log
         self.stage = "review"
-        self.large = False
-        self.log_height: float | None = None
-        self.only_warnings = False
+        self.large = False  # whether the log covers the view
+        self.log_height: float | None = None  # height of the log as dragged, em; None for what the figures leave
+        self.only_warnings = False  # whether the log shows warnings and errors only
         self._warnings = 0
         self._grabbed: float | None = None  # where the edge of the log was pressed, pixels below it
         self._dragging = False

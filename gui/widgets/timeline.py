@@ -21,21 +21,12 @@ STRIP = 3.5
 
 
 class TimelinePanel:
-    """Shows the playhead, groups, quality and size per frame, and marks.
-
-    Attributes:
-        zoom: the part of the frames that is shown; the wheel changes it, a right drag moves it.
-        path_keys: frames of the views of the camera path, which can be dragged.
-        moved_key: called with the index of such a view and its new frame.
-        explanation: what the plots show, the tooltip of their titles.
-        filmstrip: draws the images above the plots.
-        busy: whether a stage runs on the open take or stream; no images are drawn meanwhile.
-    """
+    """Shows the playhead, groups, quality and size per frame, and marks."""
 
     def __init__(self, player: PlayerPresenter, em: float, changed: Callable[[], None]) -> None:
-        self.filmstrip = Filmstrip()
+        self.filmstrip = Filmstrip()  # draws the images above the plots
         self.filmstrip.changed.connect(changed)
-        self.busy = False
+        self.busy = False  # whether a stage runs on the open take or stream; no images are drawn meanwhile
         self._selecting: int | None = None  # where the drag began that selects a span
         self._player = player
         self._em = em
@@ -45,15 +36,16 @@ class TimelinePanel:
         self._hover: int | None = None
         self._hover_until = 0.0
         self._covered = False
-        self.explanation = ""
+        self.explanation = ""  # what the plots show, the tooltip of their titles
         self._base: np.ndarray | None = None
         self._resume = False
         self._down = False
         self.plots: Sequence[Plot] = ()
         self.marks: tuple[int, ...] = ()
-        self.zoom = TimelineZoom()
+        self.zoom = TimelineZoom()  # the part of the frames that is shown; the wheel changes it, a right drag moves it
         self._panned: float | None = None
-        self.path_keys: Sequence[int] = ()
+        self.path_keys: Sequence[int] = ()  # frames of the views of the camera path, which can be dragged
+        # called with the index of such a view and its new frame
         self.moved_key: Callable[[int, int], None] = lambda key, frame: None
         self._dragged: tuple[int, int] | None = None
         self.picture = ImagePanel(self._on_mouse)

@@ -23,24 +23,16 @@ if TYPE_CHECKING:
 
 @dataclass
 class OpenedTake:
-    """A take in a comparison.
-
-    Attributes:
-        place: where the stream lies in the take.
-        footage: of the comparison, seen through this take's cameras.
-        frames: footage frame to index in the stream.
-        trained_on: cameras that it was trained on.
-        group_starts: footage frames with which groups begin.
-    """
+    """A take in a comparison."""
 
     name: str
     take: Take
     reader: StreamReader
-    place: CapturePlace
-    footage: Footage
-    frames: dict[int, int]
-    trained_on: tuple[str, ...]
-    group_starts: frozenset[int]
+    place: CapturePlace  # where the stream lies in the take
+    footage: Footage  # of the comparison, seen through this take's cameras
+    frames: dict[int, int]  # footage frame to index in the stream
+    trained_on: tuple[str, ...]  # cameras that it was trained on
+    group_starts: frozenset[int]  # footage frames with which groups begin
 
 
 def open_takes(

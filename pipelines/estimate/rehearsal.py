@@ -52,31 +52,20 @@ class _Enough(Exception):
 
 @dataclass
 class Measured:
-    """Seconds per unit of work, on this machine at its present load.
+    """Seconds per unit of work, on this machine at its present load."""
 
-    Attributes:
-        camera: extra time of a camera's first image (opening the file, estimating its background).
-        view: decoding, masking and cropping one image.
-        hull_fixed, hull_square: a hull of resolution r takes hull_fixed + hull_square r^2.
-        keyframe_step: one step per splat of the keyframe before pruning.
-        motion_step, finetune_step: one step of a later frame, with its final number of splats.
-        frame: a later frame, apart from its steps.
-        evaluated_view: rendering and comparing one view of the evaluation.
-        memory: bytes of the process after the rehearsal.
-        processor: share of the processor that the rehearsal got, 0 to 1; the rest went to other programs or was idle.
-    """
-
-    camera: float = 0.0
-    view: float = 0.0
-    hull_fixed: float = 0.0
+    camera: float = 0.0  # extra time of a camera's first image (opening the file, estimating its background)
+    view: float = 0.0  # decoding, masking and cropping one image
+    hull_fixed: float = 0.0  # hull_fixed, hull_square: a hull of resolution r takes hull_fixed + hull_square r^2
     hull_square: float = 0.0
-    keyframe_step: float = 0.0
-    motion_step: float = 0.0
+    keyframe_step: float = 0.0  # one step per splat of the keyframe before pruning
+    motion_step: float = 0.0  # motion_step, finetune_step: one step of a later frame, with its final number of splats
     finetune_step: float = 0.0
-    frame: float = 0.0
-    evaluated_view: float = 0.0
+    frame: float = 0.0  # a later frame, apart from its steps
+    evaluated_view: float = 0.0  # rendering and comparing one view of the evaluation
     baked_frame: float = 0.0
-    memory: int = 0
+    memory: int = 0  # bytes of the process after the rehearsal
+    # share of the processor that the rehearsal got, 0 to 1; the rest went to other programs or was idle
     processor: float = 1.0
 
 

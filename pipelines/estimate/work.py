@@ -14,28 +14,19 @@ from studio.training.settings import TrainSettings
 
 @dataclass(frozen=True)
 class Work:
-    """The work of a run.
-
-    Attributes:
-        pixels: of all training images of one frame, uncropped.
-        groups: number of frames in each group.
-        at_once: groups that are trained in parallel.
-        resolution: voxels along the longest side of the hull.
-        memory_of_group: bytes that training one group takes.
-        refines: whether cameras are refined before the groups are trained.
-    """
+    """The work of a run."""
 
     train_cameras: int
     held_out_cameras: int
-    pixels: int
-    groups: tuple[int, ...]
-    at_once: int
+    pixels: int  # of all training images of one frame, uncropped
+    groups: tuple[int, ...]  # number of frames in each group
+    at_once: int  # groups that are trained in parallel
     threads: int
     points: int
-    resolution: int
-    memory_of_group: int
+    resolution: int  # voxels along the longest side of the hull
+    memory_of_group: int  # bytes that training one group takes
     train: TrainSettings
-    refines: bool = False
+    refines: bool = False  # whether cameras are refined before the groups are trained
 
     @classmethod
     def of(cls, inputs: Inputs) -> Work:

@@ -17,22 +17,14 @@ from studio.json_types import JsonData
 
 @dataclass(frozen=True)
 class Running:
-    """A run in progress.
-
-    Attributes:
-        command: as recorded in the lock, for example "v3studio run".
-        host: name of its machine; None for this one.
-        stage: the stage that is running; None before the first, and for commands without stages.
-        reason: why the stage runs, for example "bake.quality changed from 22 to 30".
-        progress: the last progress event of the stage; None if there is none yet.
-    """
+    """A run in progress."""
 
     pid: int | None
-    command: str
-    host: str | None = None
-    stage: str | None = None
-    reason: str = ""
-    progress: Progress | None = None
+    command: str  # as recorded in the lock, for example "v3studio run"
+    host: str | None = None  # name of its machine; None for this one
+    stage: str | None = None  # the stage that is running; None before the first, and for commands without stages
+    reason: str = ""  # why the stage runs, for example "bake.quality changed from 22 to 30"
+    progress: Progress | None = None  # the last progress event of the stage; None if there is none yet
 
 
 def running(take: Take) -> Running | None:

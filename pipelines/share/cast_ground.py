@@ -23,15 +23,10 @@ _CLOSEST = 0.01  # depth, meters
 
 @dataclass(frozen=True, eq=False)
 class Shadow:
-    """A performer's shadow, (64, 64) opacities from 0 to 1, rows along z, columns along x.
+    """A performer's shadow, (64, 64) opacities from 0 to 1, rows along z, columns along x."""
 
-    Attributes:
-        world: from the performer's coordinates, in which it stands on y = 0, to those of the ground.
-        corner: (2,) x and z of its first pixel's corner in the performer's coordinates.
-    """
-
-    world: Similarity
-    corner: np.ndarray
+    world: Similarity  # from the performer's coordinates, in which it stands on y = 0, to those of the ground
+    corner: np.ndarray  # (2,) x and z of its first pixel's corner in the performer's coordinates
     pixel: float
     height: float
     opacities: np.ndarray

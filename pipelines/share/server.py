@@ -46,23 +46,14 @@ def _most_connections() -> int:
 
 @dataclass(frozen=True)
 class Limits:
-    """Bounds of what clients can take.
+    """Bounds of what clients can take."""
 
-    Attributes:
-        connections: open at the same time; further ones are answered 503.
-        request: seconds from the connection, or from the last answer, until a request has arrived.
-        idle: seconds without any data after which a connection between two requests is closed.
-        stall: seconds within which a client must take in what is buffered for it (some ten kilobytes).
-        handshake: seconds for TLS to be set up.
-        refusals: connections at a time whose request is awaited, for a second, before they are refused.
-    """
-
-    connections: int = field(default_factory=_most_connections)
-    request: float = 10.0
-    idle: float = 5.0
-    stall: float = 30.0
-    handshake: float = 10.0
-    refusals: int = 16
+    connections: int = field(default_factory=_most_connections)  # open at the same time; further ones are answered 503
+    request: float = 10.0  # seconds from the connection, or from the last answer, until a request has arrived
+    idle: float = 5.0  # seconds without any data after which a connection between two requests is closed
+    stall: float = 30.0  # seconds within which a client must take in what is buffered for it (some ten kilobytes)
+    handshake: float = 10.0  # seconds for TLS to be set up
+    refusals: int = 16  # connections at a time whose request is awaited, for a second, before they are refused
 
 
 class _TimedHttp(H11Protocol):

@@ -24,27 +24,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Stage:
-    """A step from footage to stream.
+    """A step from footage to stream."""
 
-    Attributes:
-        name: as in the take, on the command line, and of its module.
-        title: in the window, where `evaluate` is a part of Review.
-        version: raised whenever the format or meaning of its results changes; older results are then stale.
-        weight: rough share of a run's time.
-        by_group: each group can run in another process or on another machine; the module has `GroupStageCode`.
-        needs_all_groups: a group needs the results of all groups of its dependencies.
-        renders: it uses the device `run.device`.
-    """
-
-    name: str
-    title: str
+    name: str  # as in the take, on the command line, and of its module
+    title: str  # in the window, where `evaluate` is a part of Review
     help: str
-    version: int
-    weight: float
+    version: int  # raised whenever the format or meaning of its results changes; older results are then stale
+    weight: float  # rough share of a run's time
     dependencies: tuple[str, ...] = ()
+    # each group can run in another process or on another machine; the module has `GroupStageCode`
     by_group: bool = True
-    needs_all_groups: bool = False
-    renders: bool = True
+    needs_all_groups: bool = False  # a group needs the results of all groups of its dependencies
+    renders: bool = True  # it uses the device `run.device`
 
     @property
     def code(self) -> StageCode:

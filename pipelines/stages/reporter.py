@@ -71,27 +71,18 @@ class Countdown:
 
 @dataclass
 class StageReporter:
-    """Emits a stage's events: progress with time left, figures, previews, warnings. Thread-safe.
-
-    Attributes:
-        clock: work time in seconds; does not advance while the run is paused.
-        own, later: expected weight of this stage and of all later ones in the run.
-        before: seconds that the run took before this stage.
-        total_fraction: progress of the run, 0 to 1; never decreases.
-        earlier: expected weight of the stages that took `before`.
-        run: time left of the run, handed from stage to stage.
-    """
+    """Emits a stage's events: progress with time left, figures, previews, warnings. Thread-safe."""
 
     stage: str
     emit: Emit = lambda event: None
     cancellation: Cancellation = field(default_factory=Cancellation)
-    clock: Callable[[], float] = time.monotonic
-    own: float = 1.0
+    clock: Callable[[], float] = time.monotonic  # work time in seconds; does not advance while the run is paused
+    own: float = 1.0  # own, later: expected weight of this stage and of all later ones in the run
     later: float = 0.0
-    before: float = 0.0
-    total_fraction: float = 0.0
-    earlier: float = 0.0
-    run: Countdown = field(default_factory=Countdown)
+    before: float = 0.0  # seconds that the run took before this stage
+    total_fraction: float = 0.0  # progress of the run, 0 to 1; never decreases
+    earlier: float = 0.0  # expected weight of the stages that took `before`
+    run: Countdown = field(default_factory=Countdown)  # time left of the run, handed from stage to stage
 
     def __post_init__(self) -> None:
         self._began = self._started = self.clock()

@@ -13,13 +13,10 @@ NOT_CHECKED = "The cameras are not checked yet; initialize does that."
 
 @dataclass(frozen=True)
 class CheckedCameras:
-    """What is known about the cameras of a take.
-
-    Attributes:
-        verdict: that of `initialize`, else that of the calibration by its images alone; None: not checked yet.
-    """
+    """What is known about the cameras of a take."""
 
     report: CamerasReport | None
+    # that of `initialize`, else that of the calibration by its images alone; None: not checked yet
     verdict: RigVerdict | None
     refinement: CameraRefinement | None
 

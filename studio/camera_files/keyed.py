@@ -82,20 +82,13 @@ def normal_key(key: str, camera: str = "") -> str:
 
 @dataclass(frozen=True)
 class KeyedForm:
-    """How a program writes a camera.
+    """How a program writes a camera."""
 
-    Attributes:
-        corner: whether the pixel origin is the image corner, not the center of the first pixel as in OpenCV.
-        unit: length of its unit in the rig's unit.
-        harmless: keys, in addition to `HARMLESS`, that do not change how a camera projects.
-        spelling: (key, camera) -> the key as in `KEYS`.
-        size_of: (name) -> width and height in pixels of a camera without them; None: from the footage next to the file.
-    """
-
-    corner: bool = False
-    unit: float = 1.0
-    harmless: Collection[str] = ()
-    spelling: Callable[[str, str], str] = normal_key
+    corner: bool = False  # whether the pixel origin is the image corner, not the center of the first pixel as in OpenCV
+    unit: float = 1.0  # length of its unit in the rig's unit
+    harmless: Collection[str] = ()  # keys, in addition to `HARMLESS`, that do not change how a camera projects
+    spelling: Callable[[str, str], str] = normal_key  # (key, camera) -> the key as in `KEYS`
+    # (name) -> width and height in pixels of a camera without them; None: from the footage next to the file
     size_of: Callable[[str], tuple[int, int]] | None = None
 
 

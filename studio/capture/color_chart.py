@@ -36,38 +36,27 @@ _WRONG = 0.09  # colors 0 to 1; with the patches in another order, the misfit is
 
 @dataclass(frozen=True, eq=False)
 class ChartColors:
-    """What a camera sees of a chart.
+    """What a camera sees of a chart."""
 
-    Attributes:
-        colors: (24, 3) RGB of each patch, 0 to 1, in the order of `REFERENCE`.
-        clipped: (24,) whether a channel of the patch is too dark or too bright to be measured.
-        corners: (24, 4, 2) corners of the middle of each patch, which is measured, in pixels.
-    """
-
-    colors: np.ndarray
-    clipped: np.ndarray
-    corners: np.ndarray
+    colors: np.ndarray  # (24, 3) RGB of each patch, 0 to 1, in the order of `REFERENCE`
+    clipped: np.ndarray  # (24,) whether a channel of the patch is too dark or too bright to be measured
+    corners: np.ndarray  # (24, 4, 2) corners of the middle of each patch, which is measured, in pixels
 
 
 @dataclass(frozen=True, eq=False)
 class ChartFit:
-    """Color matrices of cameras that see a chart.
-
-    Attributes:
-        matrices: camera to its (3, 4) float64 matrix, from the colors of the mean camera (RGB 0 to 1, and 1) to its
-            own. Their mean changes nothing.
-        before, after: camera to the root mean square difference of its patches from those of the mean camera, in
-            levels of 255: as filmed, and after the matrix is applied to the mean camera.
-        without: camera to the reason why it has no matrix.
-        patches: number of patches that were used; those that are clipped in a camera are left out for all.
-    """
+    """Color matrices of cameras that see a chart."""
 
     frame: int
+    # camera to its (3, 4) float64 matrix, from the colors of the mean camera (RGB 0 to 1, and 1) to its own. Their mean
+    # changes nothing
     matrices: dict[str, np.ndarray]
+    # before, after: camera to the root mean square difference of its patches from those of the mean camera, in levels
+    # of 255: as filmed, and after the matrix is applied to the mean camera
     before: dict[str, float]
     after: dict[str, float]
-    without: dict[str, StudioError]
-    patches: int
+    without: dict[str, StudioError]  # camera to the reason why it has no matrix
+    patches: int  # number of patches that were used; those that are clipped in a camera are left out for all
 
 
 def find_chart(image: np.ndarray) -> ChartColors:

@@ -20,23 +20,15 @@ from studio.memory import memory_available
 
 
 class FrameSource(Protocol):
-    """Frames of one camera, as stored.
-
-    Attributes:
-        frames: sorted frame numbers, as in the files.
-        width, height: size of every frame in pixels.
-        has_alpha: whether frames have an alpha channel.
-        fps: frames per second; None if the files do not specify it.
-        note: what is unusual about the files, as a clause; "" if nothing.
-    """
+    """Frames of one camera, as stored."""
 
     camera: str
-    frames: tuple[int, ...]
-    width: int
+    frames: tuple[int, ...]  # sorted frame numbers, as in the files
+    width: int  # width, height: size of every frame in pixels
     height: int
-    has_alpha: bool
-    fps: float | None
-    note: str
+    has_alpha: bool  # whether frames have an alpha channel
+    fps: float | None  # frames per second; None if the files do not specify it
+    note: str  # what is unusual about the files, as a clause; "" if nothing
 
     def read(self, frame: int) -> np.ndarray:
         """(H, W, 3) RGB or (H, W, 4) RGBA uint8; StudioError if there is no such frame, or its file cannot be read."""

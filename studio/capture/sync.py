@@ -23,22 +23,17 @@ _MIN_FRAMES = 12
 
 @dataclass(frozen=True)
 class SyncReport:
-    """Offsets between cameras.
+    """Offsets between cameras."""
 
-    Attributes:
-        method: "sound", "motion" or "timecode".
-        offsets: camera to lag in frames, including fractions: its frame f + offset was taken at the same time as frame
-            f of the others. The median is 0. Cameras with an unknown offset are not included.
-        confidence: camera to its highest correlation with another camera, 0..1; empty with timecodes.
-        unsure: cameras whose offset is unknown because their signal does not correlate with any other, or because they
-            have no timecode.
-        timecodes: camera to the label at its start, such as 01:00:00:00; empty with other methods.
-    """
-
-    method: str
+    method: str  # "sound", "motion" or "timecode"
+    # camera to lag in frames, including fractions: its frame f + offset was taken at the same time as frame f of the
+    # others. The median is 0. Cameras with an unknown offset are not included
     offsets: dict[str, float]
-    confidence: dict[str, float]
+    confidence: dict[str, float]  # camera to its highest correlation with another camera, 0..1; empty with timecodes
+    # cameras whose offset is unknown because their signal does not correlate with any other, or because they have no
+    # timecode
     unsure: tuple[str, ...]
+    # camera to the label at its start, such as 01:00:00:00; empty with other methods
     timecodes: dict[str, str] = field(default_factory=dict)
 
     @property

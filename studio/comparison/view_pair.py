@@ -24,24 +24,16 @@ class Residual:
 
 @dataclass(frozen=True, eq=False)
 class ViewPair:
-    """Footage and rendered splats in the box of a view, float32 RGB in 0 to 1.
+    """Footage and rendered splats in the box of a view, float32 RGB in 0 to 1."""
 
-    Attributes:
-        footage: (h, w, 3), composited with the mask.
-        rendered: (h, w, 3) splats.
-        background: RGB, 0 to 1.
-        box: rows and columns of the image.
-        depth: (h, w) float32 distance of pixels from the nearest one on the other side of the mask's outline, negative
-            outside of the performer.
-        fitted: (h, w, 3) splats after the best 3x4 color matrix; None: it was not asked for.
-    """
-
-    footage: np.ndarray
-    rendered: np.ndarray
-    background: tuple[float, ...]
-    box: tuple[slice, slice]
+    footage: np.ndarray  # (h, w, 3), composited with the mask
+    rendered: np.ndarray  # (h, w, 3) splats
+    background: tuple[float, ...]  # RGB, 0 to 1
+    box: tuple[slice, slice]  # rows and columns of the image
+    # (h, w) float32 distance of pixels from the nearest one on the other side of the mask's outline, negative outside
+    # of the performer
     depth: np.ndarray
-    fitted: np.ndarray | None = None
+    fitted: np.ndarray | None = None  # (h, w, 3) splats after the best 3x4 color matrix; None: it was not asked for
 
     @property
     def residual(self) -> Residual:

@@ -40,30 +40,19 @@ META = "meta.json"
 
 @dataclass(frozen=True)
 class Format:
-    """One format.
+    """One format."""
 
-    Attributes:
-        name: of the module in `studio.formats`, and of `v3studio export --format`.
-        holds: "frame": one file per frame; "sequence": a folder or a file with all frames; "stream": one file; "movie":
-            rendered, one file; "plates": rendered, one file per frame.
-        suffix: of its files; "" for a folder.
-        title: for lists in the window.
-        written: what `v3studio export` writes, for its help; "" if the format is only read.
-        readable: whether `v3studio import` reads it, as far as it is a format of splats.
-        up: conventional up direction; splats are rotated to it on export unless `keeps_axes`.
-        keeps_axes: whether exports have the axes of the capture by default.
-        follows_path: whether it is rendered along a camera path.
-    """
-
-    name: str
+    name: str  # of the module in `studio.formats`, and of `v3studio export --format`
+    # "frame": one file per frame; "sequence": a folder or a file with all frames; "stream": one file; "movie":
+    # rendered, one file; "plates": rendered, one file per frame
     holds: Literal["frame", "sequence", "stream", "movie", "plates"]
-    suffix: str
-    title: str
-    written: str = ""
-    readable: bool = False
-    up: Up = _COLMAP
-    keeps_axes: bool = True
-    follows_path: bool = False
+    suffix: str  # of its files; "" for a folder
+    title: str  # for lists in the window
+    written: str = ""  # what `v3studio export` writes, for its help; "" if the format is only read
+    readable: bool = False  # whether `v3studio import` reads it, as far as it is a format of splats
+    up: Up = _COLMAP  # conventional up direction; splats are rotated to it on export unless `keeps_axes`
+    keeps_axes: bool = True  # whether exports have the axes of the capture by default
+    follows_path: bool = False  # whether it is rendered along a camera path
 
     @property
     def module(self) -> Any:

@@ -51,26 +51,17 @@ class _Head:
 
 @dataclass(frozen=True)
 class _Section:
-    """A section's header.
+    """A section's header."""
 
-    Attributes:
-        start: of its buckets in the file.
-        count, capacity: splats that it has, and that it has room for.
-        buckets, bucket_bytes: number of buckets, bytes of each one's middle.
-        block: side of a bucket, world units.
-        levels: steps of a position from the middle of a bucket to its side.
-        full, partial: buckets that are full, and those after them that are not.
-    """
-
-    start: int
-    count: int
+    start: int  # of its buckets in the file
+    count: int  # count, capacity: splats that it has, and that it has room for
     capacity: int
     bucket_size: int
-    buckets: int
+    buckets: int  # buckets, bucket_bytes: number of buckets, bytes of each one's middle
     bucket_bytes: int
-    block: float
-    levels: int
-    full: int
+    block: float  # side of a bucket, world units
+    levels: int  # steps of a position from the middle of a bucket to its side
+    full: int  # full, partial: buckets that are full, and those after them that are not
     partial: int
     degree: int
 

@@ -27,24 +27,15 @@ FAR = 1e10
 
 @dataclass(frozen=True)
 class Plate:
-    """Layers of one frame.
+    """Layers of one frame."""
 
-    Attributes:
-        rgba: (H, W, 4) premultiplied colors in the space that was asked for, and alpha.
-        depth: (H, W) mean distance along the viewing axis; `FAR` where nothing is drawn.
-        position: (H, W, 3) place in the world at that depth; 0 where nothing is drawn.
-        normal: (H, W, 3) unit vector in the world, toward the camera; 0 where nothing is drawn.
-        forward: (H, W, 2) pixels to the right and up from this frame to the next; 0 where nothing is drawn.
-        mattes: (H, W, performers) their shares of alpha.
-        deep: samples in the same color space and units, without motion blur; None unless they are asked for.
-    """
-
-    rgba: np.ndarray
-    depth: np.ndarray
-    position: np.ndarray
-    normal: np.ndarray
-    forward: np.ndarray
-    mattes: np.ndarray
+    rgba: np.ndarray  # (H, W, 4) premultiplied colors in the space that was asked for, and alpha
+    depth: np.ndarray  # (H, W) mean distance along the viewing axis; `FAR` where nothing is drawn
+    position: np.ndarray  # (H, W, 3) place in the world at that depth; 0 where nothing is drawn
+    normal: np.ndarray  # (H, W, 3) unit vector in the world, toward the camera; 0 where nothing is drawn
+    forward: np.ndarray  # (H, W, 2) pixels to the right and up from this frame to the next; 0 where nothing is drawn
+    mattes: np.ndarray  # (H, W, performers) their shares of alpha
+    # samples in the same color space and units, without motion blur; None unless they are asked for
     deep: DeepSamples | None = None
 
 

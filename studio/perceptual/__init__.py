@@ -29,19 +29,14 @@ _SHIFT, _SCALE = (-0.030, -0.088, -0.188), (0.458, 0.448, 0.450)
 
 @dataclass(frozen=True)
 class Network:
-    """A classification network whose features LPIPS compares.
-
-    Attributes:
-        url: the weights published by torchvision as IMAGENET1K_V1.
-        layers: (channels, kernel, stride, padding) of a convolution followed by a ReLU, or (kernel, stride) of a max
-            pooling. Numbered as in torchvision, where each ReLU is a separate layer.
-        taps: numbers of the ReLUs whose outputs are compared.
-    """
+    """A classification network whose features LPIPS compares."""
 
     title: str
-    url: str
+    url: str  # the weights published by torchvision as IMAGENET1K_V1
+    # (channels, kernel, stride, padding) of a convolution followed by a ReLU, or (kernel, stride) of a max pooling.
+    # Numbered as in torchvision, where each ReLU is a separate layer
     layers: tuple[tuple[int, ...], ...]
-    taps: tuple[int, ...]
+    taps: tuple[int, ...]  # numbers of the ReLUs whose outputs are compared
 
 
 def _vgg_layers() -> Iterator[tuple[int, ...]]:

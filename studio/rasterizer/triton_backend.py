@@ -49,18 +49,14 @@ def load_triton_kernels() -> tuple[Any, Any]:
 
 @dataclass(frozen=True)
 class Views:
-    """The views of a call, on the splats' device.
+    """The views of a call, on the splats' device."""
 
-    Attributes:
-        sizes: (width, height) of each, pixels.
-        cameras, frames: (V, 32) float32 and int32, the same memory. Of each view, as floats: rotation (9 numbers) and
-            translation (3) of world_to_camera, camera center (3), fx, fy, cx, cy, `Pinhole.limits` (4), from 23 on
-            nothing; as integers, from 24 on: first tile, width, height, tiles in a row and in a column, first pixel.
-    """
-
-    sizes: tuple[tuple[int, int], ...]
+    sizes: tuple[tuple[int, int], ...]  # (width, height) of each, pixels
     tiles: int
     pixels: int
+    # cameras, frames: (V, 32) float32 and int32, the same memory. Of each view, as floats: rotation (9 numbers) and
+    # translation (3) of world_to_camera, camera center (3), fx, fy, cx, cy, `Pinhole.limits` (4), from 23 on nothing;
+    # as integers, from 24 on: first tile, width, height, tiles in a row and in a column, first pixel
     cameras: Tensor
     frames: Tensor
 
@@ -91,19 +87,12 @@ def _uploaded(numbers: bytes, device: torch.device) -> Tensor:
 
 @dataclass(frozen=True)
 class Tiles:
-    """Pairs (tile, splat) of D drawn splats, sorted by tile and then by depth. A splat counts once for each view.
+    """Pairs (tile, splat) of D drawn splats, sorted by tile and then by depth. A splat counts once for each view."""
 
-    Attributes:
-        owners: (P,) int32, the drawn splat of each pair.
-        slots: (P,) int64, number of each pair when sorted by splat.
-        starts: (tiles + 1,) int64, first pair of each tile.
-        ends: (D,) int64, one past the last pair of each splat when sorted by splat.
-    """
-
-    owners: Tensor
-    slots: Tensor
-    starts: Tensor
-    ends: Tensor
+    owners: Tensor  # (P,) int32, the drawn splat of each pair
+    slots: Tensor  # (P,) int64, number of each pair when sorted by splat
+    starts: Tensor  # (tiles + 1,) int64, first pair of each tile
+    ends: Tensor  # (D,) int64, one past the last pair of each splat when sorted by splat
 
 
 @torch.no_grad()

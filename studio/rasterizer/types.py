@@ -60,26 +60,18 @@ class Render:
 
 @dataclass(frozen=True)
 class Pinhole:
-    """A validated pinhole camera as plain numbers, as the kernels expect it.
+    """A validated pinhole camera as plain numbers, as the kernels expect it."""
 
-    Attributes:
-        width, height: image size, pixels.
-        fx, fy, cx, cy: pixels; the principal point may be outside the image.
-        rotation: (3, 3) float64, of world_to_camera.
-        translation: (3,) float64, of world_to_camera.
-        center: (3,) float64, camera center in world coordinates.
-        limits: min and max x / z, min and max y / z for the linearization of the projection.
-    """
-
-    width: int
+    width: int  # width, height: image size, pixels
     height: int
-    fx: float
+    fx: float  # fx, fy, cx, cy: pixels; the principal point may be outside the image
     fy: float
     cx: float
     cy: float
-    rotation: np.ndarray
-    translation: np.ndarray
-    center: np.ndarray
+    rotation: np.ndarray  # (3, 3) float64, of world_to_camera
+    translation: np.ndarray  # (3,) float64, of world_to_camera
+    center: np.ndarray  # (3,) float64, camera center in world coordinates
+    # min and max x / z, min and max y / z for the linearization of the projection
     limits: tuple[float, float, float, float]
 
     @classmethod

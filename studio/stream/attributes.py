@@ -68,36 +68,24 @@ QpAttribute = Literal["means_low", "opacities", "scales", "quats", "sh"]
 
 @dataclass(frozen=True)
 class Attribute:
-    """One attribute of a splat.
+    """One attribute of a splat."""
 
-    Attributes:
-        name: means, quats, scales, opacities or sh.
-        tensor: in `Gaussians`.
-        shape: of a splat in that tensor; -1: SH coefficients.
-        components: names in `planes`; {k} stands for each SH coefficient.
-        channels: names in `motion`, likewise.
-        steps: of the channels. An error of one step is about equally visible in every channel (found by rendering
-            trained groups with one attribute coarsened at a time). For means, relative to the size of a typical splat;
-            for scales, to its square root.
-        bits: of a component: 16, in two planes, or 8.
-        held: whether `planes` keeps it at QP 22 where the QP is higher (paper, "Compression QP Setting").
-        largest: the largest value of a component that can be rendered.
-        activate, inverse: from the tensor to components, and back.
-        to_channels, from_channels: from components to channels, rows of (..., C, N), and back.
-    """
-
-    name: str
+    name: str  # means, quats, scales, opacities or sh
     label: str
-    tensor: str
-    shape: tuple[int, ...]
-    components: tuple[str, ...]
-    channels: tuple[str, ...]
+    tensor: str  # in `Gaussians`
+    shape: tuple[int, ...]  # of a splat in that tensor; -1: SH coefficients
+    components: tuple[str, ...]  # names in `planes`; {k} stands for each SH coefficient
+    channels: tuple[str, ...]  # names in `motion`, likewise
+    # of the channels. An error of one step is about equally visible in every channel (found by rendering trained groups
+    # with one attribute coarsened at a time). For means, relative to the size of a typical splat; for scales, to its
+    # square root
     steps: tuple[float, ...]
-    bits: int = 8
-    held: bool = False
-    largest: float = MAX_VALUE
-    activate: Values = _same
+    bits: int = 8  # of a component: 16, in two planes, or 8
+    held: bool = False  # whether `planes` keeps it at QP 22 where the QP is higher (paper, "Compression QP Setting")
+    largest: float = MAX_VALUE  # the largest value of a component that can be rendered
+    activate: Values = _same  # activate, inverse: from the tensor to components, and back
     inverse: Values = _same
+    # to_channels, from_channels: from components to channels, rows of (..., C, N), and back
     to_channels: Values = _same
     from_channels: Values = _same
 

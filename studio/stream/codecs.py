@@ -16,27 +16,16 @@ QP_MAX = 51
 
 @dataclass(frozen=True)
 class Codec:
-    """Parameters of an FFmpeg encoder for constant QP, one I frame at the start, one thread, no psychovisual tuning.
+    """Parameters of an FFmpeg encoder for constant QP, one I frame at the start, one thread, no psychovisual tuning."""
 
-    Attributes:
-        encoder: FFmpeg's name.
-        key: name of the option that takes the parameters.
-        parameters: for QPs above 0; {qp} and {b} (B-frames between P-frames) are filled in.
-        lossless: for QP 0; None if not supported.
-        tag: FourCC in the MP4, if players expect another one than FFmpeg writes.
-        takes_b_frames: whether it takes {b}.
-        qp_max: largest QP on its own scale.
-        presets: its own names of some of `PRESETS`, where they differ.
-    """
-
-    encoder: str
-    key: str
-    parameters: str
-    lossless: str | None
-    tag: str | None = None
-    takes_b_frames: bool = False
-    qp_max: int = QP_MAX
-    presets: tuple[str, ...] = PRESETS
+    encoder: str  # FFmpeg's name
+    key: str  # name of the option that takes the parameters
+    parameters: str  # for QPs above 0; {qp} and {b} (B-frames between P-frames) are filled in
+    lossless: str | None  # for QP 0; None if not supported
+    tag: str | None = None  # FourCC in the MP4, if players expect another one than FFmpeg writes
+    takes_b_frames: bool = False  # whether it takes {b}
+    qp_max: int = QP_MAX  # largest QP on its own scale
+    presets: tuple[str, ...] = PRESETS  # its own names of some of `PRESETS`, where they differ
 
     def own_qp(self, qp: int) -> int:
         """A QP of the H.264 scale on the codec's own."""

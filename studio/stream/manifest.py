@@ -441,18 +441,13 @@ class MotionRendition(Rendition):
 
 @dataclass(frozen=True)
 class Profile:
-    """What a profile means in the manifest.
+    """What a profile means in the manifest."""
 
-    Attributes:
-        rendition: the model of its renditions.
-        scan: pixel of splat i in a square: "rows": row i // side, column i % side; "morton": the i-th pixel of the
-            square in the order of its interleaved column and row bits.
-        codecs: that its videos may have.
-    """
-
-    rendition: type[Rendition]
+    rendition: type[Rendition]  # the model of its renditions
+    # pixel of splat i in a square: "rows": row i // side, column i % side; "morton": the i-th pixel of the square in
+    # the order of its interleaved column and row bits
     scan: str
-    codecs: tuple[str, ...]
+    codecs: tuple[str, ...]  # that its videos may have
 
 
 PROFILES: Final[dict[str, Profile]] = {

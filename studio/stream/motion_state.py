@@ -39,24 +39,17 @@ class Escapes:
 
 @dataclass(frozen=True)
 class Side:
-    """Content of the side file.
+    """Content of the side file."""
 
-    Attributes:
-        codes: (N,) uint64 Morton codes of the keyframe's cells, sorted, 3 * bits bits.
-        labels: (N,) int64 block of each splat.
-        classes: (N,) uint8; the residual steps of a splat are 2^class times those of the channel.
-        affine: (F - 1, 12, B) int64 affine motion of the blocks in units of `blocks.step`; parameter 3 i + k is row i,
-            column k of the 4 x 3 map.
-        rotation: (F - 1, 3, B) int64 mean rotations since the keyframe as MRP, in units of `blocks.rotation_step`.
-        escapes: codes outside the range of the video.
-    """
-
-    codes: np.ndarray
-    labels: np.ndarray
-    classes: np.ndarray
+    codes: np.ndarray  # (N,) uint64 Morton codes of the keyframe's cells, sorted, 3 * bits bits
+    labels: np.ndarray  # (N,) int64 block of each splat
+    classes: np.ndarray  # (N,) uint8; the residual steps of a splat are 2^class times those of the channel
+    # (F - 1, 12, B) int64 affine motion of the blocks in units of `blocks.step`; parameter 3 i + k is row i, column k
+    # of the 4 x 3 map
     affine: np.ndarray
+    # (F - 1, 3, B) int64 mean rotations since the keyframe as MRP, in units of `blocks.rotation_step`
     rotation: np.ndarray
-    escapes: Escapes
+    escapes: Escapes  # codes outside the range of the video
 
     def to_parts(self, bits: int) -> list[bytes]:
         """Parts of the uncompressed side file."""

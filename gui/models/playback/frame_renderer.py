@@ -36,45 +36,30 @@ DrawFn = Callable[[Gaussians, Camera, Color], np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class RenderRequest:
-    """What to render.
-
-    Attributes:
-        frame: counted from 0.
-        number: of the frame in the footage; None if that is not known: they are counted from 0, too.
-        mode: one of `compare.MODES`.
-        what: "footage", "trained", "decoded" or "other"; a comparison compares it with `reference`.
-        camera: name of the capture camera; "" for the free view.
-        image_zoom: visible part of its image.
-        background: RGB in 0 to 1.
-        wipe: position of the wipe, 0 to 1.
-        context: the take, for footage; None for a bare stream.
-        rig: the capture cameras, used if the footage cannot be opened.
-        points: (N, 3) points of the performer, and the initial free view: side by side, the free view is reduced so
-            that the narrow images contain the performer.
-        scene: what mode "scene" shows.
-        shape: width by height of the performer, which images side by side are arranged for.
-        place: the point of the world that the frame's mark is about; None for none.
-    """
+    """What to render."""
 
     sources: dict[str, FrameSource]
-    frame: int
-    number: int | None
-    mode: str
-    what: str
+    frame: int  # counted from 0
+    number: int | None  # of the frame in the footage; None if that is not known: they are counted from 0, too
+    mode: str  # one of `compare.MODES`
+    what: str  # "footage", "trained", "decoded" or "other"; a comparison compares it with `reference`
     reference: str
     orbit: OrbitCamera
-    camera: str
-    image_zoom: ImageZoom
+    camera: str  # name of the capture camera; "" for the free view
+    image_zoom: ImageZoom  # visible part of its image
     size: tuple[int, int]
-    background: Color
-    wipe: float
-    context: Inputs | None
-    rig: Rig | None
+    background: Color  # RGB in 0 to 1
+    wipe: float  # position of the wipe, 0 to 1
+    context: Inputs | None  # the take, for footage; None for a bare stream
+    rig: Rig | None  # the capture cameras, used if the footage cannot be opened
+    # (N, 3) points of the performer, and the initial free view: side by side, the free view is reduced so that the
+    # narrow images contain the performer
     points: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     home: OrbitCamera = field(default_factory=OrbitCamera)
-    scene: SceneWanted | None = None
+    scene: SceneWanted | None = None  # what mode "scene" shows
     em: float = 16.0
-    shape: float = 1.0
+    shape: float = 1.0  # width by height of the performer, which images side by side are arranged for
+    # the point of the world that the frame's mark is about; None for none
     place: tuple[float, float, float] | None = None
 
     @property
@@ -117,29 +102,19 @@ class RenderRequest:
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A rendered image.
+    """A rendered image."""
 
-    Attributes:
-        image: (H, W, 3) uint8 RGB.
-        frame: counted from 0.
-        source: "decoded", "trained" or "footage".
-        splats: number of Gaussians drawn; 0 for footage.
-        draw_seconds: total time to render the Gaussians of all parts.
-        box: rectangle of the (left) image in the image; the wipe moves within it.
-        camera: the capture camera; "" for the free view.
-        label: `RenderRequest.label`.
-        cameras, ends: of a scene: name and (N, 2) pixels of frusta and of the ends of the view axes.
-    """
-
-    image: np.ndarray
-    frame: int
-    source: str
-    splats: int
-    draw_seconds: float
+    image: np.ndarray  # (H, W, 3) uint8 RGB
+    frame: int  # counted from 0
+    source: str  # "decoded", "trained" or "footage"
+    splats: int  # number of Gaussians drawn; 0 for footage
+    draw_seconds: float  # total time to render the Gaussians of all parts
     mode: str = "single"
+    # rectangle of the (left) image in the image; the wipe moves within it
     box: Box = field(default_factory=lambda: Box(0, 0, 1, 1))
-    camera: str = ""
-    label: tuple[object, ...] = ()
+    camera: str = ""  # the capture camera; "" for the free view
+    label: tuple[object, ...] = ()  # `RenderRequest.label`
+    # cameras, ends: of a scene: name and (N, 2) pixels of frusta and of the ends of the view axes
     cameras: tuple[Place, ...] = ()
     ends: tuple[Place, ...] = ()
 

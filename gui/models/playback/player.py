@@ -40,12 +40,6 @@ class PlayerPresenter(Viewpoint):
 
     Args:
         read_mesh: reads a mesh file; an argument, so that this package does not import Open3D.
-
-    Attributes:
-        filmed_groups: first frame of each group of the footage; empty if unknown.
-        audio: the sound of the open stream; None if it has none.
-        on_screen: whether the viewport shows the player.
-        places: points of the world that marks are about, by frame counted from 0.
     """
 
     def __init__(
@@ -64,19 +58,20 @@ class PlayerPresenter(Viewpoint):
         self._wanted = "decoded"  # what was chosen, also while there is no such source, as during a bake
         self._shown = Rate(now)
         self._contents: tuple[object, ...] = ()
-        self.filmed_groups: Sequence[int] = ()
+        self.filmed_groups: Sequence[int] = ()  # first frame of each group of the footage; empty if unknown
         self.wipe = 0.5
         self.transport = Transport(1, FALLBACK_FPS, now=now)
         self.picture: Picture | None = None
         self.notice = ""
-        self.on_screen = True
-        self.audio: StreamAudio | None = None
+        self.on_screen = True  # whether the viewport shows the player
+        self.audio: StreamAudio | None = None  # the sound of the open stream; None if it has none
         self._left_out: tuple[int, str] | None = None
         self._problem = ""  # with what was wanted last
         self._rest = Rest(now)
         self.still = False
         self._sharp: bool | None = None
         self.em = 16.0
+        # points of the world that marks are about, by frame counted from 0
         self.places: Mapping[int, tuple[float, float, float]] = {}
 
     @property

@@ -47,32 +47,22 @@ class FrameSource(Protocol):
 
 @dataclass
 class Opened:
-    """An open take or stream.
-
-    Attributes:
-        path: the folder, or the URL.
-        sources: "decoded", "trained", in order of preference. A new take has none.
-        take: None for a bare stream.
-        message: errors about parts that could not be opened; "" if there are none.
-        up: (3,) world up direction; z if no camera is known.
-        trim: the frames that the take's edits keep; None for all.
-        numbers: of the trained frames, as people know them.
-        reach: (N, 3) points of the performer in frames spread over the take, world coordinates; none for a bare stream.
-        cast: None unless it is one.
-    """
+    """An open take or stream."""
 
     title: str
-    path: Path | str
-    sources: dict[str, FrameSource]
+    path: Path | str  # the folder, or the URL
+    sources: dict[str, FrameSource]  # "decoded", "trained", in order of preference. A new take has none
     rig: Rig | None = None
     view: Camera | None = None
+    # (3,) world up direction; z if no camera is known
     up: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
-    take: Take | None = None
-    message: str = ""
-    trim: Trim | None = None
-    numbers: FrameNumbers = field(default_factory=FrameNumbers)
+    take: Take | None = None  # None for a bare stream
+    message: str = ""  # errors about parts that could not be opened; "" if there are none
+    trim: Trim | None = None  # the frames that the take's edits keep; None for all
+    numbers: FrameNumbers = field(default_factory=FrameNumbers)  # of the trained frames, as people know them
+    # (N, 3) points of the performer in frames spread over the take, world coordinates; none for a bare stream
     reach: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
-    cast: CastFrames | None = None
+    cast: CastFrames | None = None  # None unless it is one
 
     @property
     def default(self) -> FrameSource | None:

@@ -115,14 +115,7 @@ def clock_words(seconds: float) -> str:
 
 @dataclass(frozen=True)
 class TimelinePlots:
-    """Plots above the track, on the same frame axis; clicking any of them seeks.
-
-    Attributes:
-        strip: height of the strip of images above the plots, pixels; 0 for none.
-        span: first and last frame of the selected span; None for none.
-        fps: frame rate, for times beside the numbers of frames; 0 for none.
-        numbers: by which people know the frames.
-    """
+    """Plots above the track, on the same frame axis; clicking any of them seeks."""
 
     width: int
     height: int
@@ -132,10 +125,10 @@ class TimelinePlots:
     first: float = 0.0
     shown: float | None = None
     kept: range | None = None
-    strip: int = 0
-    span: tuple[int, int] | None = None
-    fps: float = 0.0
-    numbers: FrameNumbers = field(default_factory=FrameNumbers)
+    strip: int = 0  # height of the strip of images above the plots, pixels; 0 for none
+    span: tuple[int, int] | None = None  # first and last frame of the selected span; None for none
+    fps: float = 0.0  # frame rate, for times beside the numbers of frames; 0 for none
+    numbers: FrameNumbers = field(default_factory=FrameNumbers)  # by which people know the frames
 
     @property
     def left(self) -> int:

@@ -21,34 +21,23 @@ _SAME_SHAPE = 0.01
 
 
 class Viewpoint:
-    """See the module.
-
-    Attributes:
-        context: the take with its footage; None for a bare stream.
-        what: "footage", "trained", "decoded" or "other".
-        mode: one of `compare.MODES`.
-        camera: the capture camera; "" for the free view.
-        orbit, home: the current and the initial free view.
-        background: one of `BACKGROUNDS`.
-        refused: emitted with why something cannot be shown or done, as a sentence.
-        scene_parts: what the scene shows, of `gui.models.scene.contents.PARTS`.
-    """
+    """See the module."""
 
     def __init__(self) -> None:
         self.opened: Opened | None = None
-        self.context: Inputs | None = None
-        self.what = "decoded"
-        self.mode = "single"
-        self.camera = ""
+        self.context: Inputs | None = None  # the take with its footage; None for a bare stream
+        self.what = "decoded"  # "footage", "trained", "decoded" or "other"
+        self.mode = "single"  # one of `compare.MODES`
+        self.camera = ""  # the capture camera; "" for the free view
         self.image_zoom = ImageZoom()
         self._zoom_follows = False
         self._points = np.zeros((0, 3))
-        self.orbit = OrbitCamera()
+        self.orbit = OrbitCamera()  # orbit, home: the current and the initial free view
         self.home = self.orbit
         self.size = self._fitted_size = (960, 540)
-        self.background = "dark"
-        self.refused: Signal[[str]] = Signal()
-        self.scene_parts = SHOWN_AT_FIRST
+        self.background = "dark"  # one of `BACKGROUNDS`
+        self.refused: Signal[[str]] = Signal()  # emitted with why something cannot be shown or done, as a sentence
+        self.scene_parts = SHOWN_AT_FIRST  # what the scene shows, of `gui.models.scene.contents.PARTS`
 
     @property
     def source(self) -> FrameSource | None:

@@ -38,29 +38,21 @@ class Surface(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class SceneWanted:
-    """What to show.
-
-    Attributes:
-        camera: the capture camera that one looks through; "" for the free view.
-        group: the frame's group.
-        parts: of `PARTS`.
-        still: whether the view rests: time for full resolution, and for the frame's images on the frusta.
-        cast: with models and a ground; None for none.
-    """
+    """What to show."""
 
     take: Take | None
     context: Inputs | None
     rig: Rig | None
-    camera: str
-    group: int
-    parts: frozenset[str]
+    camera: str  # the capture camera that one looks through; "" for the free view
+    group: int  # the frame's group
+    parts: frozenset[str]  # of `PARTS`
     up: np.ndarray
     points: np.ndarray
-    still: bool
+    still: bool  # whether the view rests: time for full resolution, and for the frame's images on the frusta
     em: float
     not_trained_on: tuple[str, ...] = ()
     number: int | None = None
-    cast: CastFrames | None = None
+    cast: CastFrames | None = None  # with models and a ground; None for none
 
     @property
     def key(self) -> tuple[object, ...]:

@@ -29,23 +29,14 @@ def _unit(vector: np.ndarray) -> np.ndarray:
 
 @dataclass
 class OrbitCamera:
-    """An orbit view.
+    """An orbit view."""
 
-    Attributes:
-        target: (3,) world point that it looks at and orbits.
-        up: (3,) world up direction.
-        distance: distance from the target in world units, above 0.
-        yaw: radians about `up`, from an arbitrary fixed direction.
-        pitch: radians above the horizon, within 89 degrees.
-        fov: vertical field of view, radians.
-    """
-
-    target: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    up: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
-    distance: float = 3.0
-    yaw: float = 0.0
-    pitch: float = 0.0
-    fov: float = math.radians(45.0)
+    target: np.ndarray = field(default_factory=lambda: np.zeros(3))  # (3,) world point that it looks at and orbits
+    up: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))  # (3,) world up direction
+    distance: float = 3.0  # distance from the target in world units, above 0
+    yaw: float = 0.0  # radians about `up`, from an arbitrary fixed direction
+    pitch: float = 0.0  # radians above the horizon, within 89 degrees
+    fov: float = math.radians(45.0)  # vertical field of view, radians
 
     def __post_init__(self) -> None:
         self.target = np.asarray(self.target, dtype=np.float64)

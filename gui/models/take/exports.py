@@ -42,22 +42,17 @@ LEAST_SECONDS = 6.0
 
 @dataclass
 class ExportRequest(NamedTarget):
-    """An export as specified in the dialog; text as typed.
+    """An export as specified in the dialog; text as typed."""
 
-    Attributes:
-        kind: a key of `FORMATS`.
-        of: "decoded" or "trained"; "" for a bare stream.
-        ranges: frames to choose from by label, as `v3studio export --frames` takes them; those of `ALL_FRAMES` are all.
-        seconds, size, background: options of a movie, size of plates, too; from `MOVIE_SIZES` and `MOVIE_BACKGROUNDS`.
-    """
-
-    kind: str
+    kind: str  # a key of `FORMATS`
     source: str
     title: str
     folder: Path
-    of: str = ""
+    of: str = ""  # "decoded" or "trained"; "" for a bare stream
+    # frames to choose from by label, as `v3studio export --frames` takes them; those of `ALL_FRAMES` are all
     ranges: Mapping[str, range | None] = field(default_factory=lambda: {ALL_FRAMES: None})
     frames: str = ALL_FRAMES
+    # seconds, size, background: options of a movie, size of plates, too; from `MOVIE_SIZES` and `MOVIE_BACKGROUNDS`
     seconds: str = f"{LEAST_SECONDS:g}"
     size: str = MOVIE_SIZES[0]
     background: str = "as captured"
@@ -112,21 +107,14 @@ class ExportRequest(NamedTarget):
 
 @dataclass
 class Exports:
-    """Runs one export or share at a time.
-
-    Attributes:
-        request: the last one that was started; None before the first.
-        progress: last report of progress; stays after the end.
-        result: outcome of the last one; "" while one is running.
-        written: what the last one wrote; None if it failed or was stopped.
-    """
+    """Runs one export or share at a time."""
 
     path: PathEditor = field(default_factory=PathEditor)
-    request: NamedTarget | None = None
-    progress: str = ""
-    result: str = ""
+    request: NamedTarget | None = None  # the last one that was started; None before the first
+    progress: str = ""  # last report of progress; stays after the end
+    result: str = ""  # outcome of the last one; "" while one is running
     failed: bool = False
-    written: Path | None = None
+    written: Path | None = None  # what the last one wrote; None if it failed or was stopped
     changed: Signal[[]] = field(default_factory=Signal)
     finished: Signal[[]] = field(default_factory=Signal)
     _process: ChildProcess | None = None

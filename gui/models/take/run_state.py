@@ -56,37 +56,28 @@ class LogLine:
 
 @dataclass
 class RunState:
-    """See the module.
+    """See the module."""
 
-    Attributes:
-        planned: stages that the run will execute, in order.
-        stage: the current stage; "" before the first and after the last.
-        failed: error message by stage.
-        failed_setting: the setting that fixes the error, by stage, where there is one.
-        outcome: "" during the run, then "done", "failed" or "cancelled".
-        lines: the log, newest last, with that of earlier runs.
-        curves: loss, psnr, splats over the progress of training, one curve per group, since groups train in parallel.
-        previews: latest image by camera.
-        lanes: latest state by stage and group, of stages that ran on several machines.
-        changes: incremented with every event.
-    """
-
-    planned: tuple[str, ...] = ()
-    stage: str = ""
+    planned: tuple[str, ...] = ()  # stages that the run will execute, in order
+    stage: str = ""  # the current stage; "" before the first and after the last
     progress: Progress | None = None
     finished: list[str] = field(default_factory=list)
-    failed: dict[str, str] = field(default_factory=dict)
+    failed: dict[str, str] = field(default_factory=dict)  # error message by stage
+    # the setting that fixes the error, by stage, where there is one
     failed_setting: dict[str, str] = field(default_factory=dict)
-    outcome: str = ""
+    outcome: str = ""  # "" during the run, then "done", "failed" or "cancelled"
     message: str = ""
+    # the log, newest last, with that of earlier runs
     lines: deque[LogLine] = field(default_factory=lambda: deque(maxlen=LOG_LINES))
+    # loss, psnr, splats over the progress of training, one curve per group, since groups train in parallel
     curves: dict[str, dict[int, Curve]] = field(default_factory=dict)
-    previews: dict[str, Preview] = field(default_factory=dict)
+    previews: dict[str, Preview] = field(default_factory=dict)  # latest image by camera
+    # latest state by stage and group, of stages that ran on several machines
     lanes: dict[str, dict[int, GroupState]] = field(default_factory=dict)
     begun: bool = False
     pid: int = 0
     started: float = 0.0
-    changes: int = 0
+    changes: int = 0  # incremented with every event
     _trained: float = 0.0
     _now: float = 0.0
     results: int = 0

@@ -42,30 +42,19 @@ WIDEST_STEPS = 100
 
 @dataclass(frozen=True)
 class SettingField:
-    """A setting.
+    """A setting."""
 
-    Attributes:
-        name: dotted, as in train.max_splats.
-        label: displayed name; for a nested setting it begins with the section.
-        kind: "switch", "choice" or "text"; a switch that can be null is a choice.
-        choices: values of a choice, `empty` first if it can be null.
-        text: whether the value is plain text (else it is parsed as YAML).
-        nullable: whether it can be null; `empty`, an empty field and "null" all mean null.
-        empty: word for null, an empty list or an empty mapping; "" if it is never empty.
-        kind_of_list: "list", "names" (of text) or "mapping" for those, shown without brackets; "" for others.
-        limits: lowest and highest value of a number that can be stepped; None for others.
-    """
-
-    name: str
+    name: str  # dotted, as in train.max_splats
     heading: str
-    label: str
-    kind: str
-    choices: tuple[str, ...]
-    text: bool
-    nullable: bool
+    label: str  # displayed name; for a nested setting it begins with the section
+    kind: str  # "switch", "choice" or "text"; a switch that can be null is a choice
+    choices: tuple[str, ...]  # values of a choice, `empty` first if it can be null
+    text: bool  # whether the value is plain text (else it is parsed as YAML)
+    nullable: bool  # whether it can be null; `empty`, an empty field and "null" all mean null
     documentation: str
-    empty: str = ""
-    kind_of_list: str = ""
+    empty: str = ""  # word for null, an empty list or an empty mapping; "" if it is never empty
+    kind_of_list: str = ""  # "list", "names" (of text) or "mapping" for those, shown without brackets; "" for others
+    # lowest and highest value of a number that can be stepped; None for others
     limits: tuple[float, float] | None = None
     whole: bool = False
 

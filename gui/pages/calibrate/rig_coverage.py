@@ -29,22 +29,14 @@ _LOWEST = -0.5
 
 @dataclass(frozen=True, eq=False)
 class RigCoverage:
-    """See the module.
+    """See the module."""
 
-    Attributes:
-        range: from where views are good.
-        outside: share of the horizontal directions outside of the range, 0 to 1.
-        farthest: largest angle between such a direction and the nearest camera, degrees.
-        points: (N, 3) on the surface, world units; none before the stage Initialize.
-        facing: (N,) training cameras that see each point.
-    """
-
-    range: ViewRange
+    range: ViewRange  # from where views are good
     cameras: int
-    outside: float
-    farthest: float
-    points: np.ndarray
-    facing: np.ndarray
+    outside: float  # share of the horizontal directions outside of the range, 0 to 1
+    farthest: float  # largest angle between such a direction and the nearest camera, degrees
+    points: np.ndarray  # (N, 3) on the surface, world units; none before the stage Initialize
+    facing: np.ndarray  # (N,) training cameras that see each point
     radius: float
     up: np.ndarray
 

@@ -69,35 +69,27 @@ class _State:
 
 
 class EditView(OrbitView):
-    """See the module.
-
-    Attributes:
-        pending: the edits with what is selected or being dragged; None if nothing is.
-        clicks: picked points, world.
-        brush: radius of the brush, relative to the height of the image.
-        pointer: where the pointer is over the image, relative to its width and height; None elsewhere.
-        range_wanted: emitted with the frames of the group in which splats are selected, to ask for those in which they
-            are to be removed (`remove_selected`).
-        two_points: emitted with two points, whose distance gives the scale.
-        refused: why the last change was refused, or what to do; "" if it was not.
-        refusal: emitted with `refused`.
-        captured_up: (3,) up of the capture.
-    """
+    """See the module."""
 
     modes: ClassVar[tuple[str, ...]] = ("edit",)
 
     def __init__(self, workspace: Workspace) -> None:
         super().__init__(workspace)
+        # emitted with the frames of the group in which splats are selected, to ask for those in which they are to be
+        # removed (`remove_selected`)
         self.range_wanted: Signal[[range]] = Signal()
         self.tool, self.show_removed = "look", False
-        self.pending: EditList | None = None
-        self.clicks: tuple[tuple[float, ...], ...] = ()
+        self.pending: EditList | None = None  # the edits with what is selected or being dragged; None if nothing is
+        self.clicks: tuple[tuple[float, ...], ...] = ()  # picked points, world
+        # emitted with two points, whose distance gives the scale
         self.two_points: Signal[[np.ndarray, np.ndarray]] = Signal()
+        # refused: why the last change was refused, or what to do; "" if it was not
         self.refused, self.background = "", "dark"
-        self.refusal: Signal[[str]] = Signal()
+        self.refusal: Signal[[str]] = Signal()  # emitted with `refused`
         self.numbers = FrameNumbers()
-        self.captured_up = np.array([0.0, 0.0, 1.0])
-        self.brush = BRUSH
+        self.captured_up = np.array([0.0, 0.0, 1.0])  # (3,) up of the capture
+        self.brush = BRUSH  # radius of the brush, relative to the height of the image
+        # where the pointer is over the image, relative to its width and height; None elsewhere
         self.pointer: tuple[float, float] | None = None
         self._plain: np.ndarray | None = None
         self._circle: tuple[float, float, float] | None = None

@@ -28,26 +28,16 @@ Sizes = tuple[int | None, int | None]
 
 @dataclass(frozen=True)
 class Card:
-    """A recent take or stream.
-
-    Attributes:
-        kind: "take", "stream", "web", "missing" or "damaged".
-        state: how far it is, or what is wrong with it, in words.
-        tone: "done", "stale", "failed", "running" or "missing": a key of `drawing.palette.STATE_COLORS`.
-        changed: when its results or settings last changed, seconds since 1970; None if unknown.
-        quality: of the decoded stream, in the unit of `MAIN`; None if it was not measured.
-        stream_bytes: size of the stream; None if there is none, or if it is on another machine.
-        total_bytes: size of the folder; None as above.
-    """
+    """A recent take or stream."""
 
     place: str
-    kind: str
-    state: str = ""
-    tone: str = "missing"
-    changed: float | None = None
-    quality: float | None = None
-    stream_bytes: int | None = None
-    total_bytes: int | None = None
+    kind: str  # "take", "stream", "web", "missing" or "damaged"
+    state: str = ""  # how far it is, or what is wrong with it, in words
+    tone: str = "missing"  # "done", "stale", "failed", "running" or "missing": a key of `drawing.palette.STATE_COLORS`
+    changed: float | None = None  # when its results or settings last changed, seconds since 1970; None if unknown
+    quality: float | None = None  # of the decoded stream, in the unit of `MAIN`; None if it was not measured
+    stream_bytes: int | None = None  # size of the stream; None if there is none, or if it is on another machine
+    total_bytes: int | None = None  # size of the folder; None as above
 
     @property
     def name(self) -> str:

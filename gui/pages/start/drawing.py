@@ -58,22 +58,17 @@ KEYS = "Arrow keys and Enter: choose    Delete: remove from the list    Ctrl+V: 
 
 @dataclass
 class StartImage:
-    """The image of the page, and its parts.
-
-    Attributes:
-        full: height of the page without scrolling, pixels.
-        boxes: what can be chosen, in the order of reading, by name: "back", a key of `BUTTONS`, "card 0",
-            "forget", "queue", "start", "stop".
-        crosses: those that remove a card: "remove 0".
-    """
+    """The image of the page, and its parts."""
 
     width: int
     height: int
     em: float
     down: float = 0.0
-    full: float = 0.0
+    full: float = 0.0  # height of the page without scrolling, pixels
+    # what can be chosen, in the order of reading, by name: "back", a key of `BUTTONS`, "card 0", "forget", "queue",
+    # "start", "stop"
     boxes: Areas[str] = field(default_factory=Areas)
-    crosses: Areas[str] = field(default_factory=Areas)
+    crosses: Areas[str] = field(default_factory=Areas)  # those that remove a card: "remove 0"
 
     @property
     def most_down(self) -> float:

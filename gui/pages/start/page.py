@@ -46,22 +46,16 @@ def _look(request: _Request) -> _Facts:
 
 
 class StartPage:
-    """See the module. Call `look` now and then while it is on screen; it does not block.
-
-    Attributes:
-        cards: by place, as far as they are known.
-        pictures: thumbnails by place; None where there is nothing to see.
-        focus: name of what has the keyboard focus, see `drawing`: "new", "card 0", ...
-        sample: whether the sample capture is there.
-    """
+    """See the module. Call `look` now and then while it is on screen; it does not block."""
 
     def __init__(self, queue: TakeQueue, sample: bool, now: Callable[[], float] = time.monotonic) -> None:
-        self.queue, self.sample, self._now = queue, sample, now
+        self.queue, self.sample, self._now = queue, sample, now  # sample: whether the sample capture is there
         self.changed: Signal[[]] = Signal()
         queue.changed.connect(self.changed.emit)
         self.places: tuple[str, ...] = ()
-        self.cards: dict[str, Card] = {}
-        self.pictures: dict[str, np.ndarray | None] = {}
+        self.cards: dict[str, Card] = {}  # by place, as far as they are known
+        self.pictures: dict[str, np.ndarray | None] = {}  # thumbnails by place; None where there is nothing to see
+        # focus: name of what has the keyboard focus, see `drawing`: "new", "card 0",
         self.focus, self.back = "new", ""
         self._stamps: dict[str, object] = {}
         self._looked: dict[str, float] = {}

@@ -53,26 +53,18 @@ LOOK_AGAIN = 1.0
 
 @dataclass(frozen=True)
 class GroupTask:
-    """A stage of a group, as it is sent to a node: plain values only.
-
-    Attributes:
-        footage: the footage's folder, or its address in object storage.
-        paths: `run.paths`: a folder and its paths on other machines.
-        key: `GroupStageCode.group_key`, as the sender knows it.
-        settings: values by dotted name that replace those of the take.
-        version: of V3 Studio, and `python` of Python, at the sender.
-    """
+    """A stage of a group, as it is sent to a node: plain values only."""
 
     take: str
-    footage: str
+    footage: str  # the footage's folder, or its address in object storage
     stage: str
     group: int
     attempt: int
-    key: str
-    settings: tuple[tuple[str, Any], ...]
-    version: str
+    key: str  # `GroupStageCode.group_key`, as the sender knows it
+    settings: tuple[tuple[str, Any], ...]  # values by dotted name that replace those of the take
+    version: str  # of V3 Studio, and `python` of Python, at the sender
     python: str
-    paths: tuple[tuple[str, tuple[str, ...]], ...] = ()
+    paths: tuple[tuple[str, tuple[str, ...]], ...] = ()  # `run.paths`: a folder and its paths on other machines
 
     @property
     def events(self) -> str:

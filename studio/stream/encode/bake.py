@@ -178,20 +178,13 @@ def _identity(rung: Rung, group: int, first_frame: int, frame_count: int, single
 
 @dataclass
 class _Job:
-    """Encodes one rendition of a group at one QP, or at the QP that reaches a target.
-
-    Attributes:
-        folder: for the files, replaced by each encoding.
-        identity: values of the rendition that the encoder does not know.
-        qp: of the rung, from which encoding starts.
-        settings, progress, threads, fps, quality, unsmoothed: as for `bake_group`.
-    """
+    """Encodes one rendition of a group at one QP, or at the QP that reaches a target."""
 
     prepared: MotionBake | PlanesBake
-    folder: Path
-    identity: Mapping[str, Any]
-    settings: BakeSettings
-    qp: int
+    folder: Path  # for the files, replaced by each encoding
+    identity: Mapping[str, Any]  # values of the rendition that the encoder does not know
+    settings: BakeSettings  # settings, progress, threads, fps, quality, unsmoothed: as for `bake_group`
+    qp: int  # of the rung, from which encoding starts
     progress: ProgressFn
     threads: int
     fps: float

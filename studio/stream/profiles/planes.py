@@ -63,16 +63,13 @@ class PlanesCoding:
 
     Means are left out: the losses that use this act on the other attributes only (paper, section 4.2).
 
-    Attributes:
-        attributes: columns of each attribute in `coded_values`.
-        pixels: area of the image that holds one channel, W x H of the paper's equation 12.
-
     Args:
         previous: N splats of the previous frame.
     """
 
     def __init__(self, previous: Gaussians) -> None:
-        self.attributes = _columns(previous.sh_degree)
+        self.attributes = _columns(previous.sh_degree)  # columns of each attribute in `coded_values`
+        # area of the image that holds one channel, W x H of the paper's equation 12
         self.pixels = plane_side(len(previous)) ** 2
         self._quats = previous.unit_quats
 
