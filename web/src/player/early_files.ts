@@ -1,7 +1,5 @@
-/**
- * What a page begins to fetch before the player's script has arrived: the manifest, and the files with which playback
- * begins.
- */
+/** What a page begins to fetch before the player's script has arrived: the manifest, and the files with which playback
+ * begins. */
 
 import type { EarlyPart, EarlyPort } from "../worker/messages.ts";
 
@@ -24,12 +22,8 @@ declare global {
 /** Milliseconds without data after which the worker fetches a file itself. */
 const PATIENCE = 15_000;
 
-/**
- * Takes the early files of an address; null if there are none. They are used once: anyone who opens the stream again wants
- * the newest manifest.
- *
- * @param url - whole address of the manifest
- */
+/** Takes the early files of an address; null if there are none. They are used once: anyone who opens the stream again wants
+ * the newest manifest. `url`: whole address of the manifest. */
 export function takeEarlyFiles(url: string): EarlyPort | null {
   const early = window.v3Early;
   if (early === undefined || new URL(early.address, document.baseURI).href !== url) return null;

@@ -1,7 +1,5 @@
-/**
- * Sound that starts over without a gap: the whole loop is in memory, and Web Audio plays it. Without Web Audio, before the
- * viewer's first input, for long loops and at other speeds, an <audio> element plays instead (sound.ts).
- */
+/** Sound that starts over without a gap: the whole loop is in memory, and Web Audio plays it. Without Web Audio, before the
+ * viewer's first input, for long loops and at other speeds, an <audio> element plays instead (sound.ts). */
 
 /** Seconds; two minutes take 46 MB. */
 const LONGEST = 120;

@@ -1,7 +1,5 @@
-/**
- * The player without controls: plays sorted images from the stream's worker with a renderer. The main thread only uploads
- * and draws.
- */
+/** The player without controls: plays sorted images from the stream's worker with a renderer. The main thread only uploads
+ * and draws. */
 
 import { centerOf, depthAxis, OrbitCamera, type PartialView, type Pinhole, pinholeOf, type View, visibility } from "../render/camera.ts";
 import type { Renderer } from "../render/renderer.ts";
@@ -157,9 +155,7 @@ export class Player extends Playback<Picture> {
     this.screen.fixedCamera = camera;
   }
 
-  /**
-   * Renders the current frame from a camera and returns the pixels: RGBA, top row first. Sorts for that camera first.
-   */
+  /** Renders the current frame from a camera and returns the pixels: RGBA, top row first. Sorts for that camera first. */
   async snapshot(camera: Camera, background: Vector = [0, 0, 0]): Promise<ImageData> {
     const before = this.screen.fixed;
     const pinhole = pinholeOf(camera);

@@ -23,11 +23,8 @@ export function playable({ groups, leftOut }: Course, frame: number): number | n
   return null;
 }
 
-/**
- * What to show when `frame` is due, which may be past the end: "end" if playback stops, "wait" if frames may still come.
- *
- * @returns the frame; what to add to it on a clock that continues past the end; whether groups are skipped
- */
+/** What to show when `frame` is due, which may be past the end: "end" if playback stops, "wait" if frames may still come.
+ * Returns the frame; what to add to it on a clock that continues past the end; whether groups are skipped. */
 export function dueFrame(course: Course, frame: number): { frame: number; lap: number; skips: boolean } | "wait" | "end" {
   const past = frame >= course.frameCount;
   const wanted = past ? 0 : frame;

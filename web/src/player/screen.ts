@@ -85,11 +85,7 @@ export class Screen {
     this.resolution.forget();
   }
 
-  /**
-   * Called for each animation frame: renders if something has changed.
-   *
-   * @param still - nothing will change by playing or seeking
-   */
+  /** Called for each animation frame: renders if something has changed. `still`: nothing will change by playing or seeking. */
   update(now: number, still: boolean): void {
     if (this.began !== null && !this.renderer.busy) this.finished(now);
     if (this.dirty) {

@@ -1,7 +1,5 @@
-/**
- * The stream's sound, in an <audio> element, or in memory where it loops. While it plays, its clock leads the frames: listeners notice a gap in the
- * sound sooner than a late frame. The element keeps the pitch at other speeds.
- */
+/** The stream's sound, in an <audio> element, or in memory where it loops. While it plays, its clock leads the frames:
+ * listeners notice a gap in the sound sooner than a late frame. The element keeps the pitch at other speeds. */
 
 import { messageOf } from "../stream/errors.ts";
 import { LoopSound } from "./loop_sound.ts";
@@ -90,11 +88,8 @@ export class Sound {
     if (!looping && this.gapless) this.halt();
   }
 
-  /**
-   * @param start - seconds of the stream at which it starts
-   * @param length - its duration, seconds
-   * @param frames - duration of the frames, seconds
-   */
+  /** `start`: seconds of the stream at which it starts. `length`: its duration, seconds. `frames`: duration of the frames,
+   * seconds. */
   load(file: Blob, start: number, length: number, frames: number): void {
     this.clear();
     this.loop = LoopSound.of(file, start, frames);
@@ -119,10 +114,8 @@ export class Sound {
     this.events.changed();
   }
 
-  /**
-   * Plays along with the frames from `seconds` of the stream on, and returns the time of the stream that is heard now; null
-   * if nothing is, so that another clock has to lead. Call it often; after `halt`, it starts at `seconds`.
-   */
+  /** Plays along with the frames from `seconds` of the stream on, and returns the time of the stream that is heard now; null
+   * if nothing is, so that another clock has to lead. Call it often; after `halt`, it starts at `seconds`. */
   follow(seconds: number, speed: number): number | null {
     const { element, loop } = this;
     const at = seconds - this.start;

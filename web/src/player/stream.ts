@@ -1,7 +1,5 @@
-/**
- * A stream without a page: a worker fetches, verifies and decodes it. A player asks for sorted images (`present`), which the
- * GPU dequantizes; other engines ask for splats (`frame`).
- */
+/** A stream without a page: a worker fetches, verifies and decodes it. A player asks for sorted images (`present`), which the
+ * GPU dequantizes; other engines ask for splats (`frame`). */
 
 import { StreamError } from "../stream/errors.ts";
 import { groupOfFrame } from "../stream/manifest.ts";
@@ -79,12 +77,8 @@ export class V3Stream extends Emitter<StreamEvents> {
     this.worker.onerror = (event): void => this.fail(`The player's worker failed: ${event.message}.`);
   }
 
-  /**
-   * Opens a stream by the URL of its folder, its manifest or its one file (`.v3s`), from files that the page itself
-   * holds, or from a file on this computer; closes the one before.
-   *
-   * @throws StreamError - there is no stream, or it cannot be decoded here
-   */
+  /** Opens a stream by the URL of its folder, its manifest or its one file (`.v3s`), from files that the page itself holds,
+   * or from a file on this computer; closes the one before. StreamError: there is no stream, or it cannot be decoded here. */
   open(address: string, files: EmbeddedFiles | null = null, archive: File | null = null): Promise<StreamInfo> {
     this.rejectAll("Another stream was opened.");
     this.info = this.failure = null;
@@ -105,13 +99,8 @@ export class V3Stream extends Emitter<StreamEvents> {
 
   private opening: { readonly resolve: (info: StreamInfo) => void; readonly reject: (error: StreamError) => void } | null = null;
 
-  /**
-   * A frame's splats. While one is decoded, only the newest call is kept: those before it get null.
-   *
-   * @param seek - interrupt what is in progress
-   * @throws StreamError - the frame's group cannot be played, or nothing can
-   * @throws RangeError - there is no such frame
-   */
+  /** A frame's splats. While one is decoded, only the newest call is kept: those before it get null. `seek`: interrupt what
+   * is in progress. StreamError: the frame's group cannot be played, or nothing can. RangeError: there is no such frame. */
   frame(frame: number, seek = false): Promise<Splats | null> {
     const { info, failure } = this;
     if (info === null) return Promise.reject(new StreamError(failure ?? "The stream is not open yet."));

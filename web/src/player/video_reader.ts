@@ -1,9 +1,5 @@
-/**
- * Reads luma from <video> elements on the page; the worker requests images by time.
- *
- * texImage2D returns the luma of full-range H.264 with neutral chroma exactly; four values are packed into each pixel that
- * is read back.
- */
+/** Reads luma from <video> elements on the page; the worker requests images by time. texImage2D returns the luma of
+ * full-range H.264 with neutral chroma exactly; four values are packed into each pixel that is read back. */
 
 import { Program } from "../render/gl.ts";
 import { FULL_VERTEX } from "../render/shaders.ts";
@@ -127,10 +123,8 @@ export class VideoReader {
   }
 }
 
-/**
- * Tracks which image a <video> shows. "seeked" is not enough: on a busy machine it fires while the element still shows
- * the image from before the seek.
- */
+/** Tracks which image a <video> shows. "seeked" is not enough: on a busy machine it fires while the element still shows the
+ * image from before the seek. */
 class Presented {
   private readonly reports: boolean;
   /** Presentation time of the image in seconds; null before the first. */

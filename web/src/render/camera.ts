@@ -115,11 +115,8 @@ export class OrbitCamera {
   private home: View = { azimuth: 0, elevation: 0, distance: 1, target: [0, 0, 0] };
   private radius = 1;
 
-  /**
-   * Sets the initial view: from the direction of the suggested camera, at eye level; from in front of the box without one.
-   *
-   * @param box - of the whole stream: all of it is visible at any aspect ratio
-   */
+  /** Sets the initial view: from the direction of the suggested camera, at eye level; from in front of the box without one.
+   * `box`: of the whole stream: all of it is visible at any aspect ratio. */
   frame(box: { readonly min: Vector; readonly max: Vector }, camera: Camera | null, up: Vector | null): void {
     const middle = add(box.min, box.max).map((value) => value / 2) as Vec3;
     this.radius = Math.max(length(add(box.max, box.min, -1)) / 2, 1e-6);

@@ -16,12 +16,8 @@ export interface EscapedSplats {
   readonly statics: Uint32Array<ArrayBuffer>;
 }
 
-/**
- * Copies the splats with escapes out of a frame of the profile motion.
- *
- * @param luma - the frame's image: (rows * tile, columns * tile)
- * @param escapes - (n, 4): pixel in the tile, channel, code, unused; those of a pixel follow one another
- */
+/** Copies the splats with escapes out of a frame of the profile motion. `luma`: the frame's image: (rows * tile, columns *
+ * tile). `escapes`: (n, 4): pixel in the tile, channel, code, unused; those of a pixel follow one another. */
 export function escapedSplats(
   { tile, columns, rows, units, statics }: Pick<GroupSetup, "tile" | "columns" | "rows" | "units" | "statics">,
   luma: Uint8Array,

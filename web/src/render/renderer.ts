@@ -133,10 +133,7 @@ export class Renderer {
   private moved = new Uint32Array(0);
   private count = 0;
 
-  /**
-   * @param xrCompatible - to draw the views of a WebXR session
-   * @throws StreamError - the browser does not support WebGL2
-   */
+  /** `xrCompatible`: to draw the views of a WebXR session. StreamError: the browser does not support WebGL2. */
   constructor(canvas: HTMLCanvasElement, xrCompatible = false) {
     const gl = canvas.getContext("webgl2", {
       xrCompatible,
@@ -253,11 +250,7 @@ export class Renderer {
     this.escapedSide = side;
   }
 
-  /**
-   * Renders the last upload, scaled to the canvas.
-   *
-   * @param background - RGB, 0 to 1; null leaves the background transparent
-   */
+  /** Renders the last upload, scaled to the canvas. `background`: RGB, 0 to 1; null leaves the background transparent. */
   draw(pinhole: Pinhole, background: readonly [number, number, number] | null): void {
     const { gl } = this;
     if (this.resources === null) return;

@@ -136,10 +136,8 @@ function channelCount(profile: "motion" | "planes", shDegree: number): number {
   return (profile === "motion" ? 10 : 14) + 3 * (shDegree + 1) ** 2;
 }
 
-/**
- * The first pass. Words written: x, y in pixels (float bits); inverse covariance xx, xy, yy (float bits); red and green,
- * blue and opacity (half floats); 1 if the splat is visible.
- */
+/** The first pass. Words written: x, y in pixels (float bits); inverse covariance xx, xy, yy (float bits); red and green,
+ * blue and opacity (half floats); 1 if the splat is visible. */
 export function projectFragment(profile: "motion" | "planes", shDegree: number): string {
   return `${HEAD}
 layout(location = 0) out uvec4 first;

@@ -108,11 +108,7 @@ export class ReviewServer {
     return ((await answer.json()) as { marks: Mark[] }).marks;
   }
 
-  /**
-   * Adds, changes or removes a mark, and returns all marks.
-   *
-   * @throws Refused - the server did not accept it
-   */
+  /** Adds, changes or removes a mark, and returns all marks. Refused: the server did not accept it. */
   async change(change: Change): Promise<readonly Mark[]> {
     const answer = await this.ask("marks", {
       method: "POST",

@@ -1,7 +1,5 @@
-/**
- * Keeps the page above a phone's keyboard while something is written. Safari lays the keyboard over the page; browsers that
- * know `interactive-widget=resizes-content` make the page smaller themselves.
- */
+/** Keeps the page above a phone's keyboard while something is written. Safari lays the keyboard over the page; browsers that
+ * know `interactive-widget=resizes-content` make the page smaller themselves. */
 
 const fit = (): void => {
   const { visualViewport: seen, document: { body } } = window;

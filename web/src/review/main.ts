@@ -1,7 +1,5 @@
-/**
- * Adds a review to the player's page: quality and size per frame, comparison with held-out footage, marks. Only
- * `v3studio serve --review` puts this script into a page.
- */
+/** Adds a review to the player's page: quality and size per frame, comparison with held-out footage, marks. Only `v3studio
+ * serve --review` puts this script into a page. */
 
 import type { Player } from "../player/player.ts";
 import { messageOf } from "../stream/errors.ts";

@@ -10,9 +10,7 @@ import { summaryOf, wordOf, worstFrames } from "./words.ts";
 /** Moments that are shown. */
 const MOST = 3;
 
-/**
- * @returns the word for the frame on the screen, and the summary with the worst moments, which are marked on the timeline
- */
+/** Returns the word for the frame on the screen, and the summary with the worst moments, which are marked on the timeline. */
 export function wordsPanel(
   quality: QualityCurves | null,
   fps: number,

@@ -35,11 +35,7 @@ export class GroupTable {
     return this.sizes.get(index) ?? this.estimate(this.spans[index]);
   }
 
-  /**
-   * A group in all its renditions.
-   *
-   * @throws StreamError - its page is missing or damaged
-   */
+  /** A group in all its renditions. StreamError: its page is missing or damaged. */
   async renditions(index: number): Promise<readonly Rendition[]> {
     if (index < this.inline.length) return this.inline[index].renditions;
     const page = this.pages.find(({ firstGroup, frames }) => index < firstGroup + frames.length)!;

@@ -33,12 +33,8 @@ export function wrong(place: string, what: string, value: unknown = null): Strea
 
 const inside = (place: string, key: string | number): string => (place === "" ? String(key) : `${place}.${key}`);
 
-/**
- * Checks a value, and puts defaults where properties with a default are missing.
- *
- * @param place - its position in the file, for messages
- * @throws StreamError - it does not conform
- */
+/** Checks a value, and puts defaults where properties with a default are missing. `place`: its position in the file, for
+ * messages. StreamError: it does not conform. */
 export function check(value: unknown, schema: Schema, definitions: Definitions, place: string): void {
   const { $ref, anyOf, oneOf } = schema;
   const options = anyOf ?? oneOf;

@@ -1,7 +1,5 @@
-/**
- * The manifest. It is checked against docs/stream.schema.json, and then for what a schema cannot say (docs/STREAM.md,
- * "What a reader must refuse"). Values keep their names in the file.
- */
+/** The manifest. It is checked against docs/stream.schema.json, and then for what a schema cannot say (docs/STREAM.md, "What
+ * a reader must refuse"). Values keep their names in the file. */
 
 import definitions from "stream-schema";
 import { StreamError } from "./errors.ts";
@@ -67,13 +65,8 @@ function parseJson(text: string, problem: string): unknown {
   }
 }
 
-/**
- * Parses and validates a manifest. The checksum is verified elsewhere, since that requires crypto.subtle.
- *
- * @param text - the content of the file
- * @param bytes - its size in bytes
- * @throws StreamError - not a manifest, another version, or a value out of bounds
- */
+/** Parses and validates a manifest. The checksum is verified elsewhere, since that requires crypto.subtle. `text`: the
+ * content of the file. `bytes`: its size in bytes. StreamError: not a manifest, another version, or a value out of bounds. */
 export function parseManifest(text: string, bytes: number): Manifest {
   const head = parseJson(text, "There is no stream at this address: its manifest is not readable JSON.");
   const { format, version } = (typeof head === "object" && head !== null ? head : {}) as Record<string, unknown>;
@@ -100,11 +93,7 @@ export function parseManifest(text: string, bytes: number): Manifest {
   return { ...manifest, pages, spans, metadata: readMetadata(manifest.metadata ?? {}) };
 }
 
-/**
- * Parses and validates a page of the index.
- *
- * @throws StreamError - it does not hold the groups that the manifest promises
- */
+/** Parses and validates a page of the index. StreamError: it does not hold the groups that the manifest promises. */
 export function parsePage(text: string, page: IndexPage, manifest: Manifest): readonly stored.GroupEntry[] {
   const head = parseJson(text, `${page.path} is damaged: it is not readable JSON.`);
   check(head, definitions["Page"], definitions, page.path);

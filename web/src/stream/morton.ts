@@ -9,14 +9,9 @@ function compact(value: number): number {
   return (bits | (bits >>> 8)) & 0x0000ffff;
 }
 
-/**
- * Pixels of splats 0, 1, 2, ... in a tile: walks the curve through the smallest square that holds the tile, and skips what
- * is outside the tile.
- *
- * @param tile - side of the tile in pixels
- * @param count - number of splats, at most tile^2
- * @returns row * tile + column for each splat
- */
+/** Pixels of splats 0, 1, 2, ... in a tile: walks the curve through the smallest square that holds the tile, and skips what
+ * is outside the tile. `tile`: side of the tile in pixels. `count`: number of splats, at most tile^2. Returns row * tile +
+ * column for each splat. */
 export function tilePixels(tile: number, count: number): Uint32Array<ArrayBuffer> {
   const pixels = new Uint32Array(count);
   for (let code = 0, filled = 0; filled < count; code++) {

@@ -61,10 +61,8 @@ export class MotionTables {
     }
   }
 
-  /**
-   * Static data of each splat at its tile pixel: a (tile, tile) RGBA32UI texture of cell x | y << 16, cell z | class << 16,
-   * block, 1 + splat (0 if there is no splat).
-   */
+  /** Static data of each splat at its tile pixel: a (tile, tile) RGBA32UI texture of cell x | y << 16, cell z | class << 16,
+   * block, 1 + splat (0 if there is no splat). */
   statics(): Uint32Array<ArrayBuffer> {
     const { cells, labels, classes } = this.side;
     const { pixels } = this;
@@ -123,13 +121,8 @@ export class MotionTables {
     return entries;
   }
 
-  /**
-   * Centers of all splats in a frame of the group.
-   *
-   * @param index - frame within the group
-   * @param luma - the decoded image, rows * tile by columns * tile
-   * @param out - (N, 3) float32, filled
-   */
+  /** Centers of all splats in a frame of the group. `index`: frame within the group. `luma`: the decoded image, rows * tile
+   * by columns * tile. `out`: (N, 3) float32, filled. */
   positions(index: number, luma: Uint8Array, table: Float32Array, out: Float32Array): void {
     const { splats, channels, tile, columns } = this.group;
     const { labels, classes, escapes } = this.side;

@@ -1,7 +1,5 @@
-/**
- * The index of a video file: MP4 (ISO/IEC 14496-12) as docs/STREAM.md describes it, with one track and its index before its
- * data. A library would read any MP4 file, and be as large as the rest of the player.
- */
+/** The index of a video file: MP4 (ISO/IEC 14496-12) as docs/STREAM.md describes it, with one track and its index before its
+ * data. A library would read any MP4 file, and be as large as the rest of the player. */
 
 import { StreamError } from "./errors.ts";
 
@@ -85,14 +83,8 @@ class Box {
   }
 }
 
-/**
- * Reads the index of a video file as soon as it has arrived.
- *
- * @param prefix - at least so many bytes from the beginning of the file
- * @param bytes - the file's size
- * @param most - how many pictures it may have
- * @throws StreamError - not such a file
- */
+/** Reads the index of a video file as soon as it has arrived. `prefix`: at least so many bytes from the beginning of the
+ * file. `bytes`: the file's size. `most`: how many pictures it may have. StreamError: not such a file. */
 export async function readVideoIndex(
   prefix: (count: number) => Promise<Uint8Array>,
   bytes: number,

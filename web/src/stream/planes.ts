@@ -12,10 +12,8 @@ export function planesLayout(group: PlanesRendition): { tile: number; columns: n
   return { tile: group.side, columns, rows: Math.ceil(planes / columns) };
 }
 
-/**
- * (planes, 2) float32 offset and step of each plane, in order, with value = offset + code * step. Of the two planes of a
- * position, the high one has the offset, and 256 times the step of the low one.
- */
+/** (planes, 2) float32 offset and step of each plane, in order, with value = offset + code * step. Of the two planes of a
+ * position, the high one has the offset, and 256 times the step of the low one. */
 export function planeUnits(group: PlanesRendition): Float32Array<ArrayBuffer> {
   const units: number[] = [];
   for (const { min, max, planes } of group.components) {

@@ -69,12 +69,8 @@ class Level {
 
 const WRONG_CELLS = "the octree's cells do not match the number of splats";
 
-/**
- * The children of a level's first cells; returns their number.
- *
- * The loops of this file run once a group, most of the time before the browser has compiled them: they create no objects
- * and call no functions for each splat.
- */
+/** The children of a level's first cells; returns their number. The loops of this file run once a group, most of the time
+ * before the browser has compiled them: they create no objects and call no functions for each splat. */
 function subdivide(from: Level, occupancy: Uint8Array, to: Level, most: number): number {
   const { x, y, z } = from;
   const { x: toX, y: toY, z: toZ } = to;
@@ -196,11 +192,7 @@ function accumulate(differences: Int32Array, limit: number, what: string): Uint3
   return values;
 }
 
-/**
- * Parses a decompressed side file.
- *
- * @throws StreamError - the bytes do not match the manifest
- */
+/** Parses a decompressed side file. StreamError: the bytes do not match the manifest. */
 export function parseSideFile(raw: Uint8Array, group: MotionRendition): SideFile {
   const cursor = new Cursor(raw);
   const { splats } = group;
@@ -274,11 +266,8 @@ async function feed(writer: WritableStreamDefaultWriter<BufferSource>, data: Uin
   await writer.close();
 }
 
-/**
- * Decompresses a raw deflate stream, never storing more than `size` bytes of output.
- *
- * @throws StreamError - not a deflate stream of exactly that size
- */
+/** Decompresses a raw deflate stream, never storing more than `size` bytes of output. StreamError: not a deflate stream of
+ * exactly that size. */
 export async function inflate(data: Uint8Array<ArrayBuffer>, size: number): Promise<Uint8Array<ArrayBuffer>> {
   const out = new Uint8Array(size);
   let filled = 0;

@@ -10,16 +10,10 @@ export class DepthSorter {
   private keys = new Uint16Array(0);
   private readonly starts = new Uint32Array(BINS + 1);
 
-  /**
-   * The tile pixels of the splats that are at least NEAR in front of the camera, farthest first. At equal depth, the splat with the higher index
-   * counts as farther, because the rasterizer draws front to back and keeps the given order.
-   *
-   * @param positions - (N, 3) centers
-   * @param pixels - (N) the value to return for each splat; null for its index
-   * @param axis - (4) a splat's depth is axis · (x, y, z, 1)
-   * @param out - (N) filled from the start
-   * @returns the number of values
-   */
+  /** The tile pixels of the splats that are at least NEAR in front of the camera, farthest first. At equal depth, the splat
+   * with the higher index counts as farther, because the rasterizer draws front to back and keeps the given order.
+   * `positions`: (N, 3) centers. `pixels`: (N) the value to return for each splat; null for its index. `axis`: (4) a splat's
+   * depth is axis · (x, y, z, 1). `out`: (N) filled from the start. Returns the number of values. */
   sort(
     positions: Float32Array,
     pixels: Uint32Array | null,

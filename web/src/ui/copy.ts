@@ -1,9 +1,6 @@
 /** Copies text, also where there is no clipboard API: browsers give it to secure (HTTPS) pages only. */
 
-/**
- * @param root - where a field may be put meanwhile; inside what is shown in full screen
- * @returns whether the text was copied
- */
+/** `root`: where a field may be put meanwhile; inside what is shown in full screen. Returns whether the text was copied. */
 export async function copyText(text: string, root: ParentNode & Node): Promise<boolean> {
   try {
     await navigator.clipboard.writeText(text);

@@ -1,10 +1,6 @@
 /** Files that are dropped onto the player: streams in one file (`.v3s`). */
 
-/**
- * Opens a dropped stream.
- *
- * @param refused - called with the name of a file of another kind
- */
+/** Opens a dropped stream. `refused`: called with the name of a file of another kind. */
 export function acceptDrops(
   target: HTMLElement,
   open: (file: File) => void,

@@ -1,6 +1,4 @@
-/**
- * `<v3-player src="...">`: the player with its controls. docs/guides/web.md lists its attributes, methods and events.
- */
+/** `<v3-player src="...">`: the player with its controls. docs/guides/web.md lists its attributes, methods and events. */
 
 import type { PartialView } from "../render/camera.ts";
 import { Player } from "../player/player.ts";
@@ -107,11 +105,7 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost {
     this.player?.pause();
   }
 
-  /**
-   * Seeks to a time in seconds; before the first frame or after the last, to that frame.
-   *
-   * @throws RangeError - not a finite number
-   */
+  /** Seeks to a time in seconds; before the first frame or after the last, to that frame. RangeError: not a finite number. */
   seek(seconds: number): void {
     readSeconds(seconds);
     if (!this.player?.info) this.startAt = seconds;
@@ -123,12 +117,8 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost {
     this.player?.seekLive();
   }
 
-  /**
-   * Sets the view; see `state.view`. What is missing stays as it is.
-   *
-   * @param view - an object, or text as in links
-   * @throws RangeError - not a view
-   */
+  /** Sets the view; see `state.view`. What is missing stays as it is. `view`: an object, or text as in links. RangeError: not
+   * a view. */
   setView(view: PartialView | string): void {
     const given = readView(view);
     this.endIntro();
@@ -143,11 +133,7 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost {
     else this.startView = null;
   }
 
-  /**
-   * Sets the playback speed, 0.1 to 4; 1 is that of the recording.
-   *
-   * @throws RangeError - not such a number
-   */
+  /** Sets the playback speed, 0.1 to 4; 1 is that of the recording. RangeError: not such a number. */
   setSpeed(speed: number): void {
     const given = readSpeed(speed);
     this.controls?.setSpeed(given);
@@ -159,11 +145,7 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost {
     this.controls?.setLoop(given);
   }
 
-  /**
-   * What is behind the splats: a name as in the URL parameters.
-   *
-   * @throws RangeError - another name
-   */
+  /** What is behind the splats: a name as in the URL parameters. RangeError: another name. */
   setBackground(name: BackgroundName): void {
     const given = readBackground(name);
     this.controls?.setBackground(given);

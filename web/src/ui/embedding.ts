@@ -1,7 +1,5 @@
-/**
- * The message interface for iframes, version 1 (docs/guides/web.md). Commands are harmless, so any embedding page may send them;
- * replies go to the embedding page.
- */
+/** The message interface for iframes, version 1 (docs/guides/web.md). Commands are harmless, so any embedding page may send
+ * them; replies go to the embedding page. */
 
 import { messageOf } from "../stream/errors.ts";
 import type { V3PlayerElement } from "./element.ts";

@@ -21,11 +21,8 @@ export class Hint {
   /** @param element - hidden and empty; a live region, so that its text is read when it appears */
   constructor(private readonly element: HTMLElement) {}
 
-  /**
-   * Shows it if the view was never turned in this browser.
-   *
-   * @param wheel - whether the wheel zooms, rather than scrolls the page around the player
-   */
+  /** Shows it if the view was never turned in this browser. `wheel`: whether the wheel zooms, rather than scrolls the page
+   * around the player. */
   show(wheel: boolean): void {
     if (this.done || hasTurned()) return;
     this.element.classList.add("shown");

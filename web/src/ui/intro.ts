@@ -125,11 +125,7 @@ export function readPath(text: string, player: Player): IntroPath {
   };
 }
 
-/**
- * The path that an attribute names: a URL, or `#ID` of an element that holds its JSON.
- *
- * @throws StreamError - not a camera path
- */
+/** The path that an attribute names: a URL, or `#ID` of an element that holds its JSON. StreamError: not a camera path. */
 export async function loadPath(place: string, player: Player): Promise<IntroPath> {
   if (place.startsWith("#")) return readPath(document.querySelector(place)?.textContent ?? "", player);
   const response = await fetch(new URL(place, document.baseURI));

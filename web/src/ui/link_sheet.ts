@@ -1,7 +1,5 @@
-/**
- * Shares links to the time and view on the screen. A page with a review asks which link: its own address would let
- * others change marks, so it is shared only when it is asked for by name.
- */
+/** Shares links to the time and view on the screen. A page with a review asks which link: its own address would let others
+ * change marks, so it is shared only when it is asked for by name. */
 
 import type { View } from "../render/camera.ts";
 import { copyText } from "./copy.ts";

@@ -2,11 +2,8 @@
 
 export const canShare = (): boolean => typeof (navigator as Partial<Navigator>).share === "function";
 
-/**
- * Opens the share sheet; call it while handling an input of the viewer.
- *
- * @returns whether the link was passed on or the viewer has closed the sheet; false: copy it instead
- */
+/** Opens the share sheet; call it while handling an input of the viewer. Returns whether the link was passed on or the viewer
+ * has closed the sheet; false: copy it instead. */
 export async function shareLink(url: string, title: string): Promise<boolean> {
   if (!canShare()) return false;
   try {

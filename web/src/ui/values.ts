@@ -1,7 +1,5 @@
-/**
- * Checks values from outside: arguments of the element's methods, messages of an embedding page, attributes and URL
- * parameters. Each function returns the value, or throws a RangeError with a sentence for the caller.
- */
+/** Checks values from outside: arguments of the element's methods, messages of an embedding page, attributes and URL
+ * parameters. Each function returns the value, or throws a RangeError with a sentence for the caller. */
 
 import type { PartialView } from "../render/camera.ts";
 import { MAX_VALUE } from "../stream/layout.ts";

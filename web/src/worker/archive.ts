@@ -1,7 +1,5 @@
-/**
- * A stream in one file (`.v3s`): a ZIP archive of stored entries, read by ranges of a URL or of a file on this computer.
- * See docs/STREAM.md, "One file".
- */
+/** A stream in one file (`.v3s`): a ZIP archive of stored entries, read by ranges of a URL or of a file on this computer. See
+ * docs/STREAM.md, "One file". */
 
 import { StreamError } from "../stream/errors.ts";
 import { MANIFEST_NAME } from "../stream/manifest.ts";

@@ -6,10 +6,8 @@ export class ArrivingPictures implements PictureSource {
   private rest: Promise<PictureSource> | null = null;
   private closed = false;
 
-  /**
-   * @param first - has the first picture only
-   * @param open - called once, when another picture is needed; has all pictures, also the first
-   */
+  /** `first`: has the first picture only. `open`: called once, when another picture is needed; has all pictures, also the
+   * first. */
   constructor(private readonly first: PictureSource, private readonly open: () => Promise<PictureSource>) {}
 
   async get(index: number): Promise<Luma> {

@@ -23,12 +23,8 @@ export interface Demuxed {
   packets(): Promise<readonly Packet[]>;
 }
 
-/**
- * Reads the index of a video file.
- *
- * @param name - for messages
- * @throws StreamError - not an MP4 file with one video of that codec, size and length
- */
+/** Reads the index of a video file. `name`: for messages. StreamError: not an MP4 file with one video of that codec, size and
+ * length. */
 export async function demux(
   file: Arriving,
   name: string,

@@ -42,11 +42,8 @@ export class EarlyFiles {
     };
   }
 
-  /**
-   * Hands over a file, once, chunk by chunk as it comes.
-   *
-   * @returns the milliseconds that it took; null if the page does not fetch it, or could not fetch all of it
-   */
+  /** Hands over a file, once, chunk by chunk as it comes. Returns the milliseconds that it took; null if the page does not
+   * fetch it, or could not fetch all of it. */
   async take(name: string, take: Take): Promise<number | null> {
     const coming = this.coming.get(name);
     this.coming.delete(name);

@@ -1,7 +1,5 @@
-/**
- * Luma of the profile `planes`: a group's many small videos are decoded one after another and assembled as tiles of one
- * image per frame. Devices have few decoders, so only one is used, and a group is decoded completely before it plays.
- */
+/** Luma of the profile `planes`: a group's many small videos are decoded one after another and assembled as tiles of one
+ * image per frame. Devices have few decoders, so only one is used, and a group is decoded completely before it plays. */
 
 import { StreamError } from "../stream/errors.ts";
 import { filesOf, type PlanesRendition } from "../stream/manifest.ts";
@@ -18,10 +16,7 @@ export class PlanesPictures implements PictureSource {
   private current: PictureSource | null = null;
   private closed = false;
 
-  /**
-   * @param open - opens the video of plane p
-   * @throws StreamError - the group does not fit in memory
-   */
+  /** `open`: opens the video of plane p. StreamError: the group does not fit in memory. */
   constructor(
     private readonly group: PlanesRendition,
     open: (plane: number) => Promise<PictureSource>,

@@ -1,7 +1,5 @@
-/**
- * Which rendition to fetch next: a buffer-based rule with throughput and dropped frames as further inputs. The same as
- * studio/playback/rate_rule.py, which names its sources (BOLA, dash.js).
- */
+/** Which rendition to fetch next: a buffer-based rule with throughput and dropped frames as further inputs. The same as
+ * studio/playback/rate_rule.py, which names its sources (BOLA, dash.js). */
 
 const SAMPLES = 5;
 const SAFETY = 0.9;
@@ -59,11 +57,8 @@ export class RateRule {
     return this.order[Math.min(this.sustained(), this.decodable())];
   }
 
-  /**
-   * The position in the manifest's order of the rendition to fetch next.
-   *
-   * @param buffered - seconds of frames that are fetched and not yet shown
-   */
+  /** The position in the manifest's order of the rendition to fetch next. `buffered`: seconds of frames that are fetched and
+   * not yet shown. */
   choose(buffered: number): number {
     const byRate = this.sustained();
     const bola = this.bola(buffered);

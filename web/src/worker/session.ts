@@ -56,10 +56,8 @@ export class Session {
   private running = false;
   /** Cancels waiting for the frame in progress, because another one was requested. */
   private interrupt: (() => void) | null = null;
-  /**
-   * The last two decoded frames, the newest first: their positions are kept for sorting again. The page requests a frame
-   * ahead, so the one on the screen can be either.
-   */
+  /** The last two decoded frames, the newest first: their positions are kept for sorting again. The page requests a frame
+   * ahead, so the one on the screen can be either. */
   private readonly decoded: Decoded[] = [];
   /** The group whose setup the page has; -1 for none. */
   private setupSent = -1;
@@ -76,11 +74,7 @@ export class Session {
     this.loop = request.loop;
   }
 
-  /**
-   * Fetches and validates the manifest.
-   *
-   * @throws StreamError - it is missing or damaged, or the stream cannot be played here
-   */
+  /** Fetches and validates the manifest. StreamError: it is missing or damaged, or the stream cannot be played here. */
   async open(): Promise<void> {
     const { request, closing } = this;
     const early = request.early === null ? null : new EarlyFiles(request.early);

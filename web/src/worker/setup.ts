@@ -5,10 +5,7 @@ import type { MotionTables } from "../stream/motion.ts";
 import { planesLayout, planeUnits } from "../stream/planes.ts";
 import type { GroupSetup } from "./messages.ts";
 
-/**
- * @param tables - of a group of the profile `motion`, else null
- * @param prepare - milliseconds that it took to prepare the group
- */
+/** `tables`: of a group of the profile `motion`, else null. `prepare`: milliseconds that it took to prepare the group. */
 export function setupOf(group: Rendition, tables: MotionTables | null, prepare: number): GroupSetup {
   const common = {
     group: group.index,

@@ -24,11 +24,8 @@ export async function sha256(data: Uint8Array<ArrayBuffer>): Promise<string | nu
   return Array.from(digest, (byte) => byte.toString(16).padStart(2, "0")).join("");
 }
 
-/**
- * A file of the stream, verified where the browser provides SHA-256.
- *
- * @throws StreamError - it is missing or does not match the manifest
- */
+/** A file of the stream, verified where the browser provides SHA-256. StreamError: it is missing or does not match the
+ * manifest. */
 export async function readChecked(
   source: Source,
   file: FileEntry,

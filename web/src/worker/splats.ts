@@ -27,13 +27,8 @@ type Target = readonly [array: Float32Array, stride: number, first: number];
 const clamped = (value: number): number => Math.min(Math.max(value, 0), 1);
 const same = (value: number): number => value;
 
-/**
- * Fills in everything but the means.
- *
- * @param within - frame within the group
- * @param luma - the decoded image
- * @param blocks - the frame's block table, or null in the profile `planes`
- */
+/** Fills in everything but the means. `within`: frame within the group. `luma`: the decoded image. `blocks`: the frame's
+ * block table, or null in the profile `planes`. */
 export function dequantize(
   setup: GroupSetup,
   tables: MotionTables | null,
@@ -97,10 +92,8 @@ function normalize(quats: Float32Array): void {
 
 const SWEEPS = 3;
 
-/**
- * From shapes (xx, yy, zz at 1 to 3 of each quaternion, xy, xz, yz in the scales) to rotations and scales within the blocks:
- * Jacobi rotations, as in studio/stream/shapes.py.
- */
+/** From shapes (xx, yy, zz at 1 to 3 of each quaternion, xy, xz, yz in the scales) to rotations and scales within the blocks:
+ * Jacobi rotations, as in studio/stream/shapes.py. */
 function findAxes(quats: Float32Array, scales: Float32Array): void {
   // Entry (p, q) is at 2 + p + q, entry (p, p) at p.
   const shape = new Float64Array(6);

@@ -55,11 +55,8 @@ export class GroupStore {
   private replaced = false;
   private playing = false;
 
-  /**
-   * @param checked - makes a context around what is read of a group
-   * @param changed - called after a group was fetched
-   * @param improved - called after a group was fetched again in a better rendition
-   */
+  /** `checked`: makes a context around what is read of a group. `changed`: called after a group was fetched. `improved`:
+   * called after a group was fetched again in a better rendition. */
   constructor(
     private readonly groups: GroupTable,
     private readonly choice: Choice,
@@ -102,11 +99,8 @@ export class GroupStore {
     void this.fetchAhead();
   }
 
-  /**
-   * A group, whose files may still be arriving.
-   *
-   * @throws StreamError - its page of the index is damaged, this device cannot draw it, or it has failed before
-   */
+  /** A group, whose files may still be arriving. StreamError: its page of the index is damaged, this device cannot draw it,
+   * or it has failed before. */
   get(group: number): Promise<Fetched> {
     const kept = this.files.get(group);
     if (kept !== undefined) {
@@ -173,11 +167,7 @@ export class GroupStore {
     return fetched;
   }
 
-  /**
-   * Fetches a group again in a better rendition; a failure leaves it as it is.
-   *
-   * @param wanted - position of the rendition
-   */
+  /** Fetches a group again in a better rendition; a failure leaves it as it is. `wanted`: position of the rendition. */
   private async improve(index: number, wanted: number): Promise<void> {
     try {
       const group = await this.choose(index, wanted);
@@ -249,11 +239,9 @@ export class GroupStore {
     return null;
   }
 
-  /**
-   * Once enough is fetched: a group that playback began with in a low rendition, and the rendition for it. While paused,
-   * the group on the screen in the best one; in a loop that is in memory as a whole, every group in the best one; else
-   * groups that are not due soon, in what the connection sustains.
-   */
+  /** Once enough is fetched: a group that playback began with in a low rendition, and the rendition for it. While paused, the
+   * group on the screen in the best one; in a loop that is in memory as a whole, every group in the best one; else groups
+   * that are not due soon, in what the connection sustains. */
   private nextToImprove(): readonly [group: number, rendition: number] | null {
     const { rule, rates, ids, fps } = this.choice;
     if (rule === null || savesData()) return null;

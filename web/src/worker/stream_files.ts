@@ -20,11 +20,8 @@ export class StreamFiles {
   /** @param name - of the manifest in the source */
   constructor(readonly source: Source, private readonly name: string, private readonly signal: AbortSignal) {}
 
-  /**
-   * Reads the manifest, from what the page has begun to fetch if that is usable.
-   *
-   * @throws StreamError - it is missing, damaged, or not a manifest
-   */
+  /** Reads the manifest, from what the page has begun to fetch if that is usable. StreamError: it is missing, damaged, or not
+   * a manifest. */
   async manifest(early: EarlyFiles | null = null): Promise<Manifest> {
     const given = early === null ? null : await earlyManifest(early);
     const data = given ?? (await this.source.readAll(this.name, MAX_MANIFEST_BYTES, this.signal));

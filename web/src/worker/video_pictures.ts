@@ -1,7 +1,5 @@
-/**
- * Decodes luma with a <video> element if WebCodecs is unavailable: on insecure pages, and in browsers without it. The
- * element is on the page; this requests its images.
- */
+/** Decodes luma with a <video> element if WebCodecs is unavailable: on insecure pages, and in browsers without it. The
+ * element is on the page; this requests its images. */
 
 import type { Packet } from "./demux.ts";
 import type { VideoReply, VideoRequest } from "./messages.ts";

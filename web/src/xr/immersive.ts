@@ -1,7 +1,5 @@
-/**
- * A WebXR session: VR (the stream stands on the floor) or AR (it is placed on a surface). Both eyes are rendered
- * into an XRWebGLLayer. One sort, from the center of the head, serves both.
- */
+/** A WebXR session: VR (the stream stands on the floor) or AR (it is placed on a surface). Both eyes are rendered into an
+ * XRWebGLLayer. One sort, from the center of the head, serves both. */
 
 import type { Pinhole } from "../render/camera.ts";
 import { Renderer } from "../render/renderer.ts";

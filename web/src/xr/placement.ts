@@ -70,12 +70,8 @@ export class Placement {
     this.scale = Math.max(SMALLEST / height, Math.min(LARGEST / height, this.scale * factor));
   }
 
-  /**
-   * The camera, in world units of the stream, of an eye in the room.
-   *
-   * @param view - room to eye (OpenGL axes)
-   * @param projection - OpenGL projection; may be off-center
-   */
+  /** The camera, in world units of the stream, of an eye in the room. `view`: room to eye (OpenGL axes). `projection`: OpenGL
+   * projection; may be off-center. */
   pinhole(view: Matrix, projection: Matrix, width: number, height: number): Pinhole {
     const { axes, floor } = this.footing;
     const [c, s] = [Math.cos(this.turn), Math.sin(this.turn)];
