@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,19 +14,10 @@ from pipelines.config.loading import dump_config, load_config, read_yaml
 from pipelines.takes.atomic_files import write_text
 from studio.bounded_files import read_bounded_text
 from studio.errors import StudioError, reason_of
-from studio.yaml_text import YamlError, dump_with_comments, parse_with_comments
+from studio.yaml_text import YamlError, dump_with_comments, parse_with_comments, parse_yaml
 
 if TYPE_CHECKING:
     from pipelines.config import Config
-
-MAX_BYTES = 1_000_000
-"""Larger files are refused: settings take a few kilobytes."""
-
-MAX_DEPTH = 30
-"""Deepest nesting of mappings and lists."""
-
-MAX_NODES = 100_000
-"""Values in a file, with every alias expanded: stops "billion laughs" files."""
 
 _FIX = "Fix the file, or write a new one with `v3studio config > FILE`."
 
@@ -56,7 +48,7 @@ def changed_text(path: Path, values: Mapping[str, Any]) -> str | None:
             if not isinstance(found, dict):
                 found = target[section] = type(tree)()
             target = found
-        if last not in target or _plain(target[last]) != value:
+        if last not in target or json.loads(json.dumps(target[last], default=str)) != value:
             target[last] = value
             changed = True
     return dump_with_comments(tree) if changed else None
@@ -87,8 +79,6 @@ def _leaves(config: BaseModel, prefix: str = "") -> Iterator[tuple[str, Any]]:
 
 def _read(path: Path) -> str:
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise _refused(path, f"larger than {MAX_BYTES:,} bytes")
         return read_bounded_text(path)
     except (OSError, UnicodeDecodeError) as error:
         raise StudioError("settings.unreadable", f"cannot be read ({reason_of(error)})", file=path, fix=_FIX) from None
@@ -97,71 +87,14 @@ def _read(path: Path) -> str:
 def _parse(text: str, path: Path) -> Any:
     from ruamel.yaml.comments import CommentedMap
 
-    _check_depth(text, path)
     try:
+        parse_yaml(text)  # refuses what contains itself, which the tree would silently leave out
         tree = parse_with_comments(text)
     except YamlError as error:
-        raise _refused(path, str(error), line=error.line) from None
+        raise StudioError("settings.not_yaml", str(error), file=path, fix=_FIX, line=error.line) from None
     if tree is None:
         return CommentedMap()
     if not isinstance(tree, CommentedMap):
-        raise _refused(path, "expected sections such as 'capture:' and 'train:'")
-    _count(tree, path)
+        problem = "expected sections such as 'capture:' and 'train:'"
+        raise StudioError("settings.not_yaml", problem, file=path, fix=_FIX)
     return tree
-
-
-def _check_depth(text: str, path: Path) -> None:
-    """Check for deep nesting and recursive anchors in the parser's events: building the tree would exhaust the stack
-    on the former and silently drops the latter."""
-    from ruamel.yaml import YAML
-    from ruamel.yaml.error import YAMLError
-    from ruamel.yaml.events import AliasEvent, MappingEndEvent, MappingStartEvent, SequenceEndEvent, SequenceStartEvent
-
-    anchors: list[str | None] = []  # of the mappings and lists that are open
-    try:
-        for event in YAML(typ="safe", pure=True).parse(text):
-            if isinstance(event, (MappingStartEvent, SequenceStartEvent)):
-                anchors.append(event.anchor)
-                if len(anchors) > MAX_DEPTH:
-                    raise _refused(path, f"nested deeper than {MAX_DEPTH} levels")
-            elif isinstance(event, (MappingEndEvent, SequenceEndEvent)):
-                anchors.pop()
-            elif isinstance(event, AliasEvent) and event.anchor in anchors:
-                raise _refused(path, f"the anchor '{event.anchor}' contains itself")
-    except YAMLError:
-        return  # reported with its line when the tree is built
-
-
-def _count(tree: Any, path: Path) -> None:
-    """Count values with aliases expanded."""
-    sizes: dict[int, int] = {}
-
-    def size(value: Any) -> int:
-        if not isinstance(value, (dict, list)):
-            return 1
-        if id(value) not in sizes:
-            items = value.values() if isinstance(value, dict) else value
-            sizes[id(value)] = 1 + sum(size(item) for item in items)
-        return sizes[id(value)]
-
-    if size(tree) > MAX_NODES:
-        raise _refused(path, f"more than {MAX_NODES:,} values with aliases expanded")
-
-
-def _refused(path: Path, problem: str, **fields: Any) -> StudioError:
-    return StudioError("settings.not_yaml", problem, file=path, fix=_FIX, **fields)
-
-
-def _plain(value: Any) -> Any:
-    """A value without ruamel's own types, for comparing."""
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    if isinstance(value, bool) or value is None:
-        return value
-    if isinstance(value, int):
-        return int(value)
-    if isinstance(value, float):
-        return float(value)
-    return str(value)

@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from pipelines.config import load_config
-from pipelines.takes.settings_file import MAX_BYTES, save_config, set_settings
+from pipelines.takes.settings_file import save_config, set_settings
+from studio.yaml_text import BOUNDS
 from tests.support.errors import refuses
 
 TEXT = """\
@@ -49,7 +50,7 @@ BOMB = "a0: &a0 [x, x]\n" + "".join(f"a{n}: &a{n} [*a{n - 1}, *a{n - 1}]\n" for 
 
 @pytest.mark.parametrize(
     "hostile",
-    [BOMB, "a: " + "[" * 200 + "]" * 200, "a: " + "[" * 50_000, "a: &a [*a]", "x" * (MAX_BYTES + 1), "a: [1"],
+    [BOMB, "a: " + "[" * 200 + "]" * 200, "a: " + "[" * 50_000, "a: &a [*a]", "x" * (BOUNDS.size + 1), "a: [1"],
     ids=["aliases", "nested", "unclosed", "recursive", "large", "syntax"],
 )
 def test_hostile_files_are_refused_and_stay(file: Path, hostile: str) -> None:
