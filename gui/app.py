@@ -57,11 +57,8 @@ def check_display() -> str:
 
     if sys.platform.startswith("linux"):
         if not os.environ.get("DISPLAY") and not os.environ.get("WAYLAND_DISPLAY"):
-            raise StudioError(
-                "gui.no_display",
-                "the window needs a display and DISPLAY is not set",
-                fix="Start it from a desktop session.",
-            )
+            fix = "Start it from a desktop session."
+            raise StudioError("gui.no_display", "the window needs a display and DISPLAY is not set", fix=fix)
         if os.environ.get("DISPLAY"):
             # GLFW would choose Wayland if both are available, but Filament draws through X11.
             os.environ["XDG_SESSION_TYPE"] = "x11"

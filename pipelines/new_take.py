@@ -97,12 +97,8 @@ class NewTake:
         except ValueError:
             rate = 0.0
         if not 0 < rate < MOST_FPS:
-            raise StudioError(
-                "take.bad_rate",
-                f"'{typed}' is not a frame rate",
-                value=typed,
-                fix=f"Type frames per second above 0 and below {MOST_FPS}, such as 25.",
-            )
+            fix = f"Type frames per second above 0 and below {MOST_FPS}, such as 25."
+            raise StudioError("take.bad_rate", f"'{typed}' is not a frame rate", value=typed, fix=fix)
         return rate
 
     def _chosen(self) -> Config:
@@ -171,11 +167,8 @@ class NewTake:
         if not where:
             raise StudioError("take.no_folder", "no take folder selected", fix="Choose a folder for the take.")
         if is_address(where):
-            raise StudioError(
-                "take.no_folder",
-                "a new take needs a folder on this machine",
-                fix="Choose one; several machines can share it (docs/guides/cluster.md).",
-            )
+            fix = "Choose one; several machines can share it (docs/guides/cluster.md)."
+            raise StudioError("take.no_folder", "a new take needs a folder on this machine", fix=fix)
         root = Path(where).expanduser().absolute()
         if (root / "take.json").exists():
             raise StudioError("take.exists", "already a take", file=root, fix="Open it, or choose another folder.")
@@ -232,9 +225,7 @@ def make_sample_take() -> tuple[Path, bool]:
         return take, False
     settings = sample_settings()
     if settings is None:
-        raise StudioError(
-            "take.no_sample",
-            "the sample capture is not there: only the source of V3 Studio has it",
-            fix="Start the window from a copy of the source, or use your own footage.",
-        )
+        problem = "the sample capture is not there: only the source of V3 Studio has it"
+        fix = "Start the window from a copy of the source, or use your own footage."
+        raise StudioError("take.no_sample", problem, fix=fix)
     return NewTake(settings=str(settings), take=str(take)).create(), True

@@ -14,12 +14,8 @@ def check_output(out: Path, overwrite: bool, ours: Callable[[Path], bool]) -> No
     if not os.path.lexists(out) or _is_empty(out):
         return
     if out.is_symlink() or not ours(out):
-        raise StudioError(
-            "output.not_ours",
-            "exists and is not an earlier output of this command",
-            file=out,
-            fix="Choose another name, or delete it.",
-        )
+        fix = "Choose another name, or delete it."
+        raise StudioError("output.not_ours", "exists and is not an earlier output of this command", file=out, fix=fix)
     if not overwrite:
         raise StudioError(
             "output.exists", "already exists", file=out, fix="Choose another name, or add --overwrite to replace it."

@@ -342,13 +342,8 @@ class Rig:
         for camera in self.cameras:
             if camera.name == name:
                 return camera
-        raise StudioError(
-            "camera.unknown",
-            f"no camera named '{name}'; the rig has {', '.join(self.names)}",
-            value=name,
-            camera=name,
-            expected=list(self.names),
-        )
+        problem = f"no camera named '{name}'; the rig has {', '.join(self.names)}"
+        raise StudioError("camera.unknown", problem, value=name, camera=name, expected=list(self.names))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -379,13 +374,8 @@ class Rig:
 
 def duplicate_name(camera: str) -> StudioError:
     """The error for two cameras of one name (camera.duplicate_name)."""
-    return StudioError(
-        "camera.duplicate_name",
-        f"two cameras are named '{camera}'",
-        value=camera,
-        fix="Use unique camera names.",
-        camera=camera,
-    )
+    problem = f"two cameras are named '{camera}'"
+    return StudioError("camera.duplicate_name", problem, value=camera, fix="Use unique camera names.", camera=camera)
 
 
 def focal_length_error(camera: str, value: float) -> StudioError:

@@ -137,12 +137,8 @@ class Gaussians:
         (gaussians.missing_attribute) or has the wrong shape, or the dilation is not one number or out of bounds."""
         missing = [name for name in ATTRIBUTES if name not in tensors]
         if missing:
-            raise StudioError(
-                "gaussians.missing_attribute",
-                f"these attributes of the Gaussians are missing: {', '.join(missing)}",
-                value=missing,
-                expected=list(ATTRIBUTES),
-            )
+            problem = f"these attributes of the Gaussians are missing: {', '.join(missing)}"
+            raise StudioError("gaussians.missing_attribute", problem, value=missing, expected=list(ATTRIBUTES))
         stored = tensors.get("dilation")
         dilation = DILATION if stored is None else float(stored) if stored.numel() == 1 else math.nan
         return cls(**{name: tensors[name] for name in ATTRIBUTES}, dilation=dilation)

@@ -23,21 +23,14 @@ def check_image_pair(image: Tensor, target: Tensor) -> None:
     """StudioError (`metrics.image_shape`) unless both are non-empty (H, W, 3) tensors of the same size."""
     if image.shape != target.shape or image.ndim != 3 or image.shape[-1] != 3 or image.numel() == 0:
         shapes = (tuple(image.shape), tuple(target.shape))
-        raise StudioError(
-            "metrics.image_shape",
-            f"the images have shapes {shapes[0]} and {shapes[1]}; expected (H, W, 3) and the same size for both",
-            value=shapes,
-        )
+        problem = f"the images have shapes {shapes[0]} and {shapes[1]}; expected (H, W, 3) and the same size for both"
+        raise StudioError("metrics.image_shape", problem, value=shapes)
 
 
 def _check_mask(mask: Tensor, size: tuple[int, ...]) -> None:
     if mask.shape != size:
-        raise StudioError(
-            "metrics.mask_shape",
-            f"the mask has shape {tuple(mask.shape)}; expected {tuple(size)}",
-            value=tuple(mask.shape),
-            expected=tuple(size),
-        )
+        problem = f"the mask has shape {tuple(mask.shape)}; expected {tuple(size)}"
+        raise StudioError("metrics.mask_shape", problem, value=tuple(mask.shape), expected=tuple(size))
     if not mask.sum() > 0:
         raise StudioError("metrics.mask_empty", "the mask is empty")
 

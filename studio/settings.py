@@ -126,12 +126,9 @@ class Settings(BaseModel):
         __init__.__pydantic_base_init__ = True
 
         def __setattr__(self, name: str, value: Any) -> None:
-            raise StudioError(
-                "settings.immutable",
-                f"{type(self).__name__}.{name} cannot be assigned, because settings are immutable",
-                fix=f"Use .replace({name}=...), which returns a copy.",
-                setting=name,
-            )
+            problem = f"{type(self).__name__}.{name} cannot be assigned, because settings are immutable"
+            fix = f"Use .replace({name}=...), which returns a copy."
+            raise StudioError("settings.immutable", problem, fix=fix, setting=name)
 
     affects: ClassVar[Affects | None] = None
     """Results affected by fields without their own `Affects`. None: those of the field that contains the model."""

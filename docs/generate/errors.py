@@ -71,7 +71,8 @@ def sites(source: str) -> Iterator[Site]:
 
 
 def _sites(module: ast.Module, known: Mapping[str, ast.expr]) -> Iterator[Site]:
-    """The same, with the values of constants."""
+    """The same, with the values of constants, and of `problem` and `fix` where they are set just before."""
+    named = {id(part): words for statement, words in _named(module) for part in ast.walk(statement)}
     for node in ast.walk(module):
         if not isinstance(node, ast.Call) or not node.args:
             continue
@@ -81,8 +82,21 @@ def _sites(module: ast.Module, known: Mapping[str, ast.expr]) -> Iterator[Site]:
         keywords = {keyword.arg: keyword.value for keyword in node.keywords if keyword.arg}
         problem = node.args[1] if len(node.args) > 1 else keywords.get("problem")
         if problem is not None and ast.unparse(node.func).endswith(MAKERS):
-            fix = _text(keywords["fix"], known) if "fix" in keywords else ""
-            yield Site(first.value, _text(problem, known), fix)
+            words = {**known, **named.get(id(node), {})}
+            fix = _text(keywords["fix"], words) if "fix" in keywords else ""
+            yield Site(first.value, _text(problem, words), fix)
+
+
+def _named(module: ast.Module) -> Iterator[tuple[ast.stmt, dict[str, ast.expr]]]:
+    """Statements that raise or return, with the `problem` and the `fix` that their block has named before."""
+    for node in ast.walk(module):
+        for name in ("body", "orelse", "finalbody"):
+            words: dict[str, ast.expr] = {}
+            for statement in found if isinstance(found := getattr(node, name, None), list) else ():
+                if isinstance(statement, ast.Assign) and ast.unparse(statement.targets[0]) in ("problem", "fix"):
+                    words[ast.unparse(statement.targets[0])] = statement.value
+                elif isinstance(statement, (ast.Raise, ast.Return)):
+                    yield statement, words
 
 
 def _constants(module: ast.Module) -> dict[str, ast.expr]:

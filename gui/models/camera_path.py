@@ -144,12 +144,9 @@ class PathEditor:
         found = []
         for number, (key, frame) in enumerate(zip(self.keys, self.frames, strict=True), 1):
             if frame is None:
-                raise StudioError(
-                    "camera_path.frame_missing",
-                    f"view {number} of the camera path shows frame {key.frame}, which the take does not have",
-                    value=key.frame,
-                    fix="Drag its diamond on the timeline to another frame, or remove this view.",
-                )
+                problem = f"view {number} of the camera path shows frame {key.frame}, which the take does not have"
+                fix = "Drag its diamond on the timeline to another frame, or remove this view."
+                raise StudioError("camera_path.frame_missing", problem, value=key.frame, fix=fix)
             found.append(Key(key.time, reframed(key.camera, width, height), float(frame), key.easing))
         return found
 

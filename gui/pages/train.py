@@ -151,11 +151,8 @@ class TrainView(StageView):
         if take is None or context is None:
             raise StudioError("gui.no_take", "no take is open", fix="Open a take.")
         if not take.rig.is_file():
-            raise StudioError(
-                "take.no_cameras",
-                "no trained frames and no cameras yet",
-                fix="They appear here as Train and the stages before it run.",
-            )
+            fix = "They appear here as Train and the stages before it run."
+            raise StudioError("take.no_cameras", "no trained frames and no cameras yet", fix=fix)
         footage = context.footage.trained
         held_out = footage.measured_cameras
         run = self.workspace.run

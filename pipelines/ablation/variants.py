@@ -53,12 +53,8 @@ def chosen(names: Sequence[str]) -> tuple[Variant, ...]:
     known = {variant.name: variant for variant in (*VARIANTS, *OPTIONS)}
     for name in names:
         if name not in known:
-            raise StudioError(
-                "ablation.unknown_variant",
-                f"unknown variant '{name}'",
-                value=name,
-                fix=f"Available: {', '.join(known)}.",
-                expected=list(known),
-            )
+            problem = f"unknown variant '{name}'"
+            fix = f"Available: {', '.join(known)}."
+            raise StudioError("ablation.unknown_variant", problem, value=name, fix=fix, expected=list(known))
     wanted = {FULL, *(names or [variant.name for variant in VARIANTS])}
     return tuple(variant for variant in known.values() if variant.name in wanted)

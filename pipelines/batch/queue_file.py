@@ -118,13 +118,9 @@ class QueueFile:
         def added(queue: Queue) -> Queue:
             for other in queue.takes:
                 if other.take == take.absolute() and other.state in ("waiting", "running"):
-                    raise StudioError(
-                        "queue.duplicate",
-                        f"the take is in the queue already, with number {other.number}",
-                        file=take,
-                        value=other.number,
-                        fix=f"To change its settings, first run `v3studio queue remove {other.number}`.",
-                    )
+                    problem = f"the take is in the queue already, with number {other.number}"
+                    fix = f"To change its settings, first run `v3studio queue remove {other.number}`."
+                    raise StudioError("queue.duplicate", problem, file=take, value=other.number, fix=fix)
             number = queue.last_number + 1
             entry = QueuedTake(
                 number=number,
@@ -154,12 +150,8 @@ class QueueFile:
         def removed(queue: Queue) -> Queue:
             entry = _entry(queue, number)
             if entry.state == "running" and self.is_run():
-                raise StudioError(
-                    "queue.running",
-                    f"take {number} is running",
-                    value=number,
-                    fix="First run `v3studio queue stop`.",
-                )
+                fix = "First run `v3studio queue stop`."
+                raise StudioError("queue.running", f"take {number} is running", value=number, fix=fix)
             found.append(entry)
             return queue.model_copy(update={"takes": tuple(e for e in queue.takes if e.number != number)})
 
@@ -172,12 +164,9 @@ class QueueFile:
         def moved(queue: Queue) -> Queue:
             entry = _entry(queue, number)
             if entry.state != "waiting":
-                raise StudioError(
-                    "queue.not_waiting",
-                    f"take {number} is {entry.state}; only takes that wait can be moved",
-                    value=number,
-                    fix="`v3studio queue list` shows the states.",
-                )
+                problem = f"take {number} is {entry.state}; only takes that wait can be moved"
+                fix = "`v3studio queue list` shows the states."
+                raise StudioError("queue.not_waiting", problem, value=number, fix=fix)
             rest = [e for e in queue.takes if e.number != number]
             waiting = [index for index, e in enumerate(rest) if e.state == "waiting"]
             before = max(place, 1) - 1
@@ -229,33 +218,23 @@ class QueueFile:
     def stop(self) -> int:
         """Stop the program that works through the queue, and return its process ID; its take waits again."""
         if not self.is_run():
-            raise StudioError(
-                "queue.not_run",
-                "the queue is not running",
-                file=self.path,
-                fix="`v3studio queue run` starts it.",
-            )
+            fix = "`v3studio queue run` starts it."
+            raise StudioError("queue.not_run", "the queue is not running", file=self.path, fix=fix)
         try:
             holder = json.loads(self._lock("run").read_text(encoding="utf-8"))
             pid, host = int(holder["pid"]), str(holder["host"])
         except (OSError, ValueError, KeyError, TypeError):
-            raise StudioError(
-                "queue.unknown_runner",
-                "a program that is starting or ending works through the queue",
-                file=self.path,
-                fix="Try again in a moment, or press Ctrl+C where it was started.",
-            ) from None
+            problem = "a program that is starting or ending works through the queue"
+            fix = "Try again in a moment, or press Ctrl+C where it was started."
+            raise StudioError("queue.unknown_runner", problem, file=self.path, fix=fix) from None
         try:
             if host != socket.gethostname():
                 raise PermissionError
             os.kill(pid, signal.SIGTERM)
         except OSError:
-            raise StudioError(
-                "queue.cannot_stop",
-                f"process {pid} on {host} works through the queue and cannot be stopped from here",
-                file=self.path,
-                fix="Stop it on that machine, as the user who started it.",
-            ) from None
+            problem = f"process {pid} on {host} works through the queue and cannot be stopped from here"
+            fix = "Stop it on that machine, as the user who started it."
+            raise StudioError("queue.cannot_stop", problem, file=self.path, fix=fix) from None
         return pid
 
     @contextlib.contextmanager
@@ -266,12 +245,9 @@ class QueueFile:
             file = self._lock("run").open("a")
         with file:
             if not lock_soon(file):
-                raise StudioError(
-                    "queue.already_run",
-                    "another program works through this queue",
-                    file=self.path,
-                    fix="`v3studio queue list` shows its progress.",
-                )
+                problem = "another program works through this queue"
+                fix = "`v3studio queue list` shows its progress."
+                raise StudioError("queue.already_run", problem, file=self.path, fix=fix)
             file.truncate(0)
             file.write(json.dumps({"pid": os.getpid(), "host": socket.gethostname()}))
             file.flush()
@@ -295,9 +271,5 @@ def _entry(queue: Queue, number: int) -> QueuedTake:
         if entry.number == number:
             return entry
     known = ", ".join(str(entry.number) for entry in queue.takes[:20])
-    raise StudioError(
-        "queue.unknown",
-        f"the queue has no take with number {number}",
-        value=number,
-        fix=f"It has {known}." if known else "It is empty.",
-    )
+    fix = f"It has {known}." if known else "It is empty."
+    raise StudioError("queue.unknown", f"the queue has no take with number {number}", value=number, fix=fix)

@@ -98,10 +98,6 @@ def _qps(text: str) -> list[int]:
             "--qps", f"--qps '{text}' is not a comma-separated list of integers", "Example: 12,16,20,24.", text
         ) from None
     if len(qps) < 4 or not all(0 <= qp <= 51 for qp in qps):
-        raise invalid_option(
-            "--qps",
-            f"--qps '{text}': comparing curves needs at least four QPs from 0 to 51",
-            "Example: 12,16,20,24.",
-            text,
-        )
+        problem = f"--qps '{text}': comparing curves needs at least four QPs from 0 to 51"
+        raise invalid_option("--qps", problem, "Example: 12,16,20,24.", text)
     return qps

@@ -54,19 +54,12 @@ def _board(arguments: argparse.Namespace) -> int:
     marker = arguments.marker if arguments.marker is not None else 0.75 * arguments.square
     # checked here in millimeters, as on the command line; `CalibrationTarget` uses meters
     if not 0 < arguments.square < 10_000:
-        raise invalid_option(
-            "--square",
-            f"--square {arguments.square:g} is not between 0 and 10000 mm",
-            "Specify the side of a square in millimeters; example: 60.",
-            arguments.square,
-        )
+        problem = f"--square {arguments.square:g} is not between 0 and 10000 mm"
+        fix = "Specify the side of a square in millimeters; example: 60."
+        raise invalid_option("--square", problem, fix, arguments.square)
     if arguments.kind == "charuco" and not 0 < marker < arguments.square:
-        raise invalid_option(
-            "--marker",
-            f"--marker {marker:g} is not between 0 and the side of a square, {arguments.square:g} mm",
-            "Specify the side of a marker in millimeters.",
-            marker,
-        )
+        problem = f"--marker {marker:g} is not between 0 and the side of a square, {arguments.square:g} mm"
+        raise invalid_option("--marker", problem, "Specify the side of a marker in millimeters.", marker)
     try:
         target = CalibrationTarget.model_validate(
             {

@@ -32,12 +32,9 @@ def _cancel(arguments: argparse.Namespace) -> int:
     until = time.monotonic() + _STOP_SECONDS
     while (now := take.running()) is not None and now.get("pid") == holder.get("pid", now.get("pid")):
         if time.monotonic() > until:
-            raise StudioError(
-                "run.not_stopped",
-                f"process {now.get('pid')} on {now.get('host')} was asked to stop, but is still running",
-                file=take.root,
-                fix="Look at it on that machine; a paused run stops when it is resumed.",
-            )
+            problem = f"process {now.get('pid')} on {now.get('host')} was asked to stop, but is still running"
+            fix = "Look at it on that machine; a paused run stops when it is resumed."
+            raise StudioError("run.not_stopped", problem, file=take.root, fix=fix)
         time.sleep(0.2)
     arguments.result = {"take": str(take.root), "pid": holder.get("pid"), "host": holder.get("host")}
     print_text(arguments, "The run was stopped.")

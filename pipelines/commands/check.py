@@ -150,12 +150,8 @@ def _check_stream(arguments: argparse.Namespace) -> int:
     from studio.stream import StreamReader, check_stream
 
     if arguments.remove:
-        raise invalid_option(
-            "--remove",
-            "--remove is for takes, whose files can be made again; this is a stream",
-            "Leave it out, or name the folder of the take.",
-            arguments.place,
-        )
+        problem = "--remove is for takes, whose files can be made again; this is a stream"
+        raise invalid_option("--remove", problem, "Leave it out, or name the folder of the take.", arguments.place)
     with working("check", json_output(arguments)) as report, StreamReader.open(stream_place(arguments.place)) as reader:
         found = check_stream(reader, report)
     arguments.result = asdict(found)

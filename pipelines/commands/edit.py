@@ -199,13 +199,9 @@ def _trim(arguments: argparse.Namespace) -> str:
     first, last = frames[0] if start is None else start, frames[-1] if stop is None else stop - 1
     outside = [frame for frame in (first, last) if frames and not frames[0] <= frame <= frames[-1]]
     if outside:
-        raise invalid_option(
-            "A:B",
-            f"the take has no frame {outside[0]}",
-            f"It has frames {frames[0]} to {frames[-1]}.",
-            outside[0],
-            expected=[frames[0], frames[-1]],
-        )
+        problem = f"the take has no frame {outside[0]}"
+        fix = f"It has frames {frames[0]} to {frames[-1]}."
+        raise invalid_option("A:B", problem, fix, outside[0], expected=[frames[0], frames[-1]])
     return _change(take, "trim", {"first": first, "last": last})
 
 
@@ -254,13 +250,9 @@ def _up(take: Take, edits: EditList) -> np.ndarray:
         found: np.ndarray = up / np.linalg.norm(up)
         return found
     if not take.rig.is_file():
-        raise StudioError(
-            "edits.no_up",
-            "the take has no cameras yet, so it is not known where up is",
-            file=take.root,
-            fix="Run `v3studio calibrate`, or set it with `v3studio edit world TAKE --up X Y Z`.",
-            stage="calibrate",
-        )
+        problem = "the take has no cameras yet, so it is not known where up is"
+        fix = "Run `v3studio calibrate`, or set it with `v3studio edit world TAKE --up X Y Z`."
+        raise StudioError("edits.no_up", problem, file=take.root, fix=fix, stage="calibrate")
     return read_rig(take.rig).up
 
 
@@ -285,19 +277,13 @@ def _world(arguments: argparse.Namespace) -> str:
     measured = [arguments.from_point, arguments.to_point, arguments.distance]
     if any(one is not None for one in measured):
         if any(one is None for one in measured) or arguments.scale is not None:
-            raise invalid_option(
-                "--distance",
-                "--from, --to and --distance are used together, and without --scale",
-                "Example: --from 0 0 0 --to 0 1.1 0 --distance 1.8.",
-            )
+            problem = "--from, --to and --distance are used together, and without --scale"
+            raise invalid_option("--distance", problem, "Example: --from 0 0 0 --to 0 1.1 0 --distance 1.8.")
         apart = float(np.linalg.norm(np.subtract(arguments.to_point, arguments.from_point)))
         if not (apart > 0 and arguments.distance > 0):
-            raise invalid_option(
-                "--distance",
-                "the two points are the same, or their distance is not above 0",
-                "Specify two different points and a distance above 0.",
-                arguments.distance,
-            )
+            problem = "the two points are the same, or their distance is not above 0"
+            fix = "Specify two different points and a distance above 0."
+            raise invalid_option("--distance", problem, fix, arguments.distance)
         values["scale"] = arguments.distance / apart
     elif arguments.scale is not None:
         values["scale"] = arguments.scale
@@ -312,12 +298,9 @@ def _region(arguments: argparse.Namespace) -> str:
     try:
         values = parse_json(read_bounded(arguments.file))
     except (OSError, TextError) as error:
-        raise StudioError(
-            "edits.region_unreadable",
-            f"cannot be read ({reason_of(error)})",
-            file=arguments.file,
-            fix="Specify a JSON file with one of the `regions` that `v3studio edit list TAKE --json` prints.",
-        ) from None
+        problem = f"cannot be read ({reason_of(error)})"
+        fix = "Specify a JSON file with one of the `regions` that `v3studio edit list TAKE --json` prints."
+        raise StudioError("edits.region_unreadable", problem, file=arguments.file, fix=fix) from None
     take = _take(arguments)
     regions = [*read_edits(take.edits).model_dump(mode="json")["regions"], values]
     return _change(take, "regions", regions, arguments.file)
@@ -359,12 +342,8 @@ def _remove(arguments: argparse.Namespace) -> str:
         )
     if arguments.number is not None:
         if name not in _MANY.values() or not 1 <= arguments.number <= len(getattr(edits, name)):
-            raise invalid_option(
-                "NUMBER",
-                f"there is no {singular(name)} {arguments.number}",
-                f"`v3studio edit list {shlex.quote(str(arguments.take))}` shows the numbers.",
-                arguments.number,
-            )
+            fix = f"`v3studio edit list {shlex.quote(str(arguments.take))}` shows the numbers."
+            raise invalid_option("NUMBER", f"there is no {singular(name)} {arguments.number}", fix, arguments.number)
         new = edits.without(name, arguments.number - 1)
         change_edits(take.edits, new, f"{singular(name)} {arguments.number} removed", edits)
     elif name == "all":

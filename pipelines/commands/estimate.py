@@ -104,11 +104,8 @@ def _inputs(arguments: argparse.Namespace, stack: ExitStack) -> Inputs:
 
     if not has_camera_file(inputs):
         calibrate = f"v3studio calibrate {source}" if is_take(source) else f"v3studio calibrate {source} --take DIR"
-        raise StudioError(
-            "estimate.no_cameras",
-            "the cameras are not known yet, and training cannot be rehearsed without them",
-            fix=f"Run `{calibrate}` first, then estimate the take.",
-        )
+        problem = "the cameras are not known yet, and training cannot be rehearsed without them"
+        raise StudioError("estimate.no_cameras", problem, fix=f"Run `{calibrate}` first, then estimate the take.")
     run(take, config, lambda event: None, stages=["calibrate"], command="v3studio estimate")
     return inputs
 

@@ -125,12 +125,8 @@ def register(commands: Any) -> None:
 def _export(arguments: argparse.Namespace) -> int:
     size = _size(arguments.size or _SIZE)
     if arguments.spz_version is not None and arguments.format != "spz":
-        raise invalid_option(
-            "--spz-version",
-            f"--format {arguments.format} has no --spz-version",
-            "Remove --spz-version.",
-            arguments.spz_version,
-        )
+        problem = f"--format {arguments.format} has no --spz-version"
+        raise invalid_option("--spz-version", problem, "Remove --spz-version.", arguments.spz_version)
     _check_path(arguments)
     from pipelines.takes.videos import decoded_video, is_take, open_reader, stream_numbers, trained_video
 
@@ -252,20 +248,12 @@ def _whole_stream(arguments: argparse.Namespace) -> int:
     for option in ("frames", "of", "sh_degree"):
         if getattr(arguments, option) not in (None, "decoded", ALL_FRAMES):
             name = f"--{option.replace('_', '-')}"
-            raise invalid_option(
-                name,
-                f"--format v3 has no {name}: the stream is written as it is",
-                f"Remove {name}.",
-                getattr(arguments, option),
-            )
+            problem = f"--format v3 has no {name}: the stream is written as it is"
+            raise invalid_option(name, problem, f"Remove {name}.", getattr(arguments, option))
     if arguments.out.suffix.lower() != SUFFIX:
-        raise invalid_option(
-            "--out",
-            f"--format v3 writes a {SUFFIX} file",
-            f"End the name with {SUFFIX}, by which players recognize it.",
-            arguments.out.suffix,
-            file=arguments.out,
-        )
+        problem = f"--format v3 writes a {SUFFIX} file"
+        fix = f"End the name with {SUFFIX}, by which players recognize it."
+        raise invalid_option("--out", problem, fix, arguments.out.suffix, file=arguments.out)
     _need_stream(arguments.source)
     replaced = replacing(arguments.out, arguments.overwrite, Path.is_file)
     with open_reader(arguments.source) as reader, replaced, new_file(arguments.out) as temporary:
@@ -283,13 +271,8 @@ def _need_stream(source: str) -> None:
     from pipelines.takes.videos import is_take
 
     if is_take(source) and not Take.open(Path(source).expanduser()).stream.is_dir():
-        raise StudioError(
-            "take.no_stream",
-            "this take has no stream yet",
-            file=source,
-            fix="Run `v3studio bake`, or export trained frames with --of trained.",
-            stage="bake",
-        )
+        fix = "Run `v3studio bake`, or export trained frames with --of trained."
+        raise StudioError("take.no_stream", "this take has no stream yet", file=source, fix=fix, stage="bake")
 
 
 def _sound(arguments: argparse.Namespace, stack: ExitStack, video: SplatVideo) -> Pcm | None:
@@ -343,12 +326,8 @@ def _frames(video: SplatVideo, arguments: argparse.Namespace, progress: Progress
     out: Path = arguments.out
     if arguments.format == "videogs":
         if arguments.axes == "viewer":
-            raise invalid_option(
-                "--axes",
-                "--axes viewer: the VideoGS layout supports only the axes of the capture",
-                "Remove --axes.",
-                "viewer",
-            )
+            problem = "--axes viewer: the VideoGS layout supports only the axes of the capture"
+            raise invalid_option("--axes", problem, "Remove --axes.", "viewer")
         export_videogs(video, out, qp=arguments.qp, progress=progress)
         return f", {counted(len(video.groups), 'group')}"
     chosen = EXPORTS[arguments.format]

@@ -38,12 +38,8 @@ def register(commands: Any) -> None:
 
 def _import(arguments: argparse.Namespace) -> int:
     if arguments.fps is not None and not 0 < arguments.fps <= 1000:
-        raise invalid_option(
-            "--fps",
-            f"--fps {arguments.fps:g} is not between 0 and 1000 frames per second",
-            "Example: 30.",
-            arguments.fps,
-        )
+        problem = f"--fps {arguments.fps:g} is not between 0 and 1000 frames per second"
+        raise invalid_option("--fps", problem, "Example: 30.", arguments.fps)
     up = None if arguments.up is None else _vector(arguments.up)
     from dataclasses import replace
 

@@ -76,13 +76,8 @@ def _renderer(manifest: Manifest, stream: str | Path) -> Callable[[Gaussians], o
 
     metadata = StreamMetadata.from_json(manifest.metadata)
     if metadata.suggested_camera is None:
-        raise StudioError(
-            "stream.no_camera",
-            "the stream has no suggested camera",
-            file=stream,
-            fix="Remove --render.",
-            option="--render",
-        )
+        problem = "the stream has no suggested camera"
+        raise StudioError("stream.no_camera", problem, file=stream, fix="Remove --render.", option="--render")
     camera = metadata.suggested_camera.undistorted()
     if camera.width * camera.height > _MOST_PIXELS:
         raise StudioError(

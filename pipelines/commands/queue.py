@@ -65,12 +65,8 @@ def _add(arguments: argparse.Namespace) -> int:
     source, take = arguments.source, arguments.take
     if take is None:
         if not is_take(source):
-            raise StudioError(
-                "command.no_take",
-                "no take is specified",
-                fix=f"Example: v3studio queue add {source} --take takes/first.",
-                option="--take",
-            )
+            fix = f"Example: v3studio queue add {source} --take takes/first."
+            raise StudioError("command.no_take", "no take is specified", fix=fix, option="--take")
         source, take = None, source
     read_settings(source, arguments.overrides, take=take)  # report invalid settings now, not overnight
     entry = _file(arguments).add(take, source, tuple(arguments.set))

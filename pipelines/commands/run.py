@@ -107,19 +107,11 @@ def _stage_parser(commands: Any, name: str, text: str) -> argparse.ArgumentParse
 
 def _no_take(source: Path | None) -> StudioError:
     if source is not None and not source.exists() and not is_address(source):
-        return StudioError(
-            "settings.file_not_found",
-            "no such file or folder",
-            file=source,
-            fix="Specify footage, a YAML file or a take, and --take DIR for a new take.",
-        )
+        fix = "Specify footage, a YAML file or a take, and --take DIR for a new take."
+        return StudioError("settings.file_not_found", "no such file or folder", file=source, fix=fix)
     name = "footage" if source is None else source
-    return StudioError(
-        "command.no_take",
-        "no take is specified",
-        fix=f"Example: v3studio run {name} --take takes/first.",
-        option="--take",
-    )
+    fix = f"Example: v3studio run {name} --take takes/first."
+    return StudioError("command.no_take", "no take is specified", fix=fix, option="--take")
 
 
 def _run(arguments: argparse.Namespace) -> int:
@@ -132,12 +124,8 @@ def _run(arguments: argparse.Namespace) -> int:
     source, folder = arguments.source, arguments.take
     if source is not None and is_take(source):
         if folder is not None:
-            raise invalid_option(
-                "--take",
-                "is the folder of a take, but --take is specified too",
-                "Specify one take; for a new take with the same settings, name its config.yaml.",
-                file=source,
-            )
+            fix = "Specify one take; for a new take with the same settings, name its config.yaml."
+            raise invalid_option("--take", "is the folder of a take, but --take is specified too", fix, file=source)
         source, folder = None, source
     if folder is None:
         raise _no_take(source)

@@ -117,9 +117,5 @@ def _check_address(address: str | None) -> None:
         return
     parts = urlsplit(address)
     if parts.scheme not in ("http", "https") or not parts.netloc or parts.query or parts.fragment:
-        raise invalid_option(
-            "--address",
-            f"--address '{address}' is not the http(s):// address of a folder",
-            "Example: https://example.org/walk/.",
-            address,
-        )
+        problem = f"--address '{address}' is not the http(s):// address of a folder"
+        raise invalid_option("--address", problem, "Example: https://example.org/walk/.", address)

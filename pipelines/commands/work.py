@@ -56,12 +56,9 @@ def _work(arguments: argparse.Namespace) -> int:
     from pipelines.takes.take import Take
 
     if (arguments.group is None) == (not arguments.print_commands):
-        raise StudioError(
-            "command.group_or_commands",
-            "specify either --group or --print-commands",
-            fix="Example: v3studio work takes/first --group 0.",
-            option="--group",
-        )
+        problem = "specify either --group or --print-commands"
+        fix = "Example: v3studio work takes/first --group 0."
+        raise StudioError("command.group_or_commands", problem, fix=fix, option="--group")
     take = Take.open(arguments.take)
     config = load_config(take.config, arguments.overrides)
     stages = tuple(arguments.stage or CHAIN)

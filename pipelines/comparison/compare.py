@@ -72,12 +72,9 @@ def compare(
         steady = step == 1
         if not frames:
             others = f"only {common[0]} to {common[-1]}" if common else "nor others"
-            raise StudioError(
-                "compare.no_common_frame",
-                f"the takes have no such frames in common, {others}",
-                value=str(folders[0]),
-                fix="Compare takes of the same footage, and frames that they have.",
-            )
+            problem = f"the takes have no such frames in common, {others}"
+            fix = "Compare takes of the same footage, and frames that they have."
+            raise StudioError("compare.no_common_frame", problem, value=str(folders[0]), fix=fix)
         closing.enter_context(_writable(out))
         shown = {frames[at] for at in np.linspace(0, len(frames) - 1, min(images, len(frames))).round().astype(int)}
         described = _protocol(protocol, takes, names, frames, footage or folders[0], lpips)
@@ -105,12 +102,9 @@ def compare(
         rows = [[each.takes[number] for each in compared] for number in range(len(takes))]
         if not all(any(one.cameras for one in found) for found in rows):
             finished.remove()
-            raise StudioError(
-                "compare.nothing_visible",
-                f"the mask is empty in all frames of {', '.join(names)}: nothing to measure",
-                fix="Name other cameras with --cameras A,B.",
-                option="--cameras",
-            )
+            problem = f"the mask is empty in all frames of {', '.join(names)}: nothing to measure"
+            fix = "Name other cameras with --cameras A,B."
+            raise StudioError("compare.nothing_visible", problem, fix=fix, option="--cameras")
         result = Comparison(
             protocol=described,
             takes=tuple(_result(take, found, names) for take, found in zip(takes, rows, strict=True)),

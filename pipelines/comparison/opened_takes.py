@@ -115,13 +115,9 @@ def _cameras(footage: TakeFootage, protocol: EvaluationProtocol, cameras: Sequen
     wanted = tuple(cameras) or protocol.cameras
     if not wanted:
         if not footage.calibrated.measured_cameras:
-            raise StudioError(
-                "compare.no_held_out",
-                "no camera with masks is held out, so nothing measures new views",
-                file=footage.take.root,
-                fix="Name the cameras to measure with --cameras A,B.",
-                option="--cameras",
-            )
+            problem = "no camera with masks is held out, so nothing measures new views"
+            fix = "Name the cameras to measure with --cameras A,B."
+            raise StudioError("compare.no_held_out", problem, file=footage.take.root, fix=fix, option="--cameras")
         return footage.calibrated.measured_cameras
     names = []
     for one in wanted:

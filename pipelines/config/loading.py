@@ -24,13 +24,9 @@ def parse_override(text: str) -> tuple[str, Any]:
     name, equals, value = text.partition("=")
     name = name.strip().replace("-", "_")
     if not equals or "." not in name:
-        raise StudioError(
-            "settings.override_syntax",
-            f"'{text}' is not of the form section.name=value",
-            file=COMMAND_LINE,
-            value=text,
-            fix="Example: train.max_splats=20000.",
-        )
+        problem = f"'{text}' is not of the form section.name=value"
+        fix = "Example: train.max_splats=20000."
+        raise StudioError("settings.override_syntax", problem, file=COMMAND_LINE, value=text, fix=fix)
     field = field_named(Config, name)
     text_only = _is_text(field)
     try:
@@ -41,13 +37,9 @@ def parse_override(text: str) -> tuple[str, Any]:
     except YamlError:
         if text_only:
             return name, value.strip()
-        raise StudioError(
-            "settings.override_syntax",
-            f"the value of {name}, '{value}', is not valid YAML",
-            value=value,
-            fix="Quote it if it is text.",
-            setting=name,
-        ) from None
+        problem = f"the value of {name}, '{value}', is not valid YAML"
+        fix = "Quote it if it is text."
+        raise StudioError("settings.override_syntax", problem, value=value, fix=fix, setting=name) from None
 
 
 def _is_text(field: FieldInfo | None) -> bool:
@@ -75,14 +67,9 @@ def load_config(path: Path | str | None, overrides: Iterable[tuple[str, Any]] = 
         for section in sections:
             found = target.setdefault(section, {})
             if not isinstance(found, dict):
-                raise StudioError(
-                    "settings.unknown",
-                    f"unknown setting {name}: {section} is not a section",
-                    file=OVERRIDES,
-                    value=value,
-                    fix=nearest_sentence(Config, name),
-                    setting=name,
-                )
+                problem = f"unknown setting {name}: {section} is not a section"
+                fix = nearest_sentence(Config, name)
+                raise StudioError("settings.unknown", problem, file=OVERRIDES, value=value, fix=fix, setting=name)
             target = found
         target[last] = value
         given.add(name)
@@ -114,12 +101,8 @@ def read_yaml(path: Path) -> JsonObject:
     if values is None:
         return {}
     if not isinstance(values, dict):
-        raise StudioError(
-            "settings.not_yaml",
-            f"expected sections such as 'capture:' and 'train:', found {type(values).__name__}",
-            file=path,
-            fix="Indent settings under their section.",
-        )
+        problem = f"expected sections such as 'capture:' and 'train:', found {type(values).__name__}"
+        raise StudioError("settings.not_yaml", problem, file=path, fix="Indent settings under their section.")
     # "train:" with everything under it commented out is an empty section
     return {name: {} if value is None else _as_written(name, value, plain.get(name)) for name, value in values.items()}
 

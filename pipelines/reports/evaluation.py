@@ -92,13 +92,9 @@ def update_marks(take: Take, groups: Sequence[Group]) -> bool:
     head, begin, rest = text.partition(_BEGIN)
     _, end, tail = rest.partition(_END)
     if not (begin and end):
-        raise StudioError(
-            "take.damaged",
-            "the report has no place for marks",
-            file=take.report,
-            fix=f"Run `v3studio evaluate --take {take.root} --force`.",
-            stage="evaluate",
-        )
+        problem = "the report has no place for marks"
+        fix = f"Run `v3studio evaluate --take {take.root} --force`."
+        raise StudioError("take.damaged", problem, file=take.report, fix=fix, stage="evaluate")
     if _note_of(*_marks(take)) in text:
         return False  # plotting of a long take takes seconds
     new = head + _over_time(take, groups, read_evaluation(take.evaluation)) + tail

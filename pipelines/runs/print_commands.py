@@ -58,12 +58,9 @@ def _double_quoted(command: str) -> str:
     words = shlex.split(command)
     for word in words:
         if set(word) & set('"\\$`\n'):
-            raise StudioError(
-                "work.cannot_quote",
-                f"'{word}' cannot be part of a command for Deadline",
-                value=word,
-                fix='Use paths and settings without ", \\, $ and `.',
-            )
+            problem = f"'{word}' cannot be part of a command for Deadline"
+            fix = 'Use paths and settings without ", \\, $ and `.'
+            raise StudioError("work.cannot_quote", problem, value=word, fix=fix)
     return " ".join(word if shlex.quote(word) == word else f'"{word}"' for word in words)
 
 

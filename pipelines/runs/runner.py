@@ -115,12 +115,8 @@ def _known(stages: str | Iterable[str]) -> list[str]:
     wanted = (stages,) if isinstance(stages, str) else tuple(stages)
     for name in wanted:
         if name not in STAGE_NAMES:
-            raise StudioError(
-                "stage.unknown",
-                f"there is no stage named '{name}'",
-                value=name,
-                fix=f"The stages are {', '.join(STAGE_NAMES)}.",
-            )
+            fix = f"The stages are {', '.join(STAGE_NAMES)}."
+            raise StudioError("stage.unknown", f"there is no stage named '{name}'", value=name, fix=fix)
     return [name for name in STAGE_NAMES if name in wanted]
 
 

@@ -55,14 +55,9 @@ def work(
     with disk_errors(take.root):
         for stage in (stage for stage in GROUP_STAGES if stage.name in stages):
             if expected is not None and stage.group_code.group_key(inputs, chosen) != expected:
-                raise StudioError(
-                    "work.take_changed",
-                    f"the settings, the footage or earlier results of group {group} changed after the run began",
-                    file=take.root,
-                    fix="Run again.",
-                    group=group,
-                    stage=stage.name,
-                )
+                problem = f"the settings, the footage or earlier results of group {group} changed after the run began"
+                fix = "Run again."
+                raise StudioError("work.take_changed", problem, file=take.root, fix=fix, group=group, stage=stage.name)
             with memory_errors(stage.name):
                 reporter = StageReporter(stage.name, emit, cancellation or Cancellation(), clock)
                 worked = _work_on(stage, inputs, chosen, reporter)
@@ -75,13 +70,9 @@ def group_of(inputs: Inputs, index: int) -> Group:
     """The group of this number. Raises StudioError: `work.no_such_group`."""
     groups = known_groups(inputs)
     if not 0 <= index < len(groups):
-        raise StudioError(
-            "work.no_such_group",
-            f"there is no group {index}: the take has {counted(len(groups), 'group')}, numbered from 0",
-            file=inputs.take.root,
-            value=index,
-            fix=f"Choose 0 to {len(groups) - 1}.",
-        )
+        problem = f"there is no group {index}: the take has {counted(len(groups), 'group')}, numbered from 0"
+        fix = f"Choose 0 to {len(groups) - 1}."
+        raise StudioError("work.no_such_group", problem, file=inputs.take.root, value=index, fix=fix)
     return groups[index]
 
 

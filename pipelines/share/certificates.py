@@ -31,13 +31,9 @@ def load_certificate(certificate: Path, key: Path | None) -> Certificate:
         context.load_cert_chain(certificate, key, password="")
         first = ssl.PEM_cert_to_DER_cert(text[text.index(_BEGIN) : text.index(_END) + len(_END)])
     except (OSError, ValueError) as error:  # ssl.SSLError is an OSError
-        raise StudioError(
-            "serve.bad_certificate",
-            f"not a certificate with its private key ({reason_of(error)})",
-            file=certificate,
-            fix="Specify PEM files with --certificate and --key, the key without a password.",
-            key=key,
-        ) from error
+        problem = f"not a certificate with its private key ({reason_of(error)})"
+        fix = "Specify PEM files with --certificate and --key, the key without a password."
+        raise StudioError("serve.bad_certificate", problem, file=certificate, fix=fix, key=key) from error
     return Certificate(context, _fingerprint(first), made=False)
 
 

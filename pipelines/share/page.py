@@ -206,12 +206,8 @@ def read_view(text: str) -> str:
     except ValueError:
         values = []
     if len(values) not in (2, 3, 6) or not all(map(isfinite, values)) or (len(values) > 2 and values[2] <= 0):
-        raise StudioError(
-            "share.view",
-            f"'{text}' is not a view",
-            value=text,
-            fix="Specify azimuth and elevation in degrees: --view=30,10. A link from the player's Share has them.",
-        )
+        fix = "Specify azimuth and elevation in degrees: --view=30,10. A link from the player's Share has them."
+        raise StudioError("share.view", f"'{text}' is not a view", value=text, fix=fix)
     return ",".join(f"{value:g}" for value in values)
 
 

@@ -138,41 +138,23 @@ class _TimedHttp(H11Protocol):
 def listen(host: str, port: int) -> socket.socket:
     """Open a listening socket."""
     if not 0 <= port <= 65535:
-        raise StudioError(
-            "command.invalid_option",
-            f"--port {port}: not between 0 and 65535",
-            value=port,
-            fix="Example: 8000.",
-            option="--port",
-        )
+        problem = f"--port {port}: not between 0 and 65535"
+        raise StudioError("command.invalid_option", problem, value=port, fix="Example: 8000.", option="--port")
     try:
         family, *_ = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)[0]
         return socket.create_server((host, port), family=family, backlog=128)
     except socket.gaierror as error:
-        raise StudioError(
-            "serve.unknown_host",
-            f"unknown host '{host}' ({error.strerror})",
-            value=host,
-            fix="Specify an address of this machine with --host.",
-            option="--host",
-        ) from None
+        problem = f"unknown host '{host}' ({error.strerror})"
+        fix = "Specify an address of this machine with --host."
+        raise StudioError("serve.unknown_host", problem, value=host, fix=fix, option="--host") from None
     except OSError as error:
         if error.errno == errno.EADDRINUSE:
-            raise StudioError(
-                "serve.port_in_use",
-                f"port {port} is in use",
-                value=port,
-                fix="Specify another one with --port.",
-                option="--port",
-            ) from None
-        raise StudioError(
-            "serve.cannot_bind",
-            f"cannot listen on {host}, port {port} ({error.strerror})",
-            value=host,
-            fix="Specify another address with --host, or another port with --port.",
-            option="--host",
-            port=port,
-        ) from None
+            problem = f"port {port} is in use"
+            fix = "Specify another one with --port."
+            raise StudioError("serve.port_in_use", problem, value=port, fix=fix, option="--port") from None
+        problem = f"cannot listen on {host}, port {port} ({error.strerror})"
+        fix = "Specify another address with --host, or another port with --port."
+        raise StudioError("serve.cannot_bind", problem, value=host, fix=fix, option="--host", port=port) from None
 
 
 def server_config(app: ASGIApp, certificate: Certificate | None, **options: Any) -> uvicorn.Config:

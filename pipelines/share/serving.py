@@ -132,13 +132,9 @@ def prepare(
 
     streams = find_streams(folder)
     if text is not None and text.title is not None and len(streams) > 1:
-        raise StudioError(
-            "command.invalid_option",
-            f"--title is for one stream, but {folder} has {len(streams)}",
-            value=text.title,
-            fix="Serve one of them, or leave the option out.",
-            option="--title",
-        )
+        problem = f"--title is for one stream, but {folder} has {len(streams)}"
+        fix = "Serve one of them, or leave the option out."
+        raise StudioError("command.invalid_option", problem, value=text.title, fix=fix, option="--title")
     reviews = Reviews(secrets.token_urlsafe(_SECRET_BYTES), find_reviews(streams)) if review else None
     local = is_local(host)
     secret = secrets.token_urlsafe(_SECRET_BYTES) if (not local if token is None else token) else ""

@@ -74,13 +74,9 @@ def is_shared_folder(out: Path) -> bool:
     present = {path.relative_to(out).as_posix() for path in out.rglob("*") if not path.is_dir() or path.is_symlink()}
     strange = sorted(present - listed - {RECORD_NAME})
     if strange:
-        raise StudioError(
-            "output.not_ours",
-            f"is an earlier share, but holds files that are not part of it, {strange[0]} first",
-            file=out,
-            value=strange[0],
-            fix="Move them away, or choose another folder.",
-        )
+        problem = f"is an earlier share, but holds files that are not part of it, {strange[0]} first"
+        fix = "Move them away, or choose another folder."
+        raise StudioError("output.not_ours", problem, file=out, value=strange[0], fix=fix)
     return True
 
 

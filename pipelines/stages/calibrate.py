@@ -363,13 +363,9 @@ def _given(inputs: Inputs) -> Path | None:
         ways.insert(0, "capture.rig")
     if len(ways) > 1:
         names = [way if "." in way else f"calibrate.{way}" for way in ways]
-        raise StudioError(
-            "settings.conflict",
-            f"several camera sources are set: {' and '.join(names)}",
-            fix="Keep only one; capture.rig may be null.",
-            setting=names[0],
-            other=names[1],
-        )
+        problem = f"several camera sources are set: {' and '.join(names)}"
+        fix = "Keep only one; capture.rig may be null."
+        raise StudioError("settings.conflict", problem, fix=fix, setting=names[0], other=names[1])
     return None if ways and ways != ["capture.rig"] else camera_file(inputs.footage.capture)
 
 

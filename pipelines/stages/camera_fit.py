@@ -35,13 +35,9 @@ def check_first_points(take: Take, what: str) -> None:
     """Raise StudioError if the first group has no initial points. `what`: begins the sentence."""
     points = take.initialize_group(0) / "points.ply"
     if not points.is_file():
-        raise StudioError(
-            "training.no_first_points",
-            f"{what} the first group, which has no initial points yet",
-            file=points,
-            fix="Run `v3studio initialize`.",
-            stage="initialize",
-        )
+        problem = f"{what} the first group, which has no initial points yet"
+        fix = "Run `v3studio initialize`."
+        raise StudioError("training.no_first_points", problem, file=points, fix=fix, stage="initialize")
 
 
 def ensure_fitted(

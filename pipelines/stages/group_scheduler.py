@@ -56,13 +56,9 @@ def refuse_too_little_memory(inputs: Inputs) -> None:
         return
     needed, limit = memory_of_group(inputs), memory_limit()
     if needed > limit:
-        raise StudioError(
-            "train.too_little_memory",
-            f"training one group takes about {needed / 1e9:.1f} GB, and this process may use {limit / 1e9:.1f} GB",
-            value=needed,
-            fix="Allow more memory, set capture.scale, or use fewer cameras; run.groups_at_once: 1 tries it anyway.",
-            limit=limit,
-        )
+        problem = f"training one group takes about {needed / 1e9:.1f} GB, and this process may use {limit / 1e9:.1f} GB"
+        fix = "Allow more memory, set capture.scale, or use fewer cameras; run.groups_at_once: 1 tries it anyway."
+        raise StudioError("train.too_little_memory", problem, value=needed, fix=fix, limit=limit)
 
 
 def memory_of_group(inputs: Inputs) -> int:

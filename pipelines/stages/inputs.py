@@ -73,12 +73,7 @@ def choose_device(name: str) -> str:
         count = torch.cuda.device_count() if torch.cuda.is_available() else 0
         if int(name.partition(":")[2] or 0) >= count:
             found = f"torch found {count} GPUs, numbered from 0" if count else "torch found no GPU"
-            raise StudioError(
-                "run.no_gpu",
-                f"run.device is {name}, but {found}",
-                value=name,
-                fix="Set run.device to cpu or auto.",
-                setting="run.device",
-                gpus=count,
-            )
+            problem = f"run.device is {name}, but {found}"
+            fix = "Set run.device to cpu or auto."
+            raise StudioError("run.no_gpu", problem, value=name, fix=fix, setting="run.device", gpus=count)
     return name

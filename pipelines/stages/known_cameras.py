@@ -40,12 +40,9 @@ def known_cameras(section: CalibrateSettings, footage: Footage) -> Rig | None:
 
     if not section.known_cameras:
         if section.known in ("poses", "initial_poses"):
-            raise StudioError(
-                "settings.missing",
-                f"calibrate.known: {section.known} needs calibrate.known_cameras",
-                fix="Set calibrate.known_cameras to the earlier calibration.",
-                setting="calibrate.known_cameras",
-            )
+            problem = f"calibrate.known: {section.known} needs calibrate.known_cameras"
+            fix = "Set calibrate.known_cameras to the earlier calibration."
+            raise StudioError("settings.missing", problem, fix=fix, setting="calibrate.known_cameras")
         return None
     known = replace(
         read_rig(named_file(section, "known_cameras", footage.spec.root)), left_out=()

@@ -73,12 +73,9 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> T
     groups = inputs.groups
     footage = inputs.footage.calibrated
     if not footage.train_cameras:
-        raise StudioError(
-            "settings.no_training_camera",
-            "all cameras are held out; none are left to train on",
-            fix="Remove cameras from capture.held_out.",
-            setting="capture.held_out",
-        )
+        problem = "all cameras are held out; none are left to train on"
+        fix = "Remove cameras from capture.held_out."
+        raise StudioError("settings.no_training_camera", problem, fix=fix, setting="capture.held_out")
     finished = {group.index: _finished(inputs, group) for group in groups}
     done = {group.index for group in groups if group_done(inputs, group)}
     todo = [group for group in groups if group.index not in done]
@@ -253,12 +250,9 @@ def _keys_to_write(inputs: Inputs, group: Group) -> tuple[list[str], list[str]]:
     name other initial points, so a StudioError if it is missing, or a network file system does not show it here yet."""
     report = inputs.take.initialize_group(group.index) / "report.json"
     if not report.is_file():
-        raise StudioError(
-            "train.no_initial_points",
-            "the report of the group's initial points is missing, or this machine does not see it yet",
-            file=report,
-            fix="Run again. If that does not help, run `v3studio initialize TAKE --force`.",
-        )
+        problem = "the report of the group's initial points is missing, or this machine does not see it yet"
+        fix = "Run again. If that does not help, run `v3studio initialize TAKE --force`."
+        raise StudioError("train.no_initial_points", problem, file=report, fix=fix)
     keys = frame_keys(inputs, group)
     return keys, _final_keys(inputs, keys)
 

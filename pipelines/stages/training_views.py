@@ -95,12 +95,8 @@ def training_views(
             pool.shutdown(wait=False, cancel_futures=True)
             raise
     if not views:
-        raise StudioError(
-            "mask.all_empty",
-            f"no training camera sees the performer in frame {frame}",
-            fix="Check the masks.",
-            frame=int(frame),
-        )
+        problem = f"no training camera sees the performer in frame {frame}"
+        raise StudioError("mask.all_empty", problem, fix="Check the masks.", frame=int(frame))
     return views
 
 

@@ -171,12 +171,8 @@ def disk_errors(folder: Path) -> Iterator[None]:
     except OSError as error:
         file = folder if error.filename is None or PARTIAL in os.fsdecode(error.filename) else error.filename
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            raise StudioError(
-                "take.disk_full",
-                "the disk is full",
-                file=folder,
-                fix="Free some space and run again; finished work is kept.",
-            ) from error
+            fix = "Free some space and run again; finished work is kept."
+            raise StudioError("take.disk_full", "the disk is full", file=folder, fix=fix) from error
         if error.errno == errno.EFBIG:
             raise StudioError(
                 "take.file_too_large",
@@ -186,26 +182,15 @@ def disk_errors(folder: Path) -> Iterator[None]:
                 "kept.",
             ) from error
         if error.errno in _DISK_FAILED or (error.errno in _DISK_GONE and error.filename is not None):
-            raise StudioError(
-                "take.disk_failed",
-                f"the disk cannot be read or written ({error.strerror})",
-                file=file,
-                fix="Check the disk or the network drive and run again; finished work is kept.",
-            ) from error
+            problem = f"the disk cannot be read or written ({error.strerror})"
+            fix = "Check the disk or the network drive and run again; finished work is kept."
+            raise StudioError("take.disk_failed", problem, file=file, fix=fix) from error
         if error.errno in (errno.ENOTDIR, errno.EEXIST):
-            raise StudioError(
-                "take.not_writable",
-                "cannot be written: a part of the path is a file, not a folder",
-                file=file,
-                fix="Choose another folder.",
-            ) from error
+            problem = "cannot be written: a part of the path is a file, not a folder"
+            raise StudioError("take.not_writable", problem, file=file, fix="Choose another folder.") from error
         if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
-            raise StudioError(
-                "take.not_writable",
-                f"cannot be written ({error.strerror})",
-                file=file,
-                fix="Choose another folder.",
-            ) from error
+            problem = f"cannot be written ({error.strerror})"
+            raise StudioError("take.not_writable", problem, file=file, fix="Choose another folder.") from error
         raise
 
 

@@ -50,13 +50,8 @@ def path_keys(
         keys = read_film_keys(path, camera, size, known, video.fps)
         back = film_world(video, upright=upright).inverse
     elif camera is not None:
-        raise StudioError(
-            "camera_path.which_camera",
-            f"only files with {', '.join(FILM_FORMATS)} have cameras with names, not this one",
-            file=path,
-            value=camera,
-            fix="Remove --camera.",
-        )
+        problem = f"only files with {', '.join(FILM_FORMATS)} have cameras with names, not this one"
+        raise StudioError("camera_path.which_camera", problem, file=path, value=camera, fix="Remove --camera.")
     else:
         keys = read_path_keys(path, video.duration if seconds is None else seconds)
         back = video.original.inverse

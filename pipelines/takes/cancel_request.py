@@ -35,12 +35,9 @@ def request_cancel(take: Take) -> None:
     try:
         write_text(take.cancel_request, json.dumps({name: holder.get(name) for name in ("pid", "host")}))
     except OSError as error:
-        raise StudioError(
-            "take.not_writable",
-            f"the request to stop the run cannot be written ({reason_of(error)})",
-            file=take.cancel_request,
-            fix="Stop the run where it was started, or from a machine that can write to the take.",
-        ) from error
+        problem = f"the request to stop the run cannot be written ({reason_of(error)})"
+        fix = "Stop the run where it was started, or from a machine that can write to the take."
+        raise StudioError("take.not_writable", problem, file=take.cancel_request, fix=fix) from error
 
 
 @contextmanager

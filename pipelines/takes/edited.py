@@ -47,13 +47,9 @@ def read_paths(take: Take, group: Group) -> Paths:
 
 def of_two_trainings(take: Take, group: int) -> StudioError:
     """What to raise where the frames of a group do not have the same splats."""
-    return StudioError(
-        "take.not_trained",
-        f"frames of group {group} are from different trainings, as an interrupted one leaves them",
-        file=take.root,
-        fix="Finish it with `v3studio train` first.",
-        stage="train",
-    )
+    problem = f"frames of group {group} are from different trainings, as an interrupted one leaves them"
+    fix = "Finish it with `v3studio train` first."
+    return StudioError("take.not_trained", problem, file=take.root, fix=fix, stage="train")
 
 
 def newly_removed(
@@ -131,13 +127,9 @@ class EditedGroup:
         return self.edited(self.unedited(index))
 
     def _nothing_left(self) -> StudioError:
-        return StudioError(
-            "edits.nothing_left",
-            f"the edits remove all splats of group {self._group.index}",
-            file=self._take.edits,
-            fix="Undo an edit with `v3studio edit undo`, or make the crop box larger.",
-            group=self._group.index,
-        )
+        problem = f"the edits remove all splats of group {self._group.index}"
+        fix = "Undo an edit with `v3studio edit undo`, or make the crop box larger."
+        return StudioError("edits.nothing_left", problem, file=self._take.edits, fix=fix, group=self._group.index)
 
 
 class EditedFrames(Sequence["Gaussians"]):

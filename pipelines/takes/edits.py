@@ -69,23 +69,15 @@ def read_edits_file(path: Path) -> EditsFile:
             raise StudioError("take.damaged", f"has more than {MAX_FILE_BYTES} bytes")
         found: Any = read_json(path)
         if isinstance(found, dict) and found.get("format") != EDITS_FORMAT:
-            raise StudioError(
-                "take.edits_unknown_format",
-                f"edits of format {found.get('format')!r}; this version reads format {EDITS_FORMAT}",
-                file=path,
-                value=found.get("format"),
-                fix="Use the version that wrote it.",
-            )
+            problem = f"edits of format {found.get('format')!r}; this version reads format {EDITS_FORMAT}"
+            fix = "Use the version that wrote it."
+            raise StudioError("take.edits_unknown_format", problem, file=path, value=found.get("format"), fix=fix)
         return validated(path, found, EditsFile)
     except StudioError as error:
         if error.code == "take.edits_unknown_format":
             raise
-        raise StudioError(
-            "take.edits_damaged",
-            f"the edits are damaged: {error.problem}",
-            file=path,
-            fix="Fix the file, or move it elsewhere to start over.",
-        ) from None
+        fix = "Fix the file, or move it elsewhere to start over."
+        raise StudioError("take.edits_damaged", f"the edits are damaged: {error.problem}", file=path, fix=fix) from None
 
 
 def change_edits(path: Path, edits: EditList, words: str, replaces: EditList | None = None) -> EditsFile:
@@ -98,12 +90,8 @@ def change_edits(path: Path, edits: EditList, words: str, replaces: EditList | N
     with changing(path):
         found = read_edits_file(path)
         if replaces is not None and found.edits != replaces:
-            raise StudioError(
-                "take.edits_changed",
-                "the edits were changed in the meantime",
-                file=path,
-                fix="Look at them, then make the change again.",
-            )
+            fix = "Look at them, then make the change again."
+            raise StudioError("take.edits_changed", "the edits were changed in the meantime", file=path, fix=fix)
         if found.edits == edits:
             return found
         step = Step(words=words[:200], edits=found.edits)

@@ -28,25 +28,16 @@ def followed(take: Take, frame: int | None, center: np.ndarray, radius: float, w
 
     files, starts = take.trained_files()
     if not files:
-        raise StudioError(
-            "take.not_trained",
-            "no trained frames yet, in which a detail could be marked and followed",
-            file=take.root,
-            fix="Run `v3studio train`; a preview with few steps is enough.",
-            stage="train",
-        )
+        problem = "no trained frames yet, in which a detail could be marked and followed"
+        fix = "Run `v3studio train`; a preview with few steps is enough."
+        raise StudioError("take.not_trained", problem, file=take.root, fix=fix, stage="train")
 
     groups = trained_groups(take)
     numbers = FrameNumbers.of(groups)
     index = 0 if frame is None else numbers.index(frame)
     if index is None:
-        raise StudioError(
-            "edits.nothing_there",
-            f"frame {frame} is not trained",
-            file=take.root,
-            value=frame,
-            fix=f"The trained frames are {numbers.known[0]} to {numbers.known[-1]}.",
-        )
+        fix = f"The trained frames are {numbers.known[0]} to {numbers.known[-1]}."
+        raise StudioError("edits.nothing_there", f"frame {frame} is not trained", file=take.root, value=frame, fix=fix)
 
     splats: dict[int, int] = {}  # by group
 

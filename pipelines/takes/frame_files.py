@@ -70,13 +70,9 @@ def read_frame(path: Path) -> Gaussians:
             "take.not_trained", "no such file", file=path, fix="Run `v3studio train`.", stage="train"
         ) from None
     except (SafetensorError, OSError) as error:
-        raise StudioError(
-            "take.damaged",
-            f"cannot be read ({reason_of(error)})",
-            file=path,
-            fix="Delete it and run `v3studio train`.",
-            stage="train",
-        ) from None
+        problem = f"cannot be read ({reason_of(error)})"
+        fix = "Delete it and run `v3studio train`."
+        raise StudioError("take.damaged", problem, file=path, fix=fix, stage="train") from None
 
 
 def read_tensors(path: Path, key: str) -> dict[str, Tensor] | None:

@@ -139,13 +139,9 @@ def free_name(take: Take, name: str) -> str:
             f"'{PARTIAL}' and no name that Windows keeps for a device.",
         )
     if (take.bakes / name).exists():
-        raise StudioError(
-            "bakes.name_taken",
-            f"a bake is already kept as '{name}'",
-            file=take.bakes / name,
-            value=name,
-            fix="Choose another name, or remove that one: `v3studio bake remove`.",
-        )
+        problem = f"a bake is already kept as '{name}'"
+        fix = "Choose another name, or remove that one: `v3studio bake remove`."
+        raise StudioError("bakes.name_taken", problem, file=take.bakes / name, value=name, fix=fix)
     return name
 
 
@@ -156,13 +152,8 @@ def keep_bake(take: Take, name: str) -> KeptBake:
     name = free_name(take, name)
     record = read_record(take, "bake")
     if record is None or not (take.stream / "manifest.json").is_file():
-        raise StudioError(
-            "bakes.not_baked",
-            "there is no finished bake to keep",
-            file=take.root,
-            fix="Run `v3studio bake` first.",
-            stage="bake",
-        )
+        fix = "Run `v3studio bake` first."
+        raise StudioError("bakes.not_baked", "there is no finished bake to keep", file=take.root, fix=fix, stage="bake")
     records = [record, *_evaluation_of(take, record)]
     for one in records:
         refuse_damage(take, one.stage, f"Run `v3studio {one.stage}` again, with --force if it finds nothing to do.")
@@ -195,13 +186,8 @@ def kept_bake(take: Take, name: str) -> KeptBake:
     found = {kept.name: kept for kept in kept_bakes(take)}
     name = unicodedata.normalize("NFC", name)
     if name not in found:
-        raise StudioError(
-            "bakes.not_found",
-            f"no bake is kept as '{name}'",
-            file=take.root,
-            value=name,
-            fix=f"Kept are: {', '.join(found)}." if found else "`v3studio bake keep TAKE NAME` keeps the stream.",
-        )
+        fix = f"Kept are: {', '.join(found)}." if found else "`v3studio bake keep TAKE NAME` keeps the stream."
+        raise StudioError("bakes.not_found", f"no bake is kept as '{name}'", file=take.root, value=name, fix=fix)
     return found[name]
 
 

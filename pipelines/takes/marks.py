@@ -105,13 +105,9 @@ def change_mark(path: Path, frame: int, mark: Mark | None, replaces: Mark | None
         found = _read(path)
         marks = {one.frame: one for one in found.marks}
         if _content(marks.get(frame)) != _content(replaces):
-            raise StudioError(
-                "take.mark_changed",
-                f"the mark of frame {frame} was changed in the meantime",
-                file=path,
-                value=frame,
-                fix="Look at it, then change it again.",
-            )
+            problem = f"the mark of frame {frame} was changed in the meantime"
+            fix = "Look at it, then change it again."
+            raise StudioError("take.mark_changed", problem, file=path, value=frame, fix=fix)
         if mark is None:
             marks.pop(frame, None)
         elif frame not in marks and len(marks) >= MAX_MARKS:
@@ -138,12 +134,8 @@ def _plain(path: Path, mark: Mark) -> Mark:
     note, author = plain_text(mark.note), plain_text(mark.author)
     for text, most, what in ((note, MAX_NOTE, "note"), (author, MAX_AUTHOR, "name")):
         if len(text) > most:
-            raise StudioError(
-                "take.mark_too_long",
-                f"the {what} has {len(text)} characters, at most {most} are kept",
-                file=path,
-                fix="Shorten it.",
-            )
+            problem = f"the {what} has {len(text)} characters, at most {most} are kept"
+            raise StudioError("take.mark_too_long", problem, file=path, fix="Shorten it.")
     values: dict[str, object] = {"frame": mark.frame, "note": note} | ({"author": author} if author else {})
     if mark.view is not None:
         # of what a browser has sent, only what is known
@@ -164,9 +156,5 @@ def _read(path: Path) -> Marks:
             raise StudioError("take.damaged", f"has more than {MAX_FILE_BYTES} bytes")
         return read_model(path, Marks)
     except StudioError as error:
-        raise StudioError(
-            "take.marks_damaged",
-            f"marks cannot be read: {error.problem}",
-            file=path,
-            fix="Fix the file, or move it elsewhere to start over.",
-        ) from None
+        fix = "Fix the file, or move it elsewhere to start over."
+        raise StudioError("take.marks_damaged", f"marks cannot be read: {error.problem}", file=path, fix=fix) from None

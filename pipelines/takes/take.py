@@ -150,12 +150,8 @@ class Take:
         # a run that was killed as it created the take left no more than these
         ours = {root / ".v3studio", *leftovers(root, root / "take.json")}
         if root.is_dir() and not _looks_like(root) and any(path not in ours for path in root.iterdir()):
-            raise StudioError(
-                "take.not_empty",
-                "the folder is not empty and is not a take",
-                file=root,
-                fix="Specify a new or an empty folder.",
-            )
+            fix = "Specify a new or an empty folder."
+            raise StudioError("take.not_empty", "the folder is not empty and is not a take", file=root, fix=fix)
         about = TakeFile(
             format=TAKE_FORMAT,
             created_by=f"v3studio {program_version()}",
@@ -231,14 +227,9 @@ class Take:
             if not lock_soon(file):
                 holder = self.running() or {}
                 pid, held_by = holder.get("pid"), holder.get("command", "v3studio")
-                raise StudioError(
-                    "take.locked",
-                    f"another run is in progress (process {'unknown' if pid is None else pid}, {held_by})",
-                    file=self.root,
-                    fix="Wait for it to finish, or stop it.",
-                    pid=pid,
-                    command=held_by,
-                )
+                problem = f"another run is in progress (process {'unknown' if pid is None else pid}, {held_by})"
+                fix = "Wait for it to finish, or stop it."
+                raise StudioError("take.locked", problem, file=self.root, fix=fix, pid=pid, command=held_by)
             file.seek(0)
             file.truncate()
             json.dump({"pid": os.getpid(), "command": command, "host": socket.gethostname()}, file)
@@ -314,12 +305,9 @@ def group_name(group: int) -> str:
 def _checked(root: Path) -> Path:
     """The folder, absolute. Raises StudioError if it is an address, or its name is not UTF-8."""
     if is_address(root):
-        raise StudioError(
-            "take.needs_folder",
-            "a take must be in a folder, not in object storage",
-            file=StoreAddress(root),
-            fix="Choose a folder; several machines can share one (docs/guides/cluster.md).",
-        )
+        problem = "a take must be in a folder, not in object storage"
+        fix = "Choose a folder; several machines can share one (docs/guides/cluster.md)."
+        raise StudioError("take.needs_folder", problem, file=StoreAddress(root), fix=fix)
     need_utf8(root)
     return root.absolute()
 

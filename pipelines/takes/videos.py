@@ -170,11 +170,6 @@ def stream_place(text: str) -> Path | str:
         return folder
     stream = Take.open(folder).stream
     if not stream.is_dir():
-        raise StudioError(
-            "take.no_stream",
-            "this take has no stream yet",
-            file=text,
-            fix="Run `v3studio run` or `v3studio bake`.",
-            stage="bake",
-        )
+        fix = "Run `v3studio run` or `v3studio bake`."
+        raise StudioError("take.no_stream", "this take has no stream yet", file=text, fix=fix, stage="bake")
     return stream

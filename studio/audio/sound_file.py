@@ -32,13 +32,9 @@ class SoundFile:
         try:
             with open_media(self.path) as container:
                 if not container.streams.audio:
-                    raise StudioError(
-                        "audio.no_sound",
-                        "the file has no sound",
-                        file=self.path,
-                        fix="Choose another file or camera in capture.audio, or set it to null.",
-                        setting="capture.audio",
-                    )
+                    problem = "the file has no sound"
+                    fix = "Choose another file or camera in capture.audio, or set it to null."
+                    raise StudioError("audio.no_sound", problem, file=self.path, fix=fix, setting="capture.audio")
                 stream = container.streams.audio[0]
                 if stream.codec_context is None:
                     raise ValueError("FFmpeg does not know its codec")

@@ -15,12 +15,8 @@ def align_points(source: np.ndarray, target: np.ndarray) -> Similarity:
     """The least-squares similarity from source (N, 3) to target (N, 3) (Umeyama 1991). StudioError if there are fewer
     than 3 points (calibration.too_few_points), or all coincide (calibration.coincident)."""
     if len(source) < 3:
-        raise StudioError(
-            "calibration.too_few_points",
-            f"two solutions need at least 3 common cameras or points to be aligned, found {len(source)}",
-            value=len(source),
-            expected=3,
-        )
+        problem = f"two solutions need at least 3 common cameras or points to be aligned, found {len(source)}"
+        raise StudioError("calibration.too_few_points", problem, value=len(source), expected=3)
     middle_source, middle_target = source.mean(0), target.mean(0)
     a, b = source - middle_source, target - middle_target
     spread = (a * a).sum() / len(a)
@@ -133,12 +129,8 @@ def floor_world(rig: Rig, points: np.ndarray) -> tuple[Similarity, FloorReport]:
 def scale_to_distance(rig: Rig, first: str, second: str, distance: float) -> Similarity:
     """The scaling about the origin after which two cameras are `distance` apart. Raises StudioError."""
     if not distance > 0:
-        raise StudioError(
-            "calibration.distance",
-            f"the distance between '{first}' and '{second}' is {distance}, expected more than 0",
-            value=distance,
-            setting="calibrate.known_distance",
-        )
+        problem = f"the distance between '{first}' and '{second}' is {distance}, expected more than 0"
+        raise StudioError("calibration.distance", problem, value=distance, setting="calibrate.known_distance")
     found = float(np.linalg.norm(rig[first].center - rig[second].center))
     if found < 1e-12:
         raise StudioError(

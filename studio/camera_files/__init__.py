@@ -131,13 +131,9 @@ def _unknown_format(problem: str, path: Path) -> StudioError:
 
 
 def _one_camera(path: Path) -> StudioError:
-    return StudioError(
-        "camera_file.one_camera",
-        "an OpenCV calibration, which describes one camera",
-        file=path,
-        fix="Set capture.rig to the pattern of all of them, for example '{camera}/config.xml'.",
-        setting="capture.rig",
-    )
+    problem = "an OpenCV calibration, which describes one camera"
+    fix = "Set capture.rig to the pattern of all of them, for example '{camera}/config.xml'."
+    return StudioError("camera_file.one_camera", problem, file=path, fix=fix, setting="capture.rig")
 
 
 def _read_folder(folder: Path) -> Rig:
@@ -146,13 +142,9 @@ def _read_folder(folder: Path) -> Rig:
     files = find_camera_files(folder)
     if len(files) > 1:
         names = ", ".join(file.name for file in files)
-        raise StudioError(
-            "camera_file.ambiguous",
-            f"several camera files in the folder: {names}",
-            file=folder,
-            value=[file.name for file in files],
-            fix="Specify one of them.",
-        )
+        problem = f"several camera files in the folder: {names}"
+        fix = "Specify one of them."
+        raise StudioError("camera_file.ambiguous", problem, file=folder, value=[file.name for file in files], fix=fix)
     if files and files[0] != folder:
         return read_rig(files[0])
     frames = [part for part in folder.iterdir() if part.is_dir() and part.name.isdecimal()]
@@ -167,14 +159,9 @@ def _read_xml(path: Path, text: str) -> Rig:
         root = ElementTree.fromstring(text.encode())
     except ElementTree.ParseError as error:
         line, column = error.position
-        raise StudioError(
-            "camera_file.syntax",
-            f"invalid XML at line {line}, column {column + 1}",
-            file=path,
-            fix="The file may be truncated: export the cameras again.",
-            line=line,
-            column=column + 1,
-        ) from None
+        problem = f"invalid XML at line {line}, column {column + 1}"
+        fix = "The file may be truncated: export the cameras again."
+        raise StudioError("camera_file.syntax", problem, file=path, fix=fix, line=line, column=column + 1) from None
     if root.tag in ("document", "chunk"):
         return rig_from_metashape(path, root)
     if root.tag == "opencv_storage":
@@ -208,10 +195,6 @@ def write_rig(rig: Rig, path: Path | str) -> None:
     elif path.suffix == "" or path.is_dir():
         write_colmap(rig, path)
     else:
-        raise StudioError(
-            "camera_file.unknown_extension",
-            f"cameras cannot be written as '{path.suffix}'",
-            file=path,
-            value=path.suffix,
-            fix="Use .json, .csv, .toml, intri.yml, or a folder for a COLMAP model.",
-        )
+        problem = f"cameras cannot be written as '{path.suffix}'"
+        fix = "Use .json, .csv, .toml, intri.yml, or a folder for a COLMAP model."
+        raise StudioError("camera_file.unknown_extension", problem, file=path, value=path.suffix, fix=fix)

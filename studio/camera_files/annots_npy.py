@@ -78,12 +78,8 @@ def _load(path: Path) -> JsonObject:
             read(file)
             value = _OnlyArrays(file, encoding="latin1").load()
     except Exception as error:  # whatever a damaged pickle raises
-        raise StudioError(
-            "camera_file.syntax",
-            f"not a dictionary saved by NumPy ({error})",
-            file=path,
-            fix="Copy the file again.",
-        ) from None
+        problem = f"not a dictionary saved by NumPy ({error})"
+        raise StudioError("camera_file.syntax", problem, file=path, fix="Copy the file again.") from None
     value = value.item() if isinstance(value, np.ndarray) and value.size == 1 else value
     if not isinstance(value, dict):
         raise no_cameras("the file has no 'cams' and 'ims'", path)

@@ -61,13 +61,9 @@ def intrinsics(model: str, parameters: Sequence[float]) -> tuple[np.ndarray, np.
 
 
 def _unsupported_model(model: str, file: Path | None = None) -> StudioError:
-    return StudioError(
-        "camera_file.lens_model",
-        f"the camera model {model} is not supported",
-        file=file,
-        value=model,
-        fix=f"Undistort the images with COLMAP; supported are {', '.join(MODELS)}.",
-    )
+    problem = f"the camera model {model} is not supported"
+    fix = f"Undistort the images with COLMAP; supported are {', '.join(MODELS)}."
+    return StudioError("camera_file.lens_model", problem, file=file, value=model, fix=fix)
 
 
 def camera_model(camera: Camera) -> tuple[str, list[float]]:
@@ -131,12 +127,8 @@ def read_colmap(folder: Path) -> Rig:
             f"COLMAP made {len(models)} models without common cameras; the largest is used, {largest.name} ({counts})."
         )
         return replace(rig, notes=(*rig.notes, note))
-    raise StudioError(
-        "camera_file.no_model",
-        "no camera file or COLMAP model in the folder",
-        file=folder,
-        fix="A COLMAP model is cameras.bin and images.bin, or cameras.txt and images.txt.",
-    )
+    fix = "A COLMAP model is cameras.bin and images.bin, or cameras.txt and images.txt."
+    raise StudioError("camera_file.no_model", "no camera file or COLMAP model in the folder", file=folder, fix=fix)
 
 
 def numbered_models(folder: Path) -> list[Path]:
@@ -163,12 +155,8 @@ def _read_one(folder: Path) -> Rig | None:
 
 def _rig(camera_path: Path, image_path: Path, by_id: dict[int, _Intrinsics], poses: list[_Pose]) -> Rig:
     if not poses:
-        raise StudioError(
-            "camera_file.no_cameras",
-            "the model has no registered images",
-            file=image_path,
-            fix="Run the reconstruction again.",
-        )
+        fix = "Run the reconstruction again."
+        raise StudioError("camera_file.no_cameras", "the model has no registered images", file=image_path, fix=fix)
     poses = sorted(poses, key=lambda pose: pose.name)
     result = []
     for name, pose in zip(camera_names([pose.name for pose in poses]), poses, strict=True):
@@ -187,13 +175,9 @@ def _rig(camera_path: Path, image_path: Path, by_id: dict[int, _Intrinsics], pos
         with naming(image_path):
             quat = np.array(pose.quat)
             if not np.isfinite(quat).all() or np.linalg.norm(quat) < 1e-6:
-                raise StudioError(
-                    "camera.rotation",
-                    f"image '{pose.name}' has an invalid rotation quaternion {pose.quat}",
-                    value=pose.quat,
-                    fix="Export the model again.",
-                    camera=name,
-                )
+                problem = f"image '{pose.name}' has an invalid rotation quaternion {pose.quat}"
+                fix = "Export the model again."
+                raise StudioError("camera.rotation", problem, value=pose.quat, fix=fix, camera=name)
             transform = np.eye(4)
             transform[:3, :3] = quats_to_matrices(quat)
             transform[:3, 3] = pose.translation
@@ -243,14 +227,9 @@ def _intrinsics_text(path: Path) -> dict[int, _Intrinsics]:
         words = line.split()[4:]
         parameters = _fields(path, number, " ".join(words), "f" * len(words))
         if int(key) in found:
-            raise StudioError(
-                "camera_file.camera_twice",
-                f"line {number} is another camera {key}",
-                file=path,
-                value=int(key),
-                fix="Export the model again.",
-                line=number,
-            )
+            problem = f"line {number} is another camera {key}"
+            fix = "Export the model again."
+            raise StudioError("camera_file.camera_twice", problem, file=path, value=int(key), fix=fix, line=number)
         found[int(key)] = _Intrinsics(int(width), int(height), str(model), [float(p) for p in parameters])
     return found
 
@@ -321,13 +300,9 @@ class _Reader:
     def word(self) -> str:
         end = self.data.find(b"\0", self.at)
         if end < 0:
-            raise StudioError(
-                "camera_file.truncated",
-                "the file is truncated in an image name",
-                file=self.path,
-                value=len(self.data),
-                fix="Copy it again.",
-            )
+            problem = "the file is truncated in an image name"
+            fix = "Copy it again."
+            raise StudioError("camera_file.truncated", problem, file=self.path, value=len(self.data), fix=fix)
         start, self.at = self.at, end + 1
         return self.data[start:end].decode("utf-8", "replace")
 

@@ -24,12 +24,8 @@ def read_text(path: Path) -> str:
     except OSError as error:
         raise unreadable(path, error) from None
     except UnicodeDecodeError:
-        raise StudioError(
-            "camera_file.not_text",
-            "not text in UTF-8",
-            file=path,
-            fix="Save it as UTF-8, if it is a camera file.",
-        ) from None
+        fix = "Save it as UTF-8, if it is a camera file."
+        raise StudioError("camera_file.not_text", "not text in UTF-8", file=path, fix=fix) from None
     if not text.strip():
         raise StudioError("camera_file.empty", "the file is empty", file=path, fix="Export the cameras again.")
     return text
@@ -46,12 +42,8 @@ def need_both(folder: Path, names: tuple[str, str], program: str) -> None:
     """Raise StudioError (camera_file.missing) unless both files of a program are in a folder."""
     for name in names:
         if not (folder / name).is_file():
-            raise StudioError(
-                "camera_file.missing",
-                "camera file not found",
-                file=folder / name,
-                fix=f"{program} cameras need both {names[0]} and {names[1]} in one folder.",
-            )
+            fix = f"{program} cameras need both {names[0]} and {names[1]} in one folder."
+            raise StudioError("camera_file.missing", "camera file not found", file=folder / name, fix=fix)
 
 
 def no_cameras(problem: str, file: Path | None = None) -> StudioError:
@@ -79,12 +71,8 @@ def read_json(path: Path) -> JsonObject:
     """A JSON object."""
     value = read_json_value(path)
     if not isinstance(value, dict):
-        raise StudioError(
-            "camera_file.not_an_object",
-            f"the file contains a JSON {type(value).__name__}, expected an object",
-            file=path,
-            fix="Export the cameras again.",
-        )
+        problem = f"the file contains a JSON {type(value).__name__}, expected an object"
+        raise StudioError("camera_file.not_an_object", problem, file=path, fix="Export the cameras again.")
     return value
 
 
@@ -93,12 +81,9 @@ def write_atomic(path: Path, data: bytes) -> None:
     try:
         write_bytes(path, data)
     except OSError as error:
-        raise StudioError(
-            "camera_file.unwritable",
-            f"cannot be written ({error.strerror})",
-            file=path,
-            fix="Check the free space and permissions.",
-        ) from None
+        problem = f"cannot be written ({error.strerror})"
+        fix = "Check the free space and permissions."
+        raise StudioError("camera_file.unwritable", problem, file=path, fix=fix) from None
 
 
 def read_csv(path: Path, columns: Sequence[str], optional: Collection[str] = ()) -> list[dict[str, str]]:
@@ -118,14 +103,9 @@ def read_csv(path: Path, columns: Sequence[str], optional: Collection[str] = ())
     heads = _heads(lines[first], separator)
     missing = [column for column in columns if column not in heads]
     if missing:
-        raise StudioError(
-            "camera_file.missing_column",
-            f"the column '{missing[0]}' is missing; the columns are {', '.join(heads)}",
-            file=path,
-            value=heads,
-            fix="Export the cameras again.",
-            key=missing[0],
-        )
+        problem = f"the column '{missing[0]}' is missing; the columns are {', '.join(heads)}"
+        fix = "Export the cameras again."
+        raise StudioError("camera_file.missing_column", problem, file=path, value=heads, fix=fix, key=missing[0])
     rows = []
     body = [line for line in lines[first + 1 :] if not line.startswith("#")]
     for count, cells in enumerate(csv.reader(body, delimiter=separator, skipinitialspace=True), 1):
@@ -144,27 +124,17 @@ def read_csv(path: Path, columns: Sequence[str], optional: Collection[str] = ())
             cells = [_DECIMAL_COMMA.sub(r"\1.\2", cell) for cell in cells]
         row = dict(zip(heads, cells, strict=False))
         if not row[columns[0]]:
-            raise StudioError(
-                "camera_file.empty_cell",
-                f"row {count} has no '{columns[0]}'",
-                file=path,
-                fix="Export the cameras again.",
-                row=count,
-                key=columns[0],
-            )
+            problem = f"row {count} has no '{columns[0]}'"
+            fix = "Export the cameras again."
+            raise StudioError("camera_file.empty_cell", problem, file=path, fix=fix, row=count, key=columns[0])
         rows.append(row)
     if not rows:
         raise no_cameras("no cameras in the file", path)
     for head in heads:
         if head not in {*columns, *optional} and any(row[head].strip("+-0.") for row in rows):
-            raise StudioError(
-                "camera_file.unknown_column",
-                f"the column '{head or '(without a name)'}' is not known and may change how the cameras project",
-                file=path,
-                value=head,
-                fix="Delete the column if it does not belong to the lens.",
-                key=head,
-            )
+            problem = f"the column '{head or '(without a name)'}' is not known and may change how the cameras project"
+            fix = "Delete the column if it does not belong to the lens."
+            raise StudioError("camera_file.unknown_column", problem, file=path, value=head, fix=fix, key=head)
     return rows
 
 

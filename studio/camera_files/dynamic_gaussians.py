@@ -44,13 +44,9 @@ def _cameras(path: Path) -> Rig:
     with naming(path):
         unknown = sorted(set(values) - _KNOWN)
         if unknown:
-            raise StudioError(
-                "camera.unknown_key",
-                f"the key '{unknown[0]}' is not known and may be the lens distortion",
-                value=unknown[0],
-                fix="Delete it if it does not belong to the cameras.",
-                key=unknown[0],
-            )
+            problem = f"the key '{unknown[0]}' is not known and may be the lens distortion"
+            fix = "Delete it if it does not belong to the cameras."
+            raise StudioError("camera.unknown_key", problem, value=unknown[0], fix=fix, key=unknown[0])
         lists: dict[str, list[list[Any]]] = {}
         for key in _LISTS:
             value = values.get(key)
@@ -77,13 +73,8 @@ def _add(found: dict[str, JsonObject], file: Any, entry: JsonObject) -> None:
     name = parts[-2] if len(parts) > 1 else PurePosixPath(str(file)).stem
     before = found.setdefault(name, entry)
     if before is not entry and before != entry and not np.allclose(_numbers(before), _numbers(entry), atol=1e-6):
-        raise StudioError(
-            "camera.moves",
-            f"Camera '{name}' has different values in '{file}' than in earlier frames; cameras must not move",
-            value=str(file),
-            fix="Use footage of fixed cameras.",
-            camera=name,
-        )
+        problem = f"Camera '{name}' has different values in '{file}' than in earlier frames; cameras must not move"
+        raise StudioError("camera.moves", problem, value=str(file), fix="Use footage of fixed cameras.", camera=name)
 
 
 def _numbers(entry: JsonObject) -> np.ndarray:

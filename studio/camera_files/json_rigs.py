@@ -46,13 +46,8 @@ def rig_from_json(path: Path, values: Any) -> Rig | None:
 
 def _object(path: Path, entry: Any) -> JsonObject:
     if not isinstance(entry, dict):
-        raise StudioError(
-            "camera_file.not_an_object",
-            f"an entry of the list of cameras is {type(entry).__name__}, not an object",
-            file=path,
-            value=entry,
-            fix="Export the cameras again.",
-        )
+        problem = f"an entry of the list of cameras is {type(entry).__name__}, not an object"
+        raise StudioError("camera_file.not_an_object", problem, file=path, value=entry, fix="Export the cameras again.")
     return entry
 
 
@@ -96,13 +91,9 @@ def _of_multical(path: Path, values: JsonObject, cameras: JsonObject) -> Rig:
             name, _, base = ("", "", "") if key in cameras else key.rpartition("_to_")
             base = str(entry.get("parent") or base)
             if base and base not in cameras:
-                raise StudioError(
-                    "camera.unknown",
-                    f"the pose '{key}' is relative to '{base}', which is not one of the cameras",
-                    value=base,
-                    fix="Export the cameras again.",
-                    camera=name or key,
-                )
+                problem = f"the pose '{key}' is relative to '{base}', which is not one of the cameras"
+                fix = "Export the cameras again."
+                raise StudioError("camera.unknown", problem, value=base, fix=fix, camera=name or key)
             if base:
                 relative[name or key] = (base, pose)
             else:

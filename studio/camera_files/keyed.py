@@ -137,13 +137,9 @@ def ignored_in_file(values: Mapping[str, Any], known: Collection[str]) -> tuple[
     ]
     for key in unknown:
         if _CHANGES_THE_CAMERA.search(normal_key(key)):
-            raise StudioError(
-                "camera.unknown_key",
-                f"the key '{key}' beside the cameras is not known, and it may change all of them",
-                value=key,
-                fix="Delete it if the cameras have OpenCV's axes (x right, y down, z forward), else convert them.",
-                key=key,
-            )
+            problem = f"the key '{key}' beside the cameras is not known, and it may change all of them"
+            fix = "Delete it if the cameras have OpenCV's axes (x right, y down, z forward), else convert them."
+            raise StudioError("camera.unknown_key", problem, value=key, fix=fix, key=key)
     return (f"Ignored in the camera file: {listed([repr(key) for key in unknown])}.",) if unknown else ()
 
 

@@ -36,11 +36,8 @@ def rig_from_metashape(path: Path, root: Element) -> Rig:
     with naming(path):
         chunk = root if root.tag == "chunk" else root.find("chunk")
         if chunk is None:
-            raise StudioError(
-                "camera_file.no_cameras",
-                "no <chunk> in the document",
-                fix="Export the cameras from Metashape again: File, Export, Export Cameras, XML.",
-            )
+            fix = "Export the cameras from Metashape again: File, Export, Export Cameras, XML."
+            raise StudioError("camera_file.no_cameras", "no <chunk> in the document", fix=fix)
         sensors = {sensor.get("id"): sensor for sensor in chunk.iter("sensor")}
         worlds = {part.get("id"): part.find("transform") for part in chunk.iter("component")}
         by_id = {camera.get("id"): camera for camera in chunk.iter("camera")}
@@ -48,11 +45,9 @@ def rig_from_metashape(path: Path, root: Element) -> Rig:
         enabled = {key for key, camera in by_id.items() if camera.get("enabled") not in ("false", "0")}
         used = {key for key, pose in poses.items() if pose is not None and key in enabled}
         if not used:
-            raise StudioError(
-                "camera_file.no_cameras",
-                "no aligned and enabled cameras, that is, no <camera> with a <transform>",
-                fix="Align the photos in Metashape, then export again.",
-            )
+            problem = "no aligned and enabled cameras, that is, no <camera> with a <transform>"
+            fix = "Align the photos in Metashape, then export again."
+            raise StudioError("camera_file.no_cameras", problem, fix=fix)
         labels = []
         for index, camera in enumerate(by_id.values()):
             label = camera.get("label")

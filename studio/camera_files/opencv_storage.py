@@ -35,12 +35,9 @@ def read_storage(path: Path) -> JsonObject:
         keys = list(root.keys())
     except (cv2.error, SystemError) as error:  # OpenCV 5's bindings raise SystemError for some errors
         reason = str(error.__cause__ or error).split("error:")[-1].strip().splitlines()[0]
-        raise StudioError(
-            "camera_file.syntax",
-            f"OpenCV cannot parse the file ({reason})",
-            file=path,
-            fix="The file may be truncated: export the cameras again.",
-        ) from None
+        problem = f"OpenCV cannot parse the file ({reason})"
+        fix = "The file may be truncated: export the cameras again."
+        raise StudioError("camera_file.syntax", problem, file=path, fix=fix) from None
     return {key: _value(root.getNode(key), key, path) for key in keys}
 
 
@@ -67,13 +64,8 @@ def _value(node: Any, key: str, path: Path) -> Any:
 
 
 def _incomplete(key: str, path: Path) -> StudioError:
-    return StudioError(
-        "camera.not_a_matrix",
-        f"'{key}' is not a complete matrix",
-        file=path,
-        fix="Export the cameras again.",
-        key=key,
-    )
+    fix = "Export the cameras again."
+    return StudioError("camera.not_a_matrix", f"'{key}' is not a complete matrix", file=path, fix=fix, key=key)
 
 
 def read_opencv_cameras(root: Path, pattern: str) -> Rig:

@@ -67,15 +67,9 @@ def _poses(path: Path) -> list[np.ndarray]:
 
 
 def _truncated(path: Path, line: int, found: int, expected: int) -> StudioError:
-    return StudioError(
-        "camera_file.truncated",
-        f"found {found} numbers for the camera at line {line}, expected {expected}",
-        file=path,
-        value=found,
-        fix="The file may be truncated: copy it again.",
-        line=line,
-        expected=expected,
-    )
+    problem = f"found {found} numbers for the camera at line {line}, expected {expected}"
+    fix = "The file may be truncated: copy it again."
+    return StudioError("camera_file.truncated", problem, file=path, value=found, fix=fix, line=line, expected=expected)
 
 
 def _intrinsics(path: Path) -> list[np.ndarray]:

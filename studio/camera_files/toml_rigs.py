@@ -27,12 +27,9 @@ def read_toml(path: Path) -> Rig:
     try:
         values = parse_toml(read_text(path))
     except TextError as error:
-        raise StudioError(
-            "camera_file.syntax",
-            f"invalid TOML ({str(error)[:1].lower()}{str(error)[1:]})",
-            file=path,
-            fix="Two cameras may have the same name, or the file may be truncated: export it again.",
-        ) from None
+        problem = f"invalid TOML ({str(error)[:1].lower()}{str(error)[1:]})"
+        fix = "Two cameras may have the same name, or the file may be truncated: export it again."
+        raise StudioError("camera_file.syntax", problem, file=path, fix=fix) from None
     nested = values.get("cameras")
     tables = nested if isinstance(nested, dict) else values
     found = {key: table for key, table in tables.items() if is_camera(table)}

@@ -75,12 +75,9 @@ def find_chart(image: np.ndarray) -> ChartColors:
     corners = np.array(detector.getBestColorChecker().getColorCharts(), np.float64).reshape(24, 4, 2) / shrink
     seen = _measure(image, corners)
     if seen.clipped.sum() > _MOST_CLIPPED:
-        raise StudioError(
-            "color_chart.camera_clipped",
-            f"{seen.clipped.sum()} of the 24 patches are too dark or too bright to be measured",
-            value=int(seen.clipped.sum()),
-            fix="Change the camera's exposure, or choose a frame with other light.",
-        )
+        problem = f"{seen.clipped.sum()} of the 24 patches are too dark or too bright to be measured"
+        fix = "Change the camera's exposure, or choose a frame with other light."
+        raise StudioError("color_chart.camera_clipped", problem, value=int(seen.clipped.sum()), fix=fix)
     upside_down = replace(
         seen, colors=seen.colors[::-1], clipped=seen.clipped[::-1], corners=np.roll(seen.corners[::-1], 2, axis=1)
     )
@@ -97,11 +94,8 @@ def find_chart(image: np.ndarray) -> ChartColors:
 
 
 def _not_found() -> StudioError:
-    return StudioError(
-        "color_chart.not_found",
-        "no ColorChecker is seen",
-        fix=f"It needs 24 patches of at least {_SMALLEST} pixels that nothing covers, facing the camera.",
-    )
+    fix = f"It needs 24 patches of at least {_SMALLEST} pixels that nothing covers, facing the camera."
+    return StudioError("color_chart.not_found", "no ColorChecker is seen", fix=fix)
 
 
 def _measure(image: np.ndarray, corners: np.ndarray) -> ChartColors:
@@ -141,13 +135,9 @@ def fit_chart_colors(
     """
     if not any(frame in footage.frames_of(name) for name in cameras):
         first, last = (end(pick(footage.frames_of(name)) for name in cameras) for end, pick in ((min, min), (max, max)))
-        raise StudioError(
-            "color_chart.no_frame",
-            f"no camera has frame {frame}; the footage has frames {first} to {last}",
-            value=frame,
-            fix="Choose a frame in which the cameras see the ColorChecker.",
-            setting="train.camera_colors",
-        )
+        problem = f"no camera has frame {frame}; the footage has frames {first} to {last}"
+        fix = "Choose a frame in which the cameras see the ColorChecker."
+        raise StudioError("color_chart.no_frame", problem, value=frame, fix=fix, setting="train.camera_colors")
     seen: dict[str, ChartColors] = {}
     without: dict[str, StudioError] = {}
     for number, name in enumerate(cameras):

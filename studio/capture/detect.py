@@ -83,13 +83,8 @@ def detect_images(root: Path) -> tuple[str, list[Match]]:
             fix="Unpack it with the data set's SMCReader: images to images/CAMERA/FRAME.jpg, masks to "
             "masks/CAMERA/FRAME.png, cameras to intri.yml and extri.yml.",
         )
-    raise StudioError(
-        "footage.not_found",
-        "no footage found",
-        file=root,
-        fix="Put videos in videos/ or images in images/CAMERA/FRAME.png.",
-        setting="capture.images",
-    )
+    fix = "Put videos in videos/ or images in images/CAMERA/FRAME.png."
+    raise StudioError("footage.not_found", "no footage found", file=root, fix=fix, setting="capture.images")
 
 
 def _usual_layout(root: Path, prefix: str, listing: Callable[[], Sequence[str]]) -> tuple[str, list[Match]] | None:

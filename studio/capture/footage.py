@@ -113,11 +113,8 @@ class Footage:
         """Pinhole cameras of the images returned by `image` (undistorted, scaled), in the order of `camera_names`.
         StudioError (`footage.not_calibrated`) if the footage was opened without a rig."""
         if self._rig is None:
-            raise StudioError(
-                "footage.not_calibrated",
-                "The footage has no calibrated cameras",
-                fix="Calibrate it or provide a calibration file.",
-            )
+            fix = "Calibrate it or provide a calibration file."
+            raise StudioError("footage.not_calibrated", "The footage has no calibrated cameras", fix=fix)
         return self._rig
 
     @property
@@ -261,13 +258,9 @@ class Footage:
     def _source(self, camera: str) -> FrameSource:
         source = self._sources.get(camera)
         if source is None:
-            raise StudioError(
-                "footage.unknown_camera",
-                f"No camera '{camera}' in the footage",
-                value=camera,
-                fix=f"Cameras: {', '.join(self.camera_names)}.",
-                known=self.camera_names,
-            )
+            problem = f"No camera '{camera}' in the footage"
+            fix = f"Cameras: {', '.join(self.camera_names)}."
+            raise StudioError("footage.unknown_camera", problem, value=camera, fix=fix, known=self.camera_names)
         return source
 
     def _raw_plate(self, camera: str) -> np.ndarray | None:

@@ -60,13 +60,8 @@ class ImageSource(FrameSource):
         """See `FrameSource`. All images must have the size of the camera's first image, and its alpha channel."""
         path = self._paths.get(frame)
         if path is None:
-            raise StudioError(
-                "footage.no_such_frame",
-                f"Camera '{self.camera}' has no image for frame {frame}",
-                value=frame,
-                camera=self.camera,
-                frame=frame,
-            )
+            problem = f"Camera '{self.camera}' has no image for frame {frame}"
+            raise StudioError("footage.no_such_frame", problem, value=frame, camera=self.camera, frame=frame)
         image = read_image(path, self._transfer)
         if image.shape[:2] != (self.height, self.width):
             raise StudioError(
@@ -81,14 +76,9 @@ class ImageSource(FrameSource):
                 expected=(self.width, self.height),
             )
         if image.shape[2] == 3 and self.has_alpha:
-            raise StudioError(
-                "footage.alpha_missing",
-                f"the image has no alpha channel, but the first image of camera '{self.camera}' has one",
-                file=path,
-                fix="Replace the file or exclude the frame.",
-                camera=self.camera,
-                frame=frame,
-            )
+            problem = f"the image has no alpha channel, but the first image of camera '{self.camera}' has one"
+            fix = "Replace the file or exclude the frame."
+            raise StudioError("footage.alpha_missing", problem, file=path, fix=fix, camera=self.camera, frame=frame)
         return image if self.has_alpha else np.ascontiguousarray(image[:, :, :3])
 
     def files(self, frames: Iterable[int] | None = None) -> list[Path]:

@@ -109,12 +109,8 @@ def _undamaged(path: Path) -> Iterator[None]:
     try:
         yield
     except (OSError, ValueError, SyntaxError) as error:
-        raise StudioError(
-            "footage.image_unreadable",
-            f"the image is damaged or truncated ({_reason(error)})",
-            file=path,
-            fix=_FIX,
-        ) from None
+        problem = f"the image is damaged or truncated ({_reason(error)})"
+        raise StudioError("footage.image_unreadable", problem, file=path, fix=_FIX) from None
 
 
 def _pillow_reads(path: Path) -> bool:
@@ -138,12 +134,8 @@ def _open(path: Path) -> ImageFile:
     except FileNotFoundError:
         raise StudioError("footage.image_missing", "image not found", file=path) from None
     except DecompressionBombError:
-        raise StudioError(
-            "footage.image_too_large",
-            f"the image has more than {2 * (MAX_IMAGE_PIXELS or 0):,} pixels",
-            file=path,
-            fix="Scale the images down.",
-        ) from None
+        problem = f"the image has more than {2 * (MAX_IMAGE_PIXELS or 0):,} pixels"
+        raise StudioError("footage.image_too_large", problem, file=path, fix="Scale the images down.") from None
     except (UnidentifiedImageError, OSError, ValueError, SyntaxError) as error:
         raise StudioError(
             "footage.image_unreadable", f"cannot read the image ({_reason(error)})", file=path, fix=_FIX

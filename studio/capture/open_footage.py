@@ -156,13 +156,9 @@ def _with_masks(
     if ":" not in spec.masks and (spec.masks != "auto" or 2 * len(left_out) > len(sources)):
         left_out = []
     if left_out and len(left_out) + len(held_out) == len(sources):
-        raise StudioError(
-            "mask.no_camera",
-            f"{spec.masks} has no masks of the training cameras",
-            value=spec.masks,
-            fix=f"Name some of them in the source's attribute `cameras`: {', '.join(left_out)}.",
-            setting="capture.masks",
-        )
+        problem = f"{spec.masks} has no masks of the training cameras"
+        fix = f"Name some of them in the source's attribute `cameras`: {', '.join(left_out)}."
+        raise StudioError("mask.no_camera", problem, value=spec.masks, fix=fix, setting="capture.masks")
     return {name: source for name, source in sources.items() if name not in left_out}
 
 
@@ -183,13 +179,9 @@ def on_this_machine(spec: CaptureSettings) -> CaptureSettings:
 
 def _find_images(spec: CaptureSettings) -> tuple[str, list[Match]]:
     if not spec.root.is_dir():
-        raise StudioError(
-            "footage.folder_missing",
-            "the folder of the footage was not found",
-            file=spec.root,
-            fix="Set capture.root to where it is.",
-            setting="capture.root",
-        )
+        problem = "the folder of the footage was not found"
+        fix = "Set capture.root to where it is."
+        raise StudioError("footage.folder_missing", problem, file=spec.root, fix=fix, setting="capture.root")
     if spec.images == "auto":
         return detect_images(spec.root)
     matches = find_files(spec.root, spec.images)
@@ -421,10 +413,7 @@ def held_out_cameras(spec: CaptureSettings, names: tuple[str, ...]) -> tuple[str
             wanted.add(entry)
     chosen = tuple(name for name in names if name in wanted)
     if len(chosen) == len(names):
-        raise StudioError(
-            "footage.all_held_out",
-            f"All {len(names)} cameras are held out",
-            fix="Leave at least one camera to train on: change capture.held_out.",
-            setting="capture.held_out",
-        )
+        problem = f"All {len(names)} cameras are held out"
+        fix = "Leave at least one camera to train on: change capture.held_out."
+        raise StudioError("footage.all_held_out", problem, fix=fix, setting="capture.held_out")
     return chosen

@@ -60,13 +60,9 @@ def _expression(pattern: str, whole: str) -> re.Pattern[str]:
             parts.append(f"(?P={name})" if name in seen else f"(?P<{name}>{body})")
             seen.add(name)
         else:
-            raise StudioError(
-                "footage.bad_pattern",
-                f"Pattern '{whole}': unknown placeholder {text}",
-                value=whole,
-                fix="Use {camera}, {frame}, {frame:06d} or {chapter}.",
-                placeholder=text,
-            )
+            problem = f"Pattern '{whole}': unknown placeholder {text}"
+            fix = "Use {camera}, {frame}, {frame:06d} or {chapter}."
+            raise StudioError("footage.bad_pattern", problem, value=whole, fix=fix, placeholder=text)
     parts.append(re.escape(pattern[position:]))
     return re.compile("".join(parts))
 
@@ -105,13 +101,9 @@ def find_files(
     camera and frame; `footage.folder_unreadable`.
     """
     if "{camera}" not in pattern:
-        raise StudioError(
-            "footage.bad_pattern",
-            f"Pattern '{pattern}' has no {{camera}}",
-            value=pattern,
-            fix="Put {camera} where the path contains the camera's name, for example videos/{camera}.mp4.",
-            placeholder="{camera}",
-        )
+        problem = f"Pattern '{pattern}' has no {{camera}}"
+        fix = "Put {camera} where the path contains the camera's name, for example videos/{camera}.mp4."
+        raise StudioError("footage.bad_pattern", problem, value=pattern, fix=fix, placeholder="{camera}")
     components = pattern.split("/")
     fixed = 0
     while fixed < len(components) - 1 and not _TOKEN.search(components[fixed] + "/"):

@@ -53,21 +53,13 @@ def find_sound(spec: CaptureSettings, sources: Mapping[str, FrameSource], fps: f
         source = sources[spec.audio]
         path = source.files([source.frames[0]])[0]
         if path.suffix.lower() not in VIDEO_EXTENSIONS:
-            raise StudioError(
-                "audio.camera_of_images",
-                f"capture.audio: camera '{spec.audio}' is a sequence of images, which have no sound",
-                value=spec.audio,
-                fix="Set capture.audio to an audio file, or to null.",
-                setting="capture.audio",
-            )
+            problem = f"capture.audio: camera '{spec.audio}' is a sequence of images, which have no sound"
+            fix = "Set capture.audio to an audio file, or to null."
+            raise StudioError("audio.camera_of_images", problem, value=spec.audio, fix=fix, setting="capture.audio")
         if len(source.files()) > 1:
-            raise StudioError(
-                "audio.several_files",
-                f"capture.audio: the recording of camera '{spec.audio}' is in {len(source.files())} files",
-                value=spec.audio,
-                fix="Join their sound into one file, and set capture.audio to that.",
-                setting="capture.audio",
-            )
+            problem = f"capture.audio: the recording of camera '{spec.audio}' is in {len(source.files())} files"
+            fix = "Join their sound into one file, and set capture.audio to that."
+            raise StudioError("audio.several_files", problem, value=spec.audio, fix=fix, setting="capture.audio")
         # A camera that is late by some frames is late with its sound, too.
         lag = -spec.offsets.get(spec.audio, 0) / fps
     elif not path.is_file():

@@ -153,12 +153,8 @@ def check_sync(footage: Footage, *, method: str = "auto", seconds: float = 1.0) 
             `read_timecode` and `timecode_offsets`.
     """
     if not 0 < seconds < float("inf"):
-        raise StudioError(
-            "sync.seconds",
-            f"The largest offset to search is {seconds:g} s",
-            value=seconds,
-            fix="It must be positive and finite; example: 1.",
-        )
+        fix = "It must be positive and finite; example: 1."
+        raise StudioError("sync.seconds", f"The largest offset to search is {seconds:g} s", value=seconds, fix=fix)
     names = footage.camera_names
     if len(names) < 2:
         raise StudioError("sync.one_camera", "The footage has only one camera; there is nothing to synchronize")
@@ -176,12 +172,8 @@ def check_sync(footage: Footage, *, method: str = "auto", seconds: float = 1.0) 
         used = "sound"
     else:
         if len(footage.frames) < _MIN_FRAMES:
-            raise StudioError(
-                "sync.too_few_frames",
-                f"The footage has {counted(len(footage.frames), 'frame')}; motion needs at least {_MIN_FRAMES}",
-                value=len(footage.frames),
-                expected=_MIN_FRAMES,
-            )
+            problem = f"The footage has {counted(len(footage.frames), 'frame')}; motion needs at least {_MIN_FRAMES}"
+            raise StudioError("sync.too_few_frames", problem, value=len(footage.frames), expected=_MIN_FRAMES)
         signals = motion_signals(footage)
         lags, best = offsets_of(signals, min(round(seconds * footage.fps), len(footage.frames) // 3))
         used = "motion"
@@ -205,13 +197,9 @@ def _by_timecode(footage: Footage) -> SyncReport:
                 found[name] = timecode
     without = tuple(name for name in footage.camera_names if name not in found)
     if len(found) < 2:
-        raise StudioError(
-            "sync.no_timecode",
-            f"{len(found)} of {len(footage.camera_names)} cameras have a timecode; it takes two to compare",
-            value=len(found),
-            fix="Synchronize by sound or motion.",
-            cameras=without,
-        )
+        problem = f"{len(found)} of {len(footage.camera_names)} cameras have a timecode; it takes two to compare"
+        fix = "Synchronize by sound or motion."
+        raise StudioError("sync.no_timecode", problem, value=len(found), fix=fix, cameras=without)
     offsets = timecode_offsets(found)
     frames = {name: footage.frames_of(name) for name in offsets}
     spans = {name: (frames[name][0] - lag, frames[name][-1] - lag) for name, lag in offsets.items()}

@@ -61,13 +61,9 @@ def parse_timecode(text: str, rate: Fraction, file: Path | None = None) -> Timec
 
 def _invalid(text: str, rate: Fraction, file: Path | None) -> StudioError:
     text = text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
-    return StudioError(
-        "sync.timecode_invalid",
-        f"'{text}' is not a timecode at {float(rate):.5g} fps",
-        file=file,
-        value=text,
-        fix="Write the timecode again, or synchronize by sound or motion.",
-    )
+    problem = f"'{text}' is not a timecode at {float(rate):.5g} fps"
+    fix = "Write the timecode again, or synchronize by sound or motion."
+    return StudioError("sync.timecode_invalid", problem, file=file, value=text, fix=fix)
 
 
 def read_timecode(file: Path) -> Timecode | None:
@@ -89,13 +85,9 @@ def read_timecode(file: Path) -> Timecode | None:
         return None
     timecode = parse_timecode(text, Fraction(rate), file)
     if first is not None and first != timecode.frames:
-        raise StudioError(
-            "sync.timecode_rate",
-            f"the timecode {timecode.text} does not count the frames of the video ({float(rate):.5g} fps)",
-            file=file,
-            value=timecode.text,
-            fix="Synchronize by sound or motion.",
-        )
+        problem = f"the timecode {timecode.text} does not count the frames of the video ({float(rate):.5g} fps)"
+        fix = "Synchronize by sound or motion."
+        raise StudioError("sync.timecode_rate", problem, file=file, value=timecode.text, fix=fix)
     return timecode
 
 

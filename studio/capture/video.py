@@ -103,13 +103,8 @@ class VideoReader:
     def read(self, index: int) -> np.ndarray:
         """Frame as (H, W, 3) RGB or, with `has_alpha`, RGBA; uint8, full range. Raises StudioError with its `frame`."""
         if not 0 <= index < self.frame_count:
-            raise StudioError(
-                "footage.no_such_frame",
-                f"no frame {index}; the video has frames 0 to {self.frame_count - 1}",
-                file=self.path,
-                value=index,
-                frame=index,
-            )
+            problem = f"no frame {index}; the video has frames 0 to {self.frame_count - 1}"
+            raise StudioError("footage.no_such_frame", problem, file=self.path, value=index, frame=index)
         with self._lock:
             frame = self._decode(self._shown[index] if self._shown is not None else index)
             if (frame.width, frame.height) != self._coded:
@@ -170,12 +165,8 @@ class VideoReader:
         try:
             container = open_media(self.path)
         except (av.error.FFmpegError, OSError, ValueError):
-            raise StudioError(
-                "footage.video_unreadable",
-                "cannot open the file: it is truncated or not a video",
-                file=self.path,
-                fix=_ENCODE_AGAIN,
-            ) from None
+            problem = "cannot open the file: it is truncated or not a video"
+            raise StudioError("footage.video_unreadable", problem, file=self.path, fix=_ENCODE_AGAIN) from None
         stream = video_stream(container)
         if stream is None:
             films = [each for each in container.streams.video if each.codec_context is None]
@@ -226,13 +217,9 @@ class VideoReader:
         rate = 1 / (clock.interval * float(self._stream.time_base))
         if clock.shown is None:
             self.close()
-            raise StudioError(
-                "footage.variable_rate",
-                f"the frame rate varies too much to be made constant (usually {rate:.4g} fps)",
-                file=self.path,
-                value=rate,
-                fix=f"Convert the video: ffmpeg -i {self.path.name} -fps_mode cfr -r {rate:.4g} OUTPUT.",
-            )
+            problem = f"the frame rate varies too much to be made constant (usually {rate:.4g} fps)"
+            fix = f"Convert the video: ffmpeg -i {self.path.name} -fps_mode cfr -r {rate:.4g} OUTPUT."
+            raise StudioError("footage.variable_rate", problem, file=self.path, value=rate, fix=fix)
         self._shown, self.fps = clock.shown, rate
         self.frame_count = len(clock.shown)
         added = self.frame_count - len(set(clock.shown))

@@ -157,12 +157,9 @@ class CameraPath:
     def seconds_of(self, frame: float) -> float:
         """When the path shows a frame: seconds after the first key, at the first or the last key for frames outside."""
         if (np.diff(self._frames) <= 0).any():
-            raise StudioError(
-                "camera_path.frames_not_ascending",
-                "the frames of the keys repeat or decrease, so that a frame has no camera of its own",
-                value=list(self._frames),
-                fix="Use ascending frames, or no frames, in the camera path.",
-            )
+            problem = "the frames of the keys repeat or decrease, so that a frame has no camera of its own"
+            fix = "Use ascending frames, or no frames, in the camera path."
+            raise StudioError("camera_path.frames_not_ascending", problem, value=list(self._frames), fix=fix)
         if len(self._cameras) == 1:
             return 0.0
         shown = self._frame
@@ -175,12 +172,8 @@ class CameraPath:
 def check_easing(easing: str) -> None:
     """Check that an easing is one of `EASINGS`."""
     if easing not in EASINGS:
-        raise StudioError(
-            "camera_path.easing",
-            f"the easing is {easing!r}; it must be one of {', '.join(EASINGS)}",
-            value=easing,
-            expected=EASINGS,
-        )
+        problem = f"the easing is {easing!r}; it must be one of {', '.join(EASINGS)}"
+        raise StudioError("camera_path.easing", problem, value=easing, expected=EASINGS)
 
 
 def _fitted(camera: Camera, width: int, height: int) -> Camera:
@@ -233,14 +226,9 @@ def read_film_keys(
     module = importlib.import_module(f"studio.formats.{FILM_FORMATS[path.suffix.lower()]}")
     found: dict[str, dict[int, Camera]] = module.read_cameras(path, *size)
     if (name is None and len(found) > 1) or (name is not None and name not in found):
-        raise StudioError(
-            "camera_path.which_camera",
-            f"the file has the cameras {', '.join(found)}" + ("" if name is None else f", not '{name}'"),
-            file=path,
-            value=name,
-            fix="Choose one with --camera NAME.",
-            expected=list(found),
-        )
+        problem = f"the file has the cameras {', '.join(found)}" + ("" if name is None else f", not '{name}'")
+        fix = "Choose one with --camera NAME."
+        raise StudioError("camera_path.which_camera", problem, file=path, value=name, fix=fix, expected=list(found))
     cameras = found[name or next(iter(found))]
     if len(cameras) == 1:
         return [Key(0.0, next(iter(cameras.values())))]
@@ -262,36 +250,20 @@ def read_film_keys(
 
 def _key(path: Path, index: int, entry: Any) -> Key:
     if not isinstance(entry, dict) or not isinstance(entry.get("camera"), dict):
-        raise StudioError(
-            "camera_path.invalid_key",
-            f"key {index} has no 'camera'",
-            file=path,
-            fix="Add a camera in the format of rig.json.",
-            key=index,
-            name="camera",
-        )
+        problem = f"key {index} has no 'camera'"
+        fix = "Add a camera in the format of rig.json."
+        raise StudioError("camera_path.invalid_key", problem, file=path, fix=fix, key=index, name="camera")
     numbers = {}
     for name in ("time", "frame"):
         value = entry.get(name)
         if value is not None and (isinstance(value, bool) or not isinstance(value, int | float)):
-            raise StudioError(
-                "camera_path.invalid_key",
-                f"'{name}' of key {index} is {value!r}; it must be a number",
-                file=path,
-                value=value,
-                key=index,
-                name=name,
-            )
+            problem = f"'{name}' of key {index} is {value!r}; it must be a number"
+            raise StudioError("camera_path.invalid_key", problem, file=path, value=value, key=index, name=name)
         numbers[name] = value
     if numbers["time"] is None:
-        raise StudioError(
-            "camera_path.invalid_key",
-            f"key {index} has no 'time'",
-            file=path,
-            fix="Add the time in seconds from the start of the movie.",
-            key=index,
-            name="time",
-        )
+        problem = f"key {index} has no 'time'"
+        fix = "Add the time in seconds from the start of the movie."
+        raise StudioError("camera_path.invalid_key", problem, file=path, fix=fix, key=index, name="time")
     easing = entry.get("easing", "smooth")
     try:
         check_easing(easing)
@@ -351,11 +323,8 @@ def turntable(
             "export.invalid_elevation", f"elevation is {elevation} degrees; it must be -89 to 89", value=elevation
         )
     if not 1 <= field_of_view <= 150:
-        raise StudioError(
-            "export.invalid_field_of_view",
-            f"field of view is {field_of_view} degrees; it must be 1 to 150",
-            value=field_of_view,
-        )
+        problem = f"field of view is {field_of_view} degrees; it must be 1 to 150"
+        raise StudioError("export.invalid_field_of_view", problem, value=field_of_view)
     center, radius = subject_sphere(video)
     from studio.formats.rigid_motion import upright
 

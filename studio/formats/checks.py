@@ -62,13 +62,9 @@ def truncated(path: Path, found: int, expected: int) -> StudioError:
 def check_count(path: Path, count: int) -> None:
     """Raises StudioError (splat_file.splat_count) unless there are 1 to `MAX_SPLATS` splats."""
     if not 0 < count <= MAX_SPLATS:
-        raise StudioError(
-            "splat_file.splat_count",
-            f"the file has {count} splats; expected 1 to {MAX_SPLATS}",
-            file=path,
-            value=count,
-            fix="Remove the file from the sequence, or export it again.",
-        )
+        problem = f"the file has {count} splats; expected 1 to {MAX_SPLATS}"
+        fix = "Remove the file from the sequence, or export it again."
+        raise StudioError("splat_file.splat_count", problem, file=path, value=count, fix=fix)
 
 
 def check_expansion(path: Path, size: int, stored: int) -> None:
@@ -106,22 +102,13 @@ def to_arrays(path: Path, gaussians: Gaussians) -> dict[str, np.ndarray]:
     arrays = {name: tensor.float().numpy() for name, tensor in gaussians.on_cpu().items()}
     for name, values in arrays.items():
         if not np.isfinite(values).all():
-            raise StudioError(
-                "gaussians.not_finite",
-                f"a value in {name} is not finite",
-                file=path,
-                fix="Train the frame again.",
-                attribute=name,
-            )
+            problem = f"a value in {name} is not finite"
+            raise StudioError("gaussians.not_finite", problem, file=path, fix="Train the frame again.", attribute=name)
     norms = np.linalg.norm(arrays["quats"], axis=1, keepdims=True)
     if (norms == 0).any():
-        raise StudioError(
-            "gaussians.zero_quaternion",
-            f"splat {int(np.argmin(norms))} has a zero quaternion",
-            file=path,
-            fix="Train the frame again.",
-            splat=int(np.argmin(norms)),
-        )
+        problem = f"splat {int(np.argmin(norms))} has a zero quaternion"
+        fix = "Train the frame again."
+        raise StudioError("gaussians.zero_quaternion", problem, file=path, fix=fix, splat=int(np.argmin(norms)))
     return {**arrays, "quats": arrays["quats"] / norms}
 
 

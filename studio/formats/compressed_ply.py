@@ -51,12 +51,8 @@ def compressed_size(path: Path, ply: PlyData) -> tuple[int, int]:
     _need_rows(path, "sh", harmonics[0].count, vertices.count)
     rest = len(harmonics[0].properties)
     if rest not in _DEGREES:
-        raise StudioError(
-            "splat_file.sh_properties",
-            f"{rest} properties f_rest_*; expected 0, 9, 24 or 45 for SH degrees 0 to 3, numbered from 0",
-            file=path,
-            value=rest,
-        )
+        problem = f"{rest} properties f_rest_*; expected 0, 9, 24 or 45 for SH degrees 0 to 3, numbered from 0"
+        raise StudioError("splat_file.sh_properties", problem, file=path, value=rest)
     _need(path, harmonics[0], [f"f_rest_{index}" for index in range(rest)], "u1")
     return vertices.count, _DEGREES[rest]
 
@@ -131,13 +127,9 @@ def _need(path: Path, element: PlyElement, names: list[str] | tuple[str, ...], k
     found = _types(element)
     for name in names:
         if found.get(name) != kind:
-            raise StudioError(
-                "splat_file.not_splats",
-                f"the compressed PLY's element '{element.name}' has no property '{name}' of the type {kind}",
-                file=path,
-                fix="Choose a file written by SuperSplat or a compatible tool.",
-                missing=name,
-            )
+            problem = f"the compressed PLY's element '{element.name}' has no property '{name}' of the type {kind}"
+            fix = "Choose a file written by SuperSplat or a compatible tool."
+            raise StudioError("splat_file.not_splats", problem, file=path, fix=fix, missing=name)
 
 
 def _need_rows(path: Path, name: str, found: int, expected: int) -> None:

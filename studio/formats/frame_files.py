@@ -69,14 +69,9 @@ def check_one_format(folder: Path, formats: dict[str, list[Path]]) -> None:
     """Refuse a folder that mixes formats, rather than read a part of it. `formats`: as `formats_in` returns."""
     if len(formats) > 1:
         examples = [str(paths[0].relative_to(folder)) for paths in formats.values()]
-        raise StudioError(
-            "import.mixed_formats",
-            f"the folder mixes formats ({', '.join(formats)}), among them {' and '.join(examples)}",
-            file=folder,
-            value=list(formats),
-            fix="Keep one sequence of one format per folder.",
-            files=examples,
-        )
+        problem = f"the folder mixes formats ({', '.join(formats)}), among them {' and '.join(examples)}"
+        fix = "Keep one sequence of one format per folder."
+        raise StudioError("import.mixed_formats", problem, file=folder, value=list(formats), fix=fix, files=examples)
 
 
 def find_frames(place: Path) -> list[tuple[int, Path]]:
@@ -87,12 +82,9 @@ def find_frames(place: Path) -> list[tuple[int, Path]]:
     """
     if place.is_file():
         if place.suffix.lower() == ".v3s":
-            raise StudioError(
-                "import.is_a_stream",
-                "is a stream already, not splats of another program",
-                file=place,
-                fix="Play it with `v3studio play`, or write its splats with `v3studio export --format ply`.",
-            )
+            problem = "is a stream already, not splats of another program"
+            fix = "Play it with `v3studio play`, or write its splats with `v3studio export --format ply`."
+            raise StudioError("import.is_a_stream", problem, file=place, fix=fix)
         return [(0, place)]
     if not place.is_dir():
         raise StudioError("import.not_found", "no such file or folder", file=place)
@@ -104,12 +96,9 @@ def find_frames(place: Path) -> list[tuple[int, Path]]:
     paths = [path for found in formats.values() for path in found if suffix_of(path) in READ_SUFFIXES]
     if not paths:
         only = f"{', '.join(formats)} files are only written; there are " if formats else ""
-        raise StudioError(
-            "import.no_files",
-            f"{only}no {', '.join(READ_SUFFIXES)} files in this folder",
-            file=place,
-            fix="Specify a folder with one file per frame, or a USD file.",
-        )
+        problem = f"{only}no {', '.join(READ_SUFFIXES)} files in this folder"
+        fix = "Specify a folder with one file per frame, or a USD file."
+        raise StudioError("import.no_files", problem, file=place, fix=fix)
     if list(formats) == [META]:
         return [(0, paths[0])]
     names = [path.relative_to(place).parts[0] for path in paths]
@@ -117,14 +106,9 @@ def find_frames(place: Path) -> list[tuple[int, Path]]:
     for (number, name, _), (following, other, _) in itertools.pairwise(numbered):
         if number == following:
             what = "the same frame number" if number >= 0 else "no number that says their order"
-            raise StudioError(
-                "import.duplicate_frame",
-                f"{name} and {other} have {what}",
-                file=place,
-                value=number,
-                fix="Keep one sequence per folder, with names such as frame0001.",
-                files=[name, other],
-            )
+            problem = f"{name} and {other} have {what}"
+            fix = "Keep one sequence per folder, with names such as frame0001."
+            raise StudioError("import.duplicate_frame", problem, file=place, value=number, fix=fix, files=[name, other])
     return [(number, path) for number, _, path in numbered]
 
 
@@ -144,13 +128,9 @@ def frame_numbers(folder: Path, names: list[str]) -> list[int]:
     changing = [index for index, column in enumerate(columns) if len(set(column)) > 1]
     chosen = [index for index in changing if words[index] not in _NOT_FRAMES]
     if changing and not chosen:
-        raise StudioError(
-            "import.iterations",
-            f"{names[0]} and {names[-1]} are iterations of one training, not frames",
-            file=folder,
-            value=[names[0], names[-1]],
-            fix=f"Import one of them: {folder / names[max(range(len(names)), key=columns[changing[-1]].__getitem__)]}",
-        )
+        problem = f"{names[0]} and {names[-1]} are iterations of one training, not frames"
+        fix = f"Import one of them: {folder / names[max(range(len(names)), key=columns[changing[-1]].__getitem__)]}"
+        raise StudioError("import.iterations", problem, file=folder, value=[names[0], names[-1]], fix=fix)
     chosen = [index for index in chosen if words[index] in _FRAMES] or chosen
     if not chosen:
         return columns[-1] if columns else [-1] * len(names)

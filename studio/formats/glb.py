@@ -85,12 +85,8 @@ def write(path: Path, gaussians: Gaussians, offset: np.ndarray | None = None) ->
     head += b" " * (-len(head) % 4)
     total = 12 + 8 + len(head) + 8 + length
     if total >= 1 << 32:
-        raise StudioError(
-            "splat_file.too_large",
-            f"{len(gaussians)} splats need {total} bytes; a GLB file is limited to 2^32 - 1",
-            file=path,
-            value=total,
-        )
+        problem = f"{len(gaussians)} splats need {total} bytes; a GLB file is limited to 2^32 - 1"
+        raise StudioError("splat_file.too_large", problem, file=path, value=total)
     with path.open("wb") as file:
         file.write(struct.pack("<4sII", b"glTF", 2, total))
         file.write(struct.pack("<I4s", len(head), b"JSON") + head)

@@ -88,13 +88,9 @@ def _head(path: Path, data: bytes) -> _Head:
         raise truncated(path, len(data), _HEAD_SIZE)
     major, minor, sections, _, count, level, low, high = _HEAD.unpack_from(data)
     if (major, minor) != (0, 1):
-        raise StudioError(
-            "splat_file.unsupported_version",
-            f"version {major}.{minor} of .ksplat, or another kind of file; version 0.1 is supported",
-            file=path,
-            value=f"{major}.{minor}",
-            fix="Convert it, to PLY for example.",
-        )
+        problem = f"version {major}.{minor} of .ksplat, or another kind of file; version 0.1 is supported"
+        fix = "Convert it, to PLY for example."
+        raise StudioError("splat_file.unsupported_version", problem, file=path, value=f"{major}.{minor}", fix=fix)
     check_count(path, count)
     if level not in _DEFAULT_LEVELS or not 0 < sections <= _MAX_SECTIONS:
         raise _invalid(path, f"compression level {level} and {sections} sections", (level, sections))

@@ -41,12 +41,8 @@ def read_cameras(path: Path, width: int, height: int) -> dict[str, dict[int, Cam
         parents = parents or kind in _PARENTS
         others.add(kind)
     if not found:
-        raise StudioError(
-            "nuke.no_camera",
-            f"there is no node Camera2 or Camera3; it has {', '.join(sorted(others)) or 'no nodes'}",
-            file=path,
-            fix="Export a classic Camera node.",
-        )
+        problem = f"there is no node Camera2 or Camera3; it has {', '.join(sorted(others)) or 'no nodes'}"
+        raise StudioError("nuke.no_camera", problem, file=path, fix="Export a classic Camera node.")
     return found
 
 
@@ -194,13 +190,9 @@ class _Node:
             else:
                 frame = min(found, default=1) if frame is None else frame
                 if found and frame <= max(found):
-                    raise StudioError(
-                        "camera_path.times",
-                        f"camera {self._name}: frame {frame} of {knob} comes after frame {max(found)}",
-                        file=self._path,
-                        value=frame,
-                        fix="Export the camera again.",
-                    )
+                    problem = f"camera {self._name}: frame {frame} of {knob} comes after frame {max(found)}"
+                    fix = "Export the camera again."
+                    raise StudioError("camera_path.times", problem, file=self._path, value=frame, fix=fix)
                 found[frame] = self._number(knob, word)
                 frame += 1
         if not found:

@@ -72,12 +72,9 @@ class Performers:
         """
         found = separated(splats, self.count)
         if found is None:
-            raise StudioError(
-                "exr.performers",
-                f"frame {number} does not have {self.count} performers apart from each other",
-                value=self.count,
-                fix="Choose frames in which they do not touch with --frames, or another number with --mattes.",
-            )
+            problem = f"frame {number} does not have {self.count} performers apart from each other"
+            fix = "Choose frames in which they do not touch with --frames, or another number with --mattes."
+            raise StudioError("exr.performers", problem, value=self.count, fix=fix)
         centers = self._centers(splats, found)
         if before is None:
             names = np.argsort(np.argsort(centers @ np.asarray(order)))

@@ -149,34 +149,22 @@ def _vertices(path: Path, ply: PlyData, note: Note) -> PlyElement:
     from plyfile import PlyListProperty
 
     if "vertex" not in [element.name for element in ply.elements]:
-        raise StudioError(
-            "splat_file.not_splats",
-            "the PLY file has no element 'vertex'",
-            file=path,
-            fix="Choose a file with splats.",
-            missing="vertex",
-        )
+        problem = "the PLY file has no element 'vertex'"
+        fix = "Choose a file with splats."
+        raise StudioError("splat_file.not_splats", problem, file=path, fix=fix, missing="vertex")
     element = ply["vertex"]
     check_properties(path, [prop.name for prop in element.properties], note)
     scalar = {prop.name for prop in element.properties if not isinstance(prop, PlyListProperty)}
     missing = [name for name in NEEDED if name not in scalar]
     if missing:
-        raise StudioError(
-            "splat_file.not_splats",
-            f"the PLY file has no property '{missing[0]}', so it does not contain plain 3D splats",
-            file=path,
-            fix="Choose a file written by 3DGS or a compatible tool.",
-            missing=missing[0],
-        )
+        problem = f"the PLY file has no property '{missing[0]}', so it does not contain plain 3D splats"
+        fix = "Choose a file written by 3DGS or a compatible tool."
+        raise StudioError("splat_file.not_splats", problem, file=path, fix=fix, missing=missing[0])
     whole = [prop.name for prop in element.properties if prop.name in NEEDED and prop.dtype()[-2] in "iu"]
     if whole:
-        raise StudioError(
-            "splat_file.integers",
-            f"the property '{whole[0]}' has integers, so it is not that of 3D splats",
-            file=path,
-            value=whole[0],
-            fix="Export the file again as a PLY of 3D Gaussians.",
-        )
+        problem = f"the property '{whole[0]}' has integers, so it is not that of 3D splats"
+        fix = "Export the file again as a PLY of 3D Gaussians."
+        raise StudioError("splat_file.integers", problem, file=path, value=whole[0], fix=fix)
     check_count(path, element.count)
     return element
 
@@ -184,11 +172,7 @@ def _vertices(path: Path, ply: PlyData, note: Note) -> PlyElement:
 def _degree(path: Path, element: PlyElement) -> int:
     rest = {prop.name for prop in element.properties if prop.name.startswith("f_rest_")}
     if len(rest) not in _DEGREES or rest != {f"f_rest_{index}" for index in range(len(rest))}:
-        raise StudioError(
-            "splat_file.sh_properties",
-            f"{len(rest)} properties f_rest_*; expected 0, 9, 24 or 45 for SH degrees 0 to 3, numbered from 0",
-            file=path,
-            value=len(rest),
-            fix="Export it again, with SH of degree 3 at most and all coefficients.",
-        )
+        problem = f"{len(rest)} properties f_rest_*; expected 0, 9, 24 or 45 for SH degrees 0 to 3, numbered from 0"
+        fix = "Export it again, with SH of degree 3 at most and all coefficients."
+        raise StudioError("splat_file.sh_properties", problem, file=path, value=len(rest), fix=fix)
     return _DEGREES[len(rest)]

@@ -47,13 +47,8 @@ def check_properties(path: Path, names: Iterable[str], note: Note) -> None:
     for what, (pattern, fix) in _OTHERS.items():
         found = [name for name in unknown if re.fullmatch(pattern, name)]
         if found:
-            raise StudioError(
-                "splat_file.other_splats",
-                f"its splats have {what} ({', '.join(found)}), which would be lost",
-                file=path,
-                value=found,
-                fix=fix,
-            )
+            problem = f"its splats have {what} ({', '.join(found)}), which would be lost"
+            raise StudioError("splat_file.other_splats", problem, file=path, value=found, fix=fix)
     if unknown:
         note(f"properties that Gaussians do not have are ignored: {', '.join(unknown)}")
 

@@ -72,13 +72,8 @@ def write(path: Path, gaussians: Gaussians, version: int = DEFAULT_VERSION, offs
     `offset`, (3,) float64, is added to them.
     """
     if version not in WRITTEN_VERSIONS:
-        raise StudioError(
-            "splat_file.unsupported_version",
-            f"SPZ is written in versions 3 and 4, not {version}",
-            file=path,
-            value=version,
-            fix="Choose 3 or 4.",
-        )
+        problem = f"SPZ is written in versions 3 and 4, not {version}"
+        raise StudioError("splat_file.unsupported_version", problem, file=path, value=version, fix="Choose 3 or 4.")
     arrays = to_arrays(path, gaussians)
     means = arrays["means"] + (np.zeros(3) if offset is None else offset)
     farthest, extent = float(np.abs(means).max()), float(np.ptp(means, axis=0).max())
@@ -86,21 +81,12 @@ def write(path: Path, gaussians: Gaussians, version: int = DEFAULT_VERSION, offs
     wanted = _FRACTION_BITS[0] if extent == 0 else math.ceil(math.log2(65536 / extent))
     bits = min(fits, max(_FRACTION_BITS[0], min(wanted, _FRACTION_BITS[1])))
     if bits < 0:
-        raise StudioError(
-            "splat_file.position_range",
-            f"a splat is {farthest:g} units from the origin; SPZ supports up to {_LARGEST}",
-            file=path,
-            value=farthest,
-            fix="Export as PLY.",
-        )
+        problem = f"a splat is {farthest:g} units from the origin; SPZ supports up to {_LARGEST}"
+        raise StudioError("splat_file.position_range", problem, file=path, value=farthest, fix="Export as PLY.")
     if offset is not None and 0 < extent < 1000 * 2.0**-bits:
-        raise StudioError(
-            "splat_file.position_range",
-            f"{farthest:g} units from the origin, where SPZ rounds to {2.0**-bits:g} units",
-            file=path,
-            value=farthest,
-            fix="Export with --axes viewer, which leaves them near the origin, or as PLY.",
-        )
+        problem = f"{farthest:g} units from the origin, where SPZ rounds to {2.0**-bits:g} units"
+        fix = "Export with --axes viewer, which leaves them near the origin, or as PLY."
+        raise StudioError("splat_file.position_range", problem, file=path, value=farthest, fix=fix)
     fixed = np.rint(means * (1 << bits)).astype("<i4")
     sh = arrays["sh"]
     opacities = 1 / (1 + np.exp(-arrays["logit_opacities"].astype(np.float64)))
@@ -282,13 +268,9 @@ def _checked_head(path: Path, head: bytes) -> Head:
         raise damaged("splat_file.unreadable", "not an SPZ file", path)
     _, version, count, degree, bits, flags, _ = _HEAD.unpack(head)
     if version not in VERSIONS:
-        raise StudioError(
-            "splat_file.unsupported_version",
-            f"SPZ version {version}; versions 2 to 4 are supported",
-            file=path,
-            value=version,
-            fix="Convert it, to PLY for example.",
-        )
+        problem = f"SPZ version {version}; versions 2 to 4 are supported"
+        fix = "Convert it, to PLY for example."
+        raise StudioError("splat_file.unsupported_version", problem, file=path, value=version, fix=fix)
     if not 0 < count <= MAX_SPLATS or degree > 3 or bits > 23:
         raise StudioError(
             "splat_file.invalid_header",
@@ -370,12 +352,8 @@ def _axes(path: Path, records: bytes, note: Note) -> int:
 
 
 def _extensions(path: Path, problem: str) -> StudioError:
-    return StudioError(
-        "splat_file.extensions",
-        f"the extensions of the SPZ file {problem}",
-        file=path,
-        fix="Export the file without them.",
-    )
+    fix = "Export the file without them."
+    return StudioError("splat_file.extensions", f"the extensions of the SPZ file {problem}", file=path, fix=fix)
 
 
 def _damaged(path: Path, error: Exception) -> StudioError:

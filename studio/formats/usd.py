@@ -55,12 +55,8 @@ def usd() -> Any:
         ) from None
     if not hasattr(UsdVol, _SCHEMA):
         release = ".".join(str(part) for part in Usd.GetVersion())
-        raise StudioError(
-            "usd.too_old",
-            f"usd-core {release} has no {_SCHEMA}",
-            value=release,
-            fix="Install a newer one: pip install 'usd-core>=26.3'.",
-        )
+        fix = "Install a newer one: pip install 'usd-core>=26.3'."
+        raise StudioError("usd.too_old", f"usd-core {release} has no {_SCHEMA}", value=release, fix=fix)
     return pxr
 
 

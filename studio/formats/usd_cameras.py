@@ -40,12 +40,8 @@ def _times(pxr: Any, path: Path, prim: Any) -> list[int]:
         return [0]
     first, last = math.floor(min(samples)), math.ceil(max(samples))
     if last - first > _MOST_FRAMES:
-        raise StudioError(
-            "usd.unsupported",
-            f"a camera has time codes from {first} to {last}; {_MOST_FRAMES:,} are supported",
-            file=path,
-            value=[first, last],
-        )
+        problem = f"a camera has time codes from {first} to {last}; {_MOST_FRAMES:,} are supported"
+        raise StudioError("usd.unsupported", problem, file=path, value=[first, last])
     return list(range(first, last + 1))
 
 

@@ -346,13 +346,9 @@ def _pictures(path: Path) -> Iterator[np.ndarray]:
                 elif frame.format.name.startswith(("yuv", "gray")) and frame.format.components[0].bits == 8:
                     yield np.clip(np.rint((luma.ravel() - 16.0) * (255 / 219)), 0, 255).astype(np.uint8)
                 else:
-                    raise StudioError(
-                        "videogs.pixel_format",
-                        f"unsupported pixel format {frame.format.name}",
-                        file=path,
-                        value=frame.format.name,
-                        fix="Export 8-bit YUV.",
-                    )
+                    problem = f"unsupported pixel format {frame.format.name}"
+                    fix = "Export 8-bit YUV."
+                    raise StudioError("videogs.pixel_format", problem, file=path, value=frame.format.name, fix=fix)
     except FileNotFoundError:
         raise damaged("videogs.file_missing", "the file is missing", path) from None
     except (av.error.FFmpegError, IndexError, ValueError, OSError) as error:

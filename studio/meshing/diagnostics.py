@@ -39,13 +39,9 @@ def raise_disagreement(shapes: Silhouettes, points: torch.Tensor, slack: float, 
     hint = f" (empty masks: {', '.join(empty)})" if empty else ""
     if len(outliers) > count // 2 or not outliers:
         cameras = outliers or shapes.names
-        raise StudioError(
-            "hull.masks_disagree",
-            f"The visual hull is empty: the masks of {', '.join(cameras)} have no common volume{hint}",
-            fix="Check the camera poses and the masks.",
-            cameras=tuple(cameras),
-            empty=tuple(empty),
-        )
+        problem = f"The visual hull is empty: the masks of {', '.join(cameras)} have no common volume{hint}"
+        fix = "Check the camera poses and the masks."
+        raise StudioError("hull.masks_disagree", problem, fix=fix, cameras=tuple(cameras), empty=tuple(empty))
     raise StudioError(
         "hull.masks_disagree",
         f"The visual hull is empty: the masks of {', '.join(outliers)}{hint} disagree with those of the other "

@@ -67,13 +67,8 @@ class Silhouettes:
         self, views: Sequence[ViewLike], *, max_pixels: float = 60e6, progress: ProgressFn = no_progress
     ) -> None:
         if len(views) < 2:
-            raise StudioError(
-                "hull.too_few_cameras",
-                f"A visual hull needs at least two cameras, found {len(views)}",
-                value=len(views),
-                fix="Add cameras.",
-                expected=2,
-            )
+            problem = f"A visual hull needs at least two cameras, found {len(views)}"
+            raise StudioError("hull.too_few_cameras", problem, value=len(views), fix="Add cameras.", expected=2)
         self.names: list[str] = []
         self.cameras: list[Camera] = []
         self.maps: list[torch.Tensor] = []
@@ -85,23 +80,16 @@ class Silhouettes:
             self._add(view.camera, view.mask, budget)
             progress(index + 1, len(views))
         if all(box is None for box in self.boxes):
-            raise StudioError(
-                "hull.empty_masks",
-                f"The masks of all {len(views)} cameras are empty",
-                fix="Check capture.masks.",
-                setting="capture.masks",
-            )
+            problem = f"The masks of all {len(views)} cameras are empty"
+            raise StudioError("hull.empty_masks", problem, fix="Check capture.masks.", setting="capture.masks")
 
     def _add(self, camera: Camera, mask: np.ndarray, budget: float) -> None:
         import cv2
 
         if not camera.is_pinhole:
-            raise StudioError(
-                "hull.lens_distortion",
-                f"Camera '{camera.name}' has lens distortion",
-                fix="Undistort its images before meshing.",
-                camera=camera.name,
-            )
+            problem = f"Camera '{camera.name}' has lens distortion"
+            fix = "Undistort its images before meshing."
+            raise StudioError("hull.lens_distortion", problem, fix=fix, camera=camera.name)
         if mask.shape != (camera.height, camera.width):
             raise StudioError(
                 "hull.mask_size",

@@ -77,12 +77,8 @@ class Mesh:
 
         with atomic_path(Path(path)) as temporary:
             if not o3d.io.write_triangle_mesh(str(temporary), self.to_open3d(), print_progress=False):
-                raise StudioError(
-                    "mesh.unwritable",
-                    "cannot write the mesh",
-                    file=path,
-                    fix="Check the free disk space and the permissions of the folder.",
-                )
+                fix = "Check the free disk space and the permissions of the folder."
+                raise StudioError("mesh.unwritable", "cannot write the mesh", file=path, fix=fix)
 
     @classmethod
     def load(cls, path: Path | str) -> Mesh:

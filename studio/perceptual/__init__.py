@@ -195,12 +195,8 @@ def _features(network: Network, state: dict[str, Tensor]) -> nn.Sequential:
 
 
 def _unreadable(network: Network, file: Path, reason: str) -> StudioError:
-    return StudioError(
-        "lpips.invalid_weights",
-        f"not a weights file of {network.title} ({reason})",
-        file=file,
-        fix=f"Delete the file to download it again from {network.url}",
-    )
+    fix = f"Delete the file to download it again from {network.url}"
+    return StudioError("lpips.invalid_weights", f"not a weights file of {network.title} ({reason})", file=file, fix=fix)
 
 
 def _published_digest(file: Path) -> str:

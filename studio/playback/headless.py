@@ -60,11 +60,8 @@ def play_headless(
         if not 0 <= start_frame < reader.frame_count:
             raise no_such_frame(start_frame, reader.frame_count)
         if frame_limit is not None and frame_limit < 1:
-            raise StudioError(
-                "playback.invalid_frame_limit",
-                f"frame_limit is {frame_limit}; it must be at least 1",
-                value=frame_limit,
-            )
+            problem = f"frame_limit is {frame_limit}; it must be at least 1"
+            raise StudioError("playback.invalid_frame_limit", problem, value=frame_limit)
         end = sys.maxsize if reader.live else reader.frame_count
         stop = end if frame_limit is None else min(end, start_frame + frame_limit)
         shared = Shared(reader, adaptive)

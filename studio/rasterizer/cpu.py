@@ -27,11 +27,9 @@ def load_kernels() -> Any:
             raise ImportError(f"{kernels.__file__} was built from other sources")
         return kernels
     except ImportError as error:
-        raise StudioError(
-            "rasterizer.kernels_missing",
-            f"the CPU kernels cannot be loaded ({error})",
-            fix="Reinstall the package: `pip install --no-deps -e .`",
-        ) from None
+        problem = f"the CPU kernels cannot be loaded ({error})"
+        fix = "Reinstall the package: `pip install --no-deps -e .`"
+        raise StudioError("rasterizer.kernels_missing", problem, fix=fix) from None
 
 
 _threads: int | None = None
@@ -42,12 +40,8 @@ def set_kernel_threads(count: int | None) -> None:
     StudioError (`rasterizer.invalid_argument`) if it is below 1."""
     global _threads
     if count is not None and count < 1:
-        raise StudioError(
-            "rasterizer.invalid_argument",
-            f"the number of kernel threads is {count}; it must be at least 1",
-            value=count,
-            argument="count",
-        )
+        problem = f"the number of kernel threads is {count}; it must be at least 1"
+        raise StudioError("rasterizer.invalid_argument", problem, value=count, argument="count")
     _threads = count
 
 
@@ -153,11 +147,8 @@ def rasterize_cpu(
 ) -> Render:
     """Render with the C++ kernels. Arguments as in `studio.rasterizer.rasterize`, already validated."""
     if max(pinhole.width, pinhole.height) > 32000:
-        raise StudioError(
-            "rasterizer.image_too_large",
-            f"the image is {pinhole.width}x{pinhole.height} pixels; the cpu rasterizer supports up to 32000x32000",
-            value=(pinhole.width, pinhole.height),
-        )
+        problem = f"the image is {pinhole.width}x{pinhole.height} pixels; the cpu rasterizer supports up to 32000x32000"
+        raise StudioError("rasterizer.image_too_large", problem, value=(pinhole.width, pinhole.height))
     image, alpha, depth, radii = _Rasterize.apply(
         *(tensor for _, tensor in gaussians.items()),
         screen_offsets,

@@ -79,46 +79,30 @@ def _choose(backend: str, device: torch.device) -> str:
     if backend == "auto":
         backend = "triton" if device.type == "cuda" else "cpu"
     elif backend not in BACKENDS:
-        raise StudioError(
-            "rasterizer.unknown_backend",
-            f"unknown backend '{backend}'",
-            value=backend,
-            fix=f"Use auto, {', '.join(BACKENDS)}",
-        )
+        fix = f"Use auto, {', '.join(BACKENDS)}"
+        raise StudioError("rasterizer.unknown_backend", f"unknown backend '{backend}'", value=backend, fix=fix)
     reason = _unavailable(backend)
     if reason is not None:
         raise StudioError("rasterizer.backend_unavailable", reason[0], value=backend, fix=reason[1])
     types = {"cpu": "cpu", "triton": "cpu" if _interpreted() else "cuda"}
     if backend in types and device.type != types[backend]:
-        raise StudioError(
-            "rasterizer.wrong_device",
-            f"the {backend} rasterizer cannot render splats on '{device}'",
-            value=str(device),
-            fix=f"Move the splats to '{types[backend]}'",
-            backend=backend,
-        )
+        problem = f"the {backend} rasterizer cannot render splats on '{device}'"
+        fix = f"Move the splats to '{types[backend]}'"
+        raise StudioError("rasterizer.wrong_device", problem, value=str(device), fix=fix, backend=backend)
     return backend
 
 
 def _bad_shape(argument: str, expected: tuple[int, ...], tensor: Tensor) -> StudioError:
     found = tuple(tensor.shape)
-    return StudioError(
-        "rasterizer.wrong_shape",
-        f"{argument} has shape {found}; expected {expected}",
-        value=found,
-        argument=argument,
-        expected=expected,
-    )
+    problem = f"{argument} has shape {found}; expected {expected}"
+    return StudioError("rasterizer.wrong_shape", problem, value=found, argument=argument, expected=expected)
 
 
 def _check_alike(argument: str, tensor: Tensor, means: Tensor) -> None:
     if tensor.device != means.device or tensor.dtype != means.dtype:
-        raise StudioError(
-            "rasterizer.mixed_tensors",
-            f"{argument} is {tensor.dtype} on '{tensor.device}', but means is {means.dtype} on '{means.device}'",
-            fix="Use one dtype and one device for all attributes",
-            argument=argument,
-        )
+        problem = f"{argument} is {tensor.dtype} on '{tensor.device}', but means is {means.dtype} on '{means.device}'"
+        fix = "Use one dtype and one device for all attributes"
+        raise StudioError("rasterizer.mixed_tensors", problem, fix=fix, argument=argument)
 
 
 def rasterize(
@@ -197,22 +181,15 @@ def rasterize_views(
             "rasterizer.invalid_argument", f"near is {near}; it must be above 0", value=near, argument="near"
         )
     if not 0.5 <= alpha_max <= 1.0:
-        raise StudioError(
-            "rasterizer.invalid_argument",
-            f"alpha_max is {alpha_max}; it must be between 0.5 and 1",
-            value=alpha_max,
-            argument="alpha_max",
-        )
+        problem = f"alpha_max is {alpha_max}; it must be between 0.5 and 1"
+        raise StudioError("rasterizer.invalid_argument", problem, value=alpha_max, argument="alpha_max")
     if checked:
         check_finite(gaussians)
     backend = _choose(backend, means.device)
     if means.dtype not in _DTYPES.get(backend, (means.dtype,)):
-        raise StudioError(
-            "rasterizer.dtype",
-            f"the {backend} rasterizer does not support {means.dtype}",
-            value=str(means.dtype),
-            fix="Convert the splats to float32, or use backend='reference'",
-        )
+        problem = f"the {backend} rasterizer does not support {means.dtype}"
+        fix = "Convert the splats to float32, or use backend='reference'"
+        raise StudioError("rasterizer.dtype", problem, value=str(means.dtype), fix=fix)
     if backend == "triton":
         from studio.rasterizer.triton_backend import rasterize_triton
 

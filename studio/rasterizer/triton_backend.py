@@ -40,11 +40,8 @@ def load_triton_kernels() -> tuple[Any, Any]:
         tiles, splats = (importlib.import_module(f"studio.rasterizer.{name}") for name in names)
         return tiles, splats
     except ImportError as error:
-        raise StudioError(
-            "rasterizer.triton_missing",
-            f"Triton cannot be imported ({error})",
-            fix="Reinstall a CUDA build of PyTorch for Linux, which installs it, or use backend='cpu'",
-        ) from error
+        fix = "Reinstall a CUDA build of PyTorch for Linux, which installs it, or use backend='cpu'"
+        raise StudioError("rasterizer.triton_missing", f"Triton cannot be imported ({error})", fix=fix) from error
 
 
 @dataclass(frozen=True)

@@ -78,19 +78,12 @@ class Pinhole:
     def of(cls, camera: Camera) -> Pinhole:
         """Convert a Camera."""
         if not camera.is_pinhole:
-            raise StudioError(
-                "camera.distortion",
-                f"camera '{camera.name}' has lens distortion, which the rasterizer does not support",
-                fix="Undistort the images and use camera.undistorted()",
-                camera=camera.name,
-            )
+            problem = f"camera '{camera.name}' has lens distortion, which the rasterizer does not support"
+            fix = "Undistort the images and use camera.undistorted()"
+            raise StudioError("camera.distortion", problem, fix=fix, camera=camera.name)
         if abs(camera.K[0, 1]) > 1e-9 * camera.fx:
-            raise StudioError(
-                "camera.skew",
-                f"camera '{camera.name}' has skew {camera.K[0, 1]:g}, which the rasterizer does not support",
-                value=float(camera.K[0, 1]),
-                camera=camera.name,
-            )
+            problem = f"camera '{camera.name}' has skew {camera.K[0, 1]:g}, which the rasterizer does not support"
+            raise StudioError("camera.skew", problem, value=float(camera.K[0, 1]), camera=camera.name)
         margin_x = FIELD_MARGIN * 0.5 * camera.width / camera.fx
         margin_y = FIELD_MARGIN * 0.5 * camera.height / camera.fy
         return cls(

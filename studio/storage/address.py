@@ -56,21 +56,13 @@ def checked(path: Path | str) -> StoreAddress:
         raise _no_bucket(str(path))
     bucket = rest.partition("/")[0]
     if scheme not in PACKAGES:
-        raise StudioError(
-            "storage.unknown_kind",
-            f"unknown kind of address {scheme}://",
-            file=address,
-            fix="Use s3://, gs:// or az://, or a folder.",
-        )
+        fix = "Use s3://, gs:// or az://, or a folder."
+        raise StudioError("storage.unknown_kind", f"unknown kind of address {scheme}://", file=address, fix=fix)
     if not bucket:
         raise _no_bucket(str(address))
     return address
 
 
 def _no_bucket(address: str) -> StudioError:
-    return StudioError(
-        "storage.no_bucket_named",
-        "the address names no bucket",
-        file=address,
-        fix="Example: s3://bucket/folder.",
-    )
+    fix = "Example: s3://bucket/folder."
+    return StudioError("storage.no_bucket_named", "the address names no bucket", file=address, fix=fix)

@@ -40,12 +40,9 @@ def cache_gigabytes() -> float:
     with suppress(ValueError):
         if 0 < float(named) < math.inf:
             return float(named)
-    raise StudioError(
-        "storage.cache_size",
-        f"V3STUDIO_CACHE_GIGABYTES is '{named}', which is not a number above 0",
-        value=named,
-        fix="Set it to the size of the cache in GB, such as 100.",
-    )
+    problem = f"V3STUDIO_CACHE_GIGABYTES is '{named}', which is not a number above 0"
+    fix = "Set it to the size of the cache in GB, such as 100."
+    raise StudioError("storage.cache_size", problem, value=named, fix=fix)
 
 
 class DiskCache:

@@ -30,12 +30,8 @@ def mirrored(address: str | os.PathLike[str]) -> Path:
     store = Store(address)
     entries = store.list()
     if not entries:
-        raise StudioError(
-            "storage.empty",
-            "there are no objects at this address",
-            file=store.address,
-            fix="Correct the address, or copy the footage there.",
-        )
+        fix = "Correct the address, or copy the footage there."
+        raise StudioError("storage.empty", "there are no objects at this address", file=store.address, fix=fix)
     cache = disk_cache(cache_folder())
     scheme, _, path = store.address.partition("://")
     root = cache.folder / "mirror" / scheme / path
@@ -45,12 +41,9 @@ def mirrored(address: str | os.PathLike[str]) -> Path:
             cache.set_limit(cache_gigabytes())
             _update(root, store, entries, str(cache.folder))
     except OSError as error:
-        raise StudioError(
-            "storage.cache_unwritable",
-            f"the cache cannot be written ({error.strerror})",
-            file=cache.folder,
-            fix="Set V3STUDIO_CACHE to a folder on a local disk with free space.",
-        ) from None
+        problem = f"the cache cannot be written ({error.strerror})"
+        fix = "Set V3STUDIO_CACHE to a folder on a local disk with free space."
+        raise StudioError("storage.cache_unwritable", problem, file=cache.folder, fix=fix) from None
     return root
 
 

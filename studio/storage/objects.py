@@ -163,12 +163,9 @@ class CachedObject:
 
 def cache_full(folder: Path) -> StudioError:
     """The error when the disk of the cache is full."""
-    return StudioError(
-        "storage.cache_full",
-        "the disk is full, so that footage cannot be fetched",
-        file=folder,
-        fix="Free some space, lower V3STUDIO_CACHE_GIGABYTES, or set V3STUDIO_CACHE to a folder on another disk.",
-    )
+    problem = "the disk is full, so that footage cannot be fetched"
+    fix = "Free some space, lower V3STUDIO_CACHE_GIGABYTES, or set V3STUDIO_CACHE to a folder on another disk."
+    return StudioError("storage.cache_full", problem, file=folder, fix=fix)
 
 
 def pointer_bytes(pointer: Pointer) -> bytes:

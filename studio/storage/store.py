@@ -50,12 +50,9 @@ class Store:
 
             self._files, root = url_to_fs(self.address, use_listings_cache=False)
         except ImportError as error:
-            raise StudioError(
-                "storage.missing_package",
-                f"a package is missing ({error})",
-                file=self.address,
-                fix=f"Install it: pip install {PACKAGES[scheme]}.",
-            ) from None
+            problem = f"a package is missing ({error})"
+            fix = f"Install it: pip install {PACKAGES[scheme]}."
+            raise StudioError("storage.missing_package", problem, file=self.address, fix=fix) from None
         except Exception as error:  # each file system raises its own
             raise self._failed("reached", "", error) from None
         self._root = root.rstrip("/")
@@ -137,25 +134,14 @@ class Store:
                 "AWS_SECRET_ACCESS_KEY for s3://.",
             )
         if isinstance(error, PermissionError) or _DENIED.search(text):
-            return StudioError(
-                "storage.denied",
-                f"the store refuses access ({reason})",
-                file=file,
-                fix=f"Check the credentials in the environment, and that they may {_NEEDED[what]}.",
-            )
+            fix = f"Check the credentials in the environment, and that they may {_NEEDED[what]}."
+            return StudioError("storage.denied", f"the store refuses access ({reason})", file=file, fix=fix)
         if isinstance(error, FileNotFoundError) or _MISSING.search(text):
-            return StudioError(
-                "storage.not_found",
-                f"there is no such bucket or object ({reason})",
-                file=file,
-                fix="Create the bucket or correct the address; for a store other than AWS, set AWS_ENDPOINT_URL.",
-            )
-        return StudioError(
-            "storage.failed",
-            f"cannot be {what} after {ATTEMPTS} attempts ({reason})",
-            file=file,
-            fix="Check the network and the store, and run again; finished work is kept.",
-        )
+            fix = "Create the bucket or correct the address; for a store other than AWS, set AWS_ENDPOINT_URL."
+            return StudioError("storage.not_found", f"there is no such bucket or object ({reason})", file=file, fix=fix)
+        problem = f"cannot be {what} after {ATTEMPTS} attempts ({reason})"
+        fix = "Check the network and the store, and run again; finished work is kept."
+        return StudioError("storage.failed", problem, file=file, fix=fix)
 
 
 _NEEDED = {

@@ -104,9 +104,5 @@ class RenditionGroups(Sequence[Rendition]):
 
 def no_such_frame(frame: int, frame_count: int) -> StudioError:
     """The error for a frame number outside 0 to frame_count - 1."""
-    return StudioError(
-        "stream.no_such_frame",
-        f"no frame {frame}; the stream has frames 0 to {frame_count - 1}",
-        value=frame,
-        frame_count=frame_count,
-    )
+    problem = f"no frame {frame}; the stream has frames 0 to {frame_count - 1}"
+    return StudioError("stream.no_such_frame", problem, value=frame, frame_count=frame_count)

@@ -95,13 +95,9 @@ def component_frames(frames: Iterable[Gaussians], order: np.ndarray | None = Non
         arrays = {name: tensor.numpy().astype(np.float32, copy=False) for name, tensor in frame.on_cpu().items()}
         for name, array in arrays.items():
             if not np.isfinite(array).all():
-                raise StudioError(
-                    "gaussians.not_finite",
-                    f"frame {number} of the group has a value in {name} that is not finite",
-                    fix="Train the group again.",
-                    frame=number,
-                    attribute=name,
-                )
+                problem = f"frame {number} of the group has a value in {name} that is not finite"
+                fix = "Train the group again."
+                raise StudioError("gaussians.not_finite", problem, fix=fix, frame=number, attribute=name)
         rows = component_rows(frame.sh_degree)
         columns = (BY_NAME[name].activate(arrays[BY_NAME[name].tensor]) for name in rows)
         values = np.concatenate([column.reshape(len(frame), -1).T for column in columns])

@@ -707,12 +707,5 @@ def invalid(error: ValidationError, file: str, fix: str) -> StudioError:
     elif rule != "missing":
         value = repr(first.get("input"))[:80]
         found = f", found {value}"
-    return StudioError(
-        "manifest.invalid",
-        f"{location + (' ' if message.startswith(('must', 'is ')) else ': ') if location else ''}{message}{found}",
-        file=file,
-        value=value,
-        fix=fix,
-        location=location,
-        rule=rule,
-    )
+    problem = f"{location + (' ' if message.startswith(('must', 'is ')) else ': ') if location else ''}{message}{found}"
+    return StudioError("manifest.invalid", problem, file=file, value=value, fix=fix, location=location, rule=rule)

@@ -51,12 +51,8 @@ def _check_head(data: bytes, name: str) -> None:
     except TextError as error:
         raise damaged("manifest.not_json", f"not valid JSON ({error})", name) from None
     if not isinstance(head, dict) or head.get("format") != FORMAT:
-        raise StudioError(
-            "manifest.wrong_format",
-            f"not the manifest of a {FORMAT}",
-            file=name,
-            fix="Choose the folder of a baked stream.",
-        )
+        fix = "Choose the folder of a baked stream."
+        raise StudioError("manifest.wrong_format", f"not the manifest of a {FORMAT}", file=name, fix=fix)
     version = head.get("version")
     if version != VERSION:
         raise StudioError(
@@ -140,13 +136,8 @@ def check_growth(old: Manifest, new: Manifest, name: str) -> None:
     if new.frame_counts[: len(kept)] != kept or ("renditions" not in changed and not same):
         changed.append("groups")
     if changed:
-        raise StudioError(
-            "stream.live_changed",
-            f"the live stream was replaced by another one ({', '.join(changed)} differ)",
-            file=name,
-            value=changed,
-            fix="Open the stream again.",
-        )
+        problem = f"the live stream was replaced by another one ({', '.join(changed)} differ)"
+        raise StudioError("stream.live_changed", problem, file=name, value=changed, fix="Open the stream again.")
 
 
 def manifest_schema() -> JsonObject:

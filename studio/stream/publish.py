@@ -84,12 +84,9 @@ def publish(
         for name, data in (beside or {}).items():
             place.put(name, data, REVALIDATED if name.endswith(".html") else IMMUTABLE)
     except OSError as error:
-        raise StudioError(
-            "publish.failed",
-            f"the target cannot be written ({reason_of(error)})",
-            file=target,
-            fix="Check the path and the permissions, then publish again: what is there is kept.",
-        ) from error
+        problem = f"the target cannot be written ({reason_of(error)})"
+        fix = "Check the path and the permissions, then publish again: what is there is kept."
+        raise StudioError("publish.failed", problem, file=target, fix=fix) from error
     return Published(len(missing), sum(file.bytes for file in missing), len(files) - len(missing))
 
 

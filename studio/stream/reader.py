@@ -183,12 +183,8 @@ class StreamReader:
             raise
         except StudioError:
             if self._replaced():
-                raise StudioError(
-                    "stream.replaced",
-                    "the stream was baked again since it was opened",
-                    file=self._manifest_name,
-                    fix="Open it again.",
-                ) from None
+                problem = "the stream was baked again since it was opened"
+                raise StudioError("stream.replaced", problem, file=self._manifest_name, fix="Open it again.") from None
             raise
 
     def _replaced(self) -> bool:

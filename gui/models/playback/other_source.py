@@ -81,12 +81,8 @@ def open_other(place: Path, label: str = "", evaluation: Path | None = None, in_
     """
     opened = open_path(place, in_take)
     if opened.default is None:
-        raise StudioError(
-            "gui.nothing_to_compare",
-            "nothing is trained or baked in this take",
-            file=place,
-            fix="Choose another one, or run its stages.",
-        )
+        fix = "Choose another one, or run its stages."
+        raise StudioError("gui.nothing_to_compare", "nothing is trained or baked in this take", file=place, fix=fix)
     source = opened.default
     for other in opened.sources.values():
         if other is not source:

@@ -162,12 +162,8 @@ def open_path(place: Path | str, in_take: bool = False) -> Opened:
         raise StudioError(
             "gui.no_such_folder", "no such folder", file=path, fix="Choose the folder of a take or of a stream."
         )
-    raise StudioError(
-        "gui.not_take_or_stream",
-        "neither a take (no take.json) nor a stream (no manifest.json)",
-        file=path,
-        fix="Choose another folder.",
-    )
+    problem = "neither a take (no take.json) nor a stream (no manifest.json)"
+    raise StudioError("gui.not_take_or_stream", problem, file=path, fix="Choose another folder.")
 
 
 def _open_stream(place: Path | str, title: str, in_take: bool) -> Opened:

@@ -95,12 +95,8 @@ class ExportRequest(NamedTarget):
             except ValueError:
                 seconds = 0.0
             if not 0 < seconds <= 3600:
-                raise StudioError(
-                    "export.bad_seconds",
-                    f"movie length '{self.seconds}' is not a number of seconds above 0 and at most 3600",
-                    value=self.seconds,
-                    fix="Example: 6.",
-                )
+                problem = f"movie length '{self.seconds}' is not a number of seconds above 0 and at most 3600"
+                raise StudioError("export.bad_seconds", problem, value=self.seconds, fix="Example: 6.")
             found += ["--seconds", f"{seconds:g}"]
         return found
 
@@ -173,12 +169,9 @@ class Exports:
     def _keys(self, request: ExportRequest) -> list[Key]:
         """The path in the frames and the world of what is exported."""
         if len(self.path.keys) < 2:
-            raise StudioError(
-                "export.too_few_views",
-                "a camera path needs at least two views",
-                value=len(self.path.keys),
-                fix="Add views with K, then export again.",
-            )
+            problem = "a camera path needs at least two views"
+            fix = "Add views with K, then export again."
+            raise StudioError("export.too_few_views", problem, value=len(self.path.keys), fix=fix)
         width, height = map(int, request.size.split("x"))
         return in_export(self.path.fitted_keys(width, height), request.source, request.of, self.path.numbers)
 

@@ -113,13 +113,9 @@ class GarbageDrawing:
         assert context is not None
         named = context.config.capture.garbage_masks or ""
         if Path(named).suffix.lower() not in EXTENSIONS:
-            raise StudioError(
-                "gui.garbage_images",
-                "the garbage masks of this take are images, so no polygons can be drawn",
-                value=named,
-                fix=f"Empty {SETTING}, or add polygons to the images.",
-                setting=SETTING,
-            )
+            problem = "the garbage masks of this take are images, so no polygons can be drawn"
+            fix = f"Empty {SETTING}, or add polygons to the images."
+            raise StudioError("gui.garbage_images", problem, value=named, fix=fix, setting=SETTING)
         in_take = file_of_garbage(context.config.capture, context.take)
         return in_take if in_take is not None else context.footage.capture.root / Path(named).expanduser()
 
@@ -157,11 +153,8 @@ class GarbageDrawing:
         if take is None:
             return Message("settings.no_take", "no take with readable settings is open", fix="Open a take first.")
         if workspace.busy:
-            return Message(
-                "settings.run_active",
-                "settings are locked during a run",
-                fix="Wait for it to finish, or cancel it.",
-            )
+            fix = "Wait for it to finish, or cancel it."
+            return Message("settings.run_active", "settings are locked during a run", fix=fix)
         try:
             with disk_errors(take.root):
                 before = take.garbage.read_bytes() if take.garbage.is_file() else None

@@ -76,13 +76,9 @@ def _check_port(address: str) -> None:
     if address in ("local", "auto"):
         return
     if found is None:
-        raise StudioError(
-            "cluster.address",
-            f"'{address}' is not the address of a cluster",
-            value=address,
-            fix="Example: ray://head:10001.",
-            setting="run.address",
-        )
+        problem = f"'{address}' is not the address of a cluster"
+        fix = "Example: ray://head:10001."
+        raise StudioError("cluster.address", problem, value=address, fix=fix, setting="run.address")
     try:
         socket.create_connection((found[1], int(found[2])), timeout=CONNECT_SECONDS).close()
     except (OSError, OverflowError) as error:
@@ -90,13 +86,9 @@ def _check_port(address: str) -> None:
 
 
 def _unreachable(address: str, reason: str) -> StudioError:
-    return StudioError(
-        "cluster.unreachable",
-        f"no Ray cluster answers at {address} ({reason})",
-        value=address,
-        fix="Check run.address, and that the head node is running.",
-        setting="run.address",
-    )
+    problem = f"no Ray cluster answers at {address} ({reason})"
+    fix = "Check run.address, and that the head node is running."
+    return StudioError("cluster.unreachable", problem, value=address, fix=fix, setting="run.address")
 
 
 @contextmanager
@@ -110,13 +102,9 @@ def _authentication_errors(address: str) -> Iterator[None]:
 
 
 def _wrong_token(address: str) -> StudioError:
-    return StudioError(
-        "cluster.token",
-        f"the cluster at {address} does not accept the token",
-        value=address,
-        fix="Set RAY_AUTH_TOKEN_PATH to the cluster's token file, or copy it to ~/.ray/auth_token.",
-        setting="run.address",
-    )
+    problem = f"the cluster at {address} does not accept the token"
+    fix = "Set RAY_AUTH_TOKEN_PATH to the cluster's token file, or copy it to ~/.ray/auth_token."
+    return StudioError("cluster.token", problem, value=address, fix=fix, setting="run.address")
 
 
 def _refused(address: str, error: Exception) -> StudioError:
@@ -126,20 +114,12 @@ def _refused(address: str, error: Exception) -> StudioError:
     if "ersion" in text and "Ray" in text and "Python" in text:
         found = re.findall(r"(?:Ray|Python): ([0-9][0-9A-Za-z.]*)", text)
         told = f" ({', '.join(found)})" if found else ""
-        return StudioError(
-            "cluster.version",
-            f"the cluster at {address} has other versions of Ray or Python than this machine{told}",
-            value=address,
-            fix="Install the same versions on all machines.",
-            setting="run.address",
-        )
+        problem = f"the cluster at {address} has other versions of Ray or Python than this machine{told}"
+        fix = "Install the same versions on all machines."
+        return StudioError("cluster.version", problem, value=address, fix=fix, setting="run.address")
     if address in ("local", "auto"):
         return _unreachable(address, text[:300])
     # the port was open: Ray tells a wrong token only in its log, and gives up after a minute
-    return StudioError(
-        "cluster.token",
-        f"a program listens at {address}, but does not let this run in ({text[:300]})",
-        value=address,
-        fix="Check the token (RAY_AUTH_TOKEN_PATH or ~/.ray/auth_token), and that the port is that of a Ray head node.",
-        setting="run.address",
-    )
+    problem = f"a program listens at {address}, but does not let this run in ({text[:300]})"
+    fix = "Check the token (RAY_AUTH_TOKEN_PATH or ~/.ray/auth_token), and that the port is that of a Ray head node."
+    return StudioError("cluster.token", problem, value=address, fix=fix, setting="run.address")

@@ -45,9 +45,7 @@ def start_on_head(address: str, words: Sequence[str], place: str) -> Launched:
         except (ray.exceptions.RayError, ConnectionError) as error:
             ray.kill(starter)
             lines = str(error).strip().splitlines() or [type(error).__name__]
-            raise StudioError(
-                "cluster.not_visible",
-                f"the head node of {address} cannot start the run ({lines[-1]})",
-                fix="Mount the take under the same path there, and install the same version of V3 Studio.",
-            ) from None
+            problem = f"the head node of {address} cannot start the run ({lines[-1]})"
+            fix = "Mount the take under the same path there, and install the same version of V3 Studio."
+            raise StudioError("cluster.not_visible", problem, fix=fix) from None
         return found

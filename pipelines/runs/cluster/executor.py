@@ -110,12 +110,9 @@ class _Run:
         except BrokenPipeError:  # anyone who reads the events is gone, not the cluster
             raise
         except (RayError, ConnectionError) as error:
-            raise StudioError(
-                "cluster.lost",
-                f"the connection to the cluster was lost ({_last_line(error)})",
-                fix="Check that its head node is running, and run again; finished work is kept.",
-                stage=self._stage.name,
-            ) from error
+            problem = f"the connection to the cluster was lost ({_last_line(error)})"
+            fix = "Check that its head node is running, and run again; finished work is kept."
+            raise StudioError("cluster.lost", problem, fix=fix, stage=self._stage.name) from error
 
     def _go(self, groups: Sequence[Group]) -> None:
         ray = self._ray
@@ -327,12 +324,8 @@ class _Run:
             if job.lost > 1:
                 told = f"group {job.group.index} lost {job.lost} workers, the last{where} ({reason})"
             self._lanes.failed(job.group, told)
-            raise StudioError(
-                "cluster.worker_lost",
-                told,
-                fix="See the logs of Ray on that node.",
-                group=job.group.index,
-            )
+            fix = "See the logs of Ray on that node."
+            raise StudioError("cluster.worker_lost", told, fix=fix, group=job.group.index)
         self._warn(Message("cluster.worker_lost", f"{told}; it is started again", fields={"group": job.group.index}))
         self._again(job, f"its worker was lost ({reason})")
 

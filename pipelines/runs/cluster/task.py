@@ -163,10 +163,6 @@ def _here(path: Path, what: str, task: GroupTask) -> Path:
 
 
 def _not_visible(what: str, file: str | os.PathLike[str], how: str) -> StudioError:
-    return StudioError(
-        NOT_VISIBLE,
-        f"{socket.gethostname()} cannot see the {what} there{how}",
-        file=file,
-        fix="Mount it on all nodes under the same path, or set run.paths.",
-        node=socket.gethostname(),
-    )
+    problem = f"{socket.gethostname()} cannot see the {what} there{how}"
+    fix = "Mount it on all nodes under the same path, or set run.paths."
+    return StudioError(NOT_VISIBLE, problem, file=file, fix=fix, node=socket.gethostname())

@@ -34,11 +34,8 @@ def check_plausible(rig: TieRig, observations: Observations) -> None:
         np.ptp(observations.world[which], 0)
     )
     if smaller or (behind and which.any()):
-        raise StudioError(
-            "tie_points.contradiction",
-            "the measured positions contradict the marks",
-            fix="Check the measured positions; their axes must be right-handed with z up.",
-        )
+        fix = "Check the measured positions; their axes must be right-handed with z up."
+        raise StudioError("tie_points.contradiction", "the measured positions contradict the marks", fix=fix)
     if behind:
         raise StudioError(
             "tie_points.behind", "the points would be behind the cameras that fit the marks", fix="Check the marks."
@@ -53,12 +50,9 @@ def check_handedness(rig: TieRig, observations: Observations, accuracy: Accuracy
     points3d, world = rig.points3d[which], observations.world[which]
     proper, mirrored = (_misfit(points3d, world * signs) for signs in ([1, 1, 1], [1, 1, -1]))
     if proper > 3 * accuracy.world and mirrored < proper / 4:
-        raise StudioError(
-            "tie_points.contradiction",
-            "the measured positions are a mirror image of what the marks say",
-            value=round(proper, 3),
-            fix="Check the measured positions; their axes must be right-handed with z up.",
-        )
+        problem = "the measured positions are a mirror image of what the marks say"
+        fix = "Check the measured positions; their axes must be right-handed with z up."
+        raise StudioError("tie_points.contradiction", problem, value=round(proper, 3), fix=fix)
 
 
 def _misfit(points3d: np.ndarray, world: np.ndarray) -> float:

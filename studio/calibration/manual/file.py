@@ -47,12 +47,8 @@ def read_tie_points(path: Path | str) -> tuple[TiePoint, ...]:
     try:
         text = read_bounded(path).decode("utf-8-sig")
     except OSError as error:
-        raise StudioError(
-            "tie_points.unreadable",
-            f"cannot be read ({error.strerror})",
-            file=path,
-            fix="Check the path and permissions.",
-        ) from None
+        fix = "Check the path and permissions."
+        raise StudioError("tie_points.unreadable", f"cannot be read ({error.strerror})", file=path, fix=fix) from None
     except UnicodeDecodeError:
         text = "["  # not text, so not YAML
     try:
@@ -68,22 +64,13 @@ def read_tie_points(path: Path | str) -> tuple[TiePoint, ...]:
             line=error.mapping_line,
         ) from None
     except YamlError as error:
-        raise StudioError(
-            "tie_points.syntax",
-            "invalid YAML" + (f" at line {error.line}" if error.line else ""),
-            file=path,
-            fix="docs/guides/calibrate-points.md describes the format.",
-            line=error.line,
-        ) from None
+        problem = "invalid YAML" + (f" at line {error.line}" if error.line else "")
+        fix = "docs/guides/calibrate-points.md describes the format."
+        raise StudioError("tie_points.syntax", problem, file=path, fix=fix, line=error.line) from None
     points = content.get("points") if isinstance(content, dict) else None
     if not isinstance(points, dict):
-        raise StudioError(
-            "tie_points.no_points",
-            "the key 'points' is missing",
-            file=path,
-            fix="Add 'points:' with one entry per point.",
-            key="points",
-        )
+        fix = "Add 'points:' with one entry per point."
+        raise StudioError("tie_points.no_points", "the key 'points' is missing", file=path, fix=fix, key="points")
     with naming(path):
         return tuple(_point(name, values) for name, values in points.items())
 
@@ -104,34 +91,19 @@ def write_tie_points(points: Sequence[TiePoint], path: Path) -> None:
 
 def _point(name: str, values: Any) -> TiePoint:
     if not isinstance(values, dict) or not isinstance(values.get("pixels"), dict):
-        raise StudioError(
-            "tie_points.no_pixels",
-            f"point '{name}' has no 'pixels'",
-            fix="Add 'pixels:' with one line 'camera: [column, row]' per camera.",
-            point=name,
-            key="pixels",
-        )
+        fix = "Add 'pixels:' with one line 'camera: [column, row]' per camera."
+        raise StudioError("tie_points.no_pixels", f"point '{name}' has no 'pixels'", fix=fix, point=name, key="pixels")
     unknown = sorted(set(values) - {"pixels", "world", "frame"})
     if unknown:
-        raise StudioError(
-            "tie_points.unknown_key",
-            f"point '{name}' has an unknown key '{unknown[0]}'",
-            value=unknown[0],
-            fix="The keys of a point are pixels, world and frame.",
-            point=name,
-            key=unknown[0],
-        )
+        problem = f"point '{name}' has an unknown key '{unknown[0]}'"
+        fix = "The keys of a point are pixels, world and frame."
+        raise StudioError("tie_points.unknown_key", problem, value=unknown[0], fix=fix, point=name, key=unknown[0])
     pixels = {camera: _numbers(name, camera, xy, 2) for camera, xy in values["pixels"].items()}
     world, frame = values.get("world"), values.get("frame")
     if frame is not None and not str(frame).isdigit():
-        raise StudioError(
-            "tie_points.frame",
-            f"point '{name}': frame is {frame}, not a frame number",
-            value=frame,
-            fix="Specify an integer; example: 24.",
-            point=name,
-            key="frame",
-        )
+        problem = f"point '{name}': frame is {frame}, not a frame number"
+        fix = "Specify an integer; example: 24."
+        raise StudioError("tie_points.frame", problem, value=frame, fix=fix, point=name, key="frame")
     return TiePoint(
         name,
         {camera: (xy[0], xy[1]) for camera, xy in pixels.items()},
@@ -148,13 +120,7 @@ def _numbers(point: str, key: str, value: Any, count: int) -> tuple[float, ...]:
     if len(found) != count or not all(map(math.isfinite, found)):
         example = ", ".join(["0.5"] * count)
         shown = f"[{', '.join(map(str, value))}]" if isinstance(value, list) else value
-        raise StudioError(
-            "tie_points.not_numbers",
-            f"point '{point}': {key} is {shown}, expected {count} numbers",
-            value=value,
-            fix=f"Example: [{example}].",
-            point=point,
-            key=key,
-            expected=count,
-        )
+        problem = f"point '{point}': {key} is {shown}, expected {count} numbers"
+        fix = f"Example: [{example}]."
+        raise StudioError("tie_points.not_numbers", problem, value=value, fix=fix, point=point, key=key, expected=count)
     return found

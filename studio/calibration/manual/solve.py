@@ -138,12 +138,9 @@ def _observations(points: Sequence[TiePoint], sizes: Mapping[str, tuple[int, int
                     expected=list(sizes[name]),
                 )
     if not used:
-        raise StudioError(
-            "tie_points.none",
-            f"no tie point is marked in any of the cameras {', '.join(sizes)}",
-            fix="Mark points in the images of these cameras.",
-            expected=list(sizes),
-        )
+        problem = f"no tie point is marked in any of the cameras {', '.join(sizes)}"
+        fix = "Mark points in the images of these cameras."
+        raise StudioError("tie_points.none", problem, fix=fix, expected=list(sizes))
     return Observations(
         [point.name for point in used],
         np.array([point.world if point.world is not None else (np.nan,) * 3 for point in used], np.float64),

@@ -57,12 +57,8 @@ def write_target_pdf(target: CalibrationTarget, path: Path | str, *, paper: str 
         with atomic_path(path) as temporary, rc_context({"pdf.compression": 6}):
             FigureCanvasPdf(figure).print_pdf(str(temporary), metadata=about)
     except OSError as error:
-        raise StudioError(
-            "target.unwritable",
-            f"cannot be written ({error.strerror})",
-            file=path,
-            fix="Check the free space and permissions.",
-        ) from None
+        fix = "Check the free space and permissions."
+        raise StudioError("target.unwritable", f"cannot be written ({error.strerror})", file=path, fix=fix) from None
     return width, height
 
 
@@ -116,25 +112,17 @@ def _page(target: CalibrationTarget, paper: str) -> tuple[float, float]:
         white = max(_EDGE, target.square * 1000)
         return width + 2 * white, height + 2 * white + _TEXT
     if paper not in PAPERS:
-        raise StudioError(
-            "target.paper",
-            f"unknown paper '{paper}', expected fit or one of {', '.join(PAPERS)}",
-            value=paper,
-            expected=["fit", *PAPERS],
-        )
+        problem = f"unknown paper '{paper}', expected fit or one of {', '.join(PAPERS)}"
+        raise StudioError("target.paper", problem, value=paper, expected=["fit", *PAPERS])
     sizes = [PAPERS[paper], PAPERS[paper][::-1]]
     if width > height:
         sizes.reverse()
     for page in sizes:
         if width + 2 * _EDGE <= page[0] and height + 2 * _EDGE + _TEXT <= page[1]:
             return page
-    raise StudioError(
-        "target.too_large",
-        f"the target is {width:g} x {height:g} mm and does not fit on {paper}",
-        value=[width, height],
-        fix="Use smaller squares, fewer squares or larger paper.",
-        paper=paper,
-    )
+    problem = f"the target is {width:g} x {height:g} mm and does not fit on {paper}"
+    fix = "Use smaller squares, fewer squares or larger paper."
+    raise StudioError("target.too_large", problem, value=[width, height], fix=fix, paper=paper)
 
 
 def _outline(target: CalibrationTarget, left: float, top: float, margin: float) -> tuple[float, float, float, float]:

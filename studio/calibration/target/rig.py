@@ -154,13 +154,9 @@ def calibrate_from_target(
         progress(number, 2 * len(sizes) + 3)
         own = [view for (_, camera), view in views.items() if camera == name]
         if not own:
-            raise StudioError(
-                "target.not_seen",
-                f"the target was not detected in any image of camera '{name}'",
-                fix="Check calibrate.board (columns, rows, dictionary, inverted), or film the target closer.",
-                camera=name,
-                setting="calibrate.board",
-            )
+            problem = f"the target was not detected in any image of camera '{name}'"
+            fix = "Check calibrate.board (columns, rows, dictionary, inverted), or film the target closer."
+            raise StudioError("target.not_seen", problem, fix=fix, camera=name, setting="calibrate.board")
         principal_points[name] = _estimates_principal_point(own, size)
         intrinsics[name] = intrinsics_from_views(
             name, size, target, own, settings.camera_model, principal_point=principal_points[name]

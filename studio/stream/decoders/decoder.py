@@ -30,11 +30,8 @@ class GroupDecoder(ABC):
         """The next frame; call `DecodedFrame.gaussians` on any thread for its splats. StudioError if a file is damaged,
         or there is none."""
         if self.next_frame >= self.group.end_frame:
-            raise StudioError(
-                "stream.end_of_group",
-                f"group {self.group.index} has only {self.group.frame_count} frames",
-                group=self.group.index,
-            )
+            problem = f"group {self.group.index} has only {self.group.frame_count} frames"
+            raise StudioError("stream.end_of_group", problem, group=self.group.index)
         frame = self._read(self.next_frame - self.group.first_frame)
         self.next_frame += 1
         return frame

@@ -216,12 +216,9 @@ class _Job:
     def _as_good_as(self, target: float) -> int:
         quality = self.quality
         if quality is None:
-            raise StudioError(
-                "bake.no_renderer",
-                f"quality {self.settings.quality} requires a function that renders decoded frames (quality)",
-                fix="Pass quality, or set a QP instead.",
-                setting="bake.quality",
-            )
+            problem = f"quality {self.settings.quality} requires a function that renders decoded frames (quality)"
+            fix = "Pass quality, or set a QP instead."
+            raise StudioError("bake.no_renderer", problem, fix=fix, setting="bake.quality")
         qp = highest_qp(lambda qp: self._psnr(qp, quality) - target, self.qp)
         if qp < QP_BEST and self.settings.smooth_paths is None and self.settings.profile == "motion":
             self.unsmoothed()
@@ -360,22 +357,13 @@ def _ranking(rungs: Sequence[Rung], splats: int, contribution: ContributionFn | 
     if not any(rung.pruned and not rung.finetuned for rung in rungs):
         return None
     if contribution is None:
-        raise StudioError(
-            "bake.no_contribution",
-            "a rung keeps only a share of the splats, but the contribution of each splat is not known",
-            fix="Bake a take, pass contribution, or set splats of all rungs to 1.",
-            setting="bake.ladder",
-            group=group,
-        )
+        problem = "a rung keeps only a share of the splats, but the contribution of each splat is not known"
+        fix = "Bake a take, pass contribution, or set splats of all rungs to 1."
+        raise StudioError("bake.no_contribution", problem, fix=fix, setting="bake.ladder", group=group)
     values = contribution()
     if values.shape != (splats,) or not np.isfinite(values).all():
-        raise StudioError(
-            "bake.invalid_contribution",
-            f"contribution gives {values.shape} values for {splats} splats, or some that are not finite",
-            value=values.shape,
-            group=group,
-            expected=(splats,),
-        )
+        problem = f"contribution gives {values.shape} values for {splats} splats, or some that are not finite"
+        raise StudioError("bake.invalid_contribution", problem, value=values.shape, group=group, expected=(splats,))
     return ranking_of(values)
 
 

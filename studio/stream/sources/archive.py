@@ -106,13 +106,9 @@ class ArchiveSource:
             if not _NAME.fullmatch(entry.filename) or entry.filename in self._places:
                 raise self._damaged(f"it has an entry {entry.filename[:80]!r}")
             if entry.compress_type != zipfile.ZIP_STORED or entry.flag_bits & 1:
-                raise StudioError(
-                    "source.archive_not_stored",
-                    f"the entry {entry.filename} is compressed or encrypted, so that it cannot be read by ranges",
-                    file=ranges.name,
-                    value=entry.filename,
-                    fix="Export the stream again, or pack it without compression (zip -0).",
-                )
+                problem = f"the entry {entry.filename} is compressed or encrypted, so that it cannot be read by ranges"
+                fix = "Export the stream again, or pack it without compression (zip -0)."
+                raise StudioError("source.archive_not_stored", problem, file=ranges.name, value=entry.filename, fix=fix)
             after = bisect_right(starts, entry.header_offset)
             end = starts[after] if after < len(starts) else directory
             if entry.header_offset < 0 or end - entry.header_offset < _LOCAL_HEADER.size + entry.file_size:

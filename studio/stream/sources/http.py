@@ -103,12 +103,8 @@ class HttpSource:
         except ValueError as error:
             raise StudioError("source.invalid_url", f"invalid URL ({error})", file=address) from None
         if not is_address(address) or not host:
-            raise StudioError(
-                "source.invalid_url",
-                "invalid URL",
-                file=address,
-                fix="Specify a URL that starts with http:// or https:// and a host.",
-            )
+            fix = "Specify a URL that starts with http:// or https:// and a host."
+            raise StudioError("source.invalid_url", "invalid URL", file=address, fix=fix)
         netloc = (f"[{host}]" if ":" in host else host) + ("" if port is None else f":{port}")
         self._base = parts._replace(
             netloc=netloc, path=parts.path.removesuffix("manifest.json").rstrip("/"), fragment=""
@@ -308,21 +304,12 @@ def _check_answer(response: urllib3.BaseHTTPResponse, name: str, partial: _Parti
         after = response.headers.get("Retry-After", "")
         raise _Temporary("status", answer, float(after) if after.isascii() and after.isdigit() else 0.0)
     if status in (404, 410):
-        raise StudioError(
-            "source.file_missing",
-            f"{answer}: the file is missing on the server",
-            file=name,
-            fix="Check the URL, or upload the stream again.",
-            status=status,
-        )
+        problem = f"{answer}: the file is missing on the server"
+        fix = "Check the URL, or upload the stream again."
+        raise StudioError("source.file_missing", problem, file=name, fix=fix, status=status)
     if status in (401, 403):
-        raise StudioError(
-            "source.access_denied",
-            answer,
-            file=name,
-            fix="Ask for access, or put user:password@ before the host.",
-            status=status,
-        )
+        fix = "Ask for access, or put user:password@ before the host."
+        raise StudioError("source.access_denied", answer, file=name, fix=fix, status=status)
     if status == 416 and partial.data:
         partial.restart()
         raise _Temporary("file_changed", "the file changed on the server during the read")
@@ -336,24 +323,15 @@ def _check_answer(response: urllib3.BaseHTTPResponse, name: str, partial: _Parti
     elif status == 200 and partial.window is None:
         partial.restart()
     elif status == 200 or (status == 416 and partial.window is not None):
-        raise StudioError(
-            "source.no_ranges",
-            f"{answer} to a range request",
-            file=name,
-            fix="Use a server that answers range requests, such as nginx or S3.",
-            status=status,
-        )
+        fix = "Use a server that answers range requests, such as nginx or S3."
+        raise StudioError("source.no_ranges", f"{answer} to a range request", file=name, fix=fix, status=status)
     else:
         raise StudioError("source.http_status", answer, file=name, fix="Check the URL.", status=status)
     encoding = response.headers.get("Content-Encoding", "identity").strip().lower()
     if encoding not in ("", "identity"):
-        raise StudioError(
-            "source.compressed",
-            f"the server sends the file with Content-Encoding {encoding}, which was not requested",
-            file=name,
-            value=encoding,
-            fix="Disable compression for streams on the server.",
-        )
+        problem = f"the server sends the file with Content-Encoding {encoding}, which was not requested"
+        fix = "Disable compression for streams on the server."
+        raise StudioError("source.compressed", problem, file=name, value=encoding, fix=fix)
 
 
 def _validator(response: urllib3.BaseHTTPResponse) -> str | None:

@@ -18,11 +18,8 @@ def open_source(place: Path | str | Source) -> Source:
             return _archive(HttpRanges(place))
         return HttpSource(place)
     if isinstance(place, str) and "://" in place:
-        raise StudioError(
-            "source.unsupported_url",
-            "streams are read from folders and from http:// or https:// URLs only",
-            file=place,
-        )
+        problem = "streams are read from folders and from http:// or https:// URLs only"
+        raise StudioError("source.unsupported_url", problem, file=place)
     if Path(place).is_file():
         return _archive(FileRanges(Path(place)))
     if not Path(place).is_dir():

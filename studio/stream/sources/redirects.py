@@ -50,9 +50,5 @@ def _is_private(host: str) -> bool:
 
 
 def _refused(name: str, what: str) -> StudioError:
-    return StudioError(
-        "source.unsafe_redirect",
-        f"the server redirects to an address {what}",
-        file=name,
-        fix="If you trust it, use that address directly.",
-    )
+    fix = "If you trust it, use that address directly."
+    return StudioError("source.unsafe_redirect", f"the server redirects to an address {what}", file=name, fix=fix)
