@@ -383,12 +383,8 @@ def load_take(path: Path, wanted: list[int] | None) -> tuple[Views, list[TakeGro
             continue
         files = [take.trained_frame(group.index, index) for index in group.indices]
         if not all(file.is_file() for file in files):
-            raise StudioError(
-                "benchmark.not_trained",
-                f"group {group.index} is not trained",
-                file=path,
-                fix="Train it, or select other groups with --groups.",
-            )
+            fix = "Train it, or select other groups with --groups."
+            raise StudioError("benchmark.not_trained", f"group {group.index} is not trained", file=path, fix=fix)
         groups.append(TakeGroup(group.index, tuple(group.indices), [read_frame(file) for file in files]))
         for index, frame in zip(group.indices, groups[-1].frames, strict=True):
             views.add(index, frame)

@@ -70,23 +70,16 @@ class Camera:
         for key, value in (("K", K), ("world_to_camera", pose), ("distortion", distortion)):
             check_finite(value, key, self.name)
         if self.width < 1 or self.height < 1:
-            raise camera_error(
-                "camera.image_size",
-                self.name,
-                f"the image size is {self.width}x{self.height}, expected at least 1x1",
-                value=[self.width, self.height],
-                fix="Correct the width and height in the camera file.",
-            )
+            problem = f"the image size is {self.width}x{self.height}, expected at least 1x1"
+            fix = "Correct the width and height in the camera file."
+            raise camera_error("camera.image_size", self.name, problem, value=[self.width, self.height], fix=fix)
         if K[0, 0] <= 0 or K[1, 1] <= 0:
             raise focal_length_error(self.name, min(K[0, 0], K[1, 1]))
         rotation = pose[:3, :3]
         if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3 or np.linalg.det(rotation) < 0:
-            raise camera_error(
-                "camera.rotation",
-                self.name,
-                "the rotation in world_to_camera is not orthonormal with determinant 1",
-                fix="Export the cameras again, without scale or mirroring in the poses.",
-            )
+            problem = "the rotation in world_to_camera is not orthonormal with determinant 1"
+            fix = "Export the cameras again, without scale or mirroring in the poses."
+            raise camera_error("camera.rotation", self.name, problem, fix=fix)
         if distortion.size not in _DISTORTION_LENGTHS:
             raise camera_error(
                 "camera.distortion",
@@ -129,12 +122,8 @@ class Camera:
         at, middle, above = (np.asarray(vector, np.float64) for vector in (eye, target, up))
         forward = middle - at
         if not np.linalg.norm(np.cross(forward, above)) > 1e-9 * np.linalg.norm(forward) * np.linalg.norm(above):
-            raise camera_error(
-                "camera.no_direction",
-                name,
-                "it looks along its up direction, or at its own place",
-                fix="Choose another target or up direction.",
-            )
+            problem = "it looks along its up direction, or at its own place"
+            raise camera_error("camera.no_direction", name, problem, fix="Choose another target or up direction.")
         focal = 0.5 * min(width, height) / np.tan(np.radians(field_of_view) / 2)
         K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
         return cls(name, width, height, K, look_at_pose(at, middle, above))
@@ -380,13 +369,9 @@ def duplicate_name(camera: str) -> StudioError:
 
 def focal_length_error(camera: str, value: float) -> StudioError:
     """The error for a focal length that is not positive (camera.focal_length)."""
-    return camera_error(
-        "camera.focal_length",
-        camera,
-        f"the focal length is {value:g}, expected more than 0",
-        value=float(value),
-        fix="Correct it in the camera file.",
-    )
+    problem = f"the focal length is {value:g}, expected more than 0"
+    fix = "Correct it in the camera file."
+    return camera_error("camera.focal_length", camera, problem, value=float(value), fix=fix)
 
 
 def orbit(

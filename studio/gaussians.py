@@ -55,12 +55,10 @@ class Gaussians:
 
     def __post_init__(self) -> None:
         if not MIN_DILATION <= self.dilation <= MAX_DILATION:
-            raise StudioError(
-                "gaussians.dilation",
-                f"the dilation of the Gaussians is {self.dilation}; it must be from {MIN_DILATION} to {MAX_DILATION}",
-                value=self.dilation,
-                expected=[MIN_DILATION, MAX_DILATION],
+            problem = (
+                f"the dilation of the Gaussians is {self.dilation}; it must be from {MIN_DILATION} to {MAX_DILATION}"
             )
+            raise StudioError("gaussians.dilation", problem, value=self.dilation, expected=[MIN_DILATION, MAX_DILATION])
         n = self.means.shape[0]
         expected = {
             "means": (n, 3),
@@ -72,20 +70,15 @@ class Gaussians:
         for name, shape in expected.items():
             found = tuple(getattr(self, name).shape)
             if found != shape:
+                problem = f"{name} of the Gaussians has shape {found}, expected {shape}"
                 raise StudioError(
-                    "gaussians.wrong_shape",
-                    f"{name} of the Gaussians has shape {found}, expected {shape}",
-                    value=list(found),
-                    attribute=name,
-                    expected=list(shape),
+                    "gaussians.wrong_shape", problem, value=list(found), attribute=name, expected=list(shape)
                 )
         if self.sh.shape[1] not in (1, 4, 9, 16):
-            raise StudioError(
-                "gaussians.sh_degree",
-                f"found {self.sh.shape[1]} SH coefficients per color channel, expected 1, 4, 9 or 16 (degrees 0 to 3)",
-                value=self.sh.shape[1],
-                expected=[1, 4, 9, 16],
+            problem = (
+                f"found {self.sh.shape[1]} SH coefficients per color channel, expected 1, 4, 9 or 16 (degrees 0 to 3)"
             )
+            raise StudioError("gaussians.sh_degree", problem, value=self.sh.shape[1], expected=[1, 4, 9, 16])
 
     def __len__(self) -> int:
         return self.means.shape[0]

@@ -36,14 +36,9 @@ def whole(values: Mapping[str, Any], key: str, camera: str) -> int:
     """An integer from a mapping; 640.0 is accepted."""
     result = number(values, key, camera)
     if result != round(result):
-        raise camera_error(
-            "camera.not_an_integer",
-            camera,
-            f"'{key}' is {result:g}, not an integer",
-            value=result,
-            fix="Correct it in the camera file.",
-            key=key,
-        )
+        problem = f"'{key}' is {result:g}, not an integer"
+        fix = "Correct it in the camera file."
+        raise camera_error("camera.not_an_integer", camera, problem, value=result, fix=fix, key=key)
     return int(result)
 
 
@@ -55,13 +50,9 @@ def array(value: Any, key: str, camera: str) -> np.ndarray:
     except (TypeError, ValueError, OverflowError):
         index, wrong = _first_non_number(value)
         if not index and isinstance(value, list):
-            raise camera_error(
-                "camera.ragged",
-                camera,
-                f"the rows of '{key}' differ in length",
-                fix="Correct the matrix in the camera file.",
-                key=key,
-            ) from None
+            problem = f"the rows of '{key}' differ in length"
+            fix = "Correct the matrix in the camera file."
+            raise camera_error("camera.ragged", camera, problem, fix=fix, key=key) from None
         raise _not_a_number(f"{key}{index}", wrong, camera, key, index) from None
 
 
@@ -83,15 +74,8 @@ def missing_key(key: str, camera: str) -> StudioError:
 def _not_a_number(
     what: str, value: Any, camera: str, key: str, index: str = "", code: str = "camera.not_a_number"
 ) -> StudioError:
-    return camera_error(
-        code,
-        camera,
-        f"{what} is {_shown(value)}, not a {'finite ' if code == 'camera.not_finite' else ''}number",
-        value=value,
-        fix="Correct it in the camera file.",
-        key=key,
-        index=index,
-    )
+    problem = f"{what} is {_shown(value)}, not a {'finite ' if code == 'camera.not_finite' else ''}number"
+    return camera_error(code, camera, problem, value=value, fix="Correct it in the camera file.", key=key, index=index)
 
 
 def _first_non_number(value: Any) -> tuple[str, Any]:

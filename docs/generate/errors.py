@@ -88,14 +88,14 @@ def _sites(module: ast.Module, known: Mapping[str, ast.expr]) -> Iterator[Site]:
 
 
 def _named(module: ast.Module) -> Iterator[tuple[ast.stmt, dict[str, ast.expr]]]:
-    """Statements that raise or return, with the `problem` and the `fix` that their block has named before."""
+    """Simple statements, with the `problem` and the `fix` that their block has named before."""
     for node in ast.walk(module):
         for name in ("body", "orelse", "finalbody"):
             words: dict[str, ast.expr] = {}
             for statement in found if isinstance(found := getattr(node, name, None), list) else ():
                 if isinstance(statement, ast.Assign) and ast.unparse(statement.targets[0]) in ("problem", "fix"):
                     words[ast.unparse(statement.targets[0])] = statement.value
-                elif isinstance(statement, (ast.Raise, ast.Return)):
+                elif isinstance(statement, (ast.Raise, ast.Return, ast.Expr)):
                     yield statement, words
 
 

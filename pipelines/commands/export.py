@@ -339,13 +339,11 @@ def _frames(video: SplatVideo, arguments: argparse.Namespace, progress: Progress
         export_frame(video, out, rotation, **options)
     else:
         first = video.number(0)
-        raise invalid_option(
-            "--out",
-            f"{video.frame_count} frames cannot be written to one file",
-            f"Specify a folder, a name without {chosen.suffix}, or select one frame with --frames {first}:{first + 1}.",
-            video.frame_count,
-            file=out,
+        problem = f"{video.frame_count} frames cannot be written to one file"
+        fix = (
+            f"Specify a folder, a name without {chosen.suffix}, or select one frame with --frames {first}:{first + 1}."
         )
+        raise invalid_option("--out", problem, fix, video.frame_count, file=out)
     return ""
 
 

@@ -80,12 +80,9 @@ def _renderer(manifest: Manifest, stream: str | Path) -> Callable[[Gaussians], o
         raise StudioError("stream.no_camera", problem, file=stream, fix="Remove --render.", option="--render")
     camera = metadata.suggested_camera.undistorted()
     if camera.width * camera.height > _MOST_PIXELS:
-        raise StudioError(
-            "stream.camera_too_large",
-            f"the suggested camera has {camera.width}x{camera.height} pixels; at most {_MOST_PIXELS:,} are rendered",
-            file=stream,
-            fix="Remove --render.",
-            option="--render",
+        problem = (
+            f"the suggested camera has {camera.width}x{camera.height} pixels; at most {_MOST_PIXELS:,} are rendered"
         )
+        raise StudioError("stream.camera_too_large", problem, file=stream, fix="Remove --render.", option="--render")
     background = metadata.background or (0.0, 0.0, 0.0)
     return lambda gaussians: render(gaussians, camera, background)

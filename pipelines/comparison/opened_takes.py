@@ -97,13 +97,10 @@ def _opened(name: str, own: TakeFootage, footage: Footage, closing: ExitStack) -
     first, count = place.first_frame, reader.frame_count
     # a trimmed stream has fewer frames than its take
     if first + count > len(frames) or (count != len(frames) and read_edits(take.edits).trim is None):
+        problem = f"the stream has {reader.frame_count} frames, but the take has {len(frames)}"
+        fix = "Run `v3studio bake`."
         raise StudioError(
-            "stream.frame_count",
-            f"the stream has {reader.frame_count} frames, but the take has {len(frames)}",
-            file=take.stream,
-            value=reader.frame_count,
-            fix="Run `v3studio bake`.",
-            expected=len(frames),
+            "stream.frame_count", problem, file=take.stream, value=reader.frame_count, fix=fix, expected=len(frames)
         )
     starts = frozenset(frames[first + group.first_frame] for group in reader.groups)
     indices = {frame: index for index, frame in enumerate(frames[first : first + count])}

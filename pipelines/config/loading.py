@@ -158,12 +158,9 @@ def _anchor_root(values: JsonObject, folder: Path, where: str) -> None:
             root = root if root.is_absolute() else (folder.absolute() / root).resolve()
             capture["root"] = str(root)
         except (ValueError, RuntimeError) as error:  # a NUL character, an unknown user
+            problem = f"capture.root = {capture['root']!r} is not a valid path ({error})"
+            fix = "Set it to the folder of the footage."
             raise StudioError(
-                "settings.invalid",
-                f"capture.root = {capture['root']!r} is not a valid path ({error})",
-                file=where,
-                value=capture["root"],
-                fix="Set it to the folder of the footage.",
-                setting="capture.root",
+                "settings.invalid", problem, file=where, value=capture["root"], fix=fix, setting="capture.root"
             ) from None
         need_utf8(root)

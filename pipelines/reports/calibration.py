@@ -72,14 +72,12 @@ def calibration_warnings(report: CalibrationReport) -> list[Message]:
     found = tie_warnings(report)
     mean = report.reprojection.mean
     if mean > 1 and not report.tie_points:
+        problem = (
+            f"the mean reprojection error is {mean:.2f} px; more than 1 px means that cameras moved, the footage "
+            "is not synchronized, or the camera model has too few parameters"
+        )
         found.append(
-            Message(
-                "calibration.reprojection_error",
-                f"the mean reprojection error is {mean:.2f} px; more than 1 px means that cameras moved, the footage "
-                "is not synchronized, or the camera model has too few parameters",
-                value=mean,
-                fields={"setting": "calibrate.camera_model"},
-            )
+            Message("calibration.reprojection_error", problem, value=mean, fields={"setting": "calibrate.camera_model"})
         )
     for name, figures in report.cameras.items():
         if figures.usual_focal is not None:
@@ -100,14 +98,9 @@ def calibration_warnings(report: CalibrationReport) -> list[Message]:
             )
     poor = [name for name, figures in report.cameras.items() if figures.mean > 1]
     if poor and mean <= 1:
-        found.append(
-            Message(
-                "calibration.poor_cameras",
-                f"the reprojection error is more than 1 px for {', '.join(poor)}",
-                fix="Check these cameras before training.",
-                fields={"cameras": poor},
-            )
-        )
+        problem = f"the reprojection error is more than 1 px for {', '.join(poor)}"
+        fix = "Check these cameras before training."
+        found.append(Message("calibration.poor_cameras", problem, fix=fix, fields={"cameras": poor}))
     match_inlier_ratio = report.match_inlier_ratio
     if match_inlier_ratio is not None and match_inlier_ratio < TRUSTED:
         found.append(
@@ -139,22 +132,14 @@ def calibration_warnings(report: CalibrationReport) -> list[Message]:
     known = report.known_intrinsics
     sparse = [n for n, figures in report.cameras.items() if figures.coverage < _SPARSE and n not in known]
     if sparse:
-        found.append(
-            Message(
-                "calibration.low_coverage",
-                f"observations cover less than {_SPARSE:.0%} of the image for {', '.join(sparse)}; lens distortion is "
-                "unreliable elsewhere",
-                fields={"cameras": sparse},
-            )
+        problem = (
+            f"observations cover less than {_SPARSE:.0%} of the image for {', '.join(sparse)}; lens distortion is "
+            "unreliable elsewhere"
         )
+        found.append(Message("calibration.low_coverage", problem, fields={"cameras": sparse}))
     for name, reason in report.unregistered.items():
-        found.append(
-            Message(
-                "calibration.unregistered",
-                f"camera '{name}' was not registered: {reason}",
-                fields={"camera": name, "reason": reason},
-            )
-        )
+        problem = f"camera '{name}' was not registered: {reason}"
+        found.append(Message("calibration.unregistered", problem, fields={"camera": name, "reason": reason}))
     return found
 
 
@@ -165,14 +150,11 @@ def tie_warnings(report: CalibrationReport) -> list[Message]:
     found = []
     mean = report.reprojection.mean
     if mean > 1:
-        found.append(
-            Message(
-                "tie_points.reprojection_error",
-                f"the mean reprojection error of the tie points is {mean:.2f} px; more than 1 px means that they were "
-                "marked inaccurately, in images of another size, or with other intrinsics",
-                value=mean,
-            )
+        problem = (
+            f"the mean reprojection error of the tie points is {mean:.2f} px; more than 1 px means that they were "
+            "marked inaccurately, in images of another size, or with other intrinsics"
         )
+        found.append(Message("tie_points.reprojection_error", problem, value=mean))
     unsure = {name: share for name, share in report.uncertain.items() if share > _UNSURE}
     if unsure:
         worst = max(unsure, key=lambda name: unsure[name])
@@ -202,24 +184,14 @@ def tie_warnings(report: CalibrationReport) -> list[Message]:
     far = sorted((name for name in off if off[name] > limit), key=lambda name: -off[name])
     if far:
         named = ", ".join(f"'{name}' ({off[name]:.3g} m)" for name in far[:3]) + (", ..." if len(far) > 3 else "")
-        found.append(
-            Message(
-                "tie_points.world_error",
-                f"measured positions disagree with the marks: {named}",
-                fix="Check the measurements; the world axes must be right-handed with z up.",
-                fields={"points": far},
-            )
-        )
+        problem = f"measured positions disagree with the marks: {named}"
+        fix = "Check the measurements; the world axes must be right-handed with z up."
+        found.append(Message("tie_points.world_error", problem, fix=fix, fields={"points": far}))
     away = report.geometry.radius
     if report.metric and not _NEAR < away < _FAR:
-        found.append(
-            Message(
-                "tie_points.unit",
-                f"the mean distance of the cameras from their common center is {away:.3g} m, which is implausible",
-                value=away,
-                fix="Check that positions and distances are in meters.",
-            )
-        )
+        problem = f"the mean distance of the cameras from their common center is {away:.3g} m, which is implausible"
+        fix = "Check that positions and distances are in meters."
+        found.append(Message("tie_points.unit", problem, value=away, fix=fix))
     return found
 
 

@@ -170,13 +170,10 @@ def read_intro(path: Path, source: str) -> str:
             fix = "Give a file with one camera."
             raise StudioError(error.code, error.problem, file=path, fix=fix) from None
     if len(keys) > MAX_INTRO_KEYS:
+        problem = f"the camera path has {len(keys)} keys; an intro has at most {MAX_INTRO_KEYS}"
+        fix = "Remove some of the keys."
         raise StudioError(
-            "camera_path.too_many_keys",
-            f"the camera path has {len(keys)} keys; an intro has at most {MAX_INTRO_KEYS}",
-            file=path,
-            value=len(keys),
-            fix="Remove some of the keys.",
-            expected=MAX_INTRO_KEYS,
+            "camera_path.too_many_keys", problem, file=path, value=len(keys), fix=fix, expected=MAX_INTRO_KEYS
         )
     first = keys[0].camera
     with naming(path):

@@ -27,13 +27,11 @@ def find_streams(folder: str) -> dict[str, Path]:
         fix = "Open it with `v3studio play`, or specify a folder."
         raise StudioError("serve.not_a_folder", "is a URL; only folders can be served", file=folder, fix=fix)
     if place.is_file():
-        raise StudioError(
-            "serve.not_a_folder",
-            "is a file; only folders can be served",
-            file=folder,
-            fix="If it is a stream, `v3studio play` plays it, and `v3studio share` writes a folder with it that can be "
-            "served.",
+        fix = (
+            "If it is a stream, `v3studio play` plays it, and `v3studio share` writes a folder with it that can be "
+            "served."
         )
+        raise StudioError("serve.not_a_folder", "is a file; only folders can be served", file=folder, fix=fix)
     if (place / MANIFEST_NAME).is_file():
         return {"/": place}
     found = {}
@@ -52,12 +50,8 @@ def find_streams(folder: str) -> dict[str, Path]:
                 continue
             found[f"/{path.name}"] = stream
     if not found:
-        raise StudioError(
-            "serve.no_stream",
-            f"no stream in this folder (no {MANIFEST_NAME})",
-            file=folder,
-            fix="Run `v3studio bake`, or specify another folder.",
-        )
+        fix = "Run `v3studio bake`, or specify another folder."
+        raise StudioError("serve.no_stream", f"no stream in this folder (no {MANIFEST_NAME})", file=folder, fix=fix)
     return found
 
 
@@ -80,12 +74,10 @@ def find_reviews(streams: dict[str, Path]) -> dict[str, TakeReview]:
         if folder.name == "stream" and (folder.parent / "take.json").is_file()
     }
     if not found:
+        problem = "only takes can be reviewed; a stream alone has neither quality figures nor footage"
+        fix = "Specify the folder of a take, or leave out --review."
         raise StudioError(
-            "serve.nothing_to_review",
-            "only takes can be reviewed; a stream alone has neither quality figures nor footage",
-            file=next(iter(streams.values())),
-            fix="Specify the folder of a take, or leave out --review.",
-            option="--review",
+            "serve.nothing_to_review", problem, file=next(iter(streams.values())), fix=fix, option="--review"
         )
     return found
 

@@ -34,13 +34,9 @@ def camera_file(settings: FileSettings) -> Path | None:
     if settings.rig != "auto":
         path = settings.root / settings.rig
         if not path.exists() and not files_of(path):
+            fix = "Set capture.rig to the calibration file, or to null to calibrate from the footage."
             raise StudioError(
-                "settings.file_not_found",
-                "no such file",
-                file=path,
-                value=settings.rig,
-                fix="Set capture.rig to the calibration file, or to null to calibrate from the footage.",
-                setting="capture.rig",
+                "settings.file_not_found", "no such file", file=path, value=settings.rig, fix=fix, setting="capture.rig"
             )
         return path
     found = _in(settings.root)
@@ -51,13 +47,10 @@ def camera_file(settings: FileSettings) -> Path | None:
         found = [settings.root.parent / "transforms.json"]
     if len(found) > 1:
         names = [str(path.relative_to(settings.root)) for path in found]
+        problem = f"several calibrations found ({', '.join(names)})"
+        fix = "Set capture.rig to one of them."
         raise StudioError(
-            "camera_file.several",
-            f"several calibrations found ({', '.join(names)})",
-            file=settings.root,
-            fix="Set capture.rig to one of them.",
-            setting="capture.rig",
-            found=names,
+            "camera_file.several", problem, file=settings.root, fix=fix, setting="capture.rig", found=names
         )
     return found[0] if found else None
 

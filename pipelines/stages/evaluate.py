@@ -80,15 +80,12 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> E
         reporter.warn(lpips.remark)
     held_out, cameras = bool(footage.measured_cameras), compared_cameras(footage)
     if not held_out:
-        reporter.warn(
-            Message(
-                "evaluation.no_held_out",
-                f"{_why_none(footage)}, so training cameras are measured: this shows how well the footage is "
-                "reproduced, not the quality of new views",
-                fix="Hold out cameras with masks: capture.held_out.",
-                fields={"setting": "capture.held_out"},
-            )
+        problem = (
+            f"{_why_none(footage)}, so training cameras are measured: this shows how well the footage is "
+            "reproduced, not the quality of new views"
         )
+        fix = "Hold out cameras with masks: capture.held_out."
+        reporter.warn(Message("evaluation.no_held_out", problem, fix=fix, fields={"setting": "capture.held_out"}))
     if executor is not None:
         kept = set(baked_frames(inputs))
         groups = [group for group in inputs.groups if kept & set(group.indices)]
@@ -113,20 +110,15 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> E
                         write_measured(inputs.take, group.index, key, found)
             measured.add(found)
     if not measured.frames:
+        problem = f"the mask is empty in all frames of {', '.join(cameras)}: nothing to measure"
+        fix = "Check the masks, or hold out other cameras."
         raise StudioError(
-            "evaluation.nothing_visible",
-            f"the mask is empty in all frames of {', '.join(cameras)}: nothing to measure",
-            fix="Check the masks, or hold out other cameras.",
-            cameras=list(cameras),
-            setting="capture.held_out",
+            "evaluation.nothing_visible", problem, fix=fix, cameras=list(cameras), setting="capture.held_out"
         )
     for index, camera in measured.unseen:
+        problem = f"{camera} does not see the performer in frame {footage.frames[index]}: not measured"
         reporter.warn(
-            Message(
-                "evaluation.not_visible",
-                f"{camera} does not see the performer in frame {footage.frames[index]}: not measured",
-                fields={"camera": camera, "frame": int(footage.frames[index])},
-            )
+            Message("evaluation.not_visible", problem, fields={"camera": camera, "frame": int(footage.frames[index])})
         )
     summary = EvaluationSummary(
         **_means(measured.frames),

@@ -21,13 +21,9 @@ def named_file(section: CalibrateSettings, setting: Literal["known_cameras", "ti
     name = getattr(section, setting)
     path: Path = whole_file(root / name)
     if not path.exists():
+        fix = f"Fix calibrate.{setting}; relative paths start at capture.root."
         raise StudioError(
-            "settings.file_not_found",
-            "no such file",
-            file=path,
-            value=name,
-            fix=f"Fix calibrate.{setting}; relative paths start at capture.root.",
-            setting=f"calibrate.{setting}",
+            "settings.file_not_found", "no such file", file=path, value=name, fix=fix, setting=f"calibrate.{setting}"
         )
     return path
 

@@ -43,15 +43,12 @@ def calibrate_with_target(inputs: Inputs, reporter: StageReporter) -> Calibratio
         own, own_sizes = _views(inputs, section.intrinsics_images, reporter, 0.6, 0.8)
         for name, size in own_sizes.items():
             if sizes[name] != size:
-                raise camera_error(
-                    "target.size_mismatch",
-                    name,
+                problem = (
                     f"calibrate.intrinsics_images is {size[0]}x{size[1]}, but calibrate.board_images "
-                    f"is {sizes[name][0]}x{sizes[name][1]}",
-                    value=size,
-                    fix="Record both at the same size.",
-                    expected=sizes[name],
+                    f"is {sizes[name][0]}x{sizes[name][1]}"
                 )
+                fix = "Record both at the same size."
+                raise camera_error("target.size_mismatch", name, problem, value=size, fix=fix, expected=sizes[name])
         # separate sync frames, not shared with other cameras
         alone = min([sync_frame for sync_frame, _ in views] or [0]) - 1
         for number, ((_, name), view) in enumerate(own.items()):
@@ -68,15 +65,13 @@ def calibrate_with_target(inputs: Inputs, reporter: StageReporter) -> Calibratio
     assert target is not None
     left_out, used = target.views_left_out, target.views
     if left_out > 0.2 * (left_out + used):
+        problem = (
+            f"rejected {left_out} of {left_out + used} views: their target pose disagrees with other cameras in "
+            "the same frame"
+        )
+        fix = "Check that the cameras are synchronized and that the target was moved slowly."
         reporter.warn(
-            Message(
-                "target.outlier_views",
-                f"rejected {left_out} of {left_out + used} views: their target pose disagrees with other cameras in "
-                "the same frame",
-                value=left_out,
-                fix="Check that the cameras are synchronized and that the target was moved slowly.",
-                fields={"views": left_out + used},
-            )
+            Message("target.outlier_views", problem, value=left_out, fix=fix, fields={"views": left_out + used})
         )
     return result
 

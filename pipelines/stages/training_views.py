@@ -84,13 +84,8 @@ def training_views(
                 if found is not None:
                     views.append(found)
                     continue
-                reporter.warn(
-                    Message(
-                        "training.not_visible",
-                        f"{camera} does not see the performer in frame {frame}: not used for this frame",
-                        fields={"camera": camera, "frame": int(frame)},
-                    )
-                )
+                problem = f"{camera} does not see the performer in frame {frame}: not used for this frame"
+                reporter.warn(Message("training.not_visible", problem, fields={"camera": camera, "frame": int(frame)}))
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise

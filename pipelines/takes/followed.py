@@ -53,12 +53,9 @@ def followed(take: Take, frame: int | None, center: np.ndarray, radius: float, w
         found = follow(means_at, [group.indices for group in groups], index, center, radius, weight)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
+        problem = f"{first['loc'][-1]} {violation(first)}"
+        fix = "A weight is from 1 to 100, a radius above 0 and at most 1e9."
         raise StudioError(
-            "edits.invalid",
-            f"{first['loc'][-1]} {violation(first)}",
-            file=take.edits,
-            value=first["input"],
-            fix="A weight is from 1 to 100, a radius above 0 and at most 1e9.",
-            edit="details",
+            "edits.invalid", problem, file=take.edits, value=first["input"], fix=fix, edit="details"
         ) from None
     return found.model_copy(update={"path": tuple((numbers.number(at), place) for at, place in found.path)})

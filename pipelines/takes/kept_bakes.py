@@ -131,13 +131,11 @@ def free_name(take: Take, name: str) -> str:
     name = unicodedata.normalize("NFC", name)
     fits = _NAME.fullmatch(name) and name[-1] not in " ." and len(name.encode()) <= 120
     if not fits or PARTIAL in name or _DEVICE.fullmatch(name):
-        raise StudioError(
-            "bakes.invalid_name",
-            f"'{name}' cannot be the name of a bake",
-            value=name,
-            fix="Use up to 60 letters, digits, spaces and . - _, beginning with a letter or a digit; no "
-            f"'{PARTIAL}' and no name that Windows keeps for a device.",
+        fix = (
+            "Use up to 60 letters, digits, spaces and . - _, beginning with a letter or a digit; no "
+            f"'{PARTIAL}' and no name that Windows keeps for a device."
         )
+        raise StudioError("bakes.invalid_name", f"'{name}' cannot be the name of a bake", value=name, fix=fix)
     if (take.bakes / name).exists():
         problem = f"a bake is already kept as '{name}'"
         fix = "Choose another name, or remove that one: `v3studio bake remove`."

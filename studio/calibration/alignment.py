@@ -76,13 +76,10 @@ def floor_world(rig: Rig, points: np.ndarray) -> tuple[Similarity, FloorReport]:
     them.
     """
     if len(points) < 50:
+        problem = f"{len(points)} sparse points are too few to find the floor, expected at least 50"
+        fix = "Set calibrate.floor to false."
         raise StudioError(
-            "calibration.no_floor",
-            f"{len(points)} sparse points are too few to find the floor, expected at least 50",
-            value=len(points),
-            fix="Set calibrate.floor to false.",
-            setting="calibrate.floor",
-            expected=50,
+            "calibration.no_floor", problem, value=len(points), fix=fix, setting="calibrate.floor", expected=50
         )
     rng = np.random.default_rng(0)
     size = float(np.median(np.linalg.norm(points - np.median(points, axis=0), axis=1)))
@@ -133,12 +130,10 @@ def scale_to_distance(rig: Rig, first: str, second: str, distance: float) -> Sim
         raise StudioError("calibration.distance", problem, value=distance, setting="calibrate.known_distance")
     found = float(np.linalg.norm(rig[first].center - rig[second].center))
     if found < 1e-12:
+        problem = f"cameras '{first}' and '{second}' are at the same position"
+        fix = "Choose two cameras that are apart."
         raise StudioError(
-            "calibration.coincident",
-            f"cameras '{first}' and '{second}' are at the same position",
-            value=[first, second],
-            fix="Choose two cameras that are apart.",
-            setting="calibrate.known_distance",
+            "calibration.coincident", problem, value=[first, second], fix=fix, setting="calibrate.known_distance"
         )
     return Similarity(distance / found)
 

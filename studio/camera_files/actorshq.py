@@ -50,21 +50,12 @@ def write_actorshq(rig: Rig, path: Path) -> None:
     lines = [",".join(COLUMNS)]
     for camera in rig:
         if not camera.is_pinhole or abs(camera.K[0, 1]) > 1e-9:
-            raise camera_error(
-                "camera_file.not_expressible",
-                camera.name,
-                "calibration.csv cannot express lens distortion or skew",
-                fix="Undistort the images first, or write rig.json.",
-                file=path,
-            )
+            problem = "calibration.csv cannot express lens distortion or skew"
+            fix = "Undistort the images first, or write rig.json."
+            raise camera_error("camera_file.not_expressible", camera.name, problem, fix=fix, file=path)
         if "," in camera.name:
-            raise camera_error(
-                "camera_file.not_expressible",
-                camera.name,
-                "names in calibration.csv cannot contain a comma",
-                fix="Rename the camera.",
-                file=path,
-            )
+            problem = "names in calibration.csv cannot contain a comma"
+            raise camera_error("camera_file.not_expressible", camera.name, problem, fix="Rename the camera.", file=path)
         vector = cv2.Rodrigues(camera.rotation.T)[0].ravel()
         w, h = camera.width, camera.height
         values = [*vector, *camera.center, camera.fx / w, camera.fy / h, camera.cx / w, camera.cy / h]

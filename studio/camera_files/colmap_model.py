@@ -43,12 +43,10 @@ def intrinsics(model: str, parameters: Sequence[float]) -> tuple[np.ndarray, np.
     if model not in MODELS:
         raise _unsupported_model(model)
     if len(parameters) != MODELS[model][1]:
+        problem = f"found {len(parameters)} parameters for camera model {model}, expected {MODELS[model][1]}"
+        fix = "Export the model again."
         raise StudioError(
-            "camera_file.model_parameters",
-            f"found {len(parameters)} parameters for camera model {model}, expected {MODELS[model][1]}",
-            value=len(parameters),
-            fix="Export the model again.",
-            expected=MODELS[model][1],
+            "camera_file.model_parameters", problem, value=len(parameters), fix=fix, expected=MODELS[model][1]
         )
     p = np.array(parameters, np.float64)
     if model in ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL"):
@@ -69,20 +67,13 @@ def _unsupported_model(model: str, file: Path | None = None) -> StudioError:
 def camera_model(camera: Camera) -> tuple[str, list[float]]:
     """COLMAP model name and parameters of a camera."""
     if abs(camera.K[0, 1]) > 1e-9:
-        raise camera_error(
-            "camera_file.not_expressible",
-            camera.name,
-            "COLMAP has no camera model with skew",
-            value=float(camera.K[0, 1]),
-            fix="Calibrate without skew, or write rig.json.",
-        )
+        problem = "COLMAP has no camera model with skew"
+        fix = "Calibrate without skew, or write rig.json."
+        raise camera_error("camera_file.not_expressible", camera.name, problem, value=float(camera.K[0, 1]), fix=fix)
     if np.any(camera.distortion[8:]):
-        raise camera_error(
-            "camera_file.not_expressible",
-            camera.name,
-            "COLMAP has no camera model with OpenCV's thin-prism terms",
-            fix="Undistort the images first, or write rig.json.",
-        )
+        problem = "COLMAP has no camera model with OpenCV's thin-prism terms"
+        fix = "Undistort the images first, or write rig.json."
+        raise camera_error("camera_file.not_expressible", camera.name, problem, fix=fix)
     base = [camera.fx, camera.fy, camera.cx, camera.cy]
     if camera.is_pinhole:
         return "PINHOLE", base
@@ -161,13 +152,10 @@ def _rig(camera_path: Path, image_path: Path, by_id: dict[int, _Intrinsics], pos
     result = []
     for name, pose in zip(camera_names([pose.name for pose in poses]), poses, strict=True):
         if pose.camera not in by_id:
+            problem = f"image '{pose.name}' uses camera {pose.camera}, which is not in {camera_path.name}"
+            fix = "Copy both files of the model again."
             raise StudioError(
-                "camera_file.unknown_camera",
-                f"image '{pose.name}' uses camera {pose.camera}, which is not in {camera_path.name}",
-                file=image_path,
-                value=pose.camera,
-                fix="Copy both files of the model again.",
-                camera=name,
+                "camera_file.unknown_camera", problem, file=image_path, value=pose.camera, fix=fix, camera=name
             )
         own = by_id[pose.camera]
         with naming(camera_path):
@@ -190,14 +178,10 @@ def _fields(path: Path, number: int, line: str, kinds: str) -> list[float | int 
     """Leading fields of a line by kind: i: int, f: float, s: word, r: rest of the line."""
     words = line.split()
     if len(words) < len(kinds):
+        problem = f"line {number} has {len(words)} values, expected at least {len(kinds)}"
+        fix = "The file may be truncated: copy it again."
         raise StudioError(
-            "camera_file.truncated",
-            f"line {number} has {len(words)} values, expected at least {len(kinds)}",
-            file=path,
-            value=len(words),
-            fix="The file may be truncated: copy it again.",
-            line=number,
-            expected=len(kinds),
+            "camera_file.truncated", problem, file=path, value=len(words), fix=fix, line=number, expected=len(kinds)
         )
     values: list[float | int | str] = []
     for index, kind in enumerate(kinds):
@@ -207,13 +191,10 @@ def _fields(path: Path, number: int, line: str, kinds: str) -> list[float | int 
             else:
                 values.append({"i": int, "f": float, "s": str}[kind](words[index]))
         except ValueError:
+            problem = f"line {number} has {words[index]!r}, expected a number"
+            fix = "Export the model again."
             raise StudioError(
-                "camera_file.not_a_number",
-                f"line {number} has {words[index]!r}, expected a number",
-                file=path,
-                value=words[index],
-                fix="Export the model again.",
-                line=number,
+                "camera_file.not_a_number", problem, file=path, value=words[index], fix=fix, line=number
             ) from None
     return values
 
@@ -246,13 +227,10 @@ def _poses_text(path: Path) -> list[_Pose]:
         poses.append(_Pose(str(values[9]), int(values[8]), q, t))
         number, points = next(lines, (0, ""))
         if not _is_points(points):
+            problem = f"line {number} is not a list of points (x, y, id) of the image in the line above"
+            fix = "Put an empty line after the line of each image, also the last one."
             raise StudioError(
-                "camera_file.no_points_line",
-                f"line {number} is not a list of points (x, y, id) of the image in the line above",
-                file=path,
-                value=points.split()[:12],
-                fix="Put an empty line after the line of each image, also the last one.",
-                line=number,
+                "camera_file.no_points_line", problem, file=path, value=points.split()[:12], fix=fix, line=number
             )
     return poses
 
@@ -287,13 +265,10 @@ class _Reader:
 
     def skip(self, size: int) -> None:
         if self.at + size > len(self.data):
+            problem = f"the file is truncated: {len(self.data)} bytes, expected at least {self.at + size}"
+            fix = "Copy it again."
             raise StudioError(
-                "camera_file.truncated",
-                f"the file is truncated: {len(self.data)} bytes, expected at least {self.at + size}",
-                file=self.path,
-                value=len(self.data),
-                fix="Copy it again.",
-                expected=self.at + size,
+                "camera_file.truncated", problem, file=self.path, value=len(self.data), fix=fix, expected=self.at + size
             )
         self.at += size
 

@@ -57,13 +57,10 @@ def read_json_value(path: Path) -> Any:
         return parse_json(read_text(path), unique=True)
     except TextError as error:
         where = f" at line {error.line}, column {error.column}" if error.line else ""
+        problem = f"invalid JSON{where} ({error})"
+        fix = "Correct it, or export the cameras again."
         raise StudioError(
-            "camera_file.syntax",
-            f"invalid JSON{where} ({error})",
-            file=path,
-            fix="Correct it, or export the cameras again.",
-            line=error.line,
-            column=error.column,
+            "camera_file.syntax", problem, file=path, fix=fix, line=error.line, column=error.column
         ) from None
 
 
@@ -111,14 +108,10 @@ def read_csv(path: Path, columns: Sequence[str], optional: Collection[str] = ())
     for count, cells in enumerate(csv.reader(body, delimiter=separator, skipinitialspace=True), 1):
         cells = [cell.strip() for cell in cells]
         if len(cells) < len(heads) or any(cells[len(heads) :]):
+            problem = f"row {count} ('{cells[0]}') has {len(cells)} values, expected {len(heads)}"
+            fix = "The file may be truncated: export the cameras again."
             raise StudioError(
-                "camera_file.truncated",
-                f"row {count} ('{cells[0]}') has {len(cells)} values, expected {len(heads)}",
-                file=path,
-                value=len(cells),
-                fix="The file may be truncated: export the cameras again.",
-                row=count,
-                expected=len(heads),
+                "camera_file.truncated", problem, file=path, value=len(cells), fix=fix, row=count, expected=len(heads)
             )
         if separator != ",":
             cells = [_DECIMAL_COMMA.sub(r"\1.\2", cell) for cell in cells]
@@ -158,38 +151,24 @@ def matrix(value: Any, rows: tuple[int, ...], columns: int, key: str, camera: st
 def check_pose(pose: np.ndarray, key: str, camera: str) -> None:
     """Check the last row of a pose (3, 4) or (4, 4), which is not that of a transposed matrix."""
     if len(pose) == 4 and np.abs(pose[3] - [0, 0, 0, 1]).max() > 1e-6:
-        raise camera_error(
-            "camera.not_rigid",
-            camera,
-            f"the last row of '{key}' is {pose[3].tolist()}, expected 0 0 0 1",
-            value=pose[3].tolist(),
-            fix="Transpose the matrix if its last column is 0 0 0 1, or export the cameras again.",
-            key=key,
-        )
+        problem = f"the last row of '{key}' is {pose[3].tolist()}, expected 0 0 0 1"
+        fix = "Transpose the matrix if its last column is 0 0 0 1, or export the cameras again."
+        raise camera_error("camera.not_rigid", camera, problem, value=pose[3].tolist(), fix=fix, key=key)
 
 
 def wrong_shape(key: str, camera: str, found: tuple[int, ...], expected: tuple[tuple[int, ...], ...]) -> StudioError:
     """The error for an array of the wrong shape (camera.wrong_shape)."""
     wanted = " or ".join("x".join(map(str, shape)) for shape in expected)
+    problem = f"'{key}' is {'x'.join(map(str, found)) or 'a single value'}, expected {wanted}"
     return camera_error(
-        "camera.wrong_shape",
-        camera,
-        f"'{key}' is {'x'.join(map(str, found)) or 'a single value'}, expected {wanted}",
-        value=list(found),
-        key=key,
-        expected=[list(shape) for shape in expected],
+        "camera.wrong_shape", camera, problem, value=list(found), key=key, expected=[list(shape) for shape in expected]
     )
 
 
 def fisheye(camera: str) -> StudioError:
     """The error for a fisheye lens (camera.lens_model)."""
-    return camera_error(
-        "camera.lens_model",
-        camera,
-        "fisheye lenses are not supported",
-        value="fisheye",
-        fix="Undistort the images to a pinhole camera first.",
-    )
+    fix = "Undistort the images to a pinhole camera first."
+    return camera_error("camera.lens_model", camera, "fisheye lenses are not supported", value="fisheye", fix=fix)
 
 
 def camera_names(paths: Sequence[str]) -> list[str]:

@@ -108,14 +108,8 @@ class Found:
                 continue
             if missing or _CHANGES_THE_CAMERA.search(spelling):
                 why = f"there is no {missing} under a known key" if missing else "it may change how the camera projects"
-                raise camera_error(
-                    "camera.unknown_key",
-                    camera,
-                    f"the key '{key}' is not known, and {why}",
-                    value=key,
-                    fix=_RENAME,
-                    key=key,
-                )
+                problem = f"the key '{key}' is not known, and {why}"
+                raise camera_error("camera.unknown_key", camera, problem, value=key, fix=_RENAME, key=key)
             self.ignored[key].append(camera)
 
     @property
@@ -230,14 +224,9 @@ def _is_empty(value: Any) -> bool:
 def check_model(camera: str, key: str, model: object) -> None:
     """Check a lens model's name against `MODELS`. Raises StudioError (camera.lens_model)."""
     if normal_key(str(model)) not in MODELS:
-        raise camera_error(
-            "camera.lens_model",
-            camera,
-            f"'{key}' is {model!r}; only pinhole cameras with OpenCV's distortion are supported",
-            value=model,
-            fix="Undistort the images to a pinhole camera first.",
-            key=key,
-        )
+        problem = f"'{key}' is {model!r}; only pinhole cameras with OpenCV's distortion are supported"
+        fix = "Undistort the images to a pinhole camera first."
+        raise camera_error("camera.lens_model", camera, problem, value=model, fix=fix, key=key)
 
 
 def _check_model(name: str, given: _Given) -> None:
@@ -259,14 +248,9 @@ def agreeing(name: str, parsed: Sequence[tuple[str, np.ndarray]]) -> np.ndarray:
         size = max(first.size, value.size)
         one, other = (np.pad(part.ravel(), (0, size - part.size)) for part in (first, value))
         if not np.allclose(one, other, rtol=1e-3, atol=1e-3):
-            raise camera_error(
-                "camera.conflict",
-                name,
-                f"'{first_key}' and '{key}' differ: {_short(first)} and {_short(value)}",
-                fix="Delete the wrong one from the camera file.",
-                key=key,
-                other=first_key,
-            )
+            problem = f"'{first_key}' and '{key}' differ: {_short(first)} and {_short(value)}"
+            fix = "Delete the wrong one from the camera file."
+            raise camera_error("camera.conflict", name, problem, fix=fix, key=key, other=first_key)
     return first
 
 
@@ -357,14 +341,9 @@ def _check_angle(name: str, key: str, vector: np.ndarray) -> None:
     """Check that a rotation vector is in radians. Raises StudioError (camera.rotation)."""
     angle = float(np.linalg.norm(vector))
     if angle > 2 * np.pi:
-        raise camera_error(
-            "camera.rotation",
-            name,
-            f"'{key}' would turn the camera by {angle:.4g} radians",
-            value=vector.ravel().tolist(),
-            fix="Write it as OpenCV's rotation vector, in radians, or as a 3x3 matrix.",
-            key=key,
-        )
+        problem = f"'{key}' would turn the camera by {angle:.4g} radians"
+        fix = "Write it as OpenCV's rotation vector, in radians, or as a 3x3 matrix."
+        raise camera_error("camera.rotation", name, problem, value=vector.ravel().tolist(), fix=fix, key=key)
 
 
 def _half(name: str, given: _Given, has: str, lacks: str) -> StudioError:

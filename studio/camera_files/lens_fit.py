@@ -32,12 +32,8 @@ def fit_rational(radial: Callable[[np.ndarray], np.ndarray], reach: float, focal
     start = np.linalg.lstsq(columns, (factor - 1) * r, rcond=None)[0]
     k = least_squares(lambda k: focal * (bend(k) - wanted), start, method="lm", max_nfev=5000).x
     if np.abs(focal * (bend(k) - wanted)).max() > _TOLERANCE:
-        raise camera_error(
-            "camera.lens_model",
-            camera,
-            "OpenCV's lens models cannot express its distortion",
-            fix="Export the cameras with at most three radial terms, or undistort the images.",
-        )
+        fix = "Export the cameras with at most three radial terms, or undistort the images."
+        raise camera_error("camera.lens_model", camera, "OpenCV's lens models cannot express its distortion", fix=fix)
     return np.array([k[0], k[1], 0, 0, k[2], k[3], k[4], k[5]])
 
 

@@ -65,12 +65,8 @@ def rig_from_metashape(path: Path, root: Element) -> Rig:
                 continue
             sensor = sensors.get(entry.get("sensor_id"))
             if sensor is None:
-                raise camera_error(
-                    "camera.unknown_sensor",
-                    name,
-                    f"its sensor '{entry.get('sensor_id')}' was not found in the file",
-                    value=entry.get("sensor_id"),
-                )
+                problem = f"its sensor '{entry.get('sensor_id')}' was not found in the file"
+                raise camera_error("camera.unknown_sensor", name, problem, value=entry.get("sensor_id"))
             world = worlds.get(entry.get("component_id"))
             cameras.append(_camera(name, pose, sensor, world if world is not None else own))
         slaves = [name for name, entry in zip(names, by_id.values(), strict=True) if entry.find("transform") is None]
@@ -153,14 +149,9 @@ def _camera(name: str, pose: np.ndarray, sensor: Element, world: Element | None)
     _check_type(name, "calibration", calibration)
     for part in calibration:
         if part.tag not in _TERMS:
-            raise camera_error(
-                "camera.unknown_key",
-                name,
-                f"<{part.tag}> in <calibration> is not known and may change how the camera projects",
-                value=part.tag,
-                fix="Export the cameras again with Metashape 1.4 or later.",
-                key=part.tag,
-            )
+            problem = f"<{part.tag}> in <calibration> is not known and may change how the camera projects"
+            fix = "Export the cameras again with Metashape 1.4 or later."
+            raise camera_error("camera.unknown_key", name, problem, value=part.tag, fix=fix, key=part.tag)
     size = calibration.find("resolution")
     size = size if size is not None else sensor.find("resolution")
     if size is None or not (size.get("width", "").isdecimal() and size.get("height", "").isdecimal()):
@@ -174,22 +165,13 @@ def _camera(name: str, pose: np.ndarray, sensor: Element, world: Element | None)
     if focal <= 0:
         raise focal_length_error(name, focal)
     if abs(term("b2")) * 0.5 * height / focal > _NOTICEABLE:
-        raise camera_error(
-            "camera.skew",
-            name,
-            f"skew is not supported, but <b2> is {term('b2'):g}",
-            value=term("b2"),
-            fix="Align the photos again with b2 fixed at 0.",
-            key="b2",
-        )
+        problem = f"skew is not supported, but <b2> is {term('b2'):g}"
+        fix = "Align the photos again with b2 fixed at 0."
+        raise camera_error("camera.skew", name, problem, value=term("b2"), fix=fix, key="b2")
     if term("p3") or term("p4"):
-        raise camera_error(
-            "camera.lens_model",
-            name,
-            "the terms <p3> and <p4> are not supported",
-            value=[term("p3"), term("p4")],
-            fix="Align the photos again with p3 and p4 fixed at 0.",
-        )
+        problem = "the terms <p3> and <p4> are not supported"
+        fix = "Align the photos again with p3 and p4 fixed at 0."
+        raise camera_error("camera.lens_model", name, problem, value=[term("p3"), term("p4")], fix=fix)
     K = np.array([[focal + term("b1"), 0, width / 2 + term("cx")], [0, focal, height / 2 + term("cy")], [0, 0, 1.0]])
     distortion = _distortion(K, width, height, [term(f"k{i}") for i in (1, 2, 3, 4)], term("p1"), term("p2"), name)
     rotation, translation, scale = _world(world, name)
@@ -202,13 +184,9 @@ def _camera(name: str, pose: np.ndarray, sensor: Element, world: Element | None)
 def _check_type(name: str, tag: str, element: Element) -> None:
     kind = element.get("type", "frame")
     if kind != "frame":
-        raise camera_error(
-            "camera.lens_model",
-            name,
-            f"its {tag} is of type '{kind}'; only frame cameras are supported",
-            value=kind,
-            fix="Undistort the images to a pinhole camera first.",
-        )
+        problem = f"its {tag} is of type '{kind}'; only frame cameras are supported"
+        fix = "Undistort the images to a pinhole camera first."
+        raise camera_error("camera.lens_model", name, problem, value=kind, fix=fix)
 
 
 def _distortion(K: np.ndarray, width: int, height: int, k: list[float], p1: float, p2: float, name: str) -> np.ndarray:

@@ -25,13 +25,9 @@ def size_nearby(folder: Path, name: str, camera: str) -> tuple[int, int]:
         for file in files:
             if file.is_file():
                 return _size(file, camera)
-    raise camera_error(
-        "camera.size_unknown",
-        camera,
-        f"the file has no image sizes, and there is no footage '{name}' next to it",
-        value=name,
-        fix="Put the footage next to the camera file, or into a folder images/ or videos/ there.",
-    )
+    problem = f"the file has no image sizes, and there is no footage '{name}' next to it"
+    fix = "Put the footage next to the camera file, or into a folder images/ or videos/ there."
+    raise camera_error("camera.size_unknown", camera, problem, value=name, fix=fix)
 
 
 def size_within(folder: Path, camera: str) -> tuple[int, int] | None:
@@ -53,10 +49,6 @@ def _size(file: Path, camera: str) -> tuple[int, int]:
     except Exception as error:
         if isinstance(error, StudioError) and error.code.startswith("storage."):
             raise
-        raise camera_error(
-            "camera.footage_unreadable",
-            camera,
-            f"the image size of {file} cannot be read ({error})",
-            fix="Replace the file.",
-            footage=file,
-        ) from None
+        problem = f"the image size of {file} cannot be read ({error})"
+        fix = "Replace the file."
+        raise camera_error("camera.footage_unreadable", camera, problem, fix=fix, footage=file) from None

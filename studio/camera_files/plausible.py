@@ -14,13 +14,9 @@ def checked(rig: Rig) -> Rig:
     for camera in rig:
         focal, longer = min(camera.fx, camera.fy), max(camera.width, camera.height)
         if focal < _LEAST_FOCAL * longer:
-            raise camera_error(
-                "camera.focal_length_unit",
-                camera.name,
-                f"a focal length of {focal:.4g} pixels is too short for images of {camera.width}x{camera.height}",
-                value=focal,
-                fix="Give focal lengths and principal points in pixels, not in millimeters or relative to the size.",
-            )
+            problem = f"a focal length of {focal:.4g} pixels is too short for images of {camera.width}x{camera.height}"
+            fix = "Give focal lengths and principal points in pixels, not in millimeters or relative to the size."
+            raise camera_error("camera.focal_length_unit", camera.name, problem, value=focal, fix=fix)
     outside = [one.name for one in rig if not (0 <= one.cx <= one.width and 0 <= one.cy <= one.height)]
     if not outside:
         return rig

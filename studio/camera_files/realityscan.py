@@ -50,13 +50,9 @@ def _camera(name: str, row: dict[str, str], size: tuple[int, int]) -> Camera:
     value = {key: number(row, key, name) for key in COLUMNS[1:]}
     value |= {key: number(row, key, name, 0.0) for key in _LENS}
     if value["t1"] or value["t2"]:
-        raise camera_error(
-            "camera.lens_model",
-            name,
-            f"tangential distortion is not supported, but t1 and t2 are {value['t1']:g} and {value['t2']:g}",
-            value=[value["t1"], value["t2"]],
-            fix="Export with the lens model Brown3 or Brown4.",
-        )
+        problem = f"tangential distortion is not supported, but t1 and t2 are {value['t1']:g} and {value['t2']:g}"
+        fix = "Export with the lens model Brown3 or Brown4."
+        raise camera_error("camera.lens_model", name, problem, value=[value["t1"], value["t2"]], fix=fix)
     width, height = size
     side = max(width, height)
     focal = value["f"] * side / 36.0

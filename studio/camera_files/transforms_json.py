@@ -92,13 +92,9 @@ def _size(values: JsonObject, path: Path, file: str, camera: str) -> tuple[int, 
         return sides[0], sides[1]
     found = _image_size(path, file)
     if found is None:
-        raise camera_error(
-            "camera.size_unknown",
-            camera,
-            f"the file does not contain 'w' and 'h', and there is no image '{file}' next to it",
-            value=file,
-            fix="Add 'w' and 'h', or put the images next to the file.",
-        )
+        problem = f"the file does not contain 'w' and 'h', and there is no image '{file}' next to it"
+        fix = "Add 'w' and 'h', or put the images next to the file."
+        raise camera_error("camera.size_unknown", camera, problem, value=file, fix=fix)
     return found
 
 
@@ -128,14 +124,9 @@ def _focal(values: JsonObject, key: str, angle: str, side: int, camera: str) -> 
     if angle in values:
         radians = number(values, angle, camera)
         if not 0 < radians < np.pi:
-            raise camera_error(
-                "camera.field_of_view",
-                camera,
-                f"'{angle}' is {radians:g}, expected a value between 0 and pi",
-                value=radians,
-                fix="Correct it in the camera file; angles are in radians.",
-                key=angle,
-            )
+            problem = f"'{angle}' is {radians:g}, expected a value between 0 and pi"
+            fix = "Correct it in the camera file; angles are in radians."
+            raise camera_error("camera.field_of_view", camera, problem, value=radians, fix=fix, key=angle)
         found.append((angle, 0.5 * side / float(np.tan(0.5 * radians))))
     return found
 
@@ -291,13 +282,10 @@ def write_transforms(rig: Rig, path: Path) -> None:
                 file=path,
             )
         if abs(camera.K[0, 1]) > 1e-9:
+            problem = f"transforms.json cannot express skew ({camera.K[0, 1]:g})"
+            fix = "Calibrate without skew, or write rig.json."
             raise camera_error(
-                "camera_file.not_expressible",
-                camera.name,
-                f"transforms.json cannot express skew ({camera.K[0, 1]:g})",
-                value=float(camera.K[0, 1]),
-                fix="Calibrate without skew, or write rig.json.",
-                file=path,
+                "camera_file.not_expressible", camera.name, problem, value=float(camera.K[0, 1]), fix=fix, file=path
             )
         distortion = dict(zip(("k1", "k2", "p1", "p2", "k3"), camera.distortion[:5].tolist(), strict=False))
         frames.append(

@@ -172,13 +172,10 @@ def check_footage(
                 )
             )
         if found.full:
+            problem = f"Camera '{camera}': the mask covers the whole image in {_frames(found.full)}"
+            fix = "Fix the masks: white is the performer, black the background."
             problems.append(
-                Message(
-                    "mask.full",
-                    f"Camera '{camera}': the mask covers the whole image in {_frames(found.full)}",
-                    fix="Fix the masks: white is the performer, black the background.",
-                    fields={"camera": camera, "frames": tuple(found.full)},
-                )
+                Message("mask.full", problem, fix=fix, fields={"camera": camera, "frames": tuple(found.full)})
             )
     return problems
 

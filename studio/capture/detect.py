@@ -350,13 +350,10 @@ def _ambiguous(root: Path, patterns: Sequence[str]) -> StudioError:
         if cameras
     )
     best = max(found, key=lambda pattern: found[pattern])
+    problem = f"found footage in several places: {named}"
+    fix = f"Choose the footage with capture.images, for example '{best}', or move away what does not belong to it."
     return StudioError(
-        "footage.ambiguous_layout",
-        f"found footage in several places: {named}",
-        file=root,
-        value=list(found),
-        fix=f"Choose the footage with capture.images, for example '{best}', or move away what does not belong to it.",
-        setting="capture.images",
+        "footage.ambiguous_layout", problem, file=root, value=list(found), fix=fix, setting="capture.images"
     )
 
 

@@ -252,12 +252,10 @@ def make_sources(
             sources[camera] = ImageSource(camera, {match.frame or 0: match.path for match in group}, transfer)
     kinds = {not isinstance(source, ImageSource): camera for camera, source in sources.items()}
     if len(kinds) > 1:
+        problem = f"Camera '{kinds[True]}' is a video and camera '{kinds[False]}' is an image sequence"
+        fix = "A capture must be either videos or images; narrow the pattern in capture.images."
         raise StudioError(
-            "footage.mixed_media",
-            f"Camera '{kinds[True]}' is a video and camera '{kinds[False]}' is an image sequence",
-            fix="A capture must be either videos or images; narrow the pattern in capture.images.",
-            cameras=[kinds[True], kinds[False]],
-            setting="capture.images",
+            "footage.mixed_media", problem, fix=fix, cameras=[kinds[True], kinds[False]], setting="capture.images"
         )
     for camera, offset in (offsets or {}).items():
         if offset and camera in sources:

@@ -186,13 +186,10 @@ def _find_images(spec: CaptureSettings) -> tuple[str, list[Match]]:
         return detect_images(spec.root)
     matches = find_files(spec.root, spec.images)
     if not matches:
+        problem = f"no image or video matches the pattern '{spec.images}'"
+        fix = f"Check capture.images.{_instead(spec.root)}"
         raise StudioError(
-            "footage.not_found",
-            f"no image or video matches the pattern '{spec.images}'",
-            file=spec.root,
-            value=spec.images,
-            fix=f"Check capture.images.{_instead(spec.root)}",
-            setting="capture.images",
+            "footage.not_found", problem, file=spec.root, value=spec.images, fix=fix, setting="capture.images"
         )
     return spec.images, matches
 
@@ -282,13 +279,10 @@ def _frames(spec: CaptureSettings, sources: Mapping[str, FrameSource]) -> tuple[
             )
         else:
             frames_lacking = f"{plural('frame', len(missing))} {number_ranges(missing)}"
+            problem = f"Camera '{camera}' lacks {frames_lacking}, which other cameras have"
+            fix = f"Add the missing files{trimmed or ', or exclude the camera or the frames'}."
             problems.append(
-                Message(
-                    "footage.frames_missing",
-                    f"Camera '{camera}' lacks {frames_lacking}, which other cameras have",
-                    fix=f"Add the missing files{trimmed or ', or exclude the camera or the frames'}.",
-                    fields={"camera": camera, "frames": tuple(missing)},
-                )
+                Message("footage.frames_missing", problem, fix=fix, fields={"camera": camera, "frames": tuple(missing)})
             )
     frames = tuple(frame for frame in wanted if frame in common)
     if not frames and not problems:

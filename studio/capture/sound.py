@@ -63,13 +63,10 @@ def find_sound(spec: CaptureSettings, sources: Mapping[str, FrameSource], fps: f
         # A camera that is late by some frames is late with its sound, too.
         lag = -spec.offsets.get(spec.audio, 0) / fps
     elif not path.is_file():
+        problem = f"capture.audio: '{spec.audio}' is neither a file in {spec.root} nor a camera"
+        fix = f"Cameras: {', '.join(sources)}."
         raise StudioError(
-            "audio.not_found",
-            f"capture.audio: '{spec.audio}' is neither a file in {spec.root} nor a camera",
-            value=spec.audio,
-            fix=f"Cameras: {', '.join(sources)}.",
-            setting="capture.audio",
-            known=tuple(sources),
+            "audio.not_found", problem, value=spec.audio, fix=fix, setting="capture.audio", known=tuple(sources)
         )
     # Frames of shifted cameras have other numbers than in their files; the footage starts where the files do.
     first = min(source.frames[0] + spec.offsets.get(name, 0) for name, source in sources.items())

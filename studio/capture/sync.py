@@ -63,13 +63,8 @@ class SyncReport:
             why = f"its {self.method} does not match any other camera"
             if self.method == "timecode":
                 why = "it has no timecode"
-            found.append(
-                Message(
-                    "sync.unknown",
-                    f"Camera '{name}': {why}, so its offset is unknown",
-                    fields={"camera": name, "method": self.method},
-                )
-            )
+            problem = f"Camera '{name}': {why}, so its offset is unknown"
+            found.append(Message("sync.unknown", problem, fields={"camera": name, "method": self.method}))
         return found
 
 

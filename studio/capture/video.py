@@ -121,12 +121,9 @@ class VideoReader:
             try:
                 image = self._to_rgb(frame)
             except (OSError, ValueError) as error:
+                problem = f"cannot convert frame {index} to RGB ({error})"
                 raise StudioError(
-                    "footage.frame_undecodable",
-                    f"cannot convert frame {index} to RGB ({error})",
-                    file=self.path,
-                    fix=_ENCODE_AGAIN,
-                    frame=index,
+                    "footage.frame_undecodable", problem, file=self.path, fix=_ENCODE_AGAIN, frame=index
                 ) from None
         return np.ascontiguousarray(np.rot90(image, self._turns)) if self._turns else image
 
@@ -303,12 +300,9 @@ class VideoReader:
         except (av.error.FFmpegError, OSError, ValueError) as error:
             self.close()
             reason = getattr(error, "strerror", None) or error
+            problem = f"cannot decode frame {at} ({reason})"
             raise StudioError(
-                "footage.frame_undecodable",
-                f"cannot decode frame {at} ({reason})",
-                file=self.path,
-                fix=_ENCODE_AGAIN,
-                frame=at,
+                "footage.frame_undecodable", problem, file=self.path, fix=_ENCODE_AGAIN, frame=at
             ) from None
         if frame.is_corrupt:
             self.close()

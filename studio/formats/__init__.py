@@ -122,13 +122,10 @@ def suffix_of(path: Path) -> str:
 def _format(path: Path, known: Iterable[str], what: str, also: str = "") -> Format:
     suffix, suffixes = suffix_of(path), list(known)
     if suffix not in suffixes:
+        problem = f"splats can be {what} {', '.join(suffixes)} files, not {path.suffix or 'a file without extension'}"
+        fix = f"Convert it, or give the file the extension of its format.{also}"
         raise StudioError(
-            "splat_file.unsupported_format",
-            f"splats can be {what} {', '.join(suffixes)} files, not {path.suffix or 'a file without extension'}",
-            file=path,
-            value=path.suffix,
-            fix=f"Convert it, or give the file the extension of its format.{also}",
-            expected=suffixes,
+            "splat_file.unsupported_format", problem, file=path, value=path.suffix, fix=fix, expected=suffixes
         )
     return FRAME_FILES[suffix]
 

@@ -74,13 +74,8 @@ def check_expansion(path: Path, size: int, stored: int) -> None:
     64 MiB or less are not limited.
     """
     if size > max(_FREE_SIZE, _EXPANSION * stored):
-        raise damaged(
-            "splat_file.expansion",
-            f"{stored} bytes claim to contain {size}, which splats cannot be compressed to",
-            path,
-            size,
-            expected=_EXPANSION * stored,
-        )
+        problem = f"{stored} bytes claim to contain {size}, which splats cannot be compressed to"
+        raise damaged("splat_file.expansion", problem, path, size, expected=_EXPANSION * stored)
 
 
 def logits(opacities: np.ndarray) -> np.ndarray:
@@ -136,12 +131,10 @@ def usable(gaussians: Gaussians) -> np.ndarray:
 def check_some_usable(path: Path, kept: np.ndarray) -> None:
     """Raises StudioError (splat_file.no_usable_splats) if no splat can be rendered."""
     if not kept.any():
-        raise damaged(
-            "splat_file.no_usable_splats",
-            f"each of its {len(kept)} splats has a value that is not finite, an infinite scale or a zero quaternion",
-            path,
-            len(kept),
+        problem = (
+            f"each of its {len(kept)} splats has a value that is not finite, an infinite scale or a zero quaternion"
         )
+        raise damaged("splat_file.no_usable_splats", problem, path, len(kept))
 
 
 def quats_of_three(stored: np.ndarray, largest: np.ndarray) -> np.ndarray:

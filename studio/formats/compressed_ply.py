@@ -134,10 +134,5 @@ def _need(path: Path, element: PlyElement, names: list[str] | tuple[str, ...], k
 
 def _need_rows(path: Path, name: str, found: int, expected: int) -> None:
     if found != expected:
-        raise damaged(
-            "splat_file.invalid_header",
-            f"the compressed PLY's element '{name}' has {found} rows; its splats need {expected}",
-            path,
-            found,
-            expected=expected,
-        )
+        problem = f"the compressed PLY's element '{name}' has {found} rows; its splats need {expected}"
+        raise damaged("splat_file.invalid_header", problem, path, found, expected=expected)

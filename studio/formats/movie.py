@@ -47,13 +47,9 @@ def render_movie(
         crf: constant rate factor of x264, 0 (best) to 51.
     """
     if path.suffix.lower() != ".mp4":
-        raise StudioError(
-            "export.unsupported_format",
-            "movies are written as .mp4",
-            file=path,
-            value=path.suffix,
-            fix="Use the extension .mp4.",
-        )
+        problem = "movies are written as .mp4"
+        fix = "Use the extension .mp4."
+        raise StudioError("export.unsupported_format", problem, file=path, value=path.suffix, fix=fix)
     for name, value, valid, expected in (
         ("fps", fps, 0 < fps <= 240, "above 0 and at most 240"),
         ("seconds", seconds, 0 < seconds <= 86_400, "above 0 and at most 86,400"),
@@ -64,12 +60,8 @@ def render_movie(
             raise StudioError("export.invalid_setting", problem, file=path, value=value, name=name)
     first = camera(0.0)
     if first.width % 2 or first.height % 2 or max(first.width, first.height) > MAX_SIDE:
-        raise StudioError(
-            "export.invalid_size",
-            f"the size is {first.width}x{first.height}; H.264 requires even numbers up to {MAX_SIDE}",
-            file=path,
-            value=(first.width, first.height),
-        )
+        problem = f"the size is {first.width}x{first.height}; H.264 requires even numbers up to {MAX_SIDE}"
+        raise StudioError("export.invalid_size", problem, file=path, value=(first.width, first.height))
     count = max(1, round(seconds * fps))
     device = preferred_device()
     background = torch.tensor(video.background, dtype=torch.float32, device=device)

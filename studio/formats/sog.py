@@ -118,13 +118,10 @@ class _Meta:
         self._values = _parsed(parts)
         version = self._values.get("version")
         if version != _VERSION:
+            problem = "SOG of the first version (without 'version')" if version is None else f"SOG version {version!r}"
+            fix = f"Version {_VERSION} is supported: export it again with a current version of its program."
             raise StudioError(
-                "splat_file.unsupported_version",
-                "SOG of the first version (without 'version')" if version is None else f"SOG version {version!r}",
-                file=self._path,
-                value=version,
-                fix=f"Version {_VERSION} is supported: export it again with a current version of its program.",
-                expected=_VERSION,
+                "splat_file.unsupported_version", problem, file=self._path, value=version, fix=fix, expected=_VERSION
             )
         count = self._values.get("count")
         if not isinstance(count, int) or isinstance(count, bool):
@@ -183,13 +180,8 @@ def _quats(parts: Parts, meta: _Meta, pixels: np.ndarray) -> np.ndarray:
     if (largest < 0).any():
         splat = int((largest < 0).argmax())
         name = meta.file("quats", 0)
-        raise damaged(
-            "splat_file.sog_image",
-            f"{name}: alpha of splat {splat} is {pixels[splat, 3]}; rotations have 252 to 255",
-            parts.path(name),
-            int(pixels[splat, 3]),
-            name=name,
-        )
+        problem = f"{name}: alpha of splat {splat} is {pixels[splat, 3]}; rotations have 252 to 255"
+        raise damaged("splat_file.sog_image", problem, parts.path(name), int(pixels[splat, 3]), name=name)
     stored = (pixels[:, :3] / 255 * 2 - 1) / 2**0.5
     return quats_of_three(stored, largest)
 
@@ -201,13 +193,10 @@ def _harmonics(parts: Parts, meta: _Meta, pixels: np.ndarray) -> np.ndarray:
     rows = -(-meta.entries // _ENTRIES_PER_ROW)
     palette = read_pixels(parts, name, rows * _ENTRIES_PER_ROW * rest)
     if palette.shape[1] != _ENTRIES_PER_ROW * rest:
-        raise damaged(
-            "splat_file.sog_image",
-            f"{name}: {palette.shape[1]} pixels wide; a palette of degree {meta.degree} has {_ENTRIES_PER_ROW * rest}",
-            parts.path(name),
-            palette.shape[1],
-            name=name,
+        problem = (
+            f"{name}: {palette.shape[1]} pixels wide; a palette of degree {meta.degree} has {_ENTRIES_PER_ROW * rest}"
         )
+        raise damaged("splat_file.sog_image", problem, parts.path(name), palette.shape[1], name=name)
     labels = pixels[:, :2].astype(np.int64) @ [1, 256]
     if labels.max() >= meta.entries:
         raise meta.invalid("shN.count", f"is {meta.entries}, but a splat has entry {labels.max()}")

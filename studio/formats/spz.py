@@ -272,14 +272,12 @@ def _checked_head(path: Path, head: bytes) -> Head:
         fix = "Convert it, to PLY for example."
         raise StudioError("splat_file.unsupported_version", problem, file=path, value=version, fix=fix)
     if not 0 < count <= MAX_SPLATS or degree > 3 or bits > 23:
-        raise StudioError(
-            "splat_file.invalid_header",
+        problem = (
             f"{count} splats of SH degree {degree} with {bits} fractional bits; expected 1 to {MAX_SPLATS} splats, "
-            "degree 0 to 3 and 0 to 23 bits",
-            file=path,
-            value=(count, degree, bits),
-            fix="Export it again, with SH of degree 3 at most.",
+            "degree 0 to 3 and 0 to 23 bits"
         )
+        fix = "Export it again, with SH of degree 3 at most."
+        raise StudioError("splat_file.invalid_header", problem, file=path, value=(count, degree, bits), fix=fix)
     return Head(version, count, degree, bits, flags)
 
 
@@ -292,12 +290,10 @@ def _zstd_streams(path: Path, data: bytes, head: Head) -> tuple[list[bytes], byt
     *_, streams, table = _HEAD_4.unpack_from(data)
     expected = [size for size in head.sizes if size]
     if streams != len(expected) or table < _HEAD_4.size:
-        raise damaged(
-            "splat_file.invalid_header",
-            f"{streams} attributes, listed at byte {table}; expected {len(expected)} at byte {_HEAD_4.size} or later",
-            path,
-            (streams, table),
+        problem = (
+            f"{streams} attributes, listed at byte {table}; expected {len(expected)} at byte {_HEAD_4.size} or later"
         )
+        raise damaged("splat_file.invalid_header", problem, path, (streams, table))
     position = table + streams * _ENTRY.size
     if position > len(data):
         raise truncated(path, len(data), position)

@@ -116,13 +116,9 @@ def export_usd(
     """
     pxr = usd()
     if path.suffix.lower() not in USD_SUFFIXES[:3]:
-        raise StudioError(
-            "usd.extension",
-            f"a USD file ends with {', '.join(USD_SUFFIXES[:3])}, not with '{path.suffix}'",
-            file=path,
-            value=path.suffix,
-            fix="Choose .usdc for film tools, or .usdz for one file with its sound.",
-        )
+        problem = f"a USD file ends with {', '.join(USD_SUFFIXES[:3])}, not with '{path.suffix}'"
+        fix = "Choose .usdc for film tools, or .usdz for one file with its sound."
+        raise StudioError("usd.extension", problem, file=path, value=path.suffix, fix=fix)
     package = path.suffix.lower() == ".usdz"
     with ExitStack() as stack:
         temporary = stack.enter_context(new_file(path))

@@ -264,14 +264,10 @@ def _groups(folder: Path) -> list[tuple[range, int]]:
                 "videogs.invalid_group", f"group {number} is missing or has no 'frame_index'", path, group=number
             ) from None
         if first != expected or last < first or last >= MAX_FRAMES:
-            raise damaged(
-                "videogs.invalid_group",
-                f"group {number} has frames {first} to {last}; it must start at frame {expected} and not end before it",
-                path,
-                (first, last),
-                group=number,
-                expected=expected,
+            problem = (
+                f"group {number} has frames {first} to {last}; it must start at frame {expected} and not end before it"
             )
+            raise damaged("videogs.invalid_group", problem, path, (first, last), group=number, expected=expected)
         result.append((range(first, last + 1), name))
         expected = last + 1
     if not result:

@@ -22,14 +22,11 @@ def raise_disagreement(shapes: Silhouettes, points: torch.Tensor, slack: float, 
     count = len(shapes)
     most = int(views.max())
     if most < min_views:
-        raise StudioError(
-            "hull.no_overlap",
+        problem = (
             f"The visual hull is empty: no point is seen by more than {most} of {count} cameras, but {min_views} are "
-            "required",
-            value=most,
-            fix="Check the camera poses.",
-            expected=min_views,
+            "required"
         )
+        raise StudioError("hull.no_overlap", problem, value=most, fix="Check the camera poses.", expected=min_views)
     agreement = (sees & ~rejected).sum(0).float() / views.clamp_min(1)
     agreement[views < min_views] = -1
     top = agreement >= agreement.max() - 1e-6
@@ -42,11 +39,9 @@ def raise_disagreement(shapes: Silhouettes, points: torch.Tensor, slack: float, 
         problem = f"The visual hull is empty: the masks of {', '.join(cameras)} have no common volume{hint}"
         fix = "Check the camera poses and the masks."
         raise StudioError("hull.masks_disagree", problem, fix=fix, cameras=tuple(cameras), empty=tuple(empty))
-    raise StudioError(
-        "hull.masks_disagree",
+    problem = (
         f"The visual hull is empty: the masks of {', '.join(outliers)}{hint} disagree with those of the other "
-        f"{count - len(outliers)} cameras",
-        fix="Fix these masks, or exclude these cameras.",
-        cameras=tuple(outliers),
-        empty=tuple(empty),
+        f"{count - len(outliers)} cameras"
     )
+    fix = "Fix these masks, or exclude these cameras."
+    raise StudioError("hull.masks_disagree", problem, fix=fix, cameras=tuple(outliers), empty=tuple(empty))

@@ -79,13 +79,10 @@ class Lpips:
         from safetensors.torch import load_file
 
         if net not in NETWORKS:
+            problem = f"unknown LPIPS network '{net}'"
+            fix = f"Use {' or '.join(NETWORKS)}"
             raise StudioError(
-                "lpips.unknown_network",
-                f"unknown LPIPS network '{net}'",
-                value=net,
-                fix=f"Use {' or '.join(NETWORKS)}",
-                setting="evaluate.lpips",
-                expected=tuple(NETWORKS),
+                "lpips.unknown_network", problem, value=net, fix=fix, setting="evaluate.lpips", expected=tuple(NETWORKS)
             )
         network = NETWORKS[net]
         self._device, self._taps = device, network.taps
@@ -162,13 +159,10 @@ def _loaded(network: Network, file: Path) -> dict[str, Tensor]:
     except Exception as error:  # no network, disk full, no permission, truncated file, ...: unrelated exception types
         if existed:
             raise _unreadable(network, file, _first_line(error)) from None
+        problem = f"the LPIPS weights of {network.title} cannot be downloaded ({_first_line(error)})"
+        fix = f"Download {network.url} to {file.parent}, or set evaluate.lpips to null"
         raise StudioError(
-            "lpips.download_failed",
-            f"the LPIPS weights of {network.title} cannot be downloaded ({_first_line(error)})",
-            file=file,
-            value=network.url,
-            fix=f"Download {network.url} to {file.parent}, or set evaluate.lpips to null",
-            setting="evaluate.lpips",
+            "lpips.download_failed", problem, file=file, value=network.url, fix=fix, setting="evaluate.lpips"
         ) from None
     if not isinstance(found, dict):
         raise _unreadable(network, file, f"it contains a {type(found).__name__}")

@@ -73,15 +73,12 @@ def component_frames(frames: Iterable[Gaussians], order: np.ndarray | None = Non
             if len(frame) == 0:
                 raise StudioError("bake.no_splats", "the keyframe has no splats", fix="Train the group again.")
         if found != shape:
-            raise StudioError(
-                "bake.mixed_frames",
+            problem = (
                 f"frame {number} of the group has {found[0]} splats of SH degree {found[1]}, but its keyframe has "
-                f"{shape[0]} of degree {shape[1]}",
-                value=found,
-                fix="Train the group again, or split it.",
-                frame=number,
-                expected=shape,
+                f"{shape[0]} of degree {shape[1]}"
             )
+            fix = "Train the group again, or split it."
+            raise StudioError("bake.mixed_frames", problem, value=found, fix=fix, frame=number, expected=shape)
         if frame.dilation != first.dilation:
             raise StudioError(
                 "bake.mixed_dilations",

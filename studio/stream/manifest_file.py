@@ -100,13 +100,8 @@ def check_total(manifest: Manifest, group_bytes: int, manifest_bytes: int, name:
     """Raises StudioError unless `total_bytes` is right. `group_bytes`: size of all files of all groups, each once."""
     expected = group_bytes + sum(file.bytes for file in manifest.fixed_files) + manifest_bytes
     if manifest.total_bytes != expected:
-        raise damaged(
-            "manifest.wrong_total",
-            f"total_bytes is {manifest.total_bytes}, but the listed files have {expected} bytes",
-            name,
-            manifest.total_bytes,
-            expected=expected,
-        )
+        problem = f"total_bytes is {manifest.total_bytes}, but the listed files have {expected} bytes"
+        raise damaged("manifest.wrong_total", problem, name, manifest.total_bytes, expected=expected)
 
 
 def seal(manifest: Manifest, group_bytes: int) -> tuple[Manifest, bytes]:

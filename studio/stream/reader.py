@@ -49,13 +49,8 @@ def check_file(data: bytes, file: FileEntry, source: Source) -> None:
     """Raises StudioError unless the bytes have the size and the SHA-256 of the manifest."""
     name = f"{source.name}/{file.path}"
     if len(data) != file.bytes:
-        raise damaged(
-            "stream.wrong_size",
-            f"the file has {len(data)} bytes, the manifest says {file.bytes}",
-            name,
-            len(data),
-            expected=file.bytes,
-        )
+        problem = f"the file has {len(data)} bytes, the manifest says {file.bytes}"
+        raise damaged("stream.wrong_size", problem, name, len(data), expected=file.bytes)
     if hashlib.sha256(data).hexdigest() != file.sha256:
         raise damaged("stream.wrong_checksum", "SHA-256 differs from the manifest", name)
 

@@ -165,23 +165,15 @@ class PlaneDecoder:
             raise damaged("stream.video_unreadable", f"not a readable MP4 video ({error})", name) from None
         if found != codec or found_size != size:
             self.close()
-            raise damaged(
-                "stream.wrong_video",
-                f"{found} video of {found_size[0]}x{found_size[1]}; the manifest says {codec} of {size[0]}x{size[1]}",
-                name,
-                (found, *found_size),
-                expected=(codec, *size),
+            problem = (
+                f"{found} video of {found_size[0]}x{found_size[1]}; the manifest says {codec} of {size[0]}x{size[1]}"
             )
+            raise damaged("stream.wrong_video", problem, name, (found, *found_size), expected=(codec, *size))
         if stream.frames > pictures:  # a group that costs more than its manifest promises
             count = stream.frames
             self.close()
-            raise damaged(
-                "stream.video_too_long",
-                f"the video has {count} pictures; the manifest says {pictures}",
-                name,
-                count,
-                expected=pictures,
-            )
+            problem = f"the video has {count} pictures; the manifest says {pictures}"
+            raise damaged("stream.video_too_long", problem, name, count, expected=pictures)
         context.thread_count = threads
         if threads > 1:
             context.thread_type = "FRAME"

@@ -174,15 +174,11 @@ class _Run:
         unfit = next(((job, wanted) for job, wanted in waiting if self._nodes.fitting(wanted) == 0), None)
         if self._waited("unfit", unfit is not None) >= NO_NODE_SECONDS and unfit is not None:
             job, wanted = unfit
-            self._warn(
-                Message(
-                    "cluster.no_node",
-                    f"group {job.group.index} is waiting for a node with {wanted}; the cluster has "
-                    f"{self._nodes.sizes()}",
-                    fix="Add a larger node, or lower run.gpus_per_group or run.memory_per_group.",
-                    fields={"group": job.group.index},
-                )
+            problem = (
+                f"group {job.group.index} is waiting for a node with {wanted}; the cluster has {self._nodes.sizes()}"
             )
+            fix = "Add a larger node, or lower run.gpus_per_group or run.memory_per_group."
+            self._warn(Message("cluster.no_node", problem, fix=fix, fields={"group": job.group.index}))
         # if a group of this run is running, it will free its node
         stuck = unfit is None and bool(waiting) and len(waiting) == len(self._running)
         if (seconds := self._waited("busy", stuck)) >= BUSY_SECONDS and stuck:
@@ -190,14 +186,9 @@ class _Run:
             job, wanted = waiting[0]
             holders = self._nodes.holders(wanted)
             if holders:
-                self._warn(
-                    Message(
-                        "cluster.busy",
-                        f"group {job.group.index} has been waiting for {wanted} for {seconds:.0f} s: {holders}",
-                        fix="Wait for what holds the nodes, stop it, or add a node.",
-                        fields={"group": job.group.index},
-                    )
-                )
+                problem = f"group {job.group.index} has been waiting for {wanted} for {seconds:.0f} s: {holders}"
+                fix = "Wait for what holds the nodes, stop it, or add a node."
+                self._warn(Message("cluster.busy", problem, fix=fix, fields={"group": job.group.index}))
 
     def _waited(self, name: str, condition: bool) -> float:
         """Seconds for which a condition has held at every check."""

@@ -55,13 +55,10 @@ def read_tie_points(path: Path | str) -> tuple[TiePoint, ...]:
         # everything as text, or camera 01 would become 1
         content = parse_yaml(text, plain=True)
     except DuplicateKey as error:
+        problem = f"line {error.mapping_line} and below: '{error.key}' is used twice"
+        fix = "Use a unique name for each point, and list each camera of a point only once."
         raise StudioError(
-            "tie_points.duplicate",
-            f"line {error.mapping_line} and below: '{error.key}' is used twice",
-            file=path,
-            value=error.key,
-            fix="Use a unique name for each point, and list each camera of a point only once.",
-            line=error.mapping_line,
+            "tie_points.duplicate", problem, file=path, value=error.key, fix=fix, line=error.mapping_line
         ) from None
     except YamlError as error:
         problem = "invalid YAML" + (f" at line {error.line}" if error.line else "")

@@ -91,14 +91,12 @@ def calibrate_from_tie_points(
     uncertain = uncertainty(best, observations, groups, ACCURACY, radial=settings.has_distortion)
     vague = [name for name in sizes if uncertain[name] > _VAGUE]
     if vague:
-        raise StudioError(
-            "tie_points.degenerate",
+        problem = (
             f"the marks do not determine the position of {', '.join(vague)}: the points are collinear, too close "
-            "together or too few",
-            value=vague,
-            fix="Mark more points, spread over the image and in depth.",
-            cameras=vague,
+            "together or too few"
         )
+        fix = "Mark more points, spread over the image and in depth."
+        raise StudioError("tie_points.degenerate", problem, value=vague, fix=fix, cameras=vague)
     progress(len(guesses) + 1, len(guesses) + 1)
     result = _result(best, observations, left_out, distance, sizes)
     update = {
@@ -231,27 +229,20 @@ def _unregistered(observations: Observations, sizes: Mapping[str, tuple[int, int
     measured = {name: int((observations.seen(name) & observations.measured).sum()) for name in sizes}
     if best is None or not registered:
         counts = ", ".join(f"{name} {marks[name]} ({measured[name]} measured)" for name in sizes)
-        return StudioError(
-            "tie_points.unregistered",
-            f"the marks do not determine the relative pose of any two cameras; marks per camera: {counts}",
-            value=lost,
-            fix=f"Mark at least {LEAST_SHARED} points, not all collinear, in two cameras, or {LEAST_KNOWN} measured "
-            "points per camera.",
-            cameras=lost,
-            marks=marks,
+        problem = f"the marks do not determine the relative pose of any two cameras; marks per camera: {counts}"
+        fix = (
+            f"Mark at least {LEAST_SHARED} points, not all collinear, in two cameras, or {LEAST_KNOWN} measured "
+            "points per camera."
         )
+        return StudioError("tie_points.unregistered", problem, value=lost, fix=fix, cameras=lost, marks=marks)
     name = lost[0]
     known = int((observations.seen(name) & best.triangulated).sum())
-    return StudioError(
-        "tie_points.unregistered",
+    problem = (
         f"not registered: {', '.join(lost)}; camera '{name}' sees {known} of the points triangulated from "
-        f"{', '.join(registered)}, expected at least {LEAST_KNOWN} that fit",
-        value=lost,
-        fix="Mark more points that are visible in both these and the registered cameras.",
-        camera=name,
-        cameras=lost,
-        marks=marks,
+        f"{', '.join(registered)}, expected at least {LEAST_KNOWN} that fit"
     )
+    fix = "Mark more points that are visible in both these and the registered cameras."
+    return StudioError("tie_points.unregistered", problem, value=lost, fix=fix, camera=name, cameras=lost, marks=marks)
 
 
 def _result(

@@ -31,14 +31,11 @@ def intrinsics_from_views(
     import cv2
 
     if len(views) < LEAST_VIEWS:
-        raise StudioError(
-            "target.too_few_views",
-            f"camera '{name}' sees the target in {len(views)} images, expected at least {LEAST_VIEWS} (20 recommended)",
-            value=len(views),
-            fix="Film the target longer, at different tilts, or specify known intrinsics.",
-            camera=name,
-            expected=LEAST_VIEWS,
+        problem = (
+            f"camera '{name}' sees the target in {len(views)} images, expected at least {LEAST_VIEWS} (20 recommended)"
         )
+        fix = "Film the target longer, at different tilts, or specify known intrinsics."
+        raise StudioError("target.too_few_views", problem, value=len(views), fix=fix, camera=name, expected=LEAST_VIEWS)
     chosen = _spread(views, size)
     world = [target.corners[view.ids].astype(np.float32) for view in chosen]
     pixels = [(view.pixels - 0.5).astype(np.float32) for view in chosen]
@@ -63,14 +60,12 @@ def intrinsics_from_views(
     K[:2, 2] += 0.5
     coefficients = np.ravel(distortion)[: 8 if model == "FULL_OPENCV" else 4]
     if not np.isfinite(K).all() or not 0.1 < K[0, 0] / max(size) < 50:
-        raise StudioError(
-            "target.focal_length",
+        problem = (
             f"camera '{name}': {len(views)} images of the target do not determine its focal length (found {K[0, 0]:g} "
-            f"pixels for images of {size[0]}x{size[1]})",
-            value=float(K[0, 0]),
-            fix="Film the target closer and tilted, or specify known intrinsics.",
-            camera=name,
+            f"pixels for images of {size[0]}x{size[1]})"
         )
+        fix = "Film the target closer and tilted, or specify known intrinsics."
+        raise StudioError("target.focal_length", problem, value=float(K[0, 0]), fix=fix, camera=name)
     return Camera(name, *size, K, np.eye(4), coefficients if coefficients.any() else np.zeros(0))
 
 

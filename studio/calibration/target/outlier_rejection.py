@@ -38,13 +38,10 @@ def refine_without_outliers(
         kept = _fitting(TargetRig(state.cameras, target_poses, everything), target, widening * limit)
         if {name for _, name in kept} != set(state.cameras):
             lost = sorted(set(state.cameras) - {name for _, name in kept})
+            problem = f"camera '{lost[0]}': its observations of the target are not consistent with the other cameras"
+            fix = "Check that the footage is synchronized and calibrate.board describes the target."
             raise StudioError(
-                "target.inconsistent",
-                f"camera '{lost[0]}': its observations of the target are not consistent with the other cameras",
-                value=lost,
-                fix="Check that the footage is synchronized and calibrate.board describes the target.",
-                camera=lost[0],
-                setting="calibrate.board",
+                "target.inconsistent", problem, value=lost, fix=fix, camera=lost[0], setting="calibrate.board"
             )
         state = TargetRig(
             state.cameras, {sync_frame: target_poses[sync_frame] for sync_frame in _sync_frames(kept)}, kept

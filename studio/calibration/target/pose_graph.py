@@ -50,14 +50,11 @@ def chain_poses(
         registered[new] = relative @ registered[known]
     lost = [name for name in intrinsics if name not in registered]
     if lost:
-        raise StudioError(
-            "target.not_connected",
-            f"there is no sync frame in which both {' or '.join(lost)} and {' or '.join(registered)} see the target",
-            value=lost,
-            fix="Film the target where cameras of both groups see it.",
-            camera=lost[0],
-            cameras=lost,
+        problem = (
+            f"there is no sync frame in which both {' or '.join(lost)} and {' or '.join(registered)} see the target"
         )
+        fix = "Film the target where cameras of both groups see it."
+        raise StudioError("target.not_connected", problem, value=lost, fix=fix, camera=lost[0], cameras=lost)
     cameras = {name: replace(intrinsics[name], world_to_camera=registered[name]) for name in intrinsics}
     target_poses = {}
     for sync_frame in sorted({sync_frame for sync_frame, _ in kept}):

@@ -98,13 +98,10 @@ def calibrate_intrinsics(
         )
         state = chain_poses({name: start}, target, {(number, name): view for number, view in enumerate(seen)})
         if not state.views:
+            problem = f"camera '{name}': no intrinsics fit its {len(seen)} images of the target"
+            fix = "Check that calibrate.board describes the target, and film it again."
             raise StudioError(
-                "target.no_fit",
-                f"camera '{name}': no intrinsics fit its {len(seen)} images of the target",
-                value=len(seen),
-                fix="Check that calibrate.board describes the target, and film it again.",
-                camera=name,
-                setting="calibrate.board",
+                "target.no_fit", problem, value=len(seen), fix=fix, camera=name, setting="calibrate.board"
             )
         state, _ = _refine(state, target, settings, principal_point, threads)
         cameras[name] = state.cameras[name]

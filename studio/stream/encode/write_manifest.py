@@ -124,15 +124,13 @@ def _check_present(directory: Path, groups: Sequence[GroupEntry], audio: AudioEn
         file = directory / wanted.path
         size = file.stat().st_size if file.is_file() else None
         if size != wanted.bytes:
-            raise StudioError(
-                "bake.group_changed",
+            problem = (
                 f"{'the file is missing' if size is None else f'the file has {size} bytes'}; "
-                f"expected {wanted.bytes} bytes",
-                file=file,
-                value=size,
-                fix="Bake the sound again." if group is None else f"Bake group {group} again.",
-                group=group,
-                expected=wanted.bytes,
+                f"expected {wanted.bytes} bytes"
+            )
+            fix = "Bake the sound again." if group is None else f"Bake group {group} again."
+            raise StudioError(
+                "bake.group_changed", problem, file=file, value=size, fix=fix, group=group, expected=wanted.bytes
             )
 
 

@@ -139,11 +139,9 @@ class ArchiveSource:
         self._ranges.close()
 
     def _damaged(self, problem: str) -> StudioError:
+        fix = "Copy or download it again."
         return StudioError(
-            "source.archive_damaged",
-            f"not a readable one-file stream ({problem})",
-            file=self._ranges.name,
-            fix="Copy or download it again.",
+            "source.archive_damaged", f"not a readable one-file stream ({problem})", file=self._ranges.name, fix=fix
         )
 
 

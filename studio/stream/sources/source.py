@@ -57,12 +57,9 @@ class FolderSource:
         file = self._root / path
         try:
             if not file.resolve().is_relative_to(self._root):
-                raise StudioError(
-                    "source.outside_folder",
-                    "this file is outside the stream's folder",
-                    file=file,
-                    fix="Do not trust this stream; get it from its author again.",
-                )
+                problem = "this file is outside the stream's folder"
+                fix = "Do not trust this stream; get it from its author again."
+                raise StudioError("source.outside_folder", problem, file=file, fix=fix)
             with file.open("rb") as handle:
                 data = handle.read(limit + 1)
         except FileNotFoundError:
