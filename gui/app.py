@@ -31,10 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="folder of a take or of a stream, URL of a stream, or the .json document of a cast",
     )
     parser.add_argument(
-        "--size",
-        default="1280x800",
-        metavar="WxH",
-        help="window size at 96 dpi (default: %(default)s)",
+        "--size", default="1280x800", metavar="WxH", help="window size at 96 dpi (default: %(default)s)"
     )
     parser.add_argument(
         "--log-state", type=Path, metavar="FILE", help="append the window's state to FILE as JSON lines"

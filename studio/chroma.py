@@ -17,11 +17,7 @@ Siting = Literal["left", "center"]
 """Horizontal position of chroma samples: on the first luma sample of each group (MPEG-2, the default of H.264 and
 HEVC), or in the middle of the group (MPEG-1, JPEG)."""
 
-LUMA_WEIGHTS = {
-    "bt601": (0.299, 0.587, 0.114),
-    "bt709": (0.2126, 0.7152, 0.0722),
-    "bt2020": (0.2627, 0.678, 0.0593),
-}
+LUMA_WEIGHTS = {"bt601": (0.299, 0.587, 0.114), "bt709": (0.2126, 0.7152, 0.0722), "bt2020": (0.2627, 0.678, 0.0593)}
 """Luma of R'G'B' (ITU-R BT.601, BT.709 and BT.2020)."""
 
 

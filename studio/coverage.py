@@ -113,12 +113,7 @@ def coverage(cameras: Sequence[Camera], points: np.ndarray, normals: np.ndarray,
     if found is None:
         return None
     outside, farthest = gaps(found, up)
-    return Coverage(
-        outside,
-        farthest,
-        float((facing_cameras(cameras, points, normals) < 2).mean()),
-        found.angle,
-    )
+    return Coverage(outside, farthest, float((facing_cameras(cameras, points, normals) < 2).mean()), found.angle)
 
 
 def gaps(found: ViewRange, up: np.ndarray) -> tuple[float, float]:

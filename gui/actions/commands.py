@@ -251,11 +251,7 @@ class Actions:
             "A run is in progress",
             "It can continue without the window; open the take again to follow it.\n"
             "If you stop it, finished work is kept and the next run resumes from there.",
-            [
-                ("leave", "Leave running", leave),
-                ("stop", "Stop run", stop),
-                ("stay", "Cancel", lambda: None),
-            ],
+            [("leave", "Leave running", leave), ("stop", "Stop run", stop), ("stay", "Cancel", lambda: None)],
         )
 
     # Opening

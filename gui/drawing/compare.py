@@ -113,12 +113,7 @@ def heat(levels: np.ndarray) -> np.ndarray:
 
 
 def heat_map(
-    size: tuple[int, int],
-    box: Box,
-    one: np.ndarray,
-    other: np.ndarray,
-    names: tuple[str, str],
-    text: int = LABEL_SIZE,
+    size: tuple[int, int], box: Box, one: np.ndarray, other: np.ndarray, names: tuple[str, str], text: int = LABEL_SIZE
 ) -> np.ndarray:
     """Draw a heat map of the difference, with a scale and the mean difference; `text`: size of labels, pixels."""
     levels = difference(one, other)

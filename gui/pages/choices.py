@@ -8,11 +8,7 @@ REVIEW_CHOICES: tuple[Choice, ...] = (
     ("decoded", "Decoded", "Gaussians decoded from the baked stream (3)"),
     ("other", "Other bake", "Another bake or take to compare with; Bake > Bakes chooses it (4)"),
     ("", "", ""),
-    (
-        "side by side",
-        "Side by side",
-        "Up to four sources at once (S); B switches between two",
-    ),
+    ("side by side", "Side by side", "Up to four sources at once (S); B switches between two"),
     ("wipe", "Wipe", "Wipe against footage or trained; drag the line (W)"),
     ("difference", "Difference", "Difference heat map against footage or trained (D)"),
     ("", "", ""),

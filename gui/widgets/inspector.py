@@ -8,13 +8,7 @@ from open3d.visualization import gui
 from gui.models.evaluation import Evaluation
 from gui.models.marks import Marks
 from gui.models.playback.player import PlayerPresenter
-from gui.models.take.inspector import (
-    Block,
-    figures_height,
-    figures_picture,
-    review_blocks,
-    run_blocks,
-)
+from gui.models.take.inspector import Block, figures_height, figures_picture, review_blocks, run_blocks
 from gui.models.take.log import LogRow, LogView, grouped, log_rows
 from gui.models.take.remedies import Fix
 from gui.models.take.workspace import Workspace

@@ -100,11 +100,7 @@ class PathList:
         return canvas.pixels
 
     def _rows(
-        self,
-        canvas: Canvas,
-        keys: Sequence[PathKey],
-        thumbnails: Sequence[np.ndarray | None],
-        selected: int | None,
+        self, canvas: Canvas, keys: Sequence[PathKey], thumbnails: Sequence[np.ndarray | None], selected: int | None
     ) -> None:
         em, small = self.em, round(0.85 * self.em)
         wide, high = self.thumbnail_size

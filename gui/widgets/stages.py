@@ -24,10 +24,7 @@ _RUN = {
     "Run": "Run this stage and the stages it depends on",
     "Run again": "Run this stage again",
 }
-_PAUSE = {
-    "Pause": "Suspend the run; it stays in memory until you resume it",
-    "Resume": "Resume the run",
-}
+_PAUSE = {"Pause": "Suspend the run; it stays in memory until you resume it", "Resume": "Resume the run"}
 
 
 class StagesPanel:

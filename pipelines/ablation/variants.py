@@ -27,11 +27,7 @@ VARIANTS = (
     Variant(
         "no-motion",
         "no motion stage (positions are fine-tuned instead)",
-        {
-            "train.motion_iterations": 0,
-            "train.motion_first_iterations": None,
-            "train.finetune_means": True,
-        },
+        {"train.motion_iterations": 0, "train.motion_first_iterations": None, "train.finetune_means": True},
     ),
     Variant("no-finetune", "no fine-tuning", {"train.finetune_iterations": 0}),
     Variant("no-grouping", "one group for the whole take", {"train.group_size": _WHOLE_TAKE}),

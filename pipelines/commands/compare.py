@@ -35,10 +35,7 @@ def register(commands: Any) -> None:
     parser.add_argument("--protocol", choices=list(PROTOCOLS), default="box", help="see below (default: %(default)s)")
     parser.add_argument("--cameras", default="", metavar="A,B", help="cameras to measure instead of the protocol's")
     parser.add_argument(
-        "--footage",
-        type=Path,
-        metavar="TAKE",
-        help="take whose images and masks to compare with (default: the first)",
+        "--footage", type=Path, metavar="TAKE", help="take whose images and masks to compare with (default: the first)"
     )
     add_frames(parser, "measure", "; with a step, flicker is not measured")
     parser.add_argument("--lpips", choices=("alex", "vgg"), help="also compute LPIPS, as the setting evaluate.lpips")

@@ -61,10 +61,7 @@ def register(commands: Any) -> None:
 
     ground = _kind(kinds, "ground", "remove what is below a plane", _ground)
     ground.add_argument(
-        "height",
-        type=float,
-        metavar="HEIGHT",
-        help="height along the up direction, in the world of `edit world`",
+        "height", type=float, metavar="HEIGHT", help="height along the up direction, in the world of `edit world`"
     )
 
     floaters = _kind(kinds, "floaters", "remove faint splats, and small clusters apart from all others", _floaters)
@@ -107,11 +104,7 @@ def register(commands: Any) -> None:
     names = "trim, crop, ground, floaters, world, regions, details, or all"
     remove.add_argument("name", metavar="NAME", help=names)
     remove.add_argument(
-        "number",
-        type=int,
-        nargs="?",
-        metavar="NUMBER",
-        help="number of a region or detail, from `v3studio edit list`",
+        "number", type=int, nargs="?", metavar="NUMBER", help="number of a region or detail, from `v3studio edit list`"
     )
 
     _kind(kinds, "undo", "undo the last change", _undo)

@@ -11,13 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import (
-    ALL_FRAMES,
-    add_frames,
-    add_overwrite,
-    invalid_option,
-    three_numbers,
-)
+from pipelines.commands.common.arguments import ALL_FRAMES, add_frames, add_overwrite, invalid_option, three_numbers
 from pipelines.commands.common.working import json_output, say_note, working
 from pipelines.outputs import replacing
 from studio.counts import counted
@@ -65,20 +59,14 @@ def register(commands: Any) -> None:
         "the format's convention (viewer); default: world for ply, viewer for the others",
     )  # fmt: skip
     export.add_argument(
-        "--sh-degree",
-        type=int,
-        choices=range(4),
-        metavar="N",
-        help="truncate spherical harmonics to degree N, 0 to 3",
+        "--sh-degree", type=int, choices=range(4), metavar="N", help="truncate spherical harmonics to degree N, 0 to 3"
     )
     export.add_argument(
         "--spz-version", type=int, choices=(3, 4), help="spz: 4 (default), or 3 for viewers that cannot read 4"
     )
     export.add_argument("--qp", type=int, default=22, help="videogs: QP of H.264, 0 (lossless) to 51 (default: 22)")
     export.add_argument(
-        "--size",
-        metavar="WxH",
-        help=f"movies, exr: size in pixels (default: {_SIZE}, or that of the footage camera)",
+        "--size", metavar="WxH", help=f"movies, exr: size in pixels (default: {_SIZE}, or that of the footage camera)"
     )
     export.add_argument("--seconds", type=float, help="movies: duration (default: that of the path or the source)")
     export.add_argument("--fps", type=float, help="movies: frames per second (default: that of the source)")

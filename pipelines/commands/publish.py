@@ -23,9 +23,7 @@ def register(commands: Any) -> None:
         "target", metavar="TARGET", help="folder, or an address such as s3://bucket/folder (needs s3fs)"
     )
     command.add_argument(
-        "--page",
-        action="store_true",
-        help="also put index.html and the browser player there, with the options below",
+        "--page", action="store_true", help="also put index.html and the browser player there, with the options below"
     )
     add_page_options(command)
     command.set_defaults(command=_publish)

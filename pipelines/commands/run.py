@@ -25,10 +25,7 @@ if TYPE_CHECKING:
 def register(commands: Any) -> None:
     run = _stage_parser(commands, "run", "run all stages that are not up to date")
     run.add_argument(
-        "--until",
-        choices=STAGE_NAMES,
-        metavar="STAGE",
-        help=f"stop after this stage: {', '.join(STAGE_NAMES)}",
+        "--until", choices=STAGE_NAMES, metavar="STAGE", help=f"stop after this stage: {', '.join(STAGE_NAMES)}"
     )
     _add_live(run)
     _add_detach(run)

@@ -40,9 +40,7 @@ def register(commands: Any) -> None:
     )
     serve.add_argument("folder", metavar="DIR", help="folder of a stream or a take, or a folder of several")
     serve.add_argument(
-        "--host",
-        default="127.0.0.1",
-        help="address to bind to; 0.0.0.0 for other machines (default: %(default)s)",
+        "--host", default="127.0.0.1", help="address to bind to; 0.0.0.0 for other machines (default: %(default)s)"
     )
     serve.add_argument("--port", type=int, default=8000, help="port to bind to; 0: any free port (default: 8000)")
     serve.add_argument(

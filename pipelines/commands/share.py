@@ -50,9 +50,7 @@ def add_page_options(share: argparse.ArgumentParser) -> None:
     )
     add_view_option(share)
     share.add_argument(
-        "--address",
-        metavar="URL",
-        help="future address of the page, which link previews need to show the poster",
+        "--address", metavar="URL", help="future address of the page, which link previews need to show the poster"
     )
 
 

@@ -54,11 +54,7 @@ def open_takes(
 
     first = _footage(footage or folders[0])
     names = _cameras(first, protocol, cameras)
-    spec = first.capture.replace(
-        cameras=names,
-        held_out=(),
-        scale=protocol.scale or first.capture.scale,
-    )
+    spec = first.capture.replace(cameras=names, held_out=(), scale=protocol.scale or first.capture.scale)
     run = first.config.run
     seen: dict[bytes, Footage] = {}
     found: list[OpenedTake] = []

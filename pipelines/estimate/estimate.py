@@ -105,10 +105,7 @@ def estimate(work: Work, measured: Measured, qp: int | None) -> Estimate:
                 "not estimated for this profile or version" if qp is None else "half to twice, depending on the motion",
             ),
             StageEstimate(
-                "evaluate",
-                (measured.evaluated_view + measured.view) * evaluated * frames,
-                measured.memory,
-                None,
+                "evaluate", (measured.evaluated_view + measured.view) * evaluated * frames, measured.memory, None
             ),
         ),
         splats,

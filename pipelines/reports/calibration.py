@@ -89,11 +89,7 @@ def calibration_warnings(report: CalibrationReport) -> list[Message]:
                     value=figures.focal,
                     fix="Try calibrate.shared_intrinsics or calibrate.intrinsics_groups, or set its intrinsics with "
                     "calibrate.known_cameras.",
-                    fields={
-                        "camera": name,
-                        "expected": figures.usual_focal,
-                        "setting": "calibrate.shared_intrinsics",
-                    },
+                    fields={"camera": name, "expected": figures.usual_focal, "setting": "calibrate.shared_intrinsics"},
                 )
             )
     poor = [name for name, figures in report.cameras.items() if figures.mean > 1]

@@ -15,11 +15,7 @@ from studio.errors import StudioError
 
 
 def printed_commands(
-    take: Take,
-    config: Config,
-    stages: Sequence[str] = CHAIN,
-    form: str = "plain",
-    overrides: Sequence[str] = (),
+    take: Take, config: Config, stages: Sequence[str] = CHAIN, form: str = "plain", overrides: Sequence[str] = ()
 ) -> str:
     """The text that `v3studio work --print-commands` prints.
 

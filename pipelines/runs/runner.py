@@ -7,16 +7,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import dataclass
 
 from pipelines.config import Config
-from pipelines.events import (
-    Emit,
-    Log,
-    RunStarted,
-    StageFailed,
-    StageFinished,
-    StageStarted,
-    Warned,
-    as_message,
-)
+from pipelines.events import Emit, Log, RunStarted, StageFailed, StageFinished, StageStarted, Warned, as_message
 from pipelines.events.cancellation import Cancellation
 from pipelines.events.event_log import EventLog
 from pipelines.runs.finishing import finishing

@@ -259,13 +259,7 @@ def _from_footage(inputs: Inputs, reporter: StageReporter) -> tuple[Rig, Calibra
         reporter.log(few)
     rig, points = result.rig, result.points
     report = result.report.model_copy(
-        update={
-            "source": "footage",
-            "frame": frames[0],
-            "frames": frames,
-            "verdict": verdict,
-            **of_target,
-        }
+        update={"source": "footage", "frame": frames[0], "frames": frames, "verdict": verdict, **of_target}
     )
     if section.floor:
         world, found = floor_world(rig, points)

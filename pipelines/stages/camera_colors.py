@@ -70,9 +70,7 @@ def _fit_to_chart(inputs: Inputs, reporter: StageReporter, key: str, frame: int)
 
 def _write(take: Take, key: str, frame: int, matrices: Mapping[str, Any]) -> CameraColors:
     colors = CameraColors(
-        key=key,
-        frame=int(frame),
-        cameras={name: tuple(map(tuple, one.tolist())) for name, one in matrices.items()},
+        key=key, frame=int(frame), cameras={name: tuple(map(tuple, one.tolist())) for name, one in matrices.items()}
     )
     write_model(take.camera_colors, colors)
     return colors

@@ -72,14 +72,7 @@ def _refine(inputs: Inputs, reporter: StageReporter, key: str) -> None:
         if not seeing:
             return []
         return training_views(
-            inputs,
-            reporter,
-            group.keyframe,
-            reading,
-            inputs.threads,
-            footage=footage,
-            cameras=seeing,
-            detailed=False,
+            inputs, reporter, group.keyframe, reading, inputs.threads, footage=footage, cameras=seeing, detailed=False
         )
 
     trained, held_out = views(footage.train_cameras), views(footage.measured_cameras)

@@ -157,8 +157,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> E
     )
     reporter.progress(0.97, "writing the report")
     write_text(
-        inputs.take.report,
-        render_report(inputs.take, inputs.config, inputs.groups, evaluation, measured.samples),
+        inputs.take.report, render_report(inputs.take, inputs.config, inputs.groups, evaluation, measured.samples)
     )
     write_model(inputs.take.evaluation, evaluation)
     remove(inputs.take.work(STAGE.name))
@@ -288,12 +287,7 @@ def _residuals(
 
 
 def _row(
-    group: Group,
-    index: int,
-    frame: int,
-    views: dict[str, dict[str, float]],
-    size: float,
-    trained: Gaussians,
+    group: Group, index: int, frame: int, views: dict[str, dict[str, float]], size: float, trained: Gaussians
 ) -> FrameQuality:
     cameras = {name: Quality(**figures) for name, figures in views.items()}
     return FrameQuality(

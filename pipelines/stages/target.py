@@ -131,10 +131,7 @@ def _views(
         readers[name] = read
     try:
         return detect_target(
-            readers,
-            sync_frames,
-            inputs.config.calibrate.board,
-            reporter.part("detecting the target", start, stop),
+            readers, sync_frames, inputs.config.calibrate.board, reporter.part("detecting the target", start, stop)
         )
     finally:
         footage.close()

@@ -204,10 +204,7 @@ def _keyframe_recipe(inputs: Inputs) -> Params:
 
 def _recipe(inputs: Inputs) -> Params:
     """Settings and inputs of all frames."""
-    return {
-        **inputs.footage.seen_by_training(),
-        **settings_affecting(inputs.config, "keyframe", "later_frames"),
-    }
+    return {**inputs.footage.seen_by_training(), **settings_affecting(inputs.config, "keyframe", "later_frames")}
 
 
 def frame_keys(inputs: Inputs, group: Group, recipe: Params | None = None) -> list[str]:

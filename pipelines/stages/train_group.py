@@ -279,12 +279,7 @@ class GroupWork:
                 write_frame(take.trained_frame(group.index, index), read_frame(path), self._about(group, index, key))
 
     def _frame(
-        self,
-        group: Group,
-        position: int,
-        last: list[Gaussians],
-        views: list[TrainingView],
-        keys: list[str],
+        self, group: Group, position: int, last: list[Gaussians], views: list[TrainingView], keys: list[str]
     ) -> Gaussians:
         """Train a frame; `last`: up to three frames that were trained before it, the latest last."""
         from studio.training import train_interframe
@@ -373,14 +368,7 @@ class GroupWork:
                 self._labels[place] = f"{words}: {phase}"
                 fraction, label = self.clock.fraction, "; ".join(self._labels[key] for key in sorted(self._labels))
             self.reporter.progress(
-                fraction,
-                label,
-                iteration=done,
-                iterations=total,
-                phase=phase,
-                group=place[0],
-                **where,
-                **kept,
+                fraction, label, iteration=done, iterations=total, phase=phase, group=place[0], **where, **kept
             )
 
         return tell
@@ -475,10 +463,5 @@ class GroupWork:
         path = self.inputs.take.previews / name
         write_image(path, image)
         self.reporter.preview(
-            path,
-            f"frame {frame}, {camera}",
-            camera=camera,
-            group=group.index,
-            frame=frame,
-            iteration=iteration,
+            path, f"frame {frame}, {camera}", camera=camera, group=group.index, frame=frame, iteration=iteration
         )

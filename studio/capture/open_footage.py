@@ -145,10 +145,7 @@ def suggested_held_out(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def _with_masks(
-    spec: CaptureSettings,
-    sources: Mapping[str, FrameSource],
-    unmasked: Sequence[str],
-    held_out: Sequence[str],
+    spec: CaptureSettings, sources: Mapping[str, FrameSource], unmasked: Sequence[str], held_out: Sequence[str]
 ) -> dict[str, FrameSource]:
     """Without the cameras that need masks but have none: those that a source of one's own leaves out, and `auto` if
     others have mask files."""

@@ -168,10 +168,7 @@ class ScreenSettings(Settings):
         except ValidationError:  # one message instead of one per alternative type
             raise Conflict("must be auto or three numbers from 0 to 1", "Example: [0.2, 0.6, 0.3].") from None
         if color != "auto" and not saturated(color):
-            raise Conflict(
-                "gray and black cannot be keyed",
-                "Use a saturated color such as [0.2, 0.6, 0.3], or auto.",
-            )
+            raise Conflict("gray and black cannot be keyed", "Use a saturated color such as [0.2, 0.6, 0.3], or auto.")
         return color
 
 

@@ -303,12 +303,7 @@ def subject_sphere(video: SplatVideo) -> tuple[np.ndarray, float]:
 
 
 def turntable(
-    video: SplatVideo,
-    width: int,
-    height: int,
-    turns: float = 1.0,
-    elevation: float = 10.0,
-    field_of_view: float = 40.0,
+    video: SplatVideo, width: int, height: int, turns: float = 1.0, elevation: float = 10.0, field_of_view: float = 40.0
 ) -> Callable[[float], Camera]:
     """A function from a fraction of the path (0 to 1) to a camera that circles the subject, all of which it sees.
 

@@ -94,7 +94,7 @@ def read_compressed(path: Path, ply: PlyData) -> Gaussians:
             "log_scales": log_scales,
             "logit_opacities": logits(opacities),
             "sh": sh,
-        },
+        }
     )
 
 

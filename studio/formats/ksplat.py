@@ -20,16 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from studio.errors import StudioError
-from studio.formats.checks import (
-    Note,
-    check_count,
-    damaged,
-    from_arrays,
-    log_scales,
-    logits,
-    read_bytes,
-    truncated,
-)
+from studio.formats.checks import Note, check_count, damaged, from_arrays, log_scales, logits, read_bytes, truncated
 from studio.gaussians import SH_C0, Gaussians
 
 _HEAD_SIZE, _SECTION_HEAD_SIZE = 4096, 1024

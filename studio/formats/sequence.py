@@ -9,17 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from studio.formats import (
-    DEFAULT_FPS,
-    USD_SUFFIXES,
-    Up,
-    dropped,
-    ignore,
-    read_rows,
-    splats_size,
-    up_of,
-    write_splats,
-)
+from studio.formats import DEFAULT_FPS, USD_SUFFIXES, Up, dropped, ignore, read_rows, splats_size, up_of, write_splats
 from studio.formats.checks import Note, check_some_usable, usable
 from studio.formats.frame_files import CHECKPOINT, check_one_format, find_frames, formats_in
 from studio.formats.outliers import Bulk, Spread

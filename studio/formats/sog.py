@@ -92,7 +92,7 @@ def read(path: Path, note: Note) -> Gaussians:
             "log_scales": meta.numbers("scales", "codebook", _CODES)[pixels("scales")[:, :3]],
             "logit_opacities": logits(colors[:, 3] / 255),
             "sh": sh,
-        },
+        }
     )
 
 

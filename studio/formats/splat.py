@@ -33,7 +33,7 @@ def read(path: Path, note: Note) -> Gaussians:
             "log_scales": log_scales(splats["scale"].astype(np.float64)),
             "logit_opacities": logits(splats["rgba"][:, 3] / 255),
             "sh": ((splats["rgba"][:, :3] / 255 - 0.5) / SH_C0)[:, None],
-        },
+        }
     )
 
 

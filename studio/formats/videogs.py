@@ -57,12 +57,7 @@ _DEGREES = {17: 0, 26: 1, 41: 2, 62: 3}  # by the number of attributes
 _JPEG_RANGE = 2  # FFmpeg's number for full range: luma from 0 to 255
 
 
-def export_videogs(
-    video: SplatVideo,
-    folder: Path,
-    qp: int = 22,
-    progress: ProgressFn = no_progress,
-) -> None:
+def export_videogs(video: SplatVideo, folder: Path, qp: int = 22, progress: ProgressFn = no_progress) -> None:
     """Write the layout described in the module docstring. The folder must not exist, and appears only when it is
     complete.
 

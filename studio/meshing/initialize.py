@@ -64,13 +64,7 @@ def initialize_points(
     settings = settings or InitializeSettings()
     result = visual_hull(views, settings, progress=part_of(progress, 0, 70))
     points, normals = sample_surface(result.mesh, settings.points, seed=seed)
-    colors, seen = color_points(
-        points,
-        normals,
-        views,
-        MeshViews(result.mesh),
-        progress=part_of(progress, 70, 100),
-    )
+    colors, seen = color_points(points, normals, views, MeshViews(result.mesh), progress=part_of(progress, 70, 100))
     usual = float(np.median(list(result.disagreement.values())))
     warnings = [
         Message(

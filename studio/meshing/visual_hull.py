@@ -46,10 +46,7 @@ class HullResult:
 
 
 def visual_hull(
-    views: Sequence[ViewLike],
-    settings: InitializeSettings | None = None,
-    *,
-    progress: ProgressFn = no_progress,
+    views: Sequence[ViewLike], settings: InitializeSettings | None = None, *, progress: ProgressFn = no_progress
 ) -> HullResult:
     """Carve the visual hull of one frame and extract its surface, from at least two pinhole views, each read once.
 

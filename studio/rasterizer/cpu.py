@@ -117,17 +117,7 @@ class _Rasterize(torch.autograd.Function):
         ]
         d_offsets = image.new_empty((len(splats[0]), 2)) if ctx.has_offsets and ctx.needs_input_grad[5] else None
         load_kernels().backward(
-            ctx.frame,
-            *splats,
-            image,
-            alpha,
-            depth,
-            d_image,
-            d_alpha,
-            d_depth,
-            *gradients,
-            d_offsets,
-            kernel_threads(),
+            ctx.frame, *splats, image, alpha, depth, d_image, d_alpha, d_depth, *gradients, d_offsets, kernel_threads()
         )
         d_background = None
         if ctx.needs_input_grad[6] and d_image is not None:

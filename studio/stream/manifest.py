@@ -666,10 +666,7 @@ class Manifest(Model):
     @property
     def frame_counts(self) -> tuple[int, ...]:
         """Frames of each group of the stream, also of those in pages."""
-        return (
-            *(group.frame_count for group in self.groups),
-            *(count for page in self.pages for count in page.frames),
-        )
+        return (*(group.frame_count for group in self.groups), *(count for page in self.pages for count in page.frames))
 
     @property
     def fixed_files(self) -> tuple[FileEntry, ...]:

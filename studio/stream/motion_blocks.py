@@ -101,13 +101,7 @@ class Blocks:
 
     @classmethod
     def over(
-        cls,
-        cells: np.ndarray,
-        labels: np.ndarray,
-        count: int,
-        step: float,
-        radius: float,
-        dtype: type = np.float64,
+        cls, cells: np.ndarray, labels: np.ndarray, count: int, step: float, radius: float, dtype: type = np.float64
     ) -> Blocks:
         """From (N, 3) integer cells of the keyframe. The center of a block is the mean of its cells, rounded down."""
         members = np.maximum(np.bincount(labels, minlength=count), 1)

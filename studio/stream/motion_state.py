@@ -113,11 +113,7 @@ def _label_runs(labels: np.ndarray) -> list[bytes]:
     own = labels[starts]
     before, earlier = (np.concatenate([np.zeros(k, np.int64), own])[: len(own)] for k in (1, 2))
     changes = np.where(own == earlier, 0, own - before)
-    return [
-        *split(np.array([len(starts)]), _RUN_BYTES),
-        *split(lengths - 1, _RUN_BYTES),
-        *split(changes, _LABEL_BYTES),
-    ]
+    return [*split(np.array([len(starts)]), _RUN_BYTES), *split(lengths - 1, _RUN_BYTES), *split(changes, _LABEL_BYTES)]
 
 
 def _from_label_runs(cursor: Cursor, splats: int) -> np.ndarray:

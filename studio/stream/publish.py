@@ -42,10 +42,7 @@ class Published:
 
 
 def publish(
-    reader: StreamReader,
-    target: str,
-    progress: ProgressFn = no_progress,
-    beside: Mapping[str, bytes] | None = None,
+    reader: StreamReader, target: str, progress: ProgressFn = no_progress, beside: Mapping[str, bytes] | None = None
 ) -> Published:
     """Copy all files of a stream that the target lacks, then its manifest.
 

@@ -193,11 +193,7 @@ class PlaneDecoder:
             raise damaged("stream.video_damaged", f"the video is damaged ({error})", self.name) from None
         if frame is None:
             raise damaged("stream.video_too_short", "the video has fewer frames than its group", self.name)
-        if (frame.width, frame.height) != self._size or frame.format.name not in (
-            "yuv420p",
-            "yuvj420p",
-            "gray",
-        ):
+        if (frame.width, frame.height) != self._size or frame.format.name not in ("yuv420p", "yuvj420p", "gray"):
             raise damaged(
                 "stream.wrong_picture",
                 f"a picture is {frame.width}x{frame.height} {frame.format.name}; expected "

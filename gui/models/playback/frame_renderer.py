@@ -270,11 +270,7 @@ def ring(image: np.ndarray, box: Box, camera: Camera, place: tuple[float, float,
 
 
 def faded(
-    image: np.ndarray,
-    covered: ViewRange | None,
-    camera: Camera,
-    background: Color,
-    text: int = compare.LABEL_SIZE,
+    image: np.ndarray, covered: ViewRange | None, camera: Camera, background: Color, text: int = compare.LABEL_SIZE
 ) -> np.ndarray:
     """The (H, W, 3) uint8 image, faded to the background where no camera filmed from near `camera`, with a word."""
     seen = 1.0 if covered is None else covered.visibility(camera.center)

@@ -46,13 +46,7 @@ class Thumbnails:
         self._asked = False
 
     def get(
-        self,
-        place: Path | str,
-        contents: object,
-        camera: Camera,
-        frame: int,
-        size: tuple[int, int],
-        ask: bool = True,
+        self, place: Path | str, contents: object, camera: Camera, frame: int, size: tuple[int, int], ask: bool = True
     ) -> np.ndarray | None:
         """An image if it is there; else it is asked for (`ask`), unless another one is being drawn. Until the new one
         is there, the last one with other `contents`, which change when its frames do, is returned."""

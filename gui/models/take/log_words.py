@@ -59,10 +59,7 @@ def _initialize(figures: Figures) -> list[str]:
 def _train(figures: Figures) -> list[str]:
     figures.pop("index", None)
     seconds = figures.pop("seconds", None)
-    return [
-        _count(figures.pop("splats", None), "splat"),
-        duration(seconds) if isinstance(seconds, int | float) else "",
-    ]
+    return [_count(figures.pop("splats", None), "splat"), duration(seconds) if isinstance(seconds, int | float) else ""]
 
 
 def _bake(figures: Figures) -> list[str]:

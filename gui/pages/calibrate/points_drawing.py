@@ -8,20 +8,7 @@ import numpy as np
 from gui.drawing.areas import Areas, Box
 from gui.drawing.canvas import Canvas, fitted, line_height, text_width, wrapped
 from gui.drawing.labels import draw_labels
-from gui.drawing.palette import (
-    ACCENT,
-    ACCENT_DARK,
-    BAD,
-    BLACK,
-    DIM,
-    FAIR,
-    GOOD,
-    GROUND,
-    LINE,
-    RAISED,
-    RGB,
-    TEXT,
-)
+from gui.drawing.palette import ACCENT, ACCENT_DARK, BAD, BLACK, DIM, FAIR, GOOD, GROUND, LINE, RAISED, RGB, TEXT
 from gui.pages.calibrate.magnifier import Magnifier
 from gui.pages.calibrate.marks import TieMarks
 from gui.pages.stage_view import rectangle

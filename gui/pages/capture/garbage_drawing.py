@@ -15,12 +15,7 @@ from pipelines.takes.atomic_files import disk_errors, remove
 from pipelines.takes.drawn_masks import DRAWN, file_of_garbage
 from studio.atomic_files import write_bytes
 from studio.errors import Message, StudioError
-from studio.masks.garbage_polygons import (
-    EXTENSIONS,
-    GarbagePolygons,
-    read_garbage_polygons,
-    write_garbage_polygons,
-)
+from studio.masks.garbage_polygons import EXTENSIONS, GarbagePolygons, read_garbage_polygons, write_garbage_polygons
 from studio.storage import is_address
 
 SETTING = "capture.garbage_masks"

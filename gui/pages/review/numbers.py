@@ -17,10 +17,7 @@ TITLES = {
     "ground": ("Ground", "Height along up, in the new world. Empty: no ground plane."),
     "floaters": ("Floaters", "Splats that are removed in every group. Empty: no such limit."),
     "world": ("World", "World of streams and exports. Up and origin: x y z in the world of the capture."),
-    "details": (
-        "Detail",
-        "The detail marked last. Weight: how much more it counts in training. Leave empty for none.",
-    ),
+    "details": ("Detail", "The detail marked last. Weight: how much more it counts in training. Leave empty for none."),
     "trim": ("Trim", "First and last frame to keep. Empty: all."),
 }
 

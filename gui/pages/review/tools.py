@@ -14,11 +14,7 @@ EDIT_CHOICES: tuple[Choice, ...] = (
     ("look", "Orbit", "Drags turn the view"),
     ("crop", "Crop", "Drag the faces of a box; splats outside are removed"),
     ("ground", "Ground", "Drag a plane up or down; splats below are removed"),
-    (
-        "floaters",
-        "Floaters",
-        "Select small clusters and faint splats; the histogram and Numbers set the limits",
-    ),
+    ("floaters", "Floaters", "Select small clusters and faint splats; the histogram and Numbers set the limits"),
     ("lasso", "Lasso", "Draw around splats to select them; right drags pan"),
     ("brush", "Brush", "Paint over splats to select them; right drags pan"),
     ("", "", ""),
@@ -44,11 +40,7 @@ LEAST_BRUSH, MOST_BRUSH = 0.002, 0.5
 BRUSH_STEP = 1.25
 """What a key press multiplies or divides it by."""
 
-FLOATERS = (
-    Floaters(opacity=0.02, share=0.005),
-    Floaters(opacity=0.05, share=0.01),
-    Floaters(opacity=0.1, share=0.02),
-)
+FLOATERS = (Floaters(opacity=0.02, share=0.005), Floaters(opacity=0.05, share=0.01), Floaters(opacity=0.1, share=0.02))
 """Limits to propose, from careful to bold: the first that select anything."""
 
 HINTS = {

@@ -9,12 +9,7 @@ from gui.pages.start.drawing import HINTS, StartImage
 from gui.pages.start.page import StartPage
 from gui.widgets.picture import ImagePanel
 
-_MOVES = {
-    gui.KeyName.LEFT: (-1, 0),
-    gui.KeyName.RIGHT: (1, 0),
-    gui.KeyName.UP: (0, -1),
-    gui.KeyName.DOWN: (0, 1),
-}
+_MOVES = {gui.KeyName.LEFT: (-1, 0), gui.KeyName.RIGHT: (1, 0), gui.KeyName.UP: (0, -1), gui.KeyName.DOWN: (0, 1)}
 
 
 class StartPanel:

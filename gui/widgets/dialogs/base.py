@@ -283,11 +283,7 @@ class Dialogs:
         def answer(action: Callable[[str], None]) -> Callable[[], None]:
             return self.closing(lambda: action(typed[0]))
 
-        parts: list[gui.Widget] = [
-            self.label(text),
-            edit,
-            self.label("Enter to confirm."),
-        ]
+        parts: list[gui.Widget] = [self.label(text), edit, self.label("Enter to confirm.")]
         buttons: list[Answer] = [(key, label, answer(action)) for key, label, action in answers]
         self.show(name, title, parts, buttons, 70, buttons[0][2])
         self.widgets["line"] = edit

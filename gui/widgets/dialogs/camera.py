@@ -15,11 +15,7 @@ ROWS, COLUMNS = 17, 2
 
 
 def ask_cameras(
-    dialogs: Dialogs,
-    uses: CameraUses,
-    save: Callable[[CameraUses], str],
-    error: str = "",
-    page: int = 0,
+    dialogs: Dialogs, uses: CameraUses, save: Callable[[CameraUses], str], error: str = "", page: int = 0
 ) -> None:
     """Ask for the use of every camera. `save`: called with the new uses; returns why they are refused, else ""."""
     dialogs.widgets = {}

@@ -56,10 +56,7 @@ def is_footage(path: Path) -> bool:
 
 
 def read_settings(
-    source: Path | None,
-    overrides: Sequence[tuple[str, Any]] = (),
-    preset: str | None = None,
-    take: Path | None = None,
+    source: Path | None, overrides: Sequence[tuple[str, Any]] = (), preset: str | None = None, take: Path | None = None
 ) -> Config:
     """The settings that a command works with: of a YAML file or a take, or the preset for this machine for footage
     without settings, also where only `capture.root` says where it is.

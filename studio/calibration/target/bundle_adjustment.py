@@ -38,12 +38,7 @@ def _apply(transform: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def refine(
-    state: TargetRig,
-    target: CalibrationTarget,
-    model: str,
-    *,
-    principal_point: bool,
-    threads: int,
+    state: TargetRig, target: CalibrationTarget, model: str, *, principal_point: bool, threads: int
 ) -> TargetRig:
     """Bundle adjustment of intrinsics, camera and target poses, which all need observations; robust loss."""
     import pycolmap
@@ -125,10 +120,7 @@ def _read(world: Any, state: TargetRig, names: list[str], reference: np.ndarray)
         if number > 1:
             pose = np.vstack([rig.sensor_from_rig(sensor.sensor_id).matrix(), [0, 0, 0, 1]]) @ reference
         cameras[name] = replace(
-            state.cameras[name],
-            K=K,
-            distortion=distortion if distortion.any() else np.zeros(0),
-            world_to_camera=pose,
+            state.cameras[name], K=K, distortion=distortion if distortion.any() else np.zeros(0), world_to_camera=pose
         )
     back = np.linalg.inv(reference)
     target_poses = {

@@ -11,13 +11,7 @@ from studio.errors import StudioError
 
 
 def refine_without_outliers(
-    state: TargetRig,
-    target: CalibrationTarget,
-    model: str,
-    outlier: float,
-    *,
-    principal_point: bool,
-    threads: int,
+    state: TargetRig, target: CalibrationTarget, model: str, outlier: float, *, principal_point: bool, threads: int
 ) -> tuple[TargetRig, int]:
     """Alternate bundle adjustment and outlier rejection; returns the rig and the number of rejected corners.
 

@@ -182,11 +182,7 @@ def calibrate_from_target(
 
 
 def _refine(
-    state: TargetRig,
-    target: CalibrationTarget,
-    settings: CalibrateSettings,
-    principal_point: bool,
-    threads: int,
+    state: TargetRig, target: CalibrationTarget, settings: CalibrateSettings, principal_point: bool, threads: int
 ) -> tuple[TargetRig, int]:
     return refine_without_outliers(
         state,

@@ -12,12 +12,7 @@ __all__ = ["DecodedFrame", "GroupDecoder", "open_decoder"]
 
 
 def open_decoder(
-    group: Rendition,
-    files: Mapping[str, bytes],
-    pool: ThreadPoolExecutor,
-    name: str,
-    codec: str,
-    threads: int = 1,
+    group: Rendition, files: Mapping[str, bytes], pool: ThreadPoolExecutor, name: str, codec: str, threads: int = 1
 ) -> GroupDecoder:
     """A decoder at the group's first frame; StudioError if a file does not match the manifest.
 

@@ -24,16 +24,7 @@ from studio.stream.encode.files import content_name
 from studio.stream.encode.motion import MotionBake
 from studio.stream.encode.planes import PlanesBake
 from studio.stream.encode.quality import QP_BEST, QualityFn, highest_qp, psnr_of
-from studio.stream.manifest import (
-    FILES,
-    MAX_SPLATS,
-    AnyRendition,
-    AudioEntry,
-    GroupEntry,
-    Pruning,
-    Rendition,
-    invalid,
-)
+from studio.stream.manifest import FILES, MAX_SPLATS, AnyRendition, AudioEntry, GroupEntry, Pruning, Rendition, invalid
 from studio.stream.settings import BakeSettings, Rung
 from studio.stream.video import NOMINAL_FPS, PlaneDecoder
 

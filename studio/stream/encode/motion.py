@@ -182,12 +182,7 @@ class MotionBake:
         return self._smoothed
 
     def _encode(
-        self,
-        pictures: np.ndarray,
-        path: Path,
-        settings: BakeSettings,
-        progress: ProgressFn,
-        fps: float,
+        self, pictures: np.ndarray, path: Path, settings: BakeSettings, progress: ProgressFn, fps: float
     ) -> None:
         size = (pictures.shape[2], pictures.shape[1])
         b_frames = min(settings.b_frame_count, max(self._count - 2, 0))

@@ -34,13 +34,7 @@ class _Fused(torch.autograd.Function):
 
     @staticmethod
     def forward(
-        ctx: Any,
-        kernels: Any,
-        reference: Tensor,
-        quats: Tensor,
-        log_scales: Tensor,
-        logits: Tensor,
-        sh: Tensor,
+        ctx: Any, kernels: Any, reference: Tensor, quats: Tensor, log_scales: Tensor, logits: Tensor, sh: Tensor
     ) -> Tensor:
         inputs = [tensor.detach().contiguous() for tensor in (quats, log_scales, logits, sh, reference)]
         values = quats.new_empty((len(quats), 8 + 3 * sh.shape[1]))
