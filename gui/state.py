@@ -38,6 +38,7 @@ def state_of(window: Shell) -> JsonObject:
         "figures": window.layout.shows_figures,
         "stages": {row.key: [row.state, row.words, row.detail] for row in window.workspace.rows()},
         "busy": window.workspace.busy,
+        "upcoming": stages.upcoming,  # the button to press next
         "error": stages.error.text,  # in the left panel
         "error_setting": stages.error_setting,
         "frame": transport.frame,

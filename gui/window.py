@@ -161,7 +161,7 @@ class MainWindow(Shell):
             self.notices.clear("export")
         stays = exports.request is not None and exports.request.stays
         self.notices.show(exports.result, exports.failed, exports.written, topic="export", stays=stays)
-        self.workspace.note("; ".join(exports.result.splitlines()), exports.failed)
+        self.workspace.note(" ".join(f"{line.rstrip('.')}." for line in exports.result.splitlines()), exports.failed)
         self.changed()
 
     def _look_at_marks(self) -> None:

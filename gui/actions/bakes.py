@@ -92,10 +92,9 @@ class BakeActions:
         self._open(row.take.stream, row.name, row.take.evaluation)
 
     def _ask_take(self) -> None:
-        opened = self._window.player.opened
+        dialogs, opened = self._window.dialogs, self._window.player.opened
         start = opened.path.parent if opened is not None and isinstance(opened.path, Path) else Path.home()
-        dialogs = self._window.dialogs
-        ask_path(dialogs, "Compare with take or stream", start, "take", lambda path: self._open(Path(path)), self.show)
+        ask_path(dialogs, "Compare with another take", start, "take", lambda path: self._open(Path(path)), self.show)
 
     def _open(self, place: Path, label: str = "", evaluation: Path | None = None) -> None:
         self._window.notices.show(f"Opening {label or place} ...", topic="compare")

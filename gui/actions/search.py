@@ -49,21 +49,21 @@ class SearchActions:
         window = self._window
         opened, history = window.player.opened, window.workspace.history
         if item.needs and opened is None:
-            return "no take or stream is open"
+            return "No take or stream is open."
         if item.needs == "take" and window.workspace.take is None:
-            return "no take is open"
+            return "No take is open."
         possible = {
-            "undo": (history.can_undo, "nothing to undo"),
-            "redo": (history.can_redo, "nothing to redo"),
-            "camera": (window.player.camera_names, "it has no cameras"),
-            "worst": (window.evaluation.frames, "nothing is evaluated yet: run Review"),
-            "next_mark": (window.marks.notes, "no marks: M makes one"),
-            "previous_mark": (window.marks.notes, "no marks: M makes one"),
-            "clear_keys": (window.exports.path.keys, "the camera path is empty"),
-            "stop_export": (window.exports.running, "no export is running"),
-            "stop_serving": (window.serving.running, "it is not served"),
+            "undo": (history.can_undo, "Nothing to undo."),
+            "redo": (history.can_redo, "Nothing to redo."),
+            "camera": (window.player.camera_names, "There are no cameras yet."),
+            "worst": (window.evaluation.frames, "Nothing is evaluated yet. Run Review."),
+            "next_mark": (window.marks.notes, "No marks yet. M makes one."),
+            "previous_mark": (window.marks.notes, "No marks yet. M makes one."),
+            "clear_keys": (window.exports.path.keys, "The camera path is empty."),
+            "stop_export": (window.exports.running, "No export is running."),
+            "stop_serving": (window.serving.running, "Nothing is served."),
         }
         is_possible, reason = possible.get(item.key, (True, ""))
         if not is_possible:
             return reason
-        return "nothing is trained yet" if item.needs == "splats" and opened and not opened.sources else ""
+        return "Nothing is trained yet." if item.needs == "splats" and opened and not opened.sources else ""

@@ -1,11 +1,11 @@
 """The left panel: the stages with their status, run buttons, and the settings of the selected stage."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 from open3d.visualization import gui
 
 from gui.drawing.palette import ACCENT_DARK, BAD, DIM, PANEL, RAISED
-from gui.models.stage_rows import TITLES
+from gui.models.stage_rows import TITLES, StageRow
 from gui.models.take.estimates import Estimates
 from gui.models.take.page_words import in_page_words, setting_words
 from gui.models.take.settings import SettingField, stage_of
@@ -19,12 +19,13 @@ from pipelines.config import Config
 from pipelines.config.presets import PRESETS, differing, preset_of
 from studio.errors import Message, StudioError
 
-_RUN = {
+_HINTS = {
     "Check": "Read all images of the footage once and list those that are missing or cannot be read",
     "Run": "Run this stage and the stages it depends on",
     "Run again": "Run this stage again",
+    "Pause": "Suspend the run; it stays in memory until you resume it",
+    "Resume": "Resume the run",
 }
-_PAUSE = {"Pause": "Suspend the run; it stays in memory until you resume it", "Resume": "Resume the run"}
 
 
 class StagesPanel:
@@ -56,6 +57,7 @@ class StagesPanel:
         self._guard, self._hints = guard, hints
         self.selected = "review"
         self._drawn: object = None
+        self.upcoming = ""
         self.list = ImagePanel(self._on_mouse)
         self.ground = gui.Vert()  # behind messages
         self.ground.background_color = color(PANEL)
@@ -67,8 +69,8 @@ class StagesPanel:
         self.row = gui.Horiz(gap, gui.Margins(pad, gap, pad, gap))
         self.row.background_color = color(PANEL)
         self._button("all", "Run all", "Run all stages that are not up to date", lambda: run("all", False))
-        self._button("run", "Run", _RUN["Run"], self._run_clicked)
-        self._button("pause", "Pause", _PAUSE["Pause"], workspace.pause)
+        self._button("run", "Run", _HINTS["Run"], self._run_clicked)
+        self._button("pause", "Pause", _HINTS["Pause"], workspace.pause)
         words = "Stop the run; finished work is kept, and the next run resumes from there"
         self.link = gui.Button("")
         self.link.tooltip = "Show the setting that fixes this"
@@ -111,7 +113,7 @@ class StagesPanel:
         self._hints.give(button, tooltip, self.row)
         button.vertical_padding_em = 0.1
         button.horizontal_padding_em = 0.7
-        button.background_color = color(RAISED if key != "run" else ACCENT_DARK)
+        button.background_color = color(RAISED)
 
         def clicked() -> None:
             if not self._guard.refuses():
@@ -239,19 +241,18 @@ class StagesPanel:
 
     def update(self) -> tuple[bool, bool]:
         """Show the state of the workspace; return (whether anything changed, whether a layout is due)."""
-        changed = False
         rows = self._workspace.rows()
         state = (rows, self.selected, self.list.size)
-        if state != self._drawn:
+        changed = state != self._drawn
+        if changed:
             self._drawn = state
             self.list.show(stage_list.image(rows, self.selected, self.list.size[0], self._em))
-            changed = True
         if self._error_in != self._circumstances:
             self._refuse(None)
         row = self._workspace.row(self.selected)
         config, setting = self._workspace.config, self.error_setting
         link = f"Go to {setting_words(setting)}" if setting else ""
-        detail = row.detail[:1].upper() + row.detail[1:]
+        detail = f"{row.detail[:1].upper()}{row.detail[1:].rstrip('.')}." if row.detail else ""
         layout = put(self.detail, text=detail, visible=bool(detail)) | put(self.link, text=link, visible=bool(link))
         layout |= put(self.error, visible=bool(self.error.text))
         for stage, panel in self.settings.items():
@@ -267,7 +268,7 @@ class StagesPanel:
             for panel in self.settings.values():
                 panel.show(config)
             layout = True
-        layout |= self._update_buttons(row.state)  # a new text has another width
+        layout |= self._update_buttons(row.state, rows)  # a new text has another width
         return changed or layout, layout
 
     def _show_estimates(self) -> None:
@@ -283,20 +284,21 @@ class StagesPanel:
         self._shown_config = None  # lay the settings out again
         self._changed()
 
-    def _update_buttons(self, state: str) -> bool:
+    def _update_buttons(self, state: str, rows: Sequence[StageRow]) -> bool:
         changed = False
         busy = self._workspace.busy
         there = self._workspace.config is not None
-        text = "Check" if self.selected == "capture" else "Run again" if state == "done" else "Run"
-        if put(self.buttons["run"], text=text):
-            # only what is to be done next stands out
-            self.buttons["run"].background_color = color(RAISED if text == "Run again" else ACCENT_DARK)
-            self._hints.give(self.buttons["run"], _RUN[text], self.row)
-            changed = True
-        text = "Resume" if self._workspace.paused else "Pause"
-        if put(self.buttons["pause"], text=text):
-            self._hints.give(self.buttons["pause"], _PAUSE[text], self.row)
-            changed = True
+        run = "Check" if self.selected == "capture" else "Run again" if state == "done" else "Run"
+        for key, text in (("run", run), ("pause", "Resume" if self._workspace.paused else "Pause")):
+            if put(self.buttons[key], text=text):
+                self._hints.give(self.buttons[key], _HINTS[text], self.row)
+                changed = True
+        to_do = run == "Check" and state == "done" and any(row.state != "done" for row in rows)
+        upcoming = "all" if to_do else "run" if run == "Run" else ""
+        if self.upcoming != upcoming:  # only what is to be done next stands out
+            for key in ("all", "run"):
+                self.buttons[key].background_color = color(ACCENT_DARK if key == upcoming else RAISED)
+            self.upcoming, changed = upcoming, True
         stoppable = busy and not self._workspace.cancelling
         for key, enabled in {"run": there, "all": there, "pause": stoppable, "cancel": stoppable}.items():
             button, shown = self.buttons[key], busy == (key in ("pause", "cancel"))

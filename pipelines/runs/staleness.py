@@ -31,7 +31,7 @@ EDIT_WORDS = {
     "crop": "the crop box",
     "ground": "the ground plane",
     "floaters": "the limits of floaters",
-    "regions": "the regions to remove",
+    "regions": "the lasso and brush regions",
     "world": "the placement of the world",
     "details": "the marked details",
 }

@@ -113,11 +113,11 @@ def test_settings_help_a_fix_and_a_span(open_window: Callable[..., RunningWindow
     save_config(take.config, config)
     rows = window.wait_for("a stale bake", lambda s: s["stages"]["bake"][0] == "stale")["stages"]
     assert rows["train"][2] == "'most splats' in Train changed from 400 to 300"
-    assert rows["bake"][2].startswith("Run Train first")
-    assert rows["review"][2].startswith("Run Train and Bake first")
+    assert rows["bake"][2].startswith("Run also runs Train.")
+    assert rows["review"][2].startswith("Run also runs Train and Bake.")
     save_config(take.config, load_config(take.config, [("capture.frames", "1:5"), ("train.max_splats", 400)]))
     window.stage("capture")
-    window.wait_for("fewer frames", lambda s: s["frames"] == 4)
+    window.wait_for("fewer frames", lambda s: s["frames"] == 4 and s["upcoming"] == "all")
     for key, number in (("Home", 1), ("period", 2)):
         window.key(key)
         window.wait_for(f"frame {number}", lambda s, number=number: (s["number"], s["frame"]) == (number, number - 1))

@@ -164,6 +164,11 @@ def test_from_footage_to_a_wipe_and_a_run_that_outlives_the_window(
     small.key("i")
     small.wait_for("the right panel", lambda s: s["figures"] and "inspector" in s["widgets"] and s["settled"])
     _check_frames(small, 820, 640)
+    small.menu("File", "new")
+    state = small.wait_for("the dialog", lambda s: s["dialog"] == "new take" and s["widgets"]["dialog create"][3] > 0)
+    assert sum(state["widgets"]["dialog create"][1::2]) < 0.9 * 640, "it does not scroll"
+    small.key("Escape")
+    small.wait_for("no dialog", lambda s: not s["dialog"])
     assert small.close() == 0, small.stderr.read_text()[-2000:]
 
 

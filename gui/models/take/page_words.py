@@ -8,6 +8,7 @@ from gui.models.stages import STAGES
 from gui.models.take.log_words import stage_name
 from gui.models.take.settings import SECTIONS, fields_of
 from pipelines.runs.staleness import StageStatus
+from studio.counts import listed
 
 _SECTIONS = "|".join(section for sections in SECTIONS.values() for section in sections)
 _SETTING = re.compile(rf"(?<![\w./'])(?:{_SECTIONS})(?:\.[a-z_0-9]+)+")
@@ -31,7 +32,7 @@ def setting_words(setting: str) -> str:
 def why_not_done(status: StageStatus) -> str:
     """Why a stage is not up to date; "" if it is."""
     if status.needs:
-        return f"Run {' and '.join(map(stage_name, status.needs)).replace(' and ', ', ', len(status.needs) - 2)} first."
+        return f"Run also runs {listed([*map(stage_name, status.needs)])}."
     return in_page_words(status.reason)
 
 

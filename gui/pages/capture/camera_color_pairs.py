@@ -101,8 +101,8 @@ class CameraColorPairs:
         small = round(0.85 * em)
         names = list(colors.cameras)
         words = (
-            "Left: as filmed. Right: in the colors of the mean camera, which the stream has. Below: how far a middle "
-            "gray is off, in levels of 255"
+            "Left: as filmed. Right: in the colors of the mean camera, as in the stream. Below: how far off a middle "
+            "gray is, of 255 levels."
         )
         top = 0.3 * em + canvas.lines(em, 0.5 * em, wrapped(words, small, size[0] - 2 * em), small, DIM)
         there = [one for one in pairs.pictures.values() if not isinstance(one, str)]
@@ -121,7 +121,7 @@ class CameraColorPairs:
             else:
                 for side, picture in enumerate(found):
                     canvas.fit_image(x + 3 + side * (width / 2 - 2), y + 3, width / 2 - 4, high, picture)
-            caption = f"{name}: {colors.off_on_gray(name):.0f}"
+            caption = f"{name}: {colors.off_on_gray(name):.0f} levels"
             canvas.text(x + width / 2, y + row - small - 7, caption, small, TEXT, align="middle", width=width)
         return canvas.pixels
 

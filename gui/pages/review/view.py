@@ -36,7 +36,7 @@ from gui.pages.review.picture import Stroke
 from gui.pages.review.session import change, edits_of
 from gui.pages.review.tools import BRUSH, BRUSH_STEP, LEAST_BRUSH, MOST_BRUSH, TOOLS, hint
 from gui.pages.stage_view import OrbitView, Size
-from pipelines.takes.edits import describe, singular
+from pipelines.takes.edits import describe
 from pipelines.takes.frame_numbers import FrameNumbers
 from pipelines.takes.take import Take
 from studio.cameras import Camera
@@ -498,8 +498,10 @@ class EditView(OrbitView):
         if not found:
             return "No edits yet. Edits change what is baked and exported."
         # in a narrow window, more would not fit; List shows all
-        short = [f"trim to {text}" if name == "trim" else singular(name) for name, text in found.items()]
-        return f"Edits: {', '.join(short)}"
+        words = {kind: counted(len(getattr(self.edits, kind)), kind[:-1]) for kind in ("regions", "details")}
+        words |= {"trim": f"trim to {found.get('trim')}", "regions": f"{words['regions']} removed"}
+        kinds = dict.fromkeys(name.partition(" ")[0] for name in found)
+        return f"Edits: {', '.join(words.get(kind, kind) for kind in kinds)}"
 
 
 @lru_cache(maxsize=1)

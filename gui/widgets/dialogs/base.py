@@ -1,5 +1,6 @@
 """Modal dialogs: messages, questions, a text field, a list of choices."""
 
+import textwrap
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -81,6 +82,11 @@ class Dialogs:
     def room(self) -> int:
         """Largest width of what a dialog shows, pixels: the toolkit makes none wider than 0.8 of the window."""
         return round(0.78 * self._window.content_rect.width - 2 * self.em)
+
+    def fitting(self, wide: float, high: float, others: float) -> tuple[int, int]:
+        """Pixels of a picture of so many em, less in a small window; `others`: height of the rest of the dialog, em."""
+        most = max(0.8 * self._window.content_rect.height - others * self.em, 3 * self.em)
+        return min(round(wide * self.em), self.room), round(min(high * self.em, most))
 
     def close(self) -> None:
         """Close the open dialog, if any."""
@@ -361,6 +367,4 @@ def exactly(lines: Sequence[str], count: int) -> str:
 
 def broken(text: str) -> str:
     """Wrap text to the width of a dialog."""
-    import textwrap
-
     return "\n".join(line for part in text.splitlines() for line in textwrap.wrap(part, 84) or [""])

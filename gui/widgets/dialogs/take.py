@@ -28,8 +28,8 @@ FOUND_LINES = 6
 TEXT_SIZE = 0.88
 """Of a font of `gui.drawing` that is as wide as that of the toolkit, em."""
 
-WIDE, HIGH = 58, 11
-"""Size of the image, em."""
+SIZE = 58, 11, 27.7
+"""Width and height of the image, and height of the rest of the dialog, em."""
 
 HINT = "Click a camera to hold it out; again: not to use it. Drag across the frames to use some of them."
 SHOWN = ("capture.held_out", "Held out: ", "Without masks, so not used: ", "capture.fps")
@@ -55,7 +55,7 @@ class NewTakeDialog:
             self._found, self._asked = Found(""), None
         self._new, self._anchor = new, None
         dialogs.widgets = {}
-        self._size = min(round(WIDE * em), dialogs.room), round(HIGH * em)
+        self._size = dialogs.fitting(*SIZE)
         form = Form(dialogs, new, gap=0.35)
         self._error = error
         for attribute, label, title, wanted in (
@@ -78,8 +78,7 @@ class NewTakeDialog:
             place.add_child(lists[attribute])
         self._row(form, ("Footage files", lists["images"]), ("Camera file", lists["rig"]))
         self._row(form, ("Mask files", lists["masks"]), ("Clean plates", lists["plates"]), ("Sound", sound))
-        others = ("Frames", fields["frames"]), ("Preset", preset)
-        self._row(form, ("Frame rate (fps)", fields["fps"]), *others)
+        self._row(form, ("Frame rate (fps)", fields["fps"]), ("Frames", fields["frames"]), ("Preset", preset))
         fields["take"] = form.widgets["take"]
         self._picture = ImagePanel(self._on_mouse, self._images)
         self._text = dialogs.label("")

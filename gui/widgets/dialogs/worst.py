@@ -20,8 +20,8 @@ NAME = "worst"
 MOST = 9
 """Frames that are shown."""
 
-WIDE, HIGH, TABLE = 66, 30, 22
-"""Size of the image and width of the table in it, em."""
+SIZE, TABLE = (66, 30, 8.5), 22
+"""Width and height of the image, height of the rest of the dialog, and width of the table in the image; em."""
 
 COLUMNS = ("camera", "mean", "lowest", "frame")
 PLACES = (0.5, 0.76, 1.0)
@@ -100,7 +100,7 @@ class WorstDialog:
         """Show the dialog; `number` gives the number by which people know a frame."""
         dialogs, em = self._dialogs, self._dialogs.em
         dialogs.widgets = {}
-        size = min(round(WIDE * em), dialogs.room), round(HIGH * em)
+        size = dialogs.fitting(*SIZE)
         self._sheet = WorstSheet(size, em, evaluation, number)
         self._picture = ImagePanel(self._on_mouse, self._images)
         self._picture.show(self._sheet.draw(self._pictures))

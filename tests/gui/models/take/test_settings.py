@@ -20,6 +20,11 @@ def test_a_setting_without_a_value_shows_a_word_and_can_be_without_a_value_again
     assert load_config(None, [(field.name, field.parsed(shown))]) == empty
 
 
+def test_no_field_is_empty_at_first() -> None:
+    config = load_config(None, [])
+    assert not [field.name for stage in SECTIONS for field in fields_of(stage) if not field.shown(config)]
+
+
 @pytest.mark.parametrize(
     ("name", "value", "shown"),
     [

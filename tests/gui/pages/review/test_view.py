@@ -73,6 +73,7 @@ def test_a_lasso_selects_and_removes_in_the_group_and_undo_brings_back(view: Edi
     drawn(view)
     assert (view.counts["removed"], view.counts["selected"], view.refused) == (selected, 0, "")
     (region,) = view.edits.regions
+    assert view.status == "Edits: 1 region removed"
     assert region.frames == (0, 0)
     view.frame = 3  # of the other group
     drawn(view)
