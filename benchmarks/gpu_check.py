@@ -1,6 +1,6 @@
 """Does training work on this GPU, and how fast is it? `make gpu-check` runs this.
 
-    python benchmarks/gpu_check.py                 # under nine minutes; writes gpu.json and prints a table
+    python benchmarks/gpu_check.py                 # minutes, at most nine; writes gpu.json and prints a table
     python benchmarks/gpu_check.py --dry-run       # the same code on the CPU, tiny: seconds, figures mean nothing
 
 Needs no network, only the repository, its sample capture, and Triton, a part of PyTorch's CUDA builds for Linux. The
@@ -12,12 +12,12 @@ parts:
                  image loss, loss on coded values, and motion field: the kernels against their definitions in PyTorch,
                  errors of values and gradients relative to the definition in float64, and milliseconds of both passes
     rasterizer   forward and backward pass, milliseconds
-    keyframe     frame 0 of the sample with the default settings, which are the paper's schedule
-    frames       the five frames after it: 500 steps of motion and 2,000 of fine-tuning each
+    group        a take of six frames of the sample with the default settings, which are the paper's schedule: the
+                 keyframe in the middle, the frames on both sides of it, then 100 joint steps per frame
 
-Training stops when its share of the time is used up. The report then says how many of the steps were done, and the PSNR
-is that of the splats so far. PSNR is the mean over the held-out cameras, over black, in the padded bounding box of the
-mask. `busy` is the mean utilization that nvidia-smi reports while the part runs; null without nvidia-smi.
+Training stops when its share of the time is used up; the report then has the frames that are finished. PSNR is the mean
+over the held-out cameras, over black, in the padded bounding box of the mask; that of a frame is from before joint
+training. `busy` is the mean utilization that nvidia-smi reports while a frame is trained; null without nvidia-smi.
 
 Exit code: 0 if all parts ran, else 1. A part that failed has `error` in the report, and the others still run.
 """
@@ -26,7 +26,6 @@ import argparse
 import contextlib
 import functools
 import json
-import math
 import os
 import platform
 import statistics
@@ -48,16 +47,24 @@ from rich.console import Console
 from rich.table import Table
 from torch import Tensor
 
-from pipelines.config import load_config
-from studio.camera_files import read_rig
-from studio.capture import Footage, open_footage
+from pipelines.config import Config, load_config
+from pipelines.events import Event, Metrics, StageStarted
+from pipelines.events.cancellation import Cancellation
+from pipelines.runs.runner import run
+from pipelines.stages.inputs import Inputs
+from pipelines.takes.atomic_files import read_model
+from pipelines.takes.frame_files import read_frame
+from pipelines.takes.stage_files import TrainedGroup
+from pipelines.takes.take import Take
+from studio.capture import Footage
+from studio.errors import Cancelled
 from studio.gaussians import Gaussians
-from studio.meshing import initialize_points
 from studio.metrics import psnr
 from studio.rasterizer import rasterize
-from studio.training import TrainingView, TrainSettings, interframe_steps, train_interframe, train_keyframe
+from studio.training import TrainingView, interframe_steps
 from studio.training.coded_loss import CodedLoss
 from studio.training.hashgrid import Corners, HashGrid
+from studio.training.joint import joint_steps
 from studio.training.motion import MotionField
 from studio.training.photometric import photometric_loss, photometric_loss_torch
 
@@ -67,11 +74,12 @@ from rasterizer import both_function, forward_function, person, time_it
 ROOT = Path(__file__).resolve().parents[1]
 SECONDS = 510.0
 """Of the whole check."""
-COMPILING, TESTING, KEYFRAME = 240.0, 90.0, 120.0
-"""Most seconds of these parts. The frames get what is left."""
-FRAMES = 5
+COMPILING, TESTING = 240.0, 90.0
+"""Most seconds of these parts. The group gets what is left."""
 LARGEST_ERROR = 2e-5
 """Of a training kernel, relative to its result, where the definition in float32 is more exact."""
+JOINT = 100
+"""Joint steps per frame."""
 TINY = {
     "keyframe_iterations": 6,
     "densify_from": 100,
@@ -80,15 +88,12 @@ TINY = {
     "motion_iterations": 4,
     "hash_levels": 2,
     "finetune_iterations": 4,
+    "joint_iterations": 2,
 }
 """Settings of a dry run."""
 
 Report = dict[str, Any]
 console = Console(width=112)
-
-
-class TimeIsUp(Exception):
-    """Raised by a progress callback."""
 
 
 class Check:
@@ -104,9 +109,6 @@ class Check:
         self.ends = time.monotonic() + seconds
         self.backend = "cpu" if dry else "triton"
         self.report: Report = {"dry_run": dry, "machine": machine(), "parts": {}}
-        self.settings = TrainSettings()
-        if dry:
-            self.settings = TrainSettings.model_validate(TINY)
 
     @property
     def left(self) -> float:
@@ -191,52 +193,46 @@ class Check:
             found.append({**size, "forward_ms": forward, "both_ms": both})
         return {"cases": found}
 
-    def training(self) -> None:
-        """The parts `keyframe` and `frame 1` to `frame 5`."""
-        footage, cameras = sample(0.25 if self.dry else 1.0), 6 if self.dry else 100
-        used = footage.train_cameras[:cameras]
-        initial = load_config(None).initialize
-        if self.dry:
-            initial = initial.model_copy(update={"points": 200, "resolution": 24})
-        splats: list[Gaussians] = []
+    def group(self) -> Report:
+        """Train a take, and add its keyframe, its other frames and its joint training as parts of their own."""
+        config, stop, parts = settings(self.dry), Cancellation(), self.report["parts"]
+        timer = threading.Timer(self.limit(self.left) or threading.TIMEOUT_MAX, stop.cancel)
+        finished: dict[int, Report] = {}
+        with tempfile.TemporaryDirectory() as folder, busy() as utilization:
+            take = Take.create(Path(folder) / "take")
 
-        def views(frame: int) -> list[TrainingView]:
-            margin = self.settings.crop_margin
-            return [TrainingView.from_view(footage.view(name, frame), self.device, margin) for name in used]
+            def emit(event: Event) -> None:
+                if isinstance(event, StageStarted):
+                    used(utilization)
+                elif isinstance(event, Metrics) and event.frame is not None:
+                    finished[event.frame] = {name: event.values[name] for name in ("seconds", "splats")}
+                    finished[event.frame] |= used(utilization)
 
-        def trained(number: int, steps: Steps, train: Callable[[], Gaussians]) -> Report:
-            with busy() as utilization:
-                found = steps.run(train)
-            latest = [found] if found is not None else steps.latest
-            if not latest:
-                raise RuntimeError(f"only {steps.done} steps in the time for the frame")
-            splats.append(latest[-1].detach())
-            figures = {"splats": len(splats[-1]), "psnr": quality(footage, number, splats)}
-            return {**steps.report(), **utilization(), **figures}
-
-        def keyframe() -> Report:
-            points = initialize_points([footage.view(name, 0) for name in used], initial)
-            means, colors = (torch.from_numpy(array).to(self.device) for array in (points.points, points.colors))
-            seen, steps = views(0), Steps(self.limit(KEYFRAME))
-            options: dict[str, Any] = {"progress": steps, "snapshot": steps.keep, "snapshot_every": 250}
-            return trained(0, steps, lambda: train_keyframe(seen, means, colors, self.settings, **options))
-
-        def frame(number: int) -> Report:
-            seen = views(number)
-            steps = Steps(self.limit(self.left / (count - number + 1)), interframe_steps(self.settings))
-            options: dict[str, Any] = {"progress": steps, "snapshot": steps.keep, "snapshot_every": 250}
-            before = splats[-2] if len(splats) > 1 else None
-            return trained(
-                number,
-                steps,
-                lambda: train_interframe(splats[-1], seen, self.settings, before_previous=before, **options).gaussians,
-            )
-
-        count = 1 if self.dry else FRAMES
-        if self.part("keyframe", keyframe):
-            for number in range(1, count + 1):
-                if not self.part(f"frame {number}", lambda number=number: frame(number)):  # type: ignore[misc]
-                    break
+            timer.daemon = True
+            timer.start()
+            with contextlib.suppress(Cancelled):
+                run(take, config, emit, stages=("calibrate", "initialize", "train"), cancellation=stop)
+            if not finished:
+                raise RuntimeError("time is up, and the keyframe is not finished")
+            joint = {"seconds": read_model(take.train_group(0) / "group.json", TrainedGroup).joint_seconds}
+            joint |= used(utilization)
+            footage, (group,) = Inputs(take, config).footage.trained, Inputs(take, config).groups
+            before, after = [], []
+            for frame, part in finished.items():
+                path = take.separate_frame(0, frame) if joint["seconds"] else take.trained_frame(0, frame)
+                before.append(quality(footage, frame, read_frame(path).to(self.device)))
+                after.append(quality(footage, frame, read_frame(take.trained_frame(0, frame)).to(self.device)))
+                steps = interframe_steps(config.train, abs(frame - group.keyframe) == 1)
+                if frame == group.keyframe:  # which is pruned in one round
+                    steps = config.train.keyframe_iterations + config.train.prune_finetune_iterations
+                name = "keyframe" if frame == group.keyframe else f"frame {frame}"
+                parts[name] = {**part, "steps": steps, "psnr": round(before[-1], 2)}
+        found = {"psnr": round(statistics.mean(before), 2)}
+        if not joint["seconds"]:
+            return {**found, "note": f"time is up after {len(finished)} of {len(group.frames)} frames"}
+        steps = joint_steps(config.train, len(finished))
+        parts["joint training"] = {**joint, "steps": steps, "psnr": round(statistics.mean(after), 2)}
+        return {**found, "note": "PSNR before joint training"}
 
 
 Computation = tuple[Callable[[], Tensor], Callable[[], Tensor], list[Tensor]]
@@ -296,52 +292,6 @@ def training_cases(dry: bool) -> dict[str, Callable[[torch.dtype, str], Computat
     return {"image loss": picture, "coded loss": coded, "motion field": motion}
 
 
-class Steps:
-    """A progress callback that counts steps, keeps the latest splats and ends training when its time is up."""
-
-    def __init__(self, seconds: float | None, total: int = 0) -> None:
-        self._start, self._limit = time.monotonic(), math.inf if seconds is None else seconds
-        self.done, self.total, self.seconds = 0, total, 0.0
-        self.latest: list[Gaussians] = []
-
-    def __call__(self, done: int, total: int, **figures: Any) -> None:
-        """Called after each step."""
-        self.done, self.total = done, max(self.total, total)
-        if done < total and time.monotonic() - self._start > self._limit:
-            raise TimeIsUp
-
-    def keep(self, step: int, gaussians: Gaussians) -> None:
-        """Keep a snapshot."""
-        self.latest = [gaussians.clone()]
-
-    def run(self, train: Callable[[], Gaussians]) -> Gaussians | None:
-        """The result of `train`; None if its time was up."""
-        if torch.cuda.is_available():
-            torch.cuda.reset_peak_memory_stats()
-        self._start = time.monotonic()
-        try:
-            found = train()
-            if torch.cuda.is_available():
-                torch.cuda.synchronize()
-        except TimeIsUp:
-            found = None
-        self.seconds = time.monotonic() - self._start
-        return found
-
-    def report(self) -> Report:
-        """Steps done and planned, seconds of training, and seconds that all steps would take at this rate."""
-        rate = self.done / max(self.seconds, 1e-9)
-        peak = torch.cuda.max_memory_allocated() if torch.cuda.is_available() else 0
-        return {
-            "steps": self.done,
-            "steps_planned": self.total,
-            "training_seconds": round(self.seconds, 2),
-            "steps_per_second": round(rate, 1),
-            "all_steps_seconds": round(self.total / max(rate, 1e-9), 1),
-            "gpu_peak_mib": round(peak / 2**20) or None,
-        }
-
-
 def machine() -> Report:
     """GPU, versions and load."""
     found: Report = {
@@ -360,7 +310,8 @@ def machine() -> Report:
 
 @contextlib.contextmanager
 def busy() -> Iterator[Callable[[], Report]]:
-    """Within the block, read the GPU's utilization twice a second; the result gives the mean in percent."""
+    """Within the block, read the GPU's utilization twice a second; the result gives the mean, in percent, since it was
+    last called."""
     values: list[float] = []
     query = ["nvidia-smi", "--query-gpu=utilization.gpu", "--format=csv,noheader,nounits", "--id=0", "-lms", "500"]
     try:
@@ -375,42 +326,60 @@ def busy() -> Iterator[Callable[[], Report]]:
             with contextlib.suppress(ValueError):
                 values.append(float(line))
 
+    def since_last() -> Report:
+        seen = values.copy()
+        values.clear()
+        return {"gpu_busy_percent": round(statistics.mean(seen), 1) if seen else None}
+
     reader = threading.Thread(target=read, daemon=True)
     reader.start()
     try:
-        yield lambda: {"gpu_busy_percent": round(statistics.mean(values), 1) if values else None}
+        yield since_last
     finally:
         process.terminate()
         process.wait()
 
 
-def sample(scale: float) -> Footage:
-    """The sample capture with its clean plates."""
-    capture = load_config(ROOT / "sample_configs" / "quickstart.yaml").capture.replace(scale=scale)
-    return open_footage(capture, read_rig(capture.root / "cameras.json"))
+def used(utilization: Callable[[], Report]) -> Report:
+    """Utilization and most memory of the GPU since the last call."""
+    peak = None
+    if torch.cuda.is_available():
+        peak = round(torch.cuda.max_memory_allocated() / 2**20)
+        torch.cuda.reset_peak_memory_stats()
+    return {**utilization(), "gpu_peak_mib": peak}
 
 
-def quality(footage: Footage, frame: int, splats: Sequence[Gaussians]) -> float:
-    """Mean PSNR of the last splats in the held-out cameras, dB."""
+def settings(dry: bool) -> Config:
+    """The sample capture with its clean plates, and the default settings with joint training."""
+    capture = load_config(ROOT / "sample_configs" / "quickstart.yaml").capture.replace(frames=":6")
+    if not dry:
+        return Config.model_validate({"capture": capture, "train": {"joint_iterations": JOINT}})
+    small = {"points": 200, "resolution": 24}
+    capture = capture.replace(frames=":3", scale=0.25)
+    return Config.model_validate({"capture": capture, "initialize": small, "train": TINY, "run": {"device": "cpu"}})
+
+
+def quality(footage: Footage, frame: int, splats: Gaussians) -> float:
+    """Mean PSNR of splats in the held-out cameras, dB."""
     found = []
     for name in footage.held_out_cameras:
-        view = TrainingView.from_view(footage.view(name, frame), splats[-1].device, 0.0, use_plate=False)
-        black = torch.zeros(3, device=splats[-1].device)
+        view = TrainingView.from_view(footage.view(name, frame), splats.device, 0.0, use_plate=False)
+        black = torch.zeros(3, device=splats.device)
         with torch.no_grad():
-            found.append(float(psnr(rasterize(splats[-1], view.camera, black).image, view.over(black)[0])))
-    return round(statistics.mean(found), 2)
+            found.append(float(psnr(rasterize(splats, view.camera, black).image, view.over(black)[0])))
+    return statistics.mean(found)
 
 
 def show(report: Report) -> None:
     """Print the report as a table."""
     table = Table(title=f"{report['machine']['gpu'] or 'CPU'}{', dry run' if report['dry_run'] else ''}")
-    for name in ("part", "seconds", "steps", "per second", "all steps, s", "GPU busy", "peak MiB", "PSNR", ""):
+    for name in ("part", "seconds", "steps", "per second", "GPU busy", "peak MiB", "PSNR", ""):
         table.add_column(name, justify="left" if name in ("part", "") else "right")
     for name, part in report["parts"].items():
-        steps = f"{part['steps']:,} of {part['steps_planned']:,}" if "steps" in part else ""
-        cells = [part.get(key) for key in ("steps_per_second", "all_steps_seconds", "gpu_busy_percent", "gpu_peak_mib")]
-        cells.append(part.get("psnr"))
-        note = part.get("error", "")
+        steps = part.get("steps")
+        cells = [part.get(key) for key in ("gpu_busy_percent", "gpu_peak_mib", "psnr")]
+        cells = [steps, steps and round(steps / part["seconds"], 1), *cells]
+        note = part.get("error", part.get("note", ""))
         if "cases" in part:
             note = "; ".join(
                 f"{case['splats']:,} at {case['width']}x{case['height']}: "
@@ -425,9 +394,7 @@ def show(report: Report) -> None:
             note = f"{note}; {times}" if note else times
         if "tests" in part:
             note = note or f"{part['tests'] - part['skipped']} passed, {part['skipped']} skipped"
-        table.add_row(
-            name, f"{part['seconds']:.1f}", steps, *("" if cell is None else f"{cell}" for cell in cells), note
-        )
+        table.add_row(name, f"{part['seconds']:.1f}", *("" if cell is None else f"{cell:,}" for cell in cells), note)
     console.print(table)
 
 
@@ -442,7 +409,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         check.part("tests", check.tests)
         check.part("training kernels", check.training_kernels)
         check.part("rasterizer", check.rasterizer)
-        check.training()
+        check.part("group", check.group)
     options.out.write_text(json.dumps(check.report, indent=2) + "\n")
     show(check.report)
     console.print(f"Report: {options.out}")

@@ -20,12 +20,12 @@ def test_dry_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert script.main(["--dry-run", "--out", str(tmp_path / "gpu.json")]) == 0, capsys.readouterr().out
     report = json.loads((tmp_path / "gpu.json").read_text())
     parts = report["parts"]
-    assert list(parts) == ["kernels", "tests", "training kernels", "rasterizer", "keyframe", "frame 1"]
+    names = ["kernels", "tests", "training kernels", "rasterizer", "keyframe", "frame 2", "frame 0", "joint training"]
+    assert set(parts) == {*names, "group"}
     assert report["dry_run"] is True
-    assert (parts["keyframe"]["steps"], parts["frame 1"]["steps"]) == (9, 8)
-    assert parts["keyframe"]["steps_planned"] == 9
+    assert [parts[name]["steps"] for name in names[4:]] == [9, 8, 8, 6]
     assert parts["tests"]["tests"] >= 10
-    assert parts["frame 1"]["psnr"] > 5
+    assert parts["joint training"]["psnr"] > parts["group"]["psnr"] > 15
     assert parts["rasterizer"]["cases"][0]["both_ms"] > 0
     kernels = parts["training kernels"]["kernels"]
     assert [one["kernel"] for one in kernels] == ["image loss", "coded loss", "motion field"]
@@ -37,3 +37,10 @@ def test_a_wrong_training_kernel_fails_the_check(monkeypatch: pytest.MonkeyPatch
     found = script.Check(True, 60.0).training_kernels()
     assert found["error"] == "wrong: image loss"
     assert found["kernels"][0]["error"] == pytest.approx(1e-3, rel=0.1)
+
+
+def test_training_ends_when_its_time_is_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    check = script.Check(True, 60.0)
+    monkeypatch.setattr(check, "limit", lambda seconds: 0.01)
+    assert not check.part("group", check.group)
+    assert "time is up" in check.report["parts"]["group"]["error"]
