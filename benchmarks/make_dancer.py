@@ -29,8 +29,7 @@ HELD_OUT = ("cam05", "cam11")
 WIDTH, HEIGHT, FOCAL = 640, 360, 527.0
 FPS = 25.0
 NOISE = 0.02
-SAMPLES = ((0.25, 0.25), (0.75, 0.25), (0.25, 0.75), (0.75, 0.75))
-"""Rays of a pixel, in fractions of it."""
+SAMPLES = ((0.25, 0.25), (0.75, 0.25), (0.25, 0.75), (0.75, 0.75))  # rays of a pixel, in fractions of it
 
 
 @dataclass

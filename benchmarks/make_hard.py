@@ -37,10 +37,8 @@ HELD_OUT = ("cam03", "cam08")
 FPS = 25
 NOISE = 0.012
 CRF = 18
-ROOM, CEILING = 4.6, 3.2
-"""Half of the room's width, and its height, in meters."""
-SAMPLES = [((x + 0.5) / 3, (y + 0.5) / 3) for y in range(3) for x in range(3)]
-"""Rays of a pixel, in fractions of it."""
+ROOM, CEILING = 4.6, 3.2  # half of the room's width, and its height, in meters
+SAMPLES = [((x + 0.5) / 3, (y + 0.5) / 3) for y in range(3) for x in range(3)]  # rays of a pixel, in fractions of it
 
 
 @dataclass(frozen=True)

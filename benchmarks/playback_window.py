@@ -20,8 +20,7 @@ from gui.app import check_display
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 
-TURN = 6.0
-"""Drag in pixels that rotates the view at each tick."""
+TURN = 6.0  # drag in pixels that rotates the view at each tick
 
 
 def bake(take: Path, splats: int, folder: Path) -> None:

@@ -13,8 +13,7 @@ from types import FrameType
 from studio.errors import StudioError
 from studio.process import passive_openmp
 
-MOST_FAILURES = 5
-"""Exceptions without a completed tick between them after which the window is closed."""
+MOST_FAILURES = 5  # exceptions without a completed tick between them after which the window is closed
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -40,11 +40,8 @@ AWAKE = 0.5
 """Seconds after something has happened, or while an image is awaited, in which the window looks at everything at each
 tick (10 ms)."""
 
-NARROW = 60
-"""Width in em below which the right panel is hidden until the user shows it (I)."""
-
-LEFT, LEAST_LEFT, MOST_LEFT = 18.0, 14.0, 40.0
-"""Width of the left panel in em: at first, the least and the most."""
+NARROW = 60  # width in em below which the right panel is hidden until the user shows it (I)
+LEFT, LEAST_LEFT, MOST_LEFT = 18.0, 14.0, 40.0  # width of the left panel in em: at first, the least and the most
 
 RIGHT, RIGHT_SHARE, MOST_RIGHT = 17.0, 0.2, 26.0
 """Width of the right panel: its least in em, its share of the window, its most in em. The log is easier to read in

@@ -43,14 +43,9 @@ JOB_PAUSE, ATTENTION = 1 / 2, 2.0
 """The same while a job runs and nobody has touched the window for some seconds (the second number): the job needs the
 CPU more."""
 
-REST = 0.05
-"""Seconds between two looks at everything while nothing happens."""
-
-LOOK_EVERY = 0.5
-"""Seconds between two looks at the file of the marks, which browsers also change."""
-
-LEAST_SIZE = (51, 40)
-"""Width and height of the window in em below which controls would be cut off."""
+REST = 0.05  # seconds between two looks at everything while nothing happens
+LOOK_EVERY = 0.5  # seconds between two looks at the file of the marks, which browsers also change
+LEAST_SIZE = (51, 40)  # width and height of the window in em below which controls would be cut off
 
 
 class MainWindow(Shell):

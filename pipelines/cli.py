@@ -50,8 +50,7 @@ _MODULES = (
 )  # fmt: skip
 """Of `pipelines.commands`, which register the commands."""
 
-_OF_PAIRS = ("bakes", "models")
-"""Those of commands of two words."""
+_OF_PAIRS = ("bakes", "models")  # those of commands of two words
 
 _EXAMPLES = """Examples:
     v3studio run footage/first --take takes/first

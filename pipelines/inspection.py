@@ -17,17 +17,10 @@ from studio.masks.mask_source import masked_cameras
 from studio.progress import ProgressFn, no_progress
 from studio.storage import is_address
 
-STRIP = 10
-"""Most frames of the strip of frames."""
-
-SOUNDS = frozenset({".aac", ".flac", ".m4a", ".mp3", ".ogg", ".opus", ".wav"})
-"""Extensions of sound files."""
-
-THUMBNAIL = 96
-"""Height of a thumbnail, pixels."""
-
-BACKGROUND = 0.35
-"""Brightness of what is not in the mask, where there are mask files."""
+STRIP = 10  # most frames of the strip of frames
+SOUNDS = frozenset({".aac", ".flac", ".m4a", ".mp3", ".ogg", ".opus", ".wav"})  # extensions of sound files
+THUMBNAIL = 96  # height of a thumbnail, pixels
+BACKGROUND = 0.35  # brightness of what is not in the mask, where there are mask files
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,11 +19,8 @@ from studio.errors import StudioError
 from studio.progress import ProgressFn
 from studio.storage import is_address
 
-MOST_FPS = 10_000
-"""Limit of `capture.fps`."""
-
-CALIBRATE = "none: calibrate from the footage"
-"""A choice of camera file besides those that were found."""
+MOST_FPS = 10_000  # limit of `capture.fps`
+CALIBRATE = "none: calibrate from the footage"  # A choice of camera file besides those that were found
 
 
 @dataclass(frozen=True)

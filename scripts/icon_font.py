@@ -25,11 +25,8 @@ UNITS = 1000
 ASCENT, DESCENT = 928, -244
 """Of Roboto, in 1000 units of its em: the toolkit scales each font so that ascent plus descent fill the line."""
 
-CAPITALS = 711
-"""Height of Roboto's capitals."""
-
-SIDE = round(UNITS * ICON_SIZE)
-"""Size of the icons' square."""
+CAPITALS = 711  # height of Roboto's capitals
+SIDE = round(UNITS * ICON_SIZE)  # size of the icons' square
 
 
 def main(folder: Path) -> None:

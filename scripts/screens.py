@@ -27,8 +27,7 @@ from gui.actions.menus import ITEMS  # noqa: E402
 from tests.gui.conftest import RunningWindow  # noqa: E402
 from tests.support.x_server import x_server  # noqa: E402
 
-SECONDS = 600.0
-"""Longest wait for a state; generous, because another program may be using the CPU."""
+SECONDS = 600.0  # longest wait for a state; generous, because another program may be using the CPU
 
 MOST_PICTURES, CHANGING = 20, 0.0005
 """Pictures until the screen must have come to rest, and the share of its pixels that may change then."""

@@ -23,8 +23,7 @@ from tests.support.x_server import x_server  # noqa: E402
 
 SIZE = "1280x800"
 CAMERA, FRAME = "cam12", 14  # held out; the axe points at this camera
-SECONDS = 600.0
-"""Longest wait for a state; generous, because another program may be using the CPU."""
+SECONDS = 600.0  # longest wait for a state; generous, because another program may be using the CPU
 
 
 @contextmanager

@@ -16,8 +16,7 @@ LEAST_ANGLE, MOST_ANGLE = 35.0, 50.0
 """Degrees to the nearest camera up to which a view is good: three quarters of the typical distance between neighboring
 cameras, within these bounds."""
 
-FADE = 20.0
-"""Degrees beyond it in which players fade the image."""
+FADE = 20.0  # degrees beyond it in which players fade the image
 
 LARGEST_GAPS = 0.1
 """Share of the way around the performer without a camera nearby, from which on few cameras are warned of; 0 to 1."""

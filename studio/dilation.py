@@ -5,8 +5,7 @@ DILATION = 0.3
 """The dilation of 3DGS, and of viewers that know no other: added to the diagonal of each 2D covariance, square pixels
 of the image that is drawn. It keeps splats about a pixel wide."""
 
-MAX_DILATION = 1.0
-"""Largest dilation that is allowed, square pixels; the smallest is `MIN_DILATION`."""
+MAX_DILATION = 1.0  # largest dilation that is allowed, square pixels; the smallest is `MIN_DILATION`
 
 MIN_DILATION = 0.001
 """Smallest dilation that is allowed, square pixels. Without any, splats that are thin or far fall between pixels."""

@@ -15,12 +15,9 @@ from studio.errors import StudioError
 CGROUPS = Path("/sys/fs/cgroup")
 OWN_CGROUP = Path("/proc/self/cgroup")
 
-_LEAST = 768 << 20
-"""Bytes of data: a run of six cameras of 64x48 with one thread takes 588 MB."""
-_LIBRARIES = 2 << 30
-"""Bytes of addresses that libraries take beside the data: 1.8 GB in that run."""
-_PER_THREAD = 3 * 40 << 20
-"""Bytes: a buffer of 32 MiB and a stack of 8 MiB in each of three OpenBLAS."""
+_LEAST = 768 << 20  # bytes of data: a run of six cameras of 64x48 with one thread takes 588 MB
+_LIBRARIES = 2 << 30  # bytes of addresses that libraries take beside the data: 1.8 GB in that run
+_PER_THREAD = 3 * 40 << 20  # bytes: a buffer of 32 MiB and a stack of 8 MiB in each of three OpenBLAS
 
 
 def memory_limit() -> int:

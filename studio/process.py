@@ -24,8 +24,7 @@ import threading
 from collections.abc import Iterator
 from typing import TextIO
 
-_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
-"""Parameters of mallopt(3), from malloc.h."""
+_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # parameters of mallopt(3), from malloc.h
 _MOST_POOLED, _MOST_KEPT = 2**25, 2**28
 """Bytes: blocks above the first are still returned at once; the second is what a pool keeps."""
 

@@ -316,9 +316,6 @@ def _plain(value: Any) -> str:
     return f"'{value}'" if isinstance(value, str) else repr(value)
 
 
-Name = Annotated[str, Field(min_length=1)]
-"""Text that is never empty: where it is optional, null means none."""
-Unit = Annotated[float, Field(ge=0, le=1)]
-"""0 to 1."""
-Color = tuple[Unit, Unit, Unit]
-"""Red, green, blue; 0 to 1."""
+Name = Annotated[str, Field(min_length=1)]  # text that is never empty: where it is optional, null means none
+Unit = Annotated[float, Field(ge=0, le=1)]  # 0 to 1
+Color = tuple[Unit, Unit, Unit]  # red, green, blue; 0 to 1

@@ -14,8 +14,7 @@ from tests.support.tiny_capture import ROOT, SETTINGS, environment, write_captur
 from tests.support.warm_python import WarmProcess, warm_python
 
 FAULTS = ROOT / "benchmarks" / "attack" / "faults.py"
-PATIENCE = 600.0
-"""Seconds that a run may take before it counts as hanging; the machine may be busy."""
+PATIENCE = 600.0  # seconds that a run may take before it counts as hanging; the machine may be busy
 
 QUICKER = {
     "group_size: 3": "group_size: 2",

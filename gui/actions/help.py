@@ -48,8 +48,7 @@ KEYS: dict[str, dict[str, str]] = {
 }
 """Keys and what they do, under headings, besides those of the menus."""
 
-WIDTH, SHORTCUTS_WIDTH = 50, 66
-"""Widths of the help of a stage and of the list of shortcuts, em."""
+WIDTH, SHORTCUTS_WIDTH = 50, 66  # widths of the help of a stage and of the list of shortcuts, em
 
 
 class HelpActions:

@@ -15,11 +15,8 @@ from pipelines.share.addresses import qr_pixels
 from pipelines.share.sharing import ShareSize, share_size
 from studio.errors import StudioError
 
-STALE_LINES = 4
-"""Lines of the warning that the stream is out of date."""
-
-QR_SIZE = 22
-"""Largest width of the QR code, in font sizes."""
+STALE_LINES = 4  # lines of the warning that the stream is out of date
+QR_SIZE = 22  # largest width of the QR code, in font sizes
 
 
 class ShareActions:

@@ -13,8 +13,7 @@ from gui.shell import Shell
 from pipelines.new_take import NewTake, make_sample_take, sample_settings
 from studio.storage import is_address
 
-LOOK_EVERY = 0.25
-"""Seconds between two looks at the files of the page."""
+LOOK_EVERY = 0.25  # seconds between two looks at the files of the page
 
 
 class StartActions:

@@ -2,8 +2,7 @@
 
 from typing import Generic, TypeVar
 
-Box = tuple[float, float, float, float]
-"""x, y, width, height in pixels."""
+Box = tuple[float, float, float, float]  # x, y, width, height in pixels
 
 T = TypeVar("T")
 

@@ -12,8 +12,7 @@ import numpy as np
 from gui.drawing.icons import FONT, ICON_SIZE, icon
 from gui.drawing.palette import BORDER, GROUND, RAISED, RGB, TEXT
 
-ROUND = 0.25
-"""Radius of the corners of buttons in font sizes, as the toolkit draws its own."""
+ROUND = 0.25  # radius of the corners of buttons in font sizes, as the toolkit draws its own
 
 
 @lru_cache(maxsize=16)

@@ -10,22 +10,14 @@ from gui.drawing.canvas import Canvas, fitted, text_width
 from gui.drawing.palette import ACCENT, GROUND, RGB, TEXT
 
 MODES = ("single", "side by side", "wipe", "difference", "scene")
-ALONE = ("single", "scene")
-"""Modes that compare nothing."""
+ALONE = ("single", "scene")  # modes that compare nothing
 
 WHATS = ("footage", "trained", "decoded", "other")
 
-HEAT_TOP = 48
-"""Difference in 8-bit levels at the top of the heat map's scale."""
-
-LABEL_SIZE = 14
-"""Size of texts unless another is given, pixels."""
-
-LEAST_SIZE = 9
-"""Of texts of images that are enlarged to the window: smaller ones cannot be read."""
-
-GAP = 4
-"""Pixels between images."""
+HEAT_TOP = 48  # difference in 8-bit levels at the top of the heat map's scale
+LABEL_SIZE = 14  # size of texts unless another is given, pixels
+LEAST_SIZE = 9  # of texts of images that are enlarged to the window: smaller ones cannot be read
+GAP = 4  # pixels between images
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,8 @@ from gui.drawing.compare import Box, boxes, label
 from gui.drawing.palette import ACCENT, DIALOG, DIM, HELD_OUT, RAISED, RGB, TEXT
 from pipelines.inspection import Inspection
 
-FRAMES, GAP = 0.28, 0.5
-"""Share of the height that the strip of frames gets; gap above it, em."""
-
-DARK = 0.3
-"""Brightness of cameras and frames that are not used."""
+FRAMES, GAP = 0.28, 0.5  # share of the height that the strip of frames gets; gap above it, em
+DARK = 0.3  # brightness of cameras and frames that are not used
 
 
 @dataclass(frozen=True)

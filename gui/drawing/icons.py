@@ -25,8 +25,7 @@ ICONS: Mapping[str, str] = {
 }
 """Name of the icon by key of the button."""
 
-ICON_SIZE = 1.06
-"""Width and height of an icon in font sizes."""
+ICON_SIZE = 1.06  # width and height of an icon in font sizes
 
 FIRST = 0xA640
 """Code point of the first icon. Open3D 0.20 draws none of the code points given to `add_typeface_for_code_points`, but

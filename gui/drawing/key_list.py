@@ -7,8 +7,7 @@ import numpy as np
 from gui.drawing.canvas import Canvas, line_height, wrapped
 from gui.drawing.palette import ACCENT, DIALOG, LINE, TEXT
 
-KEYS = 0.36
-"""Share of a column that the keys take."""
+KEYS = 0.36  # share of a column that the keys take
 
 
 def key_list(sections: Mapping[str, Mapping[str, str]], width: int, em: float) -> np.ndarray:

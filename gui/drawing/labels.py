@@ -7,8 +7,7 @@ import numpy as np
 from gui.drawing.canvas import Canvas, line_height, text_width
 from gui.drawing.palette import GROUND, RGB, TEXT
 
-GAP = 3
-"""Pixels between a name and what it names."""
+GAP = 3  # pixels between a name and what it names
 
 
 def place_labels(

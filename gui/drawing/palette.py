@@ -2,42 +2,23 @@
 
 RGB = tuple[int, int, int]
 
-BLACK: RGB = (8, 9, 10)
-"""Outline of text and marks over images."""
-
-GROUND: RGB = (30, 32, 36)
-"""Background of the window."""
-
-PANEL: RGB = (37, 40, 45)
-"""Background of panels."""
-
-RAISED: RGB = (49, 53, 60)
-"""The selected row, tracks, borders of images."""
-
-LINE: RGB = (60, 65, 73)
-"""Thin lines and grids."""
-
-DIALOG: RGB = (45, 45, 45)
-"""Background of dialogs, as the toolkit draws it."""
-
-BORDER: RGB = (128, 128, 128)
-"""Border of buttons, as the toolkit draws it."""
+BLACK: RGB = (8, 9, 10)  # outline of text and marks over images
+GROUND: RGB = (30, 32, 36)  # background of the window
+PANEL: RGB = (37, 40, 45)  # background of panels
+RAISED: RGB = (49, 53, 60)  # the selected row, tracks, borders of images
+LINE: RGB = (60, 65, 73)  # thin lines and grids
+DIALOG: RGB = (45, 45, 45)  # background of dialogs, as the toolkit draws it
+BORDER: RGB = (128, 128, 128)  # border of buttons, as the toolkit draws it
 
 TEXT: RGB = (222, 226, 232)
 DIM: RGB = (152, 160, 171)
-FAINT: RGB = (92, 99, 110)
-"""Not for text, as it lacks contrast, except that of buttons which cannot be pressed."""
-
-ACCENT: RGB = (86, 190, 222)
-"""The accent: selection, running stages, the playhead, decoded splats."""
+FAINT: RGB = (92, 99, 110)  # not for text, as it lacks contrast, except that of buttons which cannot be pressed
+ACCENT: RGB = (86, 190, 222)  # the accent: selection, running stages, the playhead, decoded splats
 
 ACCENT_DARK: RGB = (40, 92, 112)
 
-HELD_OUT: RGB = ACCENT
-"""Cameras that are not trained on, in Capture, Calibrate and the scene."""
-
-SECOND: RGB = (188, 193, 201)
-"""The second curve of a pair."""
+HELD_OUT: RGB = ACCENT  # cameras that are not trained on, in Capture, Calibrate and the scene
+SECOND: RGB = (188, 193, 201)  # the second curve of a pair
 
 GOOD: RGB = (120, 184, 132)
 FAIR: RGB = (222, 178, 92)
@@ -65,8 +46,7 @@ STATE_COLORS: dict[str, RGB] = {
     "waiting": ACCENT_DARK,
 }
 
-AXES: tuple[RGB, RGB, RGB] = (BAD, GOOD, (110, 150, 235))
-"""Colors of the x, y and z axes."""
+AXES: tuple[RGB, RGB, RGB] = (BAD, GOOD, (110, 150, 235))  # colors of the x, y and z axes
 
 
 def unit(color: RGB) -> tuple[float, float, float]:

@@ -10,11 +10,8 @@ from studio.cameras import Camera
 from studio.errors import Message, StudioError
 from studio.formats.camera_path import EASINGS, CameraPath, Key, read_path_keys, write_path_keys
 
-KEY_SECONDS = 2.0
-"""Seconds of the movie from the last view to one that is added."""
-
-LEAST_SECONDS = 0.1
-"""Least seconds between two views."""
+KEY_SECONDS = 2.0  # seconds of the movie from the last view to one that is added
+LEAST_SECONDS = 0.1  # least seconds between two views
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,8 +7,7 @@ from pathlib import Path
 
 from studio.capture.patterns import natural_key
 
-MOST_ENTRIES = 1000
-"""Longer lists are truncated; any path can be typed."""
+MOST_ENTRIES = 1000  # longer lists are truncated; any path can be typed
 
 
 @dataclass(frozen=True)

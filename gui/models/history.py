@@ -5,11 +5,8 @@ from dataclasses import dataclass
 
 from studio.errors import Message
 
-MOST = 200
-"""Changes that are remembered."""
-
-_LASTING = ("take.mark_changed", "take.edits_changed")
-"""Refusals that will be repeated."""
+MOST = 200  # changes that are remembered
+_LASTING = ("take.mark_changed", "take.edits_changed")  # refusals that will be repeated
 
 
 @dataclass(frozen=True)

@@ -81,8 +81,7 @@ class Loop:
                 self.stop(timer)
 
 
-LOOP = Loop()
-"""The loop of the window's thread."""
+LOOP = Loop()  # the loop of the window's thread
 
 
 def later(receiver: Callable[Arguments, object]) -> Callable[Arguments, None]:

@@ -14,8 +14,7 @@ SHOWN_SECONDS = 12.0
 
 SECONDS_PER_LETTER = 0.08
 
-MOST_FAILURES = 20
-"""Failures that are kept; older ones are dropped."""
+MOST_FAILURES = 20  # failures that are kept; older ones are dropped
 
 
 @dataclass(frozen=True)

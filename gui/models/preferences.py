@@ -11,8 +11,7 @@ from pathlib import Path
 from pipelines.takes.atomic_files import write_text
 from studio.bounded_files import parse_json
 
-RECENT, SHARES = 10, 30
-"""Most entries that are kept: of opened takes, of shares."""
+RECENT, SHARES = 10, 30  # most entries that are kept: of opened takes, of shares
 
 PICTURE_SIZES = {"640 x 360": 640 * 360, "960 x 540": 960 * 540, "1280 x 720": 1280 * 720, "viewport size": 1 << 30}
 BACKGROUND_NAMES = ("dark", "black", "white")

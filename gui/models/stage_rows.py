@@ -6,8 +6,7 @@ from gui.models.stages import STAGES, Inputs, camera_file
 from pipelines.runs.staleness import StageStatus
 from studio.errors import Message, StudioError
 
-PIPELINE_NAMES = {"review": "evaluate"}
-"""Pipeline names that differ from the window's."""
+PIPELINE_NAMES = {"review": "evaluate"}  # pipeline names that differ from the window's
 
 _KEYS = {name: key for key, name in PIPELINE_NAMES.items()}
 

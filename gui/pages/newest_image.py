@@ -8,8 +8,7 @@ import numpy as np
 from gui.drawing.palette import GROUND
 from gui.pages.stage_view import waiting
 
-LOADING = "loading"
-"""What the empty view says until its first image is there."""
+LOADING = "loading"  # what the empty view says until its first image is there
 
 DIMMED_AFTER, FRAME_DIMMED_AFTER = 0.1, 0.5
 """Seconds after which an image of something else, or of another frame, is dimmed: not at every quick change."""

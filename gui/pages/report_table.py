@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 from studio.capture.patterns import natural_key
 
-CAMERA = "camera"
-"""Title of the column of names."""
+CAMERA = "camera"  # title of the column of names
 
 
 @dataclass(frozen=True)

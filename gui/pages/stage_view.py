@@ -14,8 +14,7 @@ from gui.models.take.workspace import Workspace
 from gui.models.worker import LatestWorker
 from studio.errors import StudioError
 
-PICK_MARGIN = 3.0
-"""Pixels by which a click may miss a camera: frustums far away are small."""
+PICK_MARGIN = 3.0  # pixels by which a click may miss a camera: frustums far away are small
 
 Size = tuple[int, int]
 _Request = tuple[Size, str, Hashable, bool]

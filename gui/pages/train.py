@@ -28,13 +28,11 @@ CURVES = (
     ("splats", "Splats", "{:,.0f}"),
 )
 
-COLORS = "camera colors"
-"""The mode in which the cameras' colors are compared."""
+COLORS = "camera colors"  # the mode in which the cameras' colors are compared
 
 NOT_RUN = "no values yet"
 
-_LANES = 0.6
-"""Share of the width that the groups of a run on several machines take."""
+_LANES = 0.6  # share of the width that the groups of a run on several machines take
 
 
 class TrainView(StageView):

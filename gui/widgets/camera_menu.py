@@ -7,8 +7,7 @@ from open3d.visualization import gui
 from gui.drawing.palette import LINE, RAISED, TEXT
 from gui.widgets.picture import color
 
-Item = tuple[str, str, Callable[[], object]]
-"""Key, label, action."""
+Item = tuple[str, str, Callable[[], object]]  # key, label, action
 
 
 class CameraMenu:

@@ -10,8 +10,7 @@ import numpy as np
 from gui.drawing.canvas import Canvas, text_width
 from gui.drawing.palette import ACCENT_DARK, DIALOG, DIM, LINE, TEXT
 
-ROWS = 12
-"""Rows of the image."""
+ROWS = 12  # rows of the image
 
 
 @dataclass(frozen=True)

@@ -9,20 +9,11 @@ from gui.drawing.canvas import Canvas, line_height, text_width, wrapped
 from gui.drawing.palette import LINE, TEXT
 from gui.widgets.picture import ImagePanel, holds
 
-DELAY = 0.4
-"""Seconds for which the pointer must rest on a button."""
-
-WIDEST = 0.6
-"""Widest hint over the view, as a part of its width; longer text wraps."""
-
-LEAST_HIGH = 32
-"""Pixels; the toolkit's ground of a widget is no lower, and would show below it."""
-
-STEP = 8
-"""Widths of hints are multiples of this, pixels, because the toolkit keeps a texture of each size."""
-
-Box = tuple[int, int, int, int]
-"""Left, top, width, height; pixels."""
+DELAY = 0.4  # seconds for which the pointer must rest on a button
+WIDEST = 0.6  # widest hint over the view, as a part of its width; longer text wraps
+LEAST_HIGH = 32  # pixels; the toolkit's ground of a widget is no lower, and would show below it
+STEP = 8  # widths of hints are multiples of this, pixels, because the toolkit keeps a texture of each size
+Box = tuple[int, int, int, int]  # left, top, width, height; pixels
 
 
 class Hints:

@@ -14,14 +14,9 @@ from gui.models.take.remedies import Fix
 from gui.models.take.workspace import Workspace
 from gui.widgets.picture import ImagePanel
 
-PAUSE = 0.25
-"""Minimum seconds between two updates of the figures of the same frame."""
-
-LEAST_LOG = 7.0
-"""Height in em that the figures leave to the log."""
-
-LEAST_DRAGGED = 3.5
-"""Least height in em of the figures and of the log after the edge between them has been dragged."""
+PAUSE = 0.25  # minimum seconds between two updates of the figures of the same frame
+LEAST_LOG = 7.0  # height in em that the figures leave to the log
+LEAST_DRAGGED = 3.5  # least height in em of the figures and of the log after the edge between them has been dragged
 
 TOOLTIPS = {
     True: "Change the setting; Ctrl+Z changes it back. Run the stage again to use it.",
@@ -32,8 +27,7 @@ TOOLTIPS = {
 EDGE_TOOLTIPS = {False: "Drag to resize the log; click to enlarge it (J)", True: "Click to make it small again (J)"}
 """Of the heading of the log, by whether it is large."""
 
-STILL = 3
-"""Pixels that the pointer may move during a click."""
+STILL = 3  # pixels that the pointer may move during a click
 
 
 class InspectorPanel:

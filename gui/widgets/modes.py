@@ -11,8 +11,7 @@ from gui.widgets.flow import Flow
 from gui.widgets.hints import Hints
 from gui.widgets.picture import ImagePanel, color, holds, put
 
-Choice = tuple[str, str, str]
-"""Key, label, tooltip. An empty key is a gap."""
+Choice = tuple[str, str, str]  # Key, label, tooltip. An empty key is a gap
 
 BAR = 0.2
 """Height of the bar at the bottom of a pressed button under the pointer, em. The toolkit draws every button gray there,

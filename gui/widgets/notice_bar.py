@@ -13,8 +13,7 @@ from gui.platform.clipboard import Clipboard
 from gui.platform.desktop import PageOpener, show_folder
 from gui.widgets.picture import color
 
-WIDEST, MOST_LINES = 48.0, 12
-"""Width of the bar in em, and lines of a message."""
+WIDEST, MOST_LINES = 48.0, 12  # width of the bar in em, and lines of a message
 
 
 class NoticeBar:

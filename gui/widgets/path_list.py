@@ -10,8 +10,7 @@ from gui.drawing.canvas import Canvas, line_height, text_width, wrapped
 from gui.drawing.palette import ACCENT, ACCENT_DARK, BAD, BORDER, DIM, FAINT, LINE, PANEL, RAISED, TEXT
 from gui.models.camera_path import PathKey
 
-THUMBNAIL = (16, 9)
-"""Shape of a thumbnail."""
+THUMBNAIL = (16, 9)  # shape of a thumbnail
 
 EASING_WORDS = {"smooth": "smooth", "ease": "slow ends", "linear": "straight", "hold": "hold"}
 BUTTONS = (("add", "Add"), ("preview", "Preview"), ("export", "Export..."), ("clear", "Clear"))

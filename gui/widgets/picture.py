@@ -9,15 +9,13 @@ from open3d.visualization import gui
 from gui.drawing.canvas import glyph_height, text_width
 from gui.drawing.palette import GROUND, RGB
 
-DRAWS_BEFORE_EXACT = 2
-"""Draws of the window after which the texture of a new image exists."""
+DRAWS_BEFORE_EXACT = 2  # draws of the window after which the texture of a new image exists
 
 FIELD_PADDING = 3
 """Pixels between the top of a field and that of its text, at any font size (`FramePadding` of Dear ImGui); the toolkit
 draws a label's text at its top."""
 
-_random = np.random.default_rng()
-"""Flips lowest bits, so that no two new images are equal. Never part of a result."""
+_random = np.random.default_rng()  # Flips lowest bits, so that no two new images are equal. Never part of a result
 
 
 def as_image(pixels: np.ndarray) -> o3d.geometry.Image:

@@ -15,14 +15,12 @@ from gui.widgets.setting_editors import Editor, make_editor, small_button
 from pipelines.config import Config
 from pipelines.config.presets import PRESETS, differing, preset_of
 
-PRESET_STAGES = ("initialize", "train")
-"""Stages that presets set."""
+PRESET_STAGES = ("initialize", "train")  # stages that presets set
 
 WIDEST_BESIDE = 6.5
 """Widest choice in a list beside its label, em; one with wider ones is below it, as paths and lists of values are."""
 
-MOST_LABEL = 8.0
-"""Widest label beside a field, em."""
+MOST_LABEL = 8.0  # widest label beside a field, em
 
 ABOVE_HEADING, BELOW_HEADING = 0.6, 0.3
 """How much farther a heading is from the fields above it, and nearer to those below, than a field would be, em."""

@@ -12,8 +12,7 @@ import numpy as np
 from gui.drawing.canvas import Canvas, line_height, wrapped
 from gui.drawing.palette import BAD, DIALOG, DIM, GOOD, TEXT
 
-PICTURES = Path(__file__).parents[1] / "help"
-"""Folder of the images: STAGE_good.jpg and STAGE_bad.jpg."""
+PICTURES = Path(__file__).parents[1] / "help"  # folder of the images: STAGE_good.jpg and STAGE_bad.jpg
 
 KINDS = {"good": ("Good", GOOD), "bad": ("Bad", BAD)}
 

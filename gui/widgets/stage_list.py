@@ -8,8 +8,7 @@ from gui.drawing.canvas import Canvas, text_width
 from gui.drawing.palette import ACCENT, DIM, LINE, PANEL, RAISED, STATE_COLORS, TEXT
 from gui.models.stage_rows import StageRow
 
-GRIP = 0.55
-"""Width in em of the edge that is dragged to make the panel wider or narrower."""
+GRIP = 0.55  # width in em of the edge that is dragged to make the panel wider or narrower
 
 
 def row_height(em: float) -> float:

@@ -6,8 +6,7 @@ from collections.abc import Callable
 WAIT = 0.5
 """Seconds after buttons are seen to have changed in which a click at the same place is for what was there before."""
 
-REST = 0.7
-"""Distance in em up to which a pointer counts as resting."""
+REST = 0.7  # distance in em up to which a pointer counts as resting
 
 
 class SwapGuard:

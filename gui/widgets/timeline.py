@@ -16,8 +16,7 @@ HOVER_SECONDS = 4.0
 """Seconds that the values under the pointer stay at most: nothing tells that it has left the window, and without X not
 even that it has left the timeline."""
 
-STRIP = 3.5
-"""Height of the strip of images, em."""
+STRIP = 3.5  # height of the strip of images, em
 
 
 class TimelinePanel:

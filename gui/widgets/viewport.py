@@ -22,8 +22,7 @@ def picture_size(width: float, height: float, most: int = MAX_PIXELS) -> tuple[i
     return max(int(width * shrink), 16), max(int(height * shrink), 16)
 
 
-_STILL = 3.0
-"""Pixels that the pointer may move during a click."""
+_STILL = 3.0  # pixels that the pointer may move during a click
 
 
 class Gestures(Protocol):

@@ -7,8 +7,7 @@ from typing import Any
 
 from pipelines.commands.common.arguments import add_command, print_text
 
-_STOP_SECONDS = 60.0
-"""How long a run may take to stop. A network file system may show a request seconds late."""
+_STOP_SECONDS = 60.0  # How long a run may take to stop. A network file system may show a request seconds late
 
 
 def register(commands: Any) -> None:

@@ -31,8 +31,7 @@ Examples:
 """
 
 
-_MANY = {"region": "regions", "detail": "details"}
-"""Edits of which there may be several: name of one, of all."""
+_MANY = {"region": "regions", "detail": "details"}  # edits of which there may be several: name of one, of all
 
 
 def register(commands: Any) -> None:

@@ -35,15 +35,12 @@ if TYPE_CHECKING:
     from studio.stream import BakeSettings
     from studio.training import TrainingView, TrainSettings
 
-SECONDS = 12.0
-"""Of training in the rehearsal: half for the keyframe, a quarter each for motion and fine-tuning."""
-_CAMERAS = 12
-"""Most cameras that are read; more would take minutes for large rigs."""
+SECONDS = 12.0  # of training in the rehearsal: half for the keyframe, a quarter each for motion and fine-tuning
+_CAMERAS = 12  # most cameras that are read; more would take minutes for large rigs
 RESOLUTIONS = (32, 96, 144)
 """Of the hulls that are made; the first only loads the libraries. A hull's time is a constant plus one that grows with
 the square of its resolution, as the number of its triangles does."""
-_UNSTEADY = 0.25
-"""The first part of the steps of each kind, which is not measured."""
+_UNSTEADY = 0.25  # the first part of the steps of each kind, which is not measured
 
 
 class _Enough(Exception):

@@ -10,16 +10,11 @@ from studio.calibration.report import CalibrationReport
 from studio.errors import Message
 from studio.json_types import JsonData
 
-_SPARSE = 0.4
-"""Smallest fraction of the image with observations; elsewhere lens distortion is extrapolated."""
-_UNSURE = 0.02
-"""Largest 1-sigma camera position uncertainty, as a fraction of the distance to the points."""
-_WEAK = 0.005
-"""The same of cameras from footage: 2 sigma are 1 cm per meter."""
-_FAR_OFF = 5
-"""Largest error of a measured point, in units of the accuracy of measured positions."""
-_NEAR, _FAR = 0.05, 100
-"""Plausible camera distances in meters."""
+_SPARSE = 0.4  # smallest fraction of the image with observations; elsewhere lens distortion is extrapolated
+_UNSURE = 0.02  # largest 1-sigma camera position uncertainty, as a fraction of the distance to the points
+_WEAK = 0.005  # the same of cameras from footage: 2 sigma are 1 cm per meter
+_FAR_OFF = 5  # largest error of a measured point, in units of the accuracy of measured positions
+_NEAR, _FAR = 0.05, 100  # plausible camera distances in meters
 
 
 def intrinsics_sentences(report: CalibrationReport) -> list[str]:

@@ -27,11 +27,8 @@ from studio.errors import StudioError
 
 _BEGIN, _END = "<!-- over time -->", "<!-- end of over time -->"
 
-_IMAGE_WIDTH = 420
-"""Largest width of an image in pixels."""
-
-DIFFERENCE_GAIN = 4.0
-"""Differences are amplified by this factor to make them visible."""
+_IMAGE_WIDTH = 420  # largest width of an image in pixels
+DIFFERENCE_GAIN = 4.0  # differences are amplified by this factor to make them visible
 
 
 @dataclass(frozen=True)

@@ -19,17 +19,10 @@ from pipelines.review.messages import MarkChange, MarkList
 from pipelines.review.take_review import TakeReview
 from studio.errors import StudioError
 
-FOLDER = ".review"
-"""Hidden files of streams are not served, so that no stream can have a folder of that name."""
-
-MAX_BODY_BYTES = 64_000
-"""Longest change of a mark."""
-
-BODY_SECONDS = 10.0
-"""A change must have arrived within this time."""
-
-AT_ONCE = 2
-"""Pictures and figures that are computed at the same time; the others wait."""
+FOLDER = ".review"  # hidden files of streams are not served, so that no stream can have a folder of that name
+MAX_BODY_BYTES = 64_000  # longest change of a mark
+BODY_SECONDS = 10.0  # A change must have arrived within this time
+AT_ONCE = 2  # pictures and figures that are computed at the same time; the others wait
 
 _STATUS = {
     "take.mark_changed": 409,

@@ -23,8 +23,7 @@ if TYPE_CHECKING:
     from studio.capture import Footage
     from studio.stream import CapturePlace
 
-MAX_WIDTH = 1920
-"""Largest width of an image in pixels; larger ones are scaled down."""
+MAX_WIDTH = 1920  # largest width of an image in pixels; larger ones are scaled down
 
 _QUALITY = 90  # of JPEG
 

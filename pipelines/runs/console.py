@@ -23,8 +23,7 @@ from pipelines.takes.summaries import summary_words
 from studio.counts import counted
 from studio.process import NativeLines, discard
 
-MOST_ALIKE = 3
-"""Warnings of one kind that are printed for a stage."""
+MOST_ALIKE = 3  # warnings of one kind that are printed for a stage
 
 
 class JsonLines:

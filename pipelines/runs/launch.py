@@ -12,8 +12,7 @@ from pathlib import Path
 from pipelines.events import RunStarted
 from pipelines.events.event_log import LogFollower
 
-ERRORS = "background.log"
-"""File in a take's private folder with the standard error of a run without a terminal."""
+ERRORS = "background.log"  # file in a take's private folder with the standard error of a run without a terminal
 
 _ROOT = Path(__file__).resolve().parents[2]
 

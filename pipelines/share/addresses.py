@@ -7,8 +7,7 @@ import socket
 import numpy as np
 import psutil
 
-ANY = ("", "0.0.0.0", "::")
-"""Hosts that mean every interface."""
+ANY = ("", "0.0.0.0", "::")  # hosts that mean every interface
 
 # reserved for documentation (RFC 5737 and 3849)
 _ELSEWHERE = {socket.AF_INET: "192.0.2.1", socket.AF_INET6: "2001:db8::1"}

@@ -24,12 +24,10 @@ from studio.stream.manifest import MANIFEST_NAME
 
 CAST_NAME = "cast.json"
 SCRIPT_NAME = "v3-cast.js"
-LICENSES_NAME = "licenses.txt"
-"""Of what the script includes: three.js and Spark."""
+LICENSES_NAME = "licenses.txt"  # of what the script includes: three.js and Spark
 
 MAX_ITEMS = 100
-MAX_FILE_BYTES = 1_000_000_000
-"""Of a static file."""
+MAX_FILE_BYTES = 1_000_000_000  # of a static file
 
 SPLATS = (".ply", ".splat", ".ksplat", ".spz", ".sog")
 MODELS = (".glb",)

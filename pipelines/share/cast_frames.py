@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     from pipelines.share.cast_sound import CastSound
     from studio.stream import StreamReader
 
-LONGEST = 3600.0
-"""Seconds after which a cast starts over at the latest."""
+LONGEST = 3600.0  # seconds after which a cast starts over at the latest
 
 _UP = np.array([0.0, 1.0, 0.0])
 _SIZE = (1280, 720)

@@ -21,11 +21,8 @@ GENERATOR = "V3 Studio share 1"
 
 PAGE_NAME = "index.html"
 
-INTRO_SECONDS = 8.0
-"""Duration of an intro through the cameras of a rig file, which has no times."""
-
-MAX_INTRO_KEYS = 1000
-"""As many as the player reads."""
+INTRO_SECONDS = 8.0  # duration of an intro through the cameras of a rig file, which has no times
+MAX_INTRO_KEYS = 1000  # as many as the player reads
 
 _INTRO = "v3-intro"
 _SCRIPT = '<script type="module" src="v3-player.js"></script>'

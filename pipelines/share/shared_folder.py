@@ -20,8 +20,7 @@ from studio.stream.manifest import MANIFEST_NAME
 if TYPE_CHECKING:
     from studio.stream import StreamReader
 
-RECORD_NAME = "share.json"
-"""Lists what a shared folder consists of, so that it can be replaced, and nothing else."""
+RECORD_NAME = "share.json"  # lists what a shared folder consists of, so that it can be replaced, and nothing else
 
 RECORD_FORMAT, RECORD_VERSION = "v3studio-share", 1
 

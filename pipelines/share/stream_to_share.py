@@ -17,8 +17,7 @@ from studio.stream.metadata import TEXTS, with_plain_texts
 if TYPE_CHECKING:
     from studio.stream import StreamReader
 
-POSTER_WIDTH = 1200
-"""Largest width in pixels: what link previews show at most."""
+POSTER_WIDTH = 1200  # largest width in pixels: what link previews show at most
 
 _QUALITY = 82  # of JPEG
 _POSTER_SIZE = (1200, 900)  # where the stream suggests no camera

@@ -71,8 +71,7 @@ STAGES = (
 """In the order in which they run."""
 
 STAGE_NAMES = tuple(stage.name for stage in STAGES)
-GROUP_STAGES = tuple(stage for stage in STAGES if stage.by_group)
-"""Those whose groups can run elsewhere."""
+GROUP_STAGES = tuple(stage for stage in STAGES if stage.by_group)  # those whose groups can run elsewhere
 
 CHAIN = tuple(stage.name for stage in GROUP_STAGES if not stage.needs_all_groups)
 """Stages of a group that need nothing of other groups."""

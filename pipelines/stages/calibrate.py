@@ -159,10 +159,8 @@ def _from_file(inputs: Inputs, path: Path) -> tuple[Rig, CamerasFromFile]:
     return rig, CamerasFromFile(source="file", file=str(path), notes=notes)
 
 
-_MORE_FRAMES = (1, 3, 6, 12, 24)
-"""Numbers of frames that are tried until they are enough."""
-_SOLVING = 0.95
-"""Part of the time in which the cameras are solved; then they are checked."""
+_MORE_FRAMES = (1, 3, 6, 12, 24)  # numbers of frames that are tried until they are enough
+_SOLVING = 0.95  # part of the time in which the cameras are solved; then they are checked
 _ENOUGH_POINTS = 300
 """Observations that each camera needs. With 30 to 170, 31 real cameras were folded; with 400, they were off by 2 cm."""
 

@@ -22,8 +22,7 @@ if TYPE_CHECKING:
 
 VERSION = 1
 
-_LARGE = 13.0
-"""Levels of 255 from the mean camera from which on a camera is named in the log."""
+_LARGE = 13.0  # levels of 255 from the mean camera from which on a camera is named in the log
 
 
 def ensure_camera_colors(inputs: Inputs, reporter: StageReporter, key: str, stop: Cancellation) -> None:

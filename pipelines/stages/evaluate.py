@@ -36,8 +36,7 @@ if TYPE_CHECKING:
 
 STAGE = stage_named("evaluate")
 
-SHOWN_FRAMES = 4
-"""Frames that the report shows as images, spread over the take."""
+SHOWN_FRAMES = 4  # frames that the report shows as images, spread over the take
 
 
 @lru_cache(maxsize=1)

@@ -15,17 +15,10 @@ if TYPE_CHECKING:
     from pipelines.events.cancellation import Cancellation
     from pipelines.stages.inputs import Inputs
 
-_MOST = 8
-"""More threads than this contend for the GIL."""
-
-_BYTES_A_PIXEL = 16
-"""Of a training view: 8 channels of bytes, for this frame and the next."""
-
-_BYTES_A_SMALL_PIXEL = 80
-"""Of a small view, which is also cached as floats."""
-
-_BYTES_A_DRAWN_PIXEL = 200
-"""Of the view being rendered: float32 images, targets and gradients."""
+_MOST = 8  # more threads than this contend for the GIL
+_BYTES_A_PIXEL = 16  # of a training view: 8 channels of bytes, for this frame and the next
+_BYTES_A_SMALL_PIXEL = 80  # of a small view, which is also cached as floats
+_BYTES_A_DRAWN_PIXEL = 200  # of the view being rendered: float32 images, targets and gradients
 
 
 def groups_at_once(inputs: Inputs) -> int:

@@ -10,8 +10,7 @@ from pipelines.takes.records import result_of
 from pipelines.takes.stage_files import FoundMotion
 from studio.progress import ProgressFn
 
-CAMERAS = 4
-"""Maximum number of training cameras to look at, evenly spaced."""
+CAMERAS = 4  # maximum number of training cameras to look at, evenly spaced
 
 
 def find_motion(inputs: Inputs, progress: ProgressFn) -> bool:

@@ -30,11 +30,8 @@ if TYPE_CHECKING:
     from studio.edits import CropBox
 
 
-_SEED_WORD = "initialise"
-"""Part of the seed: with another word, the points of every take would change."""
-
-_FEWEST_POINTS = 4
-"""That a keyframe can be trained from."""
+_SEED_WORD = "initialise"  # part of the seed: with another word, the points of every take would change
+_FEWEST_POINTS = 4  # that a keyframe can be trained from
 
 
 class TrainingViews(Sequence["FootageView"]):

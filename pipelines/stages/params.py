@@ -8,8 +8,7 @@ from pipelines.takes.atomic_files import digest_of
 from studio.json_types import JsonData
 from studio.settings import affected
 
-Params: TypeAlias = dict[str, JsonData]
-"""Settings by dotted name, digests of inputs and of other stages' results."""
+Params: TypeAlias = dict[str, JsonData]  # settings by dotted name, digests of inputs and of other stages' results
 
 
 def settings_of(config: Config, *names: str) -> Params:

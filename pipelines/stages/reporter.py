@@ -14,15 +14,13 @@ from studio.errors import Message
 from studio.json_types import JsonData
 from studio.progress import ProgressFn
 
-_LEAST_PAUSE = 0.2
-"""Shortest interval in seconds between two progress events of a stage."""
+_LEAST_PAUSE = 0.2  # shortest interval in seconds between two progress events of a stage
 
 _WARM_SHARE, _WARM_SECONDS = 0.3, 30.0
 """Progress and seconds since the first progress of a stage; before either is reached, its time left is unknown. No more
 seconds than these, nor half of all, are taken for warming up."""
 
-_LEAST_SECONDS = 10.0
-"""Seconds of a stage, and of a run, before which the time left is unknown in any case."""
+_LEAST_SECONDS = 10.0  # seconds of a stage, and of a run, before which the time left is unknown in any case
 
 _LEAST_SHARE = 0.03
 """Least share of a run, by the weights of its stages, from which the time left of the whole is estimated: the first
@@ -31,11 +29,8 @@ stages are short, and how they compare to training differs with footage and mach
 _SHARE = 0.1
 """Time constant of corrections as a share of the time left: a correction is mostly made after a tenth of the rest."""
 
-_EARLY = 0.25
-"""The same at first, as a share of the time since the first estimate."""
-
-_LEAST_CONSTANT = 0.5
-"""Shortest time constant in seconds."""
+_EARLY = 0.25  # the same at first, as a share of the time since the first estimate
+_LEAST_CONSTANT = 0.5  # shortest time constant in seconds
 
 
 class Countdown:

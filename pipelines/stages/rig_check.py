@@ -25,14 +25,9 @@ if TYPE_CHECKING:
     from studio.capture import Footage, FootageView
 
 
-_NAMED_PLACES = 3
-"""Cameras of which the place is named where their masks contradict the others, the worst first."""
-
-_NEAR = 8
-"""Frames before and after in which it is searched whether a camera is late."""
-
-_VERSION = 6
-"""Of the judgment: another one judges again."""
+_NAMED_PLACES = 3  # cameras of which the place is named where their masks contradict the others, the worst first
+_NEAR = 8  # frames before and after in which it is searched whether a camera is late
+_VERSION = 6  # of the judgment: another one judges again
 
 
 class StoredVerdict(RigVerdict):

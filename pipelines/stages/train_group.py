@@ -49,11 +49,8 @@ quickstart with two views, 2 cores: 78 s for the 3200 steps of a keyframe, 14 s 
 fine-tuning; the network takes a quarter of a motion step)."""
 
 
-Kind = Literal["keyframe", "later", "joint"]
-"""A keyframe, another frame, or the joint training of a group."""
-
-Place = tuple[int, int]
-"""A group and a position in it; -1 is the group as a whole."""
+Kind = Literal["keyframe", "later", "joint"]  # A keyframe, another frame, or the joint training of a group
+Place = tuple[int, int]  # A group and a position in it; -1 is the group as a whole
 
 
 class TrainClock:

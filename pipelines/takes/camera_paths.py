@@ -16,8 +16,7 @@ from studio.similarity import Similarity
 from studio.splat_video import SplatVideo
 from studio.stream import CapturePlace
 
-PATH_SUFFIXES = (".json", *FILM_FORMATS)
-"""Extensions of files with a camera path."""
+PATH_SUFFIXES = (".json", *FILM_FORMATS)  # extensions of files with a camera path
 
 
 def film_world(video: SplatVideo, *, upright: bool = True) -> Similarity:

@@ -7,8 +7,7 @@ from typing import Self
 from studio.capture import CaptureSettings, find_cameras, held_out_cameras
 from studio.errors import StudioError
 
-USES = ("training", "held out", "not used")
-"""What a camera can be used for."""
+USES = ("training", "held out", "not used")  # what a camera can be used for
 
 
 @dataclass(frozen=True)

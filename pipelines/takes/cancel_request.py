@@ -13,8 +13,7 @@ from pipelines.takes.take import Take
 from studio.bounded_files import parse_json
 from studio.errors import StudioError, reason_of
 
-_LOOK = 0.5
-"""Seconds between two looks for a request."""
+_LOOK = 0.5  # seconds between two looks for a request
 
 
 def request_cancel(take: Take) -> None:

@@ -18,14 +18,9 @@ from studio.errors import StudioError
 from studio.json_types import JsonData
 from studio.similarity import Similarity
 
-EDITS_FORMAT = 1
-"""Version of edits.json."""
-
-MOST_STEPS = 50
-"""Changes that can be undone."""
-
-MAX_FILE_BYTES = 16_000_000
-"""Larger files are refused; the oldest changes are forgotten before a file gets this large."""
+EDITS_FORMAT = 1  # version of edits.json
+MOST_STEPS = 50  # changes that can be undone
+MAX_FILE_BYTES = 16_000_000  # larger files are refused; the oldest changes are forgotten before a file gets this large
 
 _KEPT_BYTES = 4_000_000
 _SHOW = "See the edits that there are with `v3studio edit list TAKE`."
@@ -143,8 +138,7 @@ def no_frames_left(take: Take, trim: Trim, frames: Sequence[int]) -> StudioError
     )
 
 
-PREFIX = "edits."
-"""Of the names of parameters that are edits."""
+PREFIX = "edits."  # of the names of parameters that are edits
 
 
 def edit_params(edits: EditList, *names: str) -> dict[str, JsonData]:

@@ -144,8 +144,7 @@ def _metadata(data: bytes) -> FrameMetadata:
         return FrameMetadata()
 
 
-_HEADER = 8
-"""Bytes of the length that the file begins with (safetensors' format)."""
+_HEADER = 8  # bytes of the length that the file begins with (safetensors' format)
 
 
 def _header_bytes(data: bytes) -> int:

@@ -10,8 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
-FEWEST = 4
-"""Number of frames that a group may have however the performer moves: keyframes take the most time and bytes."""
+FEWEST = 4  # number of frames that a group may have however the performer moves: keyframes take the most time and bytes
 
 MOST_MOTION = 0.48
 """Longest path of the performer between a keyframe and its group's first or last frame, in sizes of the performer. In

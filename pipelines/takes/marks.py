@@ -14,14 +14,9 @@ from pydantic import Field, model_validator
 from pipelines.takes.atomic_files import Result, changing, read_model, write_model
 from studio.errors import StudioError
 
-MAX_NOTE, MAX_AUTHOR = 2000, 80
-"""Longest note and name, in characters."""
-
-MAX_MARKS = 2000
-"""Most marks of a take."""
-
-MAX_FILE_BYTES = 32_000_000
-"""Larger files are refused; `MAX_MARKS` notes of `MAX_NOTE` characters take less."""
+MAX_NOTE, MAX_AUTHOR = 2000, 80  # longest note and name, in characters
+MAX_MARKS = 2000  # most marks of a take
+MAX_FILE_BYTES = 32_000_000  # larger files are refused; `MAX_MARKS` notes of `MAX_NOTE` characters take less
 
 # characters that reverse the direction of the text around them
 _BIDI = frozenset("\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")

@@ -25,8 +25,7 @@ from studio.bounded_files import need_utf8, parse_json
 from studio.errors import StudioError
 from studio.storage import StoreAddress, is_address
 
-TAKE_FORMAT = 2
-"""Version of this layout."""
+TAKE_FORMAT = 2  # version of this layout
 
 
 class TakeFile(Result):
@@ -55,48 +54,30 @@ class Take:
     """The paths in a take, below its absolute folder. Use `open` or `create`, which check the folder."""
 
     root: Path
-    config = _At("config.yaml")
-    """All settings of the last run."""
+    config = _At("config.yaml")  # all settings of the last run
     rig = _At("calibrate/rig.json")
     calibration_report = _At("calibrate/report.json")
-    calibration_points = _At("calibrate/points.ply")
-    """Sparse points, if the cameras were calibrated from footage."""
-    rig_verdict = _At("initialize/verdict.json")
-    """Whether cameras, images and masks agree."""
-    motion = _At("initialize/motion.json")
-    """How far the performer moves, which decides where groups begin."""
-    camera_colors = _At("train/camera_colors.json")
-    """Color matrices of the cameras, with train.camera_colors."""
-    refined_rig = _At("train/rig.json")
-    """The cameras that were refined while training, if they are used."""
-    camera_refinement = _At("train/refinement.json")
-    """What refining the cameras changed; exists if it was tried."""
-    stream = _At("stream")
-    """Either complete or absent."""
-    bakes = _At("bakes")
-    """Bakes that are kept under names."""
+    calibration_points = _At("calibrate/points.ply")  # sparse points, if the cameras were calibrated from footage
+    rig_verdict = _At("initialize/verdict.json")  # whether cameras, images and masks agree
+    motion = _At("initialize/motion.json")  # how far the performer moves, which decides where groups begin
+    camera_colors = _At("train/camera_colors.json")  # color matrices of the cameras, with train.camera_colors
+    refined_rig = _At("train/rig.json")  # the cameras that were refined while training, if they are used
+    camera_refinement = _At("train/refinement.json")  # what refining the cameras changed; exists if it was tried
+    stream = _At("stream")  # either complete or absent
+    bakes = _At("bakes")  # bakes that are kept under names
     evaluation = _At("evaluation.json")
-    report = _At("report.html")
-    """Self-contained."""
-    marks = _At("marks.json")
-    """Marked frames with notes."""
-    camera_path = _At("camera_path.json")
-    """The camera path that was edited in the window."""
-    edits = _At("edits.json")
-    """What is trimmed, cropped, removed and moved after training."""
-    garbage = _At("garbage.yaml")
-    """Garbage masks that were drawn in the window."""
+    report = _At("report.html")  # self-contained
+    marks = _At("marks.json")  # marked frames with notes
+    camera_path = _At("camera_path.json")  # the camera path that was edited in the window
+    edits = _At("edits.json")  # what is trimmed, cropped, removed and moved after training
+    garbage = _At("garbage.yaml")  # garbage masks that were drawn in the window
     private = _At(".v3studio")
     footage_cache = _At(".v3studio/footage")
     """Cache of masks and background plates. Its files never become stale and may be deleted at any time."""
-    previews = _At(".v3studio/previews")
-    """Preview images rendered during training."""
-    cancel_request = _At(".v3studio/cancel")
-    """Exists while the run in progress is asked to stop."""
-    group_events = _At(".v3studio/events")
-    """What the groups of a run on several machines report."""
-    log = _At(".v3studio/events.jsonl")
-    """Events of the last run, one JSON object per line."""
+    previews = _At(".v3studio/previews")  # preview images rendered during training
+    cancel_request = _At(".v3studio/cancel")  # exists while the run in progress is asked to stop
+    group_events = _At(".v3studio/events")  # what the groups of a run on several machines report
+    log = _At(".v3studio/events.jsonl")  # events of the last run, one JSON object per line
 
     def __fspath__(self) -> str:
         """So that a take can be passed wherever its folder's path can."""

@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from studio.stream import CapturePlace, StreamReader
 
 
-FALLBACK_FPS = 30.0
-"""Frame rate if neither the settings nor the stream specify one, as for footage of still images."""
+FALLBACK_FPS = 30.0  # frame rate if neither the settings nor the stream specify one, as for footage of still images
 
 
 def is_take(text: str) -> bool:

@@ -14,16 +14,12 @@ import numpy as np
 from studio.cameras import Camera
 from studio.progress import ProgressFn, no_progress
 
-_LONGEST = 960
-"""Images are reduced to this many pixels on their longer side."""
+_LONGEST = 960  # images are reduced to this many pixels on their longer side
 _FEATURES, _STRONGEST = 1200, 300
 """Features per image, and those with which pairs of images are found that show the same."""
-_PARTNERS = 5
-"""Images with which each is matched."""
-_RATIO = 0.8
-"""Lowe's ratio: the best match is at most this far compared with the second best."""
-LEAST_MATCHES = 20
-"""A pair with fewer verified matches is no evidence."""
+_PARTNERS = 5  # images with which each is matched
+_RATIO = 0.8  # Lowe's ratio: the best match is at most this far compared with the second best
+LEAST_MATCHES = 20  # A pair with fewer verified matches is no evidence
 TOLERANCE = 0.003
 """Distance from the epipolar line that counts as a fit, as a fraction of the longer side: 2 pixels of 640."""
 

@@ -22,16 +22,14 @@ FITS = 0.85
 _DOUBTFUL, _TELLING = 0.5, 5 * LEAST_MATCHES
 """A camera whose matches with the others fit less often than this is placed wrongly, if it has so many: with 73, false
 matches of two repeating panels had outweighed those of a camera in the right place."""
-_MOST = 1 / 3
-"""Of the cameras: if more disagree, it is the rig, or the masks, and not single cameras."""
+_MOST = 1 / 3  # of the cameras: if more disagree, it is the rig, or the masks, and not single cameras
 _REPEATING = 0.2
 """Fraction of the matches that contradict each other, from which on they say nothing about cameras: 0.44 before walls
 with a repeating pattern, up to 0.04 elsewhere."""
 _SCALES, _NEAR = np.geomspace(0.5, 2.0, 29), np.geomspace(0.95, 1.05, 11)
 """Factors of focal lengths that are tried, and those around the best of them."""
 
-_SCALE_OFF = 0.04
-"""Logarithm of a factor of all focal lengths from which on it is tested whether they are wrong."""
+_SCALE_OFF = 0.04  # logarithm of a factor of all focal lengths from which on it is tested whether they are wrong
 
 
 class _Model(BaseModel):

@@ -42,8 +42,7 @@ KEYS = {
     "fisheye": ("fisheye", "isfisheye", "fisheyelens", "rdist"),
 }  # fmt: skip
 """Canonical key to the spellings in lower case without `_`, `-` and spaces; the first one found wins."""
-TERMS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
-"""OpenCV's order; a camera may have them as separate keys."""
+TERMS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")  # OpenCV's order; a camera may have them as separate keys
 HARMLESS = frozenset({
     "name", "camera", "cameraname", "camid", "cameraid", "id", "index", "port", "serial", "serialnumber", "label",
     "comment", "description", "fps", "framerate", "frame", "frames", "nframes", "nrofframes", "framecount", "time",

@@ -6,8 +6,7 @@ import numpy as np
 
 from studio.validation import camera_error
 
-_TOLERANCE = 0.25
-"""Maximum allowed difference from the original model within the image, in pixels."""
+_TOLERANCE = 0.25  # maximum allowed difference from the original model within the image, in pixels
 
 
 def fit_rational(radial: Callable[[np.ndarray], np.ndarray], reach: float, focal: float, camera: str) -> np.ndarray:

@@ -64,8 +64,7 @@ _HARMLESS = frozenset({
 """Keys that do not change how a camera projects; `rotation` is the step between views of Blender's synthetic scenes."""
 
 
-_Given = list[tuple[str, float]]
-"""Keys and the value that each gives."""
+_Given = list[tuple[str, float]]  # keys and the value that each gives
 
 
 def _image_size(path: Path, file: str) -> tuple[int, int] | None:

@@ -14,8 +14,7 @@ from studio.errors import Message, StudioError
 from studio.masks.mask_source import FullMaskSource, MissingMaskSource
 from studio.progress import ProgressFn, no_progress
 
-_LARGEST_DRIFT = 0.03
-"""Change of a color channel that is reported, relative to its median over time."""
+_LARGEST_DRIFT = 0.03  # change of a color channel that is reported, relative to its median over time
 
 _STEP = 4  # every fourth row and column is enough
 _LEAST_PIXELS = 200

@@ -7,8 +7,7 @@ import numpy as np
 
 from studio.chroma import ChromaSampling
 
-_MATRIX_TAGS = {1: "bt709", 9: "bt2020", 10: "bt2020"}
-"""FFmpeg's AVColorSpace; BT.601 if untagged, as in `VideoReader`."""
+_MATRIX_TAGS = {1: "bt709", 9: "bt2020", 10: "bt2020"}  # FFmpeg's AVColorSpace; BT.601 if untagged, as in `VideoReader`
 _LEVELS = 4
 """Slope of the ramp per sample, of 8 bits: steep, as results are rounded to whole levels, but red must not clip."""
 

@@ -7,8 +7,7 @@ from pathlib import Path
 from studio.errors import StudioError
 from studio.storage.objects import read_pointer
 
-HASH_WHOLE_BELOW = 512 << 20
-"""Total size in bytes up to which file contents are hashed; see `digest_files`."""
+HASH_WHOLE_BELOW = 512 << 20  # total size in bytes up to which file contents are hashed; see `digest_files`
 
 
 def digest_files(root: Path, paths: Iterable[Path], names: Mapping[Path, str] | None = None) -> str:

@@ -12,8 +12,7 @@ from studio.counts import cameras_listed
 from studio.errors import StudioError
 from studio.yaml_text import inline_yaml
 
-_LEAST_CAMERAS = 2
-"""A visual hull and triangulation need so many."""
+_LEAST_CAMERAS = 2  # A visual hull and triangulation need so many
 
 
 def rig_of_footage(rig: Rig, spec: CaptureSettings, names: Sequence[str], without_masks: Sequence[str] = ()) -> Rig:

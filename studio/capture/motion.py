@@ -7,15 +7,11 @@ frames should end before the performer has moved far: limbs that move fast count
 import cv2
 import numpy as np
 
-SIDE = 96
-"""Pixels along each side of the images that are compared; the performer fills them."""
+SIDE = 96  # pixels along each side of the images that are compared; the performer fills them
 
 _MARGIN = 0.1
-_MIN_PIXELS = 16
-"""Minimum number of foreground pixels; images with fewer contain too little information."""
-
-_STILL = 0.1
-"""Displacement in compared pixels that noise can cause."""
+_MIN_PIXELS = 16  # minimum number of foreground pixels; images with fewer contain too little information
+_STILL = 0.1  # displacement in compared pixels that noise can cause
 
 _NEAR = 0.2
 """Distance from the other frame's mask, in sizes of the performer, beyond which something has appeared or vanished."""

@@ -26,8 +26,7 @@ from studio.memory_cache import image_cache
 from studio.storage import is_address, mirrored
 from studio.yaml_text import inline_yaml
 
-_SUGGESTED_STEP = 8
-"""Of so many cameras, one is suggested to be held out."""
+_SUGGESTED_STEP = 8  # of so many cameras, one is suggested to be held out
 
 
 def open_footage(

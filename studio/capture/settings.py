@@ -19,8 +19,7 @@ MaskKind = Literal[
 ImportPath = Annotated[str, Field(pattern=r"^[\w.]+:\w+$")]
 """MODULE:NAME of a source of masks; see `studio.masks.imported`."""
 
-CameraName = Annotated[str, Field(coerce_numbers_to_str=True)]
-"""In Python, 8 is the camera '8'."""
+CameraName = Annotated[str, Field(coerce_numbers_to_str=True)]  # in Python, 8 is the camera '8'
 
 SizeRule = Literal["auto", "stretch", "crop", "letterbox"]
 
@@ -43,8 +42,7 @@ def import_path(source: object) -> str | None:
     return None
 
 
-EVERY = re.compile(r"every (\d+)")
-"""An entry of `held_out` that stands for several cameras."""
+EVERY = re.compile(r"every (\d+)")  # an entry of `held_out` that stands for several cameras
 
 
 class FileSettings(Settings):

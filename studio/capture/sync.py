@@ -14,10 +14,8 @@ from studio.capture.timecode import Timecode, read_timecode, timecode_offsets
 from studio.counts import counted
 from studio.errors import Message, StudioError
 
-SOUND_RATE = 500
-"""Sample rate of the compared loudness signals, in Hz."""
-_MIN_CORRELATION = 0.35
-"""Correlation below which the offset between two cameras is unknown."""
+SOUND_RATE = 500  # sample rate of the compared loudness signals, in Hz
+_MIN_CORRELATION = 0.35  # correlation below which the offset between two cameras is unknown
 _MIN_FRAMES = 12
 
 

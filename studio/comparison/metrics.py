@@ -16,14 +16,9 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 
-HIGHEST_PSNR = 100.0
-"""dB; stands for the infinite PSNR of equal images."""
-
-OUTLINE = 3.0
-"""Half the width of an outline in pixels: that far, masks of real footage are wrong where they are ragged."""
-
-Distance = Callable[["Tensor", "Tensor"], float]
-"""LPIPS of two (H, W, 3) images."""
+HIGHEST_PSNR = 100.0  # dB; stands for the infinite PSNR of equal images
+OUTLINE = 3.0  # half the width of an outline in pixels: that far, masks of real footage are wrong where they are ragged
+Distance = Callable[["Tensor", "Tensor"], float]  # LPIPS of two (H, W, 3) images
 
 
 @dataclass(frozen=True)
@@ -119,13 +114,11 @@ matrix of the view, since the colors of a camera that was not trained on are not
 The words for PSNR follow the scale of EvalVid (J. Klaue et al., 2003): from 31 dB "good", from 25 dB "fair", below
 "poor" and "bad"."""
 
-MAIN = METRICS[0]
-"""Stands for quality where there is room for one: above the timeline, on the start page, in lists."""
+MAIN = METRICS[0]  # stands for quality where there is room for one: above the timeline, on the start page, in lists
 
 EVALUATED = tuple(metric for metric in METRICS if metric.evaluated)
 
-FLICKER = Metric("flicker", "flicker", "levels of 255", 2, None)
-"""Between consecutive frames; see `Residual`."""
+FLICKER = Metric("flicker", "flicker", "levels of 255", 2, None)  # between consecutive frames; see `Residual`
 
 
 def measure(pair: ViewPair, lpips: Distance | None = None) -> dict[str, float]:

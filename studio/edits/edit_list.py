@@ -19,20 +19,11 @@ from studio.errors import StudioError
 from studio.rotations import quats_to_matrices
 from studio.similarity import Similarity, rotation_between
 
-MOST_POINTS = 400
-"""Most points of a region's outline."""
-
-MOST_REGIONS = 100
-"""Most regions of a take."""
-
-MOST_DETAILS = 20
-"""Most marked details of a take."""
-
-DETAIL_WEIGHT = 4.0
-"""Weight of a detail unless another is given."""
-
-UP = (0.0, 1.0, 0.0)
-"""Where up is in a world for which `World.up` is set: as in glTF, three.js and most engines."""
+MOST_POINTS = 400  # most points of a region's outline
+MOST_REGIONS = 100  # most regions of a take
+MOST_DETAILS = 20  # most marked details of a take
+DETAIL_WEIGHT = 4.0  # weight of a detail unless another is given
+UP = (0.0, 1.0, 0.0)  # where up is in a world for which `World.up` is set: as in glTF, three.js and most engines
 
 _Number = Annotated[float, Field(ge=-1e9, le=1e9)]
 _Length = Annotated[float, Field(gt=0, le=1e9)]

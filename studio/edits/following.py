@@ -7,8 +7,7 @@ import numpy as np
 from studio.edits.edit_list import DetailMark
 from studio.errors import StudioError
 
-EVERY = 4
-"""Frames between two points of a path."""
+EVERY = 4  # frames between two points of a path
 
 Path = dict[int, np.ndarray]
 

@@ -16,8 +16,7 @@ import numpy as np
 from studio.edits.edit_list import EditList, Floaters, Region
 from studio.gaussians import Gaussians
 
-DISTANCE = 0.02
-"""Default of `Floaters.distance`, of the diagonal of the performer's box."""
+DISTANCE = 0.02  # default of `Floaters.distance`, of the diagonal of the performer's box
 
 _SEEN = 0.05  # opacity of splats that span the performer's box
 _STRAY = 0.01  # share of splats that may lie outside of that box, on each side of each axis

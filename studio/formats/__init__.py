@@ -28,14 +28,9 @@ Up = tuple[float, float, float]
 _COLMAP: Up = (0.0, -1.0, 0.0)  # 3DGS uses the axes of COLMAP cameras, and so do files converted from its PLY
 _Y_UP: Up = (0.0, 1.0, 0.0)
 
-DEFAULT_FPS = 30.0
-"""Default frame rate of imports, because splat files do not store one."""
-
-USD_SUFFIXES = (".usdc", ".usdz", ".usda", ".usd")
-"""Extensions of USD files: the first three are written, all are read."""
-
-META = "meta.json"
-"""Names a SOG that lies unpacked in a folder."""
+DEFAULT_FPS = 30.0  # default frame rate of imports, because splat files do not store one
+USD_SUFFIXES = (".usdc", ".usdz", ".usda", ".usd")  # extensions of USD files: the first three are written, all are read
+META = "meta.json"  # names a SOG that lies unpacked in a folder
 
 
 @dataclass(frozen=True)
@@ -105,11 +100,8 @@ FORMATS = (
 )  # fmt: skip
 """All formats, in the order in which they are listed."""
 
-EXPORTS = {one.name: one for one in FORMATS if one.written}
-"""Formats of `v3studio export`, by name."""
-
-FRAME_FILES = {one.suffix: one for one in FORMATS if one.holds == "frame"}
-"""Formats with one file per frame, by suffix."""
+EXPORTS = {one.name: one for one in FORMATS if one.written}  # formats of `v3studio export`, by name
+FRAME_FILES = {one.suffix: one for one in FORMATS if one.holds == "frame"}  # formats with one file per frame, by suffix
 
 READ_SUFFIXES = tuple(suffix for suffix, one in FRAME_FILES.items() if one.readable)
 

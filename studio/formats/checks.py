@@ -15,14 +15,9 @@ from studio.gaussians import Gaussians
 Note = Callable[[str], None]
 """Takes what a reader ignored or assumed, as one sentence that is the same for each frame of a sequence."""
 
-MAX_SPLATS = 1 << 26
-"""Larger than any real frame: a header with more splats is damaged."""
-
-LOGIT_LIMIT = 13.8
-"""Replaces infinite opacity logits; the opacity is within 1e-6 of 0 or 1."""
-
-LEAST_SCALE = 1e-12
-"""Replaces linear scales of 0, which have no logarithm."""
+MAX_SPLATS = 1 << 26  # larger than any real frame: a header with more splats is damaged
+LOGIT_LIMIT = 13.8  # replaces infinite opacity logits; the opacity is within 1e-6 of 0 or 1
+LEAST_SCALE = 1e-12  # replaces linear scales of 0, which have no logarithm
 
 EXPORT_AGAIN = "Export or copy it again."
 

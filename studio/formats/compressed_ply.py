@@ -21,8 +21,7 @@ from studio.gaussians import SH_C0, Gaussians
 if TYPE_CHECKING:
     from plyfile import PlyData, PlyElement
 
-CHUNK = 256
-"""Splats that share their ranges."""
+CHUNK = 256  # splats that share their ranges
 
 _DEGREES = {0: 0, 9: 1, 24: 2, 45: 3}  # by the number of bytes per splat in `sh`
 _PACKED = ("packed_position", "packed_rotation", "packed_scale", "packed_color")

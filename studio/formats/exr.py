@@ -46,8 +46,7 @@ _LAYERS = (
 _DEEP_LAYERS = _LAYERS[:5]
 
 
-Attributes = dict[str, tuple[str, object]]
-"""Of a file's header, by name and as (type, value)."""
+Attributes = dict[str, tuple[str, object]]  # of a file's header, by name and as (type, value)
 
 
 def openimageio() -> Any:

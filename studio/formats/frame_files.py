@@ -8,8 +8,7 @@ from studio.errors import StudioError
 from studio.formats import FRAME_FILES, META, READ_SUFFIXES, suffix_of
 from studio.formats.sog import is_sog_meta
 
-CHECKPOINT = "point_cloud.ply"
-"""What 3DGS and its descendants call the result of an iteration."""
+CHECKPOINT = "point_cloud.ply"  # what 3DGS and its descendants call the result of an iteration
 
 _ITERATIONS = ("point_cloud/iteration_*", "iteration_*")
 _NOT_FRAMES = {

@@ -19,8 +19,7 @@ _GAPS = (0.1, 0.07, 0.05, 0.035)
 """Tried gaps between performers, relative to the size of all together, large ones first. Smaller ones
 would break bodies of few splats."""
 
-_LEAST = 0.4
-"""Least share of the splats of one of N performers, times N squared: among many, one may be a ball."""
+_LEAST = 0.4  # least share of the splats of one of N performers, times N squared: among many, one may be a ball
 
 _REST = 0.5
 """Most splats of any other part, relative to the smallest performer. They are floaters, and belong to the nearest

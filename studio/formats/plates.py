@@ -21,8 +21,7 @@ from studio.similarity import Similarity
 from studio.splat_video import SplatVideo
 from studio.torch_rotations import align_axes, quats_to_matrices
 
-FAR = 1e10
-"""Depth where there is nothing, as renderers write it."""
+FAR = 1e10  # depth where there is nothing, as renderers write it
 
 
 @dataclass(frozen=True)

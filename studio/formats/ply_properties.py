@@ -15,11 +15,8 @@ NEEDED = (
     *("x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity"),
     *("scale_0", "scale_1", "rot_0", "rot_1", "rot_2", "rot_3"),
 )
-THIRD_SCALE = "scale_2"
-"""Missing in files of 2DGS, whose splats are flat."""
-
-FILTER = "filter_3D"
-"""Mip-Splatting: standard deviation of the filter in space, to be merged into scales and opacities."""
+THIRD_SCALE = "scale_2"  # missing in files of 2DGS, whose splats are flat
+FILTER = "filter_3D"  # Mip-Splatting: standard deviation of the filter in space, to be merged into scales and opacities
 
 _KNOWN = re.compile(r"f_rest_\d+|packed_(position|rotation|scale|color)")
 _HARMLESS = re.compile(r"n[xyz]{1,2}|red|green|blue|alpha")  # normals, and colors for viewers of points

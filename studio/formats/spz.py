@@ -35,8 +35,7 @@ from studio.formats.checks import (
 from studio.formats.rigid_motion import turned
 from studio.gaussians import Gaussians
 
-DEFAULT_VERSION = 4
-"""Which version is written: what other converters write by default."""
+DEFAULT_VERSION = 4  # which version is written: what other converters write by default
 
 _LARGEST = (1 << 23) - 1  # largest integer of a position
 _FRACTION_BITS = (12, 20)  # range of fractional bits; the reference implementation writes 12

@@ -9,12 +9,9 @@ import torch
 from studio.cameras import Rig
 from studio.meshing.silhouettes import Silhouettes
 
-_COARSE, _FINE = 48, 96
-"""Voxels along each side while the volume is located, and for the comparison."""
-_OUTVOTED = 0.15
-"""Fraction of the cameras, besides one, that may reject a voxel of the common volume."""
-_REACH = 0.6
-"""Voxels from a center that belong to it, and that are tolerated at an outline."""
+_COARSE, _FINE = 48, 96  # voxels along each side while the volume is located, and for the comparison
+_OUTVOTED = 0.15  # fraction of the cameras, besides one, that may reject a voxel of the common volume
+_REACH = 0.6  # voxels from a center that belong to it, and that are tolerated at an outline
 _MISSING, _MISSING_MORE = 0.15, 5
 """A camera contradicts the others if more of its mask than this lies outside of their volume, or this many times as
 much as in three quarters of the cameras."""
@@ -26,10 +23,8 @@ _ABOVE_USUAL = 0.12
 _USUAL = 2.5
 """The rig's median error is what is usual, but at most this divided by the number of cameras: the fewer they are, the
 more a visual hull exceeds the performer, and the more unevenly. Correct rigs had 1.4 (16 cameras) and 1.9 (27)."""
-LEAST_CAMERAS = 8
-"""Fewer cannot outvote one: its wrong mask makes all contradict each other."""
-PIXELS = 120_000
-"""Pixels per mask that are enough here."""
+LEAST_CAMERAS = 8  # fewer cannot outvote one: its wrong mask makes all contradict each other
+PIXELS = 120_000  # pixels per mask that are enough here
 
 
 @dataclass(frozen=True)

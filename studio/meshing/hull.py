@@ -23,8 +23,7 @@ from studio.meshing.silhouettes import Silhouettes
 
 _CHUNK = 1 << 18
 
-Tick = Callable[[], None]
-"""Called several times per second during long computations; may raise `Cancelled`."""
+Tick = Callable[[], None]  # called several times per second during long computations; may raise `Cancelled`
 
 
 def no_tick() -> None:

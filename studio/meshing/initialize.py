@@ -18,8 +18,7 @@ _DISAGREEMENT = 0.12
 """Disagreement above which a warning is given, if it is twice that of most cameras. Correct masks (exact masks, clean
 plates) gave 0.01 to 0.05; masks with shadows classified as performer, or from a background estimated from the footage,
 gave 0.12 to 0.19."""
-_MIN_OUTLIER_SHARE = 0.002
-"""Fraction of the hull rejected by an outlier mask above which a warning is given."""
+_MIN_OUTLIER_SHARE = 0.002  # fraction of the hull rejected by an outlier mask above which a warning is given
 
 
 @dataclass

@@ -115,8 +115,7 @@ def smooth_field(field: np.ndarray, sigma: float) -> np.ndarray:
     return volume.contiguous().numpy()
 
 
-_LEAST_COMPONENT = 0.01
-"""Components whose area is below this fraction of the largest one's are removed."""
+_LEAST_COMPONENT = 0.01  # components whose area is below this fraction of the largest one's are removed
 
 
 def extract_surface(hull: Hull, smoothing: float) -> Mesh:

@@ -17,8 +17,7 @@ from torch import Tensor, nn
 
 from studio.errors import Message, StudioError
 
-SMALLEST = 32
-"""Minimum width and height of an image in pixels; below it, the last layers of AlexNet have no output."""
+SMALLEST = 32  # minimum width and height of an image in pixels; below it, the last layers of AlexNet have no output
 
 _LINEAR_WEIGHTS = Path(__file__).with_name("linear_weights.safetensors")
 _PUBLISHED = "https://download.pytorch.org/models"

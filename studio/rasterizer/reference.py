@@ -14,8 +14,7 @@ from studio.rasterizer.spherical_harmonics import sh_colors
 from studio.rasterizer.types import ALPHA_MIN, TRANSMITTANCE_MIN, Pinhole, Render, mean_depth
 from studio.torch_rotations import quats_to_matrices
 
-TILE = 16
-"""Tile size in pixels. It only affects memory use."""
+TILE = 16  # Tile size in pixels. It only affects memory use
 
 
 def project(gaussians: Gaussians, pinhole: Pinhole) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:

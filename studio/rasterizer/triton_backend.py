@@ -29,8 +29,7 @@ from studio.rasterizer.types import Pinhole, Render, mean_depth
 
 FORWARD_WARPS, BACKWARD_WARPS, PROJECT_WARPS = 4, 1, 4
 """Warps per program. One for the gradient of a tile: its ten sums per splat then need no synchronization of warps."""
-_VIEWS_AT_ONCE = 32
-"""Most views of a call. Pixels are numbered through all of them, with 32 bits."""
+_VIEWS_AT_ONCE = 32  # Most views of a call. Pixels are numbered through all of them, with 32 bits
 
 
 def load_triton_kernels() -> tuple[Any, Any]:

@@ -18,14 +18,9 @@ import triton.language as tl
 
 from studio.rasterizer.types import ALPHA_MIN, TRANSMITTANCE_MIN
 
-TILE = 16
-"""Tile size, pixels."""
-
-COLUMNS = 10
-"""Columns of the table of splats."""
-
-CAMERA = 32
-"""Numbers that describe a view, see `Views` of `triton_backend.py`."""
+TILE = 16  # tile size, pixels
+COLUMNS = 10  # columns of the table of splats
+CAMERA = 32  # numbers that describe a view, see `Views` of `triton_backend.py`
 
 _TILE = tl.constexpr(TILE)
 _CAMERA = tl.constexpr(CAMERA)

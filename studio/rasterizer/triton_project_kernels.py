@@ -18,8 +18,7 @@ import triton.language as tl
 from studio.rasterizer.triton_kernels import CAMERA, COLUMNS, TILE
 from studio.rasterizer.types import ALPHA_MIN
 
-BLOCK = 128
-"""Splats of a program."""
+BLOCK = 128  # splats of a program
 
 _BLOCK = tl.constexpr(BLOCK)
 _CAMERA = tl.constexpr(CAMERA)

@@ -12,8 +12,7 @@ from studio.cameras import Camera
 from studio.counts import short_repr
 from studio.errors import StudioError
 
-ALPHA_MIN = 1.0 / 255.0
-"""A splat does not contribute to a pixel where its alpha is below this value (3DGS)."""
+ALPHA_MIN = 1.0 / 255.0  # A splat does not contribute to a pixel where its alpha is below this value (3DGS)
 
 TRANSMITTANCE_MIN = 1.00001e-4
 """A pixel stops before the splat that would reduce its transmittance to this value or below (3DGS: 1e-4).
@@ -22,8 +21,7 @@ Slightly above 1e-4, because two splats at the alpha clamp of 0.99 leave exactly
 pixel regardless of rounding, as in 3DGS.
 """
 
-ALPHA_MAX = 0.99
-"""Upper clamp of alpha in 3DGS."""
+ALPHA_MAX = 0.99  # upper clamp of alpha in 3DGS
 
 FIELD = 2.0
 """The projection of a splat is linearized at its mean, with |x / z| and |y / z| clamped to this value.

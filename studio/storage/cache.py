@@ -13,14 +13,9 @@ from pathlib import Path
 from studio.atomic_files import write_json
 from studio.errors import StudioError
 
-DEFAULT_GIGABYTES = 100.0
-"""Of the cache, unless V3STUDIO_CACHE_GIGABYTES says otherwise."""
-
-_KEEP = 0.9
-"""Share of the limit that is left when something had to go."""
-
-_CHECK_SHARE = 0.02
-"""The cache is measured again when a process has added this share of the limit."""
+DEFAULT_GIGABYTES = 100.0  # of the cache, unless V3STUDIO_CACHE_GIGABYTES says otherwise
+_KEEP = 0.9  # share of the limit that is left when something had to go
+_CHECK_SHARE = 0.02  # the cache is measured again when a process has added this share of the limit
 
 
 def cache_folder() -> Path:

@@ -24,11 +24,8 @@ from studio.errors import StudioError, show_as
 from studio.storage.cache import disk_cache
 from studio.storage.store import Store
 
-BLOCK = 1 << 20
-"""Bytes that are fetched at once at least: a few frames of a video."""
-
-_MOST_AHEAD = 8
-"""Blocks that are fetched at once at most while a file is read from front to back."""
+BLOCK = 1 << 20  # bytes that are fetched at once at least: a few frames of a video
+_MOST_AHEAD = 8  # blocks that are fetched at once at most while a file is read from front to back
 
 _TOUCH_SECONDS = 60.0
 

@@ -13,8 +13,7 @@ from studio.storage.address import PACKAGES, checked
 ATTEMPTS = 4
 """How often a request is made before it counts as failed. fsspec's file systems repeat some requests themselves."""
 
-FIRST_PAUSE = 0.25
-"""Seconds before the second attempt; each further pause is twice as long."""
+FIRST_PAUSE = 0.25  # seconds before the second attempt; each further pause is twice as long
 
 _TAGS = ("ETag", "etag", "md5Hash", "generation", "content_md5", "LastModified", "last_modified", "updated", "mtime")
 """Keys under which file systems give the version of an object; the first that is present is used."""

@@ -13,16 +13,14 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-MAX_VALUE = 1e9
-"""Largest magnitude of any value."""
+MAX_VALUE = 1e9  # largest magnitude of any value
 
 MAX_LOG_SCALE = math.log(MAX_VALUE)
 
 MAX_SHAPE = 1e4
 """Largest magnitude of a number of a splat's shape, the square root of a size: three of these make a size below 1e9."""
 
-OPACITY_MARGIN = 1e-6
-"""Opacities are clamped to this distance from 0 and 1, so that their logits are finite."""
+OPACITY_MARGIN = 1e-6  # opacities are clamped to this distance from 0 and 1, so that their logits are finite
 
 Values: TypeAlias = Callable[[np.ndarray], np.ndarray]
 """Converts values of an attribute; the array keeps its shape and dtype."""

@@ -10,8 +10,7 @@ CodecName = Literal["h264", "hevc", "av1"]
 Preset = Literal["ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "slow", "slower", "veryslow"]
 
 PRESETS: tuple[str, ...] = get_args(Preset)
-QP_MAX = 51
-"""Of H.264, on whose scale settings are."""
+QP_MAX = 51  # of H.264, on whose scale settings are
 
 
 @dataclass(frozen=True)

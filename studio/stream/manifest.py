@@ -39,11 +39,8 @@ PAGE_FORMAT: Final = "v3studio-stream-page"
 VERSION: Final = 4
 MANIFEST_NAME: Final = "manifest.json"
 
-FILES: Final = "files"
-"""Folder of all files but the manifest."""
-
-NAME_DIGITS: Final = 32
-"""Digits of the SHA-256 in a file's name."""
+FILES: Final = "files"  # folder of all files but the manifest
+NAME_DIGITS: Final = 32  # digits of the SHA-256 in a file's name
 
 # Bounds: far above any real stream, low enough that a malicious manifest cannot exhaust memory.
 MAX_SPLATS = 4 << 20
@@ -64,8 +61,7 @@ MAX_AUDIO_SAMPLES = 1 << 32
 MAX_FREE_BYTES = 1 << 20
 MAX_FREE_DEPTH = 16
 
-AUDIO_TOLERANCE: Final = 0.1
-"""Seconds by which sound may be longer than the frames: a few frames of any codec."""
+AUDIO_TOLERANCE: Final = 0.1  # seconds by which sound may be longer than the frames: a few frames of any codec
 
 Number = Annotated[float, Field(ge=-MAX_VALUE, le=MAX_VALUE, allow_inf_nan=False)]
 Step = Annotated[float, Field(gt=0, le=MAX_VALUE, allow_inf_nan=False)]

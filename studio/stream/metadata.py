@@ -17,14 +17,9 @@ from studio.similarity import Similarity
 
 Triple = tuple[float, float, float]
 
-_DECIMALS = 9
-"""Of poses and directions; further ones depend on the kernels that BLAS chooses for a processor."""
-
-MOST_FRAMES = 10_000_000
-"""Largest `CapturePlace.first_frame` that is believed."""
-
-TEXTS = ("title", "credits", "license", "description")
-"""Entries that are shown as text."""
+_DECIMALS = 9  # of poses and directions; further ones depend on the kernels that BLAS chooses for a processor
+MOST_FRAMES = 10_000_000  # largest `CapturePlace.first_frame` that is believed
+TEXTS = ("title", "credits", "license", "description")  # entries that are shown as text
 
 _CONTROLS = re.compile(r"[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]")
 

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-MORTON_BITS = 21
-"""Bits per axis: coordinates are integers below 2^21, and 3 x 21 bits fit into a uint64."""
+MORTON_BITS = 21  # bits per axis: coordinates are integers below 2^21, and 3 x 21 bits fit into a uint64
 
 _SPREAD = (
     (32, 0x1F00000000FFFF),

@@ -15,11 +15,8 @@ from studio.stream.morton import deinterleave
 from studio.stream.motion_blocks import Blocks
 from studio.stream.sidefile import Cursor, decode_octree, deflate, encode_octree, inflate, split
 
-MAX_CLASS = 15
-"""Largest class, which has four bits; the step of residuals doubles with each class."""
-
-MAX_BITS = 16
-"""Largest number of bits per axis of the keyframe's means."""
+MAX_CLASS = 15  # largest class, which has four bits; the step of residuals doubles with each class
+MAX_BITS = 16  # largest number of bits per axis of the keyframe's means
 
 _RUN_BYTES = 4
 _LABEL_BYTES = 2

@@ -13,11 +13,8 @@ from studio.storage import Store
 from studio.stream.manifest import FILES, MANIFEST_NAME, FileEntry
 from studio.stream.reader import StreamReader
 
-IMMUTABLE = "public, max-age=31536000, immutable"
-"""Cache-Control of files that are named by their content."""
-
-REVALIDATED = "no-cache"
-"""Cache-Control of the manifest."""
+IMMUTABLE = "public, max-age=31536000, immutable"  # Cache-Control of files that are named by their content
+REVALIDATED = "no-cache"  # Cache-Control of the manifest
 
 TYPES = {
     ".json": "application/json",

@@ -12,8 +12,7 @@ from studio.settings import Affects, Conflict, Heading, Settings, Unbounded
 from studio.stream.attributes import ATTRIBUTES, QpAttribute
 from studio.stream.codecs import CODECS, QP_MAX, CodecName, Preset
 
-QP_KNEE = 22
-"""Above this QP the paper keeps color, scale and rotation at it ("Compression QP Setting")."""
+QP_KNEE = 22  # above this QP the paper keeps color, scale and rotation at it ("Compression QP Setting")
 
 QP = Annotated[int, Field(ge=0, le=QP_MAX)]
 
@@ -103,8 +102,7 @@ DEFAULT_LADDER = (
 """What `v3studio bake --ladder` bakes: four rates of all splats, and two rungs for phones."""
 
 
-_B_FRAMES = 5
-"""B-frames between P-frames, unless the settings say otherwise."""
+_B_FRAMES = 5  # B-frames between P-frames, unless the settings say otherwise
 
 
 class BakeSettings(Settings):

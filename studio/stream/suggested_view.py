@@ -9,14 +9,12 @@ import numpy as np
 from studio.cameras import Camera, look_at_pose
 from studio.gaussians import Gaussians
 
-MARGIN = 1.08
-"""How much larger than the scene's box the image is."""
+MARGIN = 1.08  # how much larger than the scene's box the image is
 
 _EDGES = np.array([place for place in product((-1, 0, 1), repeat=3) if place.count(0) == 1])
 """(12, 3) middles of the edges of a cube from -1 to 1."""
 
-EYE_LEVEL = np.radians(10.0)
-"""Radians above the horizon at which players begin at most (docs/WEB.md)."""
+EYE_LEVEL = np.radians(10.0)  # radians above the horizon at which players begin at most (docs/WEB.md)
 
 _NARROWEST = 0.02  # tangent of half the field of view, where the box is a point
 

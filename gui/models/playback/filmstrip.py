@@ -16,8 +16,7 @@ from studio.stream import is_address
 
 Size = tuple[int, int]
 
-ASPECT = 1.1
-"""Width of an image divided by its height: room for arms and what is held."""
+ASPECT = 1.1  # width of an image divided by its height: room for arms and what is held
 
 
 @dataclass(frozen=True)

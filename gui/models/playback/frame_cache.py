@@ -4,8 +4,7 @@ from studio.gaussians import Gaussians
 from studio.memory_cache import MemoryCache
 
 CACHE_BYTES = 512 * 1024 * 1024
-AHEAD = 4
-"""Number of frames decoded ahead of the one on screen."""
+AHEAD = 4  # number of frames decoded ahead of the one on screen
 
 
 def frame_cache(limit: int = CACHE_BYTES) -> MemoryCache[int, Gaussians]:

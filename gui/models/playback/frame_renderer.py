@@ -27,8 +27,7 @@ from studio.gaussians import Gaussians
 
 KEPT_PICTURES = 9
 
-FAINTEST = 0.1
-"""How much of the image is left where nothing was filmed."""
+FAINTEST = 0.1  # how much of the image is left where nothing was filmed
 
 Color = tuple[float, float, float]
 DrawFn = Callable[[Gaussians, Camera, Color], np.ndarray]

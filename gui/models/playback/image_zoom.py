@@ -18,8 +18,7 @@ BODY_MARGIN = 0.125
 THIN_MARGIN = 0.04
 """Room on each side of the outermost points, as a part of what they span: a splat is wider than its mean."""
 
-FARTHEST = 0.5
-"""Points farther than this from the body, as a part of its size, are ignored: they float."""
+FARTHEST = 0.5  # points farther than this from the body, as a part of its size, are ignored: they float
 
 
 class Sized(Protocol):

@@ -10,14 +10,12 @@ from pipelines.takes.evaluation import measured_earlier_bake
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 
-OTHER = "other"
-"""Name of this source among those of the open take or stream."""
+OTHER = "other"  # name of this source among those of the open take or stream
 
 OTHERS = (OTHER, "other 2", "other 3")
 """The same of those compared with before, the last one first: side by side shows them too."""
 
-MOST_BESIDE = 4
-"""Images side by side."""
+MOST_BESIDE = 4  # images side by side
 
 
 def shown_beside(names: Sequence[str], camera: str) -> tuple[str, ...]:

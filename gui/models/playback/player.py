@@ -31,8 +31,7 @@ from studio.playback import Output, SoundDevice
 
 NOTHING_TO_SHOW = "Nothing trained or baked yet. Frames appear here as Train and Bake run."
 
-LONGEST_SHARP = 1.0
-"""Seconds that an image at full resolution may take to draw; the next change waits for it."""
+LONGEST_SHARP = 1.0  # seconds that an image at full resolution may take to draw; the next change waits for it
 
 
 class PlayerPresenter(Viewpoint):

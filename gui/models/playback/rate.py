@@ -4,8 +4,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 
-SPAN = 2.0
-"""Length of the averaging window, seconds."""
+SPAN = 2.0  # length of the averaging window, seconds
 
 
 class Rate:

@@ -24,8 +24,7 @@ from studio.edits.edit_list import EditList, Trim
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 
-REACH_FRAMES = 6
-"""Number of trained frames from which `TrainedSource.reach` is known."""
+REACH_FRAMES = 6  # number of trained frames from which `TrainedSource.reach` is known
 
 
 class FrameSource(Protocol):

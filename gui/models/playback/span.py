@@ -8,8 +8,7 @@ from studio.comparison.metrics import FLICKER, MAIN
 Series = Mapping[str, Sequence[float | None]]
 
 QUALITY = f"{MAIN.name}_decoded"
-SPANNED = (QUALITY, "bytes", FLICKER.name)
-"""What the figures are made of."""
+SPANNED = (QUALITY, "bytes", FLICKER.name)  # what the figures are made of
 
 
 def span_rows(

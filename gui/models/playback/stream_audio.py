@@ -14,8 +14,7 @@ from studio.audio.pcm import part_of
 from studio.errors import StudioError
 from studio.playback import Output, SoundPlayer
 
-PEAKS = 4096
-"""Parts of a waveform, more than a timeline has columns."""
+PEAKS = 4096  # parts of a waveform, more than a timeline has columns
 
 
 class StreamAudio:

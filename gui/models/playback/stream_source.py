@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     from studio.playback import SkippedGroup
     from studio.stream import GroupDecoder, Rendition, StreamSound
 
-RETRY_SECONDS = 10.0
-"""Seconds before a damaged frame is tried again: it may have been fixed or uploaded."""
+RETRY_SECONDS = 10.0  # seconds before a damaged frame is tried again: it may have been fixed or uploaded
 
 
 class LeftOut(StudioError):
@@ -43,8 +42,7 @@ class StreamSource:
     """
 
     name = "decoded"
-    fades = False
-    """Whether views from where nothing was filmed are faded, as in other players."""
+    fades = False  # whether views from where nothing was filmed are faded, as in other players
 
     def __init__(self, place: Path | str, in_take: bool = False) -> None:
         from studio.playback import Shared

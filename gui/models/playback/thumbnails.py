@@ -14,8 +14,7 @@ from gui.models.worker import Done, LatestWorker
 from studio.cameras import Camera
 from studio.memory_cache import MemoryCache
 
-KEPT = 200
-"""Pictures that are kept."""
+KEPT = 200  # pictures that are kept
 
 
 @dataclass(frozen=True)

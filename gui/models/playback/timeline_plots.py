@@ -11,23 +11,16 @@ from gui.models.playback.timeline import Timeline
 from pipelines.takes.frame_numbers import FrameNumbers
 from studio.comparison.metrics import FLICKER, MAIN
 
-_STEPS = [digit * 10**zeros for zeros in range(9) for digit in (1, 2, 5)]
-"""Distances of numbered frames."""
-
-LEAST_SPAN = 2.0
-"""Least range of an axis that does not begin at zero, dB: smaller differences must not look large."""
+_STEPS = [digit * 10**zeros for zeros in range(9) for digit in (1, 2, 5)]  # distances of numbered frames
+LEAST_SPAN = 2.0  # least range of an axis that does not begin at zero, dB: smaller differences must not look large
 
 MARK_HEIGHT = 7
-KEY_SIZE = 0.4
-"""Half of a diamond of the camera path, em."""
+KEY_SIZE = 0.4  # half of a diamond of the camera path, em
 
 GAP = 3
 
-RULER = 0.9
-"""Height of the row of frame numbers above the track, em."""
-
-APART = 3.5
-"""Least room from one frame number to the next, em."""
+RULER = 0.9  # height of the row of frame numbers above the track, em
+APART = 3.5  # least room from one frame number to the next, em
 
 
 @dataclass(frozen=True)
@@ -80,8 +73,7 @@ class Waveform(Plot):
 Values = Sequence[float | None]
 Series = Mapping[str, Values]
 
-PLOTTED = (f"{MAIN.name}_trained", f"{MAIN.name}_decoded", "bytes", FLICKER.name)
-"""What is shown of every frame."""
+PLOTTED = (f"{MAIN.name}_trained", f"{MAIN.name}_decoded", "bytes", FLICKER.name)  # what is shown of every frame
 
 
 def plots_of(

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-STEP = 0.8
-"""Frames shown after a notch of the wheel, relative to before."""
-
-LEAST_FRAMES = 5.0
-"""Frames that are shown at least."""
+STEP = 0.8  # frames shown after a notch of the wheel, relative to before
+LEAST_FRAMES = 5.0  # frames that are shown at least
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,7 @@ from studio.cameras import Camera
 BACKGROUNDS = {"dark": (0.08, 0.09, 0.1), "black": (0.0, 0.0, 0.0), "white": (1.0, 1.0, 1.0)}
 NOTHING_OPEN = "Open a take or a stream, or create a new take from footage (File menu)."
 
-_SAME_SHAPE = 0.01
-"""Relative difference between the shapes of two images below which they show the same."""
+_SAME_SHAPE = 0.01  # relative difference between the shapes of two images below which they show the same
 
 
 class Viewpoint:

@@ -10,14 +10,9 @@ import numpy as np
 
 from gui.models.scene.fragments import Fragments, Patch
 
-MOST_PER_PIXEL = 8
-"""Fragments that are blended in a pixel: the nearest ones."""
-
-SLACK = 1.002
-"""Relative depth by which lines may lie behind a surface and still be drawn: edges of a surface lie on it."""
-
-FAINT = 0.02
-"""Opacity of splats below which their depth does not count."""
+MOST_PER_PIXEL = 8  # fragments that are blended in a pixel: the nearest ones
+SLACK = 1.002  # relative depth by which lines may lie behind a surface and still be drawn: edges of a surface lie on it
+FAINT = 0.02  # opacity of splats below which their depth does not count
 
 Color = tuple[float, float, float]
 

@@ -19,11 +19,8 @@ from studio.similarity import Similarity
 PARTS = ("splats", "cameras", "points", "mesh", "grid", "axes", "volume")
 SHOWN_AT_FIRST = frozenset({"splats", "cameras", "grid", "axes", "volume"})
 
-FRUSTUM = 0.16
-"""Length of the frusta, relative to the median distance of the cameras from the performer."""
-
-GRID_CELLS = 5
-"""Cells of the grid on each side of its middle."""
+FRUSTUM = 0.16  # length of the frusta, relative to the median distance of the cameras from the performer
+GRID_CELLS = 5  # cells of the grid on each side of its middle
 
 BOX_EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if (a ^ b) in (1, 2, 4)]
 

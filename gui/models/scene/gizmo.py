@@ -9,8 +9,7 @@ from gui.drawing.palette import AXES, GROUND, RGB
 from gui.models.scene.orbit import OrbitCamera
 from studio.cameras import Camera
 
-SIZE = 2.6
-"""Length of an axis, em."""
+SIZE = 2.6  # length of an axis, em
 
 NAMES = ("x", "y", "z")
 

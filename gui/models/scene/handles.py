@@ -8,20 +8,14 @@ from studio.cameras import Camera
 from studio.edits.edit_list import CropBox, EditList, Ground
 from studio.rotations import matrices_to_quats
 
-REACH = 16.0
-"""Pixels from a handle within which it is grabbed."""
-
-PICK_RADII = (6.0, 20.0)
-"""Pixels around a click in which splats are looked for, the first that has some."""
+REACH = 16.0  # pixels from a handle within which it is grabbed
+PICK_RADII = (6.0, 20.0)  # pixels around a click in which splats are looked for, the first that has some
 
 LEAST_SLANT = 0.25
 """Sine of the angle between a handle's direction and the line of sight below which it cannot be dragged well."""
 
-MARGIN = 1.15
-"""Size of a new crop box, relative to the performer's."""
-
-_THINNEST = 0.01
-"""Least length of an edge, relative to the longest one."""
+MARGIN = 1.15  # size of a new crop box, relative to the performer's
+_THINNEST = 0.01  # least length of an edge, relative to the longest one
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,8 +17,7 @@ _WIDEST = math.radians(75.0)  # field of view of a first view
 _STEEPEST = math.radians(10.0)  # of a first view, above or below the horizon
 _MAX_PITCH = math.radians(89.0)
 _TURN = math.radians(0.4)  # per pixel dragged
-FILLED = 0.92
-"""Share of an image that is filled by what it must show, see `OrbitCamera.filling`."""
+FILLED = 0.92  # share of an image that is filled by what it must show, see `OrbitCamera.filling`
 
 _ZOOM_STEP = 0.9  # distance factor of one notch of the wheel
 

@@ -21,8 +21,7 @@ from studio.edits.edit_list import EditList
 from studio.errors import StudioError
 from studio.similarity import Similarity
 
-THUMBNAIL = 160
-"""Longer side of the images on the frusta, pixels."""
+THUMBNAIL = 160  # longer side of the images on the frusta, pixels
 
 MOST_THUMBNAILS = 200
 

@@ -3,8 +3,7 @@
 import time
 from collections.abc import Callable, Hashable
 
-RESTS_AFTER = 0.4
-"""Seconds without a change."""
+RESTS_AFTER = 0.4  # seconds without a change
 
 
 class Rest:

@@ -19,8 +19,7 @@ from pipelines.takes.atomic_files import remove, write_text
 from pipelines.takes.take import Take, program_version
 from studio.storage.cache import cache_folder
 
-Figures = Mapping[str, tuple[float, int | None]]
-"""Seconds, and bytes of the stream (None: not estimated), by preset."""
+Figures = Mapping[str, tuple[float, int | None]]  # seconds, and bytes of the stream (None: not estimated), by preset
 
 
 class Estimates:

@@ -36,8 +36,7 @@ MOVIE_SIZES = ("1280x720", "1920x1080", "720x1280", "1080x1080", "640x360")
 MOVIE_BACKGROUNDS: dict[str, tuple[float, float, float] | None] = {"as captured": None, **BACKGROUNDS}
 """Background of the movie by label; None is the capture's own."""
 
-LEAST_SECONDS = 6.0
-"""Minimum default duration of a turntable in seconds; faster ones are dizzying."""
+LEAST_SECONDS = 6.0  # minimum default duration of a turntable in seconds; faster ones are dizzying
 
 
 @dataclass

@@ -25,8 +25,7 @@ WIDE, HANG = 30.0, 1.0
 """Width of the log from which on all rows of a line begin below each other, and else the indent of those that continue
 it, em."""
 
-CLOCK = "00:00:00"
-"""A time as wide as all others."""
+CLOCK = "00:00:00"  # A time as wide as all others
 
 TITLE = "Job log"
 

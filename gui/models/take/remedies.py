@@ -14,8 +14,7 @@ from pipelines.events import Notice
 from studio.json_types import JsonData
 from studio.yaml_text import inline_yaml
 
-Value = Callable[[Mapping[str, JsonData]], JsonData]
-"""The value from the warning's fields; None if they do not tell it."""
+Value = Callable[[Mapping[str, JsonData]], JsonData]  # the value from the warning's fields; None if they do not tell it
 
 
 @dataclass(frozen=True)
@@ -52,8 +51,7 @@ REMEDIES: Mapping[str, Remedy] = {
 }
 """By code of the warning."""
 
-_DETECTED = ("clean_plate", "agreed", "median_background", "chroma_key")
-"""Sources of masks that have a sensitivity."""
+_DETECTED = ("clean_plate", "agreed", "median_background", "chroma_key")  # sources of masks that have a sensitivity
 
 
 @dataclass(frozen=True)

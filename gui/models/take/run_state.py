@@ -80,8 +80,7 @@ class RunState:
     changes: int = 0  # incremented with every event
     _trained: float = 0.0
     _now: float = 0.0
-    results: int = 0
-    """Incremented when the take has new results: a frame, a group, a stage."""
+    results: int = 0  # incremented when the take has new results: a frame, a group, a stage
 
     def followed(self) -> RunState:
         """The state of the next run: empty except for the log, and for the training curves and previews, which are kept

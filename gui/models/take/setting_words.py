@@ -91,8 +91,7 @@ UNITS: Mapping[str, str] = {
 }
 """Shown in parentheses after the name."""
 
-FOLDERS = frozenset({"capture.root"})
-"""Settings that are a folder, to be chosen in a dialog."""
+FOLDERS = frozenset({"capture.root"})  # settings that are a folder, to be chosen in a dialog
 
 FILES = frozenset({"calibrate.known_cameras", "calibrate.tie_points", "capture.audio", "capture.rig"})
 """Settings that are a file."""

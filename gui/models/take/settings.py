@@ -30,14 +30,9 @@ SECTIONS = {
 }
 """Sections of the settings shown for each stage."""
 
-NULLS = ("", "null", "~")
-"""Texts that mean no value, besides the setting's own word."""
-
-SWITCH_WORDS = {"true": "on", "false": "off"}
-"""Of a switch that can also be without a value."""
-
-WIDEST_STEPS = 100
-"""Whole numbers between more distant limits have no buttons that step them."""
+NULLS = ("", "null", "~")  # texts that mean no value, besides the setting's own word
+SWITCH_WORDS = {"true": "on", "false": "off"}  # of a switch that can also be without a value
+WIDEST_STEPS = 100  # whole numbers between more distant limits have no buttons that step them
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,7 @@ from pipelines.runs.status import progress
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 
-LOOK_EVERY = 1.0
-"""Seconds between two looks at the queue and at the log of the take that runs."""
+LOOK_EVERY = 1.0  # seconds between two looks at the queue and at the log of the take that runs
 
 
 @dataclass(frozen=True)

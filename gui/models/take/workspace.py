@@ -32,11 +32,8 @@ from studio.errors import Message, StudioError
 from studio.settings import OVERRIDES
 from studio.yaml_text import inline_yaml
 
-LOOK_EVERY = 0.5
-"""Seconds between two scans of the take's folder."""
-
-ASSESS_EVERY = 30.0
-"""Seconds after which the stages are reassessed even without a visible change."""
+LOOK_EVERY = 0.5  # seconds between two scans of the take's folder
+ASSESS_EVERY = 30.0  # seconds after which the stages are reassessed even without a visible change
 
 FOOTAGE_CACHE = 512 * 1024 * 1024
 """Bytes of decoded images that are kept of the footage without cameras, and again of that with them, as of decoded

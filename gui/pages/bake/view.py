@@ -70,8 +70,7 @@ def shares(reader: StreamReader) -> list[Share]:
     return [*(Share(name, *values) for name, values in found.items()), Share(words, rest, frozenset())]
 
 
-COLUMNS = ("KB per frame", "share", "QP")
-"""Of the table in mode "bytes"."""
+COLUMNS = ("KB per frame", "share", "QP")  # of the table in mode "bytes"
 
 
 class BakeView(StageView):

@@ -9,8 +9,7 @@ import numpy as np
 from studio.calibration import TiePoint, read_tie_points, write_tie_points
 from studio.cameras import Camera, Rig
 
-LEAST = 6
-"""Recommended minimum of marks per camera."""
+LEAST = 6  # recommended minimum of marks per camera
 
 
 class TieMarks:

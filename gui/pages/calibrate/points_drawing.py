@@ -17,8 +17,7 @@ from studio.calibration.report import TiePointReport
 
 MOST_PICTURES = 6
 _LEAST_CROP = 50
-_CROP = 24
-"""Half the size of the crops around a mark, in pixels."""
+_CROP = 24  # half the size of the crops around a mark, in pixels
 
 _HOW = (
     "Click a corner or dot that other cameras see too. Go to the next camera (C) and click the same point. "
@@ -26,8 +25,7 @@ _HOW = (
 )
 
 Action = Callable[[], None]
-Spots = Areas[Action]
-"""Clickable rectangles."""
+Spots = Areas[Action]  # clickable rectangles
 
 
 def tabs(

@@ -20,11 +20,8 @@ FEW_CAMERAS = (
 )
 
 _COLORS = np.array([GOOD, FAIR, BAD], np.uint8)
-_RADIUS = 0.5
-"""Radius of the sphere of directions, as a share of the cameras' distance."""
-
-_LOWEST = -0.5
-"""Sine of the lowest direction that is drawn: nobody looks from below the floor."""
+_RADIUS = 0.5  # radius of the sphere of directions, as a share of the cameras' distance
+_LOWEST = -0.5  # sine of the lowest direction that is drawn: nobody looks from below the floor
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,8 +37,7 @@ TRAINING: tuple[str, RGB] = ("training cameras", SECOND)
 NOT_TRAINED_ON: tuple[str, RGB] = ("held out: not trained on, quality is measured with them", HELD_OUT)
 NONE_HELD_OUT = "no camera is held out: Capture > Cameras"
 
-NOT_KNOWN = "from a file"
-"""The error of a camera that was not calibrated."""
+NOT_KNOWN = "from a file"  # the error of a camera that was not calibrated
 
 COLUMNS = ("error px", "points", "coverage", "focal px", "matches fit", "mask error", "refined by")
 PLACES = dict(zip(COLUMNS, (0.31, 0.4, 0.51, 0.6, 0.74, 0.87, 1.0), strict=True))

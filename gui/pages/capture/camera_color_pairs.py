@@ -24,14 +24,9 @@ OFF = (
 
 NOT_YET = "The colors of the cameras are fitted at the start of training. Run Train."
 
-TALLEST = 320
-"""Most rows of an image."""
-
-SECONDS = 0.7
-"""Images are read for so long before what there is so far is drawn."""
-
-MARGIN = 0.08
-"""Space around the performer, as a share of its size."""
+TALLEST = 320  # most rows of an image
+SECONDS = 0.7  # images are read for so long before what there is so far is drawn
+MARGIN = 0.08  # space around the performer, as a share of its size
 
 
 @dataclass

@@ -21,8 +21,7 @@ from studio.storage import is_address
 SETTING = "capture.garbage_masks"
 Polygons = Mapping[str, GarbagePolygons]
 Point = tuple[float, float]
-_State = tuple[object, Polygons | None]
-"""The value of the setting, and the take's own polygons; None: no file."""
+_State = tuple[object, Polygons | None]  # the value of the setting, and the take's own polygons; None: no file
 
 
 class GarbageDrawing:

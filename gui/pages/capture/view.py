@@ -25,24 +25,16 @@ from studio.errors import Cancelled, StudioError
 from studio.masks.agreement.source import AgreedMaskSource
 from studio.memory_cache import image_cache
 
-MASKS = "masks"
-"""The mode that darkens the background; without any mode, images are shown as filmed."""
-
-GARBAGE = "garbage masks"
-"""The mode in which they are drawn."""
-
-EVIDENCE = "evidence"
-"""The mode that shows what each camera alone takes for the performer."""
+MASKS = "masks"  # the mode that darkens the background; without any mode, images are shown as filmed
+GARBAGE = "garbage masks"  # the mode in which they are drawn
+EVIDENCE = "evidence"  # the mode that shows what each camera alone takes for the performer
 
 DRAWING = "click corners, the first again to close; right click takes back or deletes; Escape: all cameras"
 
 TINT = np.array(ACCENT, np.float32)
 
-WIDE, WIDEST = 480, 2048
-"""Most columns of a thumbnail, and of the image of one camera."""
-
-KEPT_BYTES = 128 * 1024 * 1024
-"""Most bytes of thumbnails that are kept."""
+WIDE, WIDEST = 480, 2048  # most columns of a thumbnail, and of the image of one camera
+KEPT_BYTES = 128 * 1024 * 1024  # most bytes of thumbnails that are kept
 
 DECODED_BYTES = 64 * 1024 * 1024
 """Most bytes of decoded images that are kept: a thumbnail needs its image twice, and nothing else does."""

@@ -13,14 +13,9 @@ from pipelines.takes.take import Take
 from studio.cameras import Camera
 from studio.edits.edit_list import DETAIL_WEIGHT, DetailMark, EditList
 
-SIZE = 0.1
-"""Radius of a new ball, relative to the performer's largest extent: a little more than a head's."""
-
-_DEEP = 0.6
-"""How far behind the clicked point the middle of a ball is, in radii."""
-
-_CIRCLE = 48
-"""Lines of a circle."""
+SIZE = 0.1  # radius of a new ball, relative to the performer's largest extent: a little more than a head's
+_DEEP = 0.6  # how far behind the clicked point the middle of a ball is, in radii
+_CIRCLE = 48  # lines of a circle
 
 
 def marked(take: Take, frame: int, view: Camera, means: np.ndarray, x: float, y: float) -> DetailMark | None:

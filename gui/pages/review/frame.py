@@ -15,11 +15,8 @@ from studio.edits.selection import Paths, Selection, select
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 
-SEEN = 0.1
-"""Opacity of splats that are clicked, and that a new box surrounds."""
-
-KEPT = 8
-"""Selections that are kept: a drag compares two, a proposal a few more."""
+SEEN = 0.1  # opacity of splats that are clicked, and that a new box surrounds
+KEPT = 8  # selections that are kept: a drag compares two, a proposal a few more
 
 
 class EditedFrame:

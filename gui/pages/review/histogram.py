@@ -10,11 +10,8 @@ from gui.drawing.canvas import Canvas
 from gui.drawing.palette import DIM, FAIR, GROUND, LINE, SECOND, TEXT
 
 BINS = 50
-LEAST, MOST = 0.005, 1.0
-"""Limits that can be dragged to; 0 is not one."""
-
-_WIDTH, _HEIGHT, _MARGIN = 17.0, 7.5, 0.6
-"""Of the whole panel and around it, em."""
+LEAST, MOST = 0.005, 1.0  # limits that can be dragged to; 0 is not one
+_WIDTH, _HEIGHT, _MARGIN = 17.0, 7.5, 0.6  # of the whole panel and around it, em
 
 
 @dataclass(frozen=True)

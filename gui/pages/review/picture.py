@@ -18,14 +18,9 @@ from studio.cameras import Camera
 from studio.edits.edit_list import CropBox, EditList, Ground
 from studio.gaussians import SH_C0, Gaussians
 
-MANY = 3000
-"""Selected splats from which on their dots are small."""
-
-HIDDEN = 0.22
-"""Strength of lines that splats hide."""
-
-OPAQUE = 0.5
-"""Opacity of the splats in a pixel from which on they hide what is behind them."""
+MANY = 3000  # selected splats from which on their dots are small
+HIDDEN = 0.22  # strength of lines that splats hide
+OPAQUE = 0.5  # opacity of the splats in a pixel from which on they hide what is behind them
 
 
 @dataclass(frozen=True)

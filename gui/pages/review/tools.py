@@ -31,14 +31,9 @@ EDIT_CHOICES: tuple[Choice, ...] = (
     ("removed", "Removed", "Draw what is removed in red"),
 )
 TOOLS = ("look", "crop", "ground", "floaters", "lasso", "brush", "origin", "up", "scale", "detail")
-BRUSH = 0.03
-"""Radius of the brush at first, relative to the height of the image."""
-
-LEAST_BRUSH, MOST_BRUSH = 0.002, 0.5
-"""Limits of it."""
-
-BRUSH_STEP = 1.25
-"""What a key press multiplies or divides it by."""
+BRUSH = 0.03  # radius of the brush at first, relative to the height of the image
+LEAST_BRUSH, MOST_BRUSH = 0.002, 0.5  # limits of it
+BRUSH_STEP = 1.25  # what a key press multiplies or divides it by
 
 FLOATERS = (Floaters(opacity=0.02, share=0.005), Floaters(opacity=0.05, share=0.01), Floaters(opacity=0.1, share=0.02))
 """Limits to propose, from careful to bold: the first that select anything."""

@@ -22,8 +22,7 @@ from studio.stream import is_address
 PIPELINE = {pipeline_name(key): title for key, title in TITLES.items() if key != "capture"}
 """Titles of the stages that `pipelines.runs.runner.status` tells of, in order."""
 
-Sizes = tuple[int | None, int | None]
-"""`Card.stream_bytes` and `Card.total_bytes`."""
+Sizes = tuple[int | None, int | None]  # `Card.stream_bytes` and `Card.total_bytes`
 
 
 @dataclass(frozen=True)

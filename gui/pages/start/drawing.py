@@ -47,11 +47,8 @@ HINTS = {
     "stop": "Stop; the take that runs keeps finished work and waits again",
 }
 
-CARD, GAP = 15.5, 1.0
-"""Least width of a card, and the room between cards, em."""
-
-QUEUE, WIDE = 20.0, 62.0
-"""Width of the column of the queue, and of the page from which on there is one, em."""
+CARD, GAP = 15.5, 1.0  # least width of a card, and the room between cards, em
+QUEUE, WIDE = 20.0, 62.0  # width of the column of the queue, and of the page from which on there is one, em
 
 KEYS = "Arrow keys and Enter: choose    Delete: remove from the list    Ctrl+V: open a copied path    ?: all shortcuts"
 

@@ -14,8 +14,7 @@ from gui.pages.start.cards import Card, Sizes, describe, fingerprint
 from gui.pages.start.thumbnail import thumbnail
 from studio.stream import is_address
 
-LOOK_EVERY = 2.0
-"""Seconds between two looks at a card's files."""
+LOOK_EVERY = 2.0  # seconds between two looks at a card's files
 
 MEASURE_EVERY = 60.0
 """Seconds between two measurements of the size of a take that is running: all its files are looked at."""

@@ -17,14 +17,9 @@ from studio.atomic_files import write_bytes
 from studio.storage.cache import cache_folder
 from studio.stream import is_address
 
-SIZE = (480, 270)
-"""Width and height of a thumbnail, pixels: enough for a card on a screen of double density."""
-
-KEPT = 100
-"""Files that are kept in the cache folder."""
-
-_VERSION = "1"
-"""To be changed whenever a thumbnail of the same take would look different."""
+SIZE = (480, 270)  # width and height of a thumbnail, pixels: enough for a card on a screen of double density
+KEPT = 100  # files that are kept in the cache folder
+_VERSION = "1"  # to be changed whenever a thumbnail of the same take would look different
 
 
 def thumbnail(place: str) -> np.ndarray | None:

@@ -17,21 +17,15 @@ from gui.widgets.picture import ImagePanel, color
 TAB_DOWN, TAB_UP = 3, 5
 """Number of frames drawn of a dialog with a text field before Tab is pressed, and has surely had its effect."""
 
-FRAMES_BEFORE_ENTER = 2
-"""Number of frames drawn between the Enter key and its action."""
-
-BUTTON_PADDING = 0.2
-"""Room above and below the text of a button, em, besides the toolkit's."""
-
-SHADE = 0.5
-"""How dark everything below a dialog becomes, 0 to 1."""
+FRAMES_BEFORE_ENTER = 2  # number of frames drawn between the Enter key and its action
+BUTTON_PADDING = 0.2  # room above and below the text of a button, em, besides the toolkit's
+SHADE = 0.5  # how dark everything below a dialog becomes, 0 to 1
 
 _MODIFIERS = (
     gui.KeyName.LEFT_CONTROL, gui.KeyName.RIGHT_CONTROL, gui.KeyName.ALT, gui.KeyName.META,
 )  # fmt: skip
 
-Answer = tuple[str, str, Callable[[], None]]
-"""Key, label, action."""
+Answer = tuple[str, str, Callable[[], None]]  # key, label, action
 
 
 class Dialogs:

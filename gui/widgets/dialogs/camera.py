@@ -10,8 +10,7 @@ from gui.widgets.dialogs.form import refusal
 from gui.widgets.picture import lowered
 from pipelines.takes.camera_uses import CameraUses
 
-ROWS, COLUMNS = 17, 2
-"""Of a page of cameras."""
+ROWS, COLUMNS = 17, 2  # of a page of cameras
 
 
 def ask_cameras(

@@ -10,16 +10,14 @@ from gui.widgets.dialogs.base import Dialogs
 from gui.widgets.picture import ImagePanel
 
 NAME = "commands"
-WIDTH = 42
-"""Width of the list, em."""
+WIDTH = 42  # width of the list, em
 
 KEYS = "Up and Down select, Enter runs, Escape closes."
 
 ABOVE, AROUND = 2.8, 1.0
 """From the field to the top of the dialog, and from what is in the dialog to its other edges, em."""
 
-_CODES = {UP: -1, DOWN: 1, PAGE_UP: -ROWS, PAGE_DOWN: ROWS}
-"""Rows by the X key code."""
+_CODES = {UP: -1, DOWN: 1, PAGE_UP: -ROWS, PAGE_DOWN: ROWS}  # rows by the X key code
 
 _STEPS = {gui.KeyName.UP: -1, gui.KeyName.DOWN: 1, gui.KeyName.PAGE_UP: -ROWS, gui.KeyName.PAGE_DOWN: ROWS}
 

@@ -12,8 +12,7 @@ from gui.widgets.dialogs.base import Answer, Dialogs, broken
 from gui.widgets.dialogs.folder import ask_path
 from gui.widgets.picture import color, lowered
 
-FIELD, PATH = 16, 28
-"""Least width of a field in em: three numbers with signs fit; of those of a form with a path."""
+FIELD, PATH = 16, 28  # least width of a field in em: three numbers with signs fit; of those of a form with a path
 
 
 def refusal(dialogs: Dialogs, error: str) -> gui.Label:

@@ -6,8 +6,7 @@ from types import SimpleNamespace
 from gui.widgets.dialogs.base import Dialogs
 from gui.widgets.dialogs.form import Form
 
-Field = tuple[str, str, str]
-"""Key, label, text."""
+Field = tuple[str, str, str]  # key, label, text
 
 
 def ask_numbers(

@@ -22,14 +22,9 @@ from pipelines.new_take import CALIBRATE, Found, NewTake, next_use, uses_words, 
 from studio.errors import Cancelled, StudioError
 
 NAME = "new take"
-FOUND_LINES = 6
-"""Lines of the summary."""
-
-TEXT_SIZE = 0.88
-"""Of a font of `gui.drawing` that is as wide as that of the toolkit, em."""
-
-SIZE = 58, 11, 27.7
-"""Width and height of the image, and height of the rest of the dialog, em."""
+FOUND_LINES = 6  # lines of the summary
+TEXT_SIZE = 0.88  # of a font of `gui.drawing` that is as wide as that of the toolkit, em
+SIZE = 58, 11, 27.7  # width and height of the image, and height of the rest of the dialog, em
 
 HINT = "Click a camera to hold it out; again: not to use it. Drag across the frames to use some of them."
 SHOWN = ("capture.held_out", "Held out: ", "Without masks, so not used: ", "capture.fps")

@@ -17,15 +17,12 @@ from gui.widgets.picture import ImagePanel
 from studio.comparison.metrics import EVALUATED, MAIN
 
 NAME = "worst"
-MOST = 9
-"""Frames that are shown."""
-
+MOST = 9  # frames that are shown
 SIZE, TABLE = (66, 30, 8.5), 22
 """Width and height of the image, height of the rest of the dialog, and width of the table in the image; em."""
 
 COLUMNS = ("camera", "mean", "lowest", "frame")
-PLACES = (0.5, 0.76, 1.0)
-"""Where the columns of numbers end, shares of the table's width."""
+PLACES = (0.5, 0.76, 1.0)  # where the columns of numbers end, shares of the table's width
 
 Pictures = Callable[[WorstFrame, tuple[int, int]], np.ndarray | None]
 """The image of a frame as a camera sees it, in a size; None while it is being rendered."""

@@ -16,8 +16,7 @@ SETTINGS_NOTE = """settings:
 """
 
 
-ALL_FRAMES = (None, None, 1)
-"""What `frame_range` returns for ":"."""
+ALL_FRAMES = (None, None, 1)  # what `frame_range` returns for ":"
 
 
 class WrongUsage(SystemExit):

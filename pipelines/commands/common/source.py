@@ -13,8 +13,7 @@ from studio.storage.address import StoreAddress, is_address
 if TYPE_CHECKING:
     from pipelines.config import Config
 
-PRESETS = ("preview", "standard", "final")
-"""Names of `pipelines.config.presets.PRESETS`, which takes long to import."""
+PRESETS = ("preview", "standard", "final")  # names of `pipelines.config.presets.PRESETS`, which takes long to import
 
 
 def source_path(text: str) -> Path:

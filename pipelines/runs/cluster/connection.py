@@ -15,8 +15,7 @@ ADDRESS_VARIABLE = "V3STUDIO_RAY_ADDRESS"
 """Environment variable of a detached run: the cluster's address on the machine where it runs, used instead of
 `run.address`."""
 
-CONNECT_SECONDS = 5.0
-"""How long the head node may take to accept a connection."""
+CONNECT_SECONDS = 5.0  # how long the head node may take to accept a connection
 
 _EXTRA = "Install it: pip install 'ray[client]==2.60.0'."
 

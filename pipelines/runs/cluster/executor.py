@@ -26,23 +26,15 @@ from pipelines.takes.atomic_files import remove
 from pipelines.takes.groups import Group
 from studio.errors import Message, StudioError
 
-_WAIT = 0.3
-"""Seconds between two looks at the cluster, and before a cancelled run notices it."""
-
-RETRIES = 3
-"""How often a group is started again after its worker was lost."""
-
-_AHEAD = 8
-"""Tasks queued in Ray beyond those that fit, so that nodes never wait and a growing cluster sees the demand."""
+_WAIT = 0.3  # seconds between two looks at the cluster, and before a cancelled run notices it
+RETRIES = 3  # how often a group is started again after its worker was lost
+_AHEAD = 8  # tasks queued in Ray beyond those that fit, so that nodes never wait and a growing cluster sees the demand
 
 NO_NODE_SECONDS = 30.0
 """How long a task may wait without a node that is large enough before a warning: one may be starting."""
 
-BUSY_SECONDS = 60.0
-"""How long all groups may wait for nodes that others hold before a warning."""
-
-_PROGRAM_BYTES = 1 << 30
-"""Memory of a worker process without images."""
+BUSY_SECONDS = 60.0  # how long all groups may wait for nodes that others hold before a warning
+_PROGRAM_BYTES = 1 << 30  # memory of a worker process without images
 
 
 @dataclass

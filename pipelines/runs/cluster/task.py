@@ -21,8 +21,7 @@ from studio.storage import is_address
 if TYPE_CHECKING:
     from pipelines.events import Event
 
-_PROGRESS_SECONDS = 0.5
-"""Shortest interval between two progress events of a task: hundreds of tasks write them."""
+_PROGRESS_SECONDS = 0.5  # shortest interval between two progress events of a task: hundreds of tasks write them
 
 NOT_VISIBLE = "cluster.not_visible"
 """Code of the error of a node that does not see the take or the footage; another node may."""
@@ -41,14 +40,12 @@ _FOOTAGE_CODES = (
 """Codes of errors while footage is opened that was complete where the run was started: the folder is there, but what
 belongs into it is not mounted."""
 
-VISIBLE_SECONDS = 20.0
-"""How long files that another node wrote may take to appear: network file systems cache folders."""
+VISIBLE_SECONDS = 20.0  # how long files that another node wrote may take to appear: network file systems cache folders
 
 _MAY_BECOME_VISIBLE = (NOT_VISIBLE, "stage.dependency", "work.take_changed")
 """Codes of errors before the work that an older state of the take may cause."""
 
-LOOK_AGAIN = 1.0
-"""Seconds between two attempts."""
+LOOK_AGAIN = 1.0  # seconds between two attempts
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,7 @@ if TYPE_CHECKING:
     from studio.cameras import Camera
     from studio.gaussians import Gaussians
 
-_WIDTH = 640
-"""Largest width of rendered images in pixels."""
+_WIDTH = 640  # largest width of rendered images in pixels
 
 
 class RenderedError:

@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from studio.edits.edit_list import Trim
     from studio.stream import AudioEntry, GroupEntry, Manifest, StreamMetadata
 
-SHORT_SOUND = 0.05
-"""Seconds of silence at an end of the sound that a warning reports."""
+SHORT_SOUND = 0.05  # seconds of silence at an end of the sound that a warning reports
 
 
 def publish(plan: BakePlan, notes: Sequence[BakedGroupNote], live: bool, reporter: StageReporter) -> Manifest:

@@ -28,8 +28,7 @@ if TYPE_CHECKING:
     from studio.gaussians import Gaussians
     from studio.training.offsets import SplatOffsets
 
-VERSION = 1
-"""Raised whenever fine-tuning changes; older results are then trained again."""
+VERSION = 1  # raised whenever fine-tuning changes; older results are then trained again
 
 FRAMES = 5
 """Frames of a group that offsets are trained on. All 15 of the sample's first group gave the same quality, with three

@@ -10,13 +10,10 @@ import numpy as np
 from studio.camera_files.colmap_model import camera_model
 from studio.cameras import Camera
 
-LEAST_SHARED = 6
-"""Common points needed to estimate the relative pose of two cameras."""
-LEAST_KNOWN = 4
-"""Points with known positions needed to estimate a camera's pose."""
+LEAST_SHARED = 6  # common points needed to estimate the relative pose of two cameras
+LEAST_KNOWN = 4  # points with known positions needed to estimate a camera's pose
 _PAIRS = 12
-_WORST = 0.02
-"""Maximum reprojection error of an initial pose, as a fraction of the longer image side."""
+_WORST = 0.02  # maximum reprojection error of an initial pose, as a fraction of the longer image side
 
 
 @dataclass

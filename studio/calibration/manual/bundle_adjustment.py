@@ -12,8 +12,7 @@ from studio.calibration.manual.bootstrap import Observations, TieRig
 
 _FOCAL, _RADIAL = 0.5, 0.1
 """Standard deviations of the priors on k1 and on changes of log focal length; a few points do not determine either."""
-_LOSS = 2.0
-"""Width of the soft L1 loss in standard deviations."""
+_LOSS = 2.0  # width of the soft L1 loss in standard deviations
 
 
 @dataclass(frozen=True)

@@ -22,19 +22,12 @@ from studio.calibration.settings import CalibrateSettings
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
 
-_GUESSES = (1.2, 0.9, 0.7, 1.6, 2.2)
-"""Initial focal lengths of unknown lenses, as multiples of the longer image side."""
-_ROUGH = 60
-"""Maximum number of function evaluations per attempt."""
-_GOOD = 2.0
-"""Mean error, in standard deviations of the marks, that ends the search."""
-_OUTLIER = 6.0
-"""Multiple of the median error beyond which a mark is an outlier."""
-_LEAST_OUTLIER = 8.0
-"""Errors below this are never outliers; in pixels for images whose longer side is 2000 pixels."""
-
-_VAGUE = 0.2
-"""Maximum accepted position uncertainty of a camera, as a fraction of the distance to the points."""
+_GUESSES = (1.2, 0.9, 0.7, 1.6, 2.2)  # initial focal lengths of unknown lenses, as multiples of the longer image side
+_ROUGH = 60  # maximum number of function evaluations per attempt
+_GOOD = 2.0  # mean error, in standard deviations of the marks, that ends the search
+_OUTLIER = 6.0  # multiple of the median error beyond which a mark is an outlier
+_LEAST_OUTLIER = 8.0  # errors below this are never outliers; in pixels for images whose longer side is 2000 pixels
+_VAGUE = 0.2  # maximum accepted position uncertainty of a camera, as a fraction of the distance to the points
 
 
 def calibrate_from_tie_points(

@@ -9,8 +9,7 @@ from studio.calibration.target.pattern import CalibrationTarget, TargetObservati
 from studio.cameras import Camera
 from studio.errors import StudioError
 
-MOST_VIEWS = 40
-"""Maximum number of observations used for the initial estimate; bundle adjustment uses all."""
+MOST_VIEWS = 40  # maximum number of observations used for the initial estimate; bundle adjustment uses all
 LEAST_VIEWS = 3
 
 

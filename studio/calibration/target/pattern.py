@@ -16,8 +16,7 @@ from pydantic import Field, model_validator
 
 from studio.settings import Conflict, Settings
 
-LEAST_CORNERS = 6
-"""Observations with fewer corners are ignored."""
+LEAST_CORNERS = 6  # observations with fewer corners are ignored
 
 
 _MARKERS = {

@@ -12,8 +12,7 @@ from studio.calibration.target.pattern import CalibrationTarget, TargetObservati
 from studio.cameras import Camera
 from studio.errors import StudioError
 
-_WORST = 5.0
-"""Observations with a larger RMS error at their own best target pose are ignored; in pixels."""
+_WORST = 5.0  # observations with a larger RMS error at their own best target pose are ignored; in pixels
 
 
 def chain_poses(

@@ -28,8 +28,7 @@ from studio.stream.manifest import FILES, MAX_SPLATS, AnyRendition, AudioEntry, 
 from studio.stream.settings import BakeSettings, Rung
 from studio.stream.video import NOMINAL_FPS, PlaneDecoder
 
-_QPS_PER_HALF = 8
-"""About as many QPs more halve the bytes."""
+_QPS_PER_HALF = 8  # about as many QPs more halve the bytes
 
 ContributionFn = Callable[[], np.ndarray]
 """(N,) float, at least 0: what each splat of the group adds to the images that cameras see."""

@@ -3,14 +3,9 @@
 from studio.errors import Message
 from studio.stream.manifest import GroupEntry, MotionRendition
 
-MAX_SIDE = 4096
-"""Pixels; 4096x2304 is the largest image of phones in landscape, 2304x4096 in portrait."""
-
-MAX_MACROBLOCKS = 36_864
-"""MaxFS of level 5.1 (ITU-T H.264, table A-1): macroblocks of 16x16 pixels in an image."""
-
-MAX_MACROBLOCK_RATE = 983_040
-"""MaxMBPS of level 5.1: macroblocks per second."""
+MAX_SIDE = 4096  # pixels; 4096x2304 is the largest image of phones in landscape, 2304x4096 in portrait
+MAX_MACROBLOCKS = 36_864  # MaxFS of level 5.1 (ITU-T H.264, table A-1): macroblocks of 16x16 pixels in an image
+MAX_MACROBLOCK_RATE = 983_040  # MaxMBPS of level 5.1: macroblocks per second
 
 
 def beyond_hardware(group: GroupEntry, fps: float, codec: str) -> list[Message]:

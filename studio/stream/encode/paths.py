@@ -18,8 +18,7 @@ from studio.rasterizer.types import ALPHA_MIN
 STRENGTHS = (0.0, 0.05, 0.2, 0.5, 1.5, 5.0, 20.0, 100.0)
 """Values of the smoothing parameter to choose from; 0 leaves a path as it is."""
 
-NEIGHBORS = 33
-"""Splats, in the stream's order, that choose together: the likelihood of one path alone is too noisy."""
+NEIGHBORS = 33  # splats, in the stream's order, that choose together: the likelihood of one path alone is too noisy
 
 _NO_SMOOTHING = 1e-6  # stands for 0, whose likelihood has no limit
 

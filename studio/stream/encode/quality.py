@@ -16,11 +16,8 @@ QualityFn = Callable[[int, Gaussians], float]
 """`quality(index, decoded)`: mean squared error between renders of a decoded frame and of the same frame as trained,
 colors in 0 to 1; `index` is 0-based within the group."""
 
-QP_BEST = 1
-"""The search excludes lossless coding (QP 0), which hardware decoders do not support."""
-
-_FRAMES = 8
-"""Most frames of a group whose error is measured, evenly spaced from its first to its last."""
+QP_BEST = 1  # the search excludes lossless coding (QP 0), which hardware decoders do not support
+_FRAMES = 8  # most frames of a group whose error is measured, evenly spaced from its first to its last
 
 _LEAST_FALL, _MOST_FALL = 0.25, 4.0  # of `spare` per QP: two values close to each other may mislead
 

@@ -39,8 +39,7 @@ INLINE_BYTES = 12 << 10
 """Groups in the manifest itself take this many bytes at most, unless the first is larger: what a player must have
 before the first group. A manifest of 14 KB is what a server sends in the first round trip (ten segments, RFC 6928)."""
 
-PAGE_BYTES = 256 << 10
-"""The same for a page, which a player must have after seeking."""
+PAGE_BYTES = 256 << 10  # the same for a page, which a player must have after seeking
 
 
 def write_manifest(

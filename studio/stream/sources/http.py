@@ -21,14 +21,9 @@ CONNECT_SECONDS = 5.0
 STALL_SECONDS = 8.0
 """An attempt is aborted if the server sends nothing for this long, or less than `MIN_RATE` on average over it."""
 
-MIN_RATE = 16_000
-"""Bytes per second, far below the bit rate of any stream."""
-
-PATIENCE = 30.0
-"""Seconds after a file's first failed attempt during which it is retried: enough to restart a server."""
-
-FIRST_PATIENCE = 3.0
-"""Same, before the server has ever answered: a wrong URL is more likely than a slow server."""
+MIN_RATE = 16_000  # bytes per second, far below the bit rate of any stream
+PATIENCE = 30.0  # seconds after a file's first failed attempt during which it is retried: enough to restart a server
+FIRST_PATIENCE = 3.0  # same, before the server has ever answered: a wrong URL is more likely than a slow server
 
 _CHUNK = 1 << 16
 _RETRIED = (408, 425, 429, 500, 502, 503, 504)

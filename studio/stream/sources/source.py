@@ -8,8 +8,7 @@ from typing import Any, Protocol
 
 from studio.errors import StudioError, reason_of
 
-BAKE_AGAIN = "Bake the stream again, or copy it again."
-"""The fix for a file of a stream that is missing or damaged."""
+BAKE_AGAIN = "Bake the stream again, or copy it again."  # the fix for a file of a stream that is missing or damaged
 
 _WEB = ("http://", "https://")
 
