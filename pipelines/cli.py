@@ -234,8 +234,7 @@ def _add_json(command: argparse.ArgumentParser) -> None:
 class _MainParser(CommandParser):
     """Lists commands by group in its help."""
 
-    summaries: Callable[[], dict[str, str]]
-    """Returns a line about each command."""
+    summaries: Callable[[], dict[str, str]]  # returns a line about each command
 
     def format_help(self) -> str:
         """Called by argparse."""

@@ -26,35 +26,16 @@ State = Literal["waiting", "running", "done", "failed"]
 class QueuedTake(Result):
     """A take in the queue."""
 
-    number: Annotated[int, Field(ge=1)]
-    """Never given to another take of the same queue."""
-
-    take: Path
-    """Folder of the take, absolute."""
-
-    config: Path | None = None
-    """YAML file of settings, absolute; None: those in the take."""
-
-    overrides: tuple[str, ...] = ()
-    """Settings that come on top: SECTION.NAME=VALUE."""
-
-    folder: Path
-    """Working directory when it was added; relative paths in `overrides` start there."""
-
-    state: State = "waiting"
-    """failed: see `message`. A take that was interrupted waits again."""
-
-    message: str = ""
-    """Why it failed, or what it achieved."""
-
-    added: str
-    """Date and time, ISO 8601 in UTC."""
-
-    started: str = ""
-    """Of the last run; empty before the first."""
-
-    finished: str = ""
-    """Of the last run that ended."""
+    number: Annotated[int, Field(ge=1)]  # never given to another take of the same queue
+    take: Path  # folder of the take, absolute
+    config: Path | None = None  # YAML file of settings, absolute; None: those in the take
+    overrides: tuple[str, ...] = ()  # settings that come on top: SECTION.NAME=VALUE
+    folder: Path  # working directory when it was added; relative paths in `overrides` start there
+    state: State = "waiting"  # failed: see `message`. A take that was interrupted waits again
+    message: str = ""  # why it failed, or what it achieved
+    added: str  # date and time, ISO 8601 in UTC
+    started: str = ""  # of the last run; empty before the first
+    finished: str = ""  # of the last run that ended
 
     def having(self, **changes: object) -> QueuedTake:
         """The same with other values."""
@@ -64,14 +45,9 @@ class QueuedTake(Result):
 class Queue(Result):
     """All takes, in the order in which they are run."""
 
-    format: Literal[1]
-    """Version of this file."""
-
-    last_number: Annotated[int, Field(ge=0)] = 0
-    """The largest number that was ever given."""
-
-    takes: tuple[QueuedTake, ...] = ()
-    """Takes that wait, run or have ended."""
+    format: Literal[1]  # version of this file
+    last_number: Annotated[int, Field(ge=0)] = 0  # the largest number that was ever given
+    takes: tuple[QueuedTake, ...] = ()  # takes that wait, run or have ended
 
 
 def now() -> str:

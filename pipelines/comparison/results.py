@@ -29,11 +29,8 @@ class FlickerOfFrame(Result):
     """Flicker between a frame and the one before it, mean over cameras."""
 
     frame: int
-    flicker: float
-    """RMS change of the residual, in levels of 0 to 255."""
-
-    group_border: bool
-    """Whether a group begins with this frame."""
+    flicker: float  # RMS change of the residual, in levels of 0 to 255
+    group_border: bool  # whether a group begins with this frame
 
 
 class ComparedTake(Measures):
@@ -46,17 +43,13 @@ class ComparedTake(Measures):
     trained_on: tuple[str, ...] = ()
     """Measured cameras that this take was trained on; its figures are then no measure of new views."""
 
-    flicker: float | None = None
-    """Mean over frames; None without two consecutive frames."""
+    flicker: float | None = None  # mean over frames; None without two consecutive frames
 
     flicker_at_group_borders: float | None = None
     flicker_by_frame: tuple[FlickerOfFrame, ...] = ()
 
-    total_bytes: int
-    """All files that playing the best rendition takes, and the manifest."""
-
-    stream_frames: int
-    """Frames in the stream, also those that were not compared."""
+    total_bytes: int  # all files that playing the best rendition takes, and the manifest
+    stream_frames: int  # frames in the stream, also those that were not compared
 
     @property
     def bytes_per_frame(self) -> float:
@@ -70,16 +63,12 @@ class ComparisonProtocol(Result):
     name: str
     title: str
     cameras: tuple[str, ...]
-    resolution: dict[str, tuple[int, int]]
-    """Width and height in pixels by camera name."""
+    resolution: dict[str, tuple[int, int]]  # width and height in pixels by camera name
 
     background: tuple[float, float, float]
     crop: str
-    footage: str
-    """The take whose images and masks are compared with."""
-
-    exact_masks: bool
-    """Whether its masks are exact ones (evaluate.exact_masks)."""
+    footage: str  # the take whose images and masks are compared with
+    exact_masks: bool  # whether its masks are exact ones (evaluate.exact_masks)
 
     frames: tuple[int, ...]
     mean: str = "over the views of a frame, then over frames"
@@ -96,8 +85,7 @@ class Comparison(Result):
 class FrameOfTake(Result):
     """What was measured of one take in one frame."""
 
-    cameras: dict[str, Measures]
-    """By camera; without those that do not see the performer."""
+    cameras: dict[str, Measures]  # by camera; without those that do not see the performer
 
     flicker: FlickerOfFrame | None = None
 
@@ -105,12 +93,10 @@ class FrameOfTake(Result):
 class ComparedFrame(Result):
     """Contents of one frame's file."""
 
-    key: str
-    """Digest of what the comparison is made from."""
+    key: str  # digest of what the comparison is made from
 
     takes: tuple[FrameOfTake, ...]
-    images: tuple[str, ...] = ()
-    """Names of images beside the file."""
+    images: tuple[str, ...] = ()  # names of images beside the file
 
 
 class FinishedFrames:

@@ -20,24 +20,16 @@ class MetricCurves(_Message):
     trained: tuple[float | None, ...]
     decoded: tuple[float | None, ...]
 
-    by_camera: dict[str, tuple[float | None, ...]]
-    """Of the decoded stream by camera."""
-
-    words: tuple[float, float] | None
-    """`Metric.words`."""
+    by_camera: dict[str, tuple[float | None, ...]]  # of the decoded stream by camera
+    words: tuple[float, float] | None  # `Metric.words`
 
 
 class QualityCurves(_Message):
     """Figures by frame of the stream; null where a frame was not measured."""
 
-    metrics: tuple[MetricCurves, ...]
-    """Those that were measured; the first one is plotted."""
-
-    bytes: tuple[float | None, ...]
-    """Size of the group's videos divided by its number of frames."""
-
-    held_out: bool
-    """False: training cameras were measured."""
+    metrics: tuple[MetricCurves, ...]  # those that were measured; the first one is plotted
+    bytes: tuple[float | None, ...]  # size of the group's videos divided by its number of frames
+    held_out: bool  # False: training cameras were measured
 
 
 class ReviewCamera(_Message):
@@ -45,18 +37,12 @@ class ReviewCamera(_Message):
 
     name: str
 
-    width: int
-    """Of its images, pixels; so are K and height."""
+    width: int  # of its images, pixels; so are K and height
 
     height: int
-    K: tuple[tuple[float, ...], ...]
-    """(3, 3), origin at the corner of the image."""
-
-    world_to_camera: tuple[tuple[float, ...], ...]
-    """(4, 4)."""
-
-    undistorted: bool
-    """Whether lens distortion has been removed from its images."""
+    K: tuple[tuple[float, ...], ...]  # (3, 3), origin at the corner of the image
+    world_to_camera: tuple[tuple[float, ...], ...]  # (4, 4)
+    undistorted: bool  # whether lens distortion has been removed from its images
 
 
 class ReviewData(_Message):
@@ -64,17 +50,10 @@ class ReviewData(_Message):
 
     version: int = VERSION
     frame_count: int
-    quality: QualityCurves | None
-    """None: not measured yet."""
-
-    cameras: tuple[ReviewCamera, ...]
-    """The held-out ones, or the measured ones where none is held out."""
-
-    background: tuple[float, float, float]
-    """RGB, 0 to 1: what the performer of the images stands in front of."""
-
-    problems: tuple[str, ...]
-    """What is missing and why, a sentence each."""
+    quality: QualityCurves | None  # None: not measured yet
+    cameras: tuple[ReviewCamera, ...]  # the held-out ones, or the measured ones where none is held out
+    background: tuple[float, float, float]  # RGB, 0 to 1: what the performer of the images stands in front of
+    problems: tuple[str, ...]  # what is missing and why, a sentence each
 
 
 class MarkContent(_Message):
@@ -83,8 +62,7 @@ class MarkContent(_Message):
     note: str = Field(max_length=20_000)
     author: str = Field(max_length=2_000)
 
-    view: MarkView | None = None
-    """None: not known."""
+    view: MarkView | None = None  # None: not known
 
 
 class MarkChange(_Message):
@@ -92,18 +70,12 @@ class MarkChange(_Message):
 
     frame: int = Field(ge=0)
 
-    mark: MarkContent | None
-    """None removes the mark."""
-
-    replaces: MarkContent | None
-    """The frame's mark as the sender has seen it; None for none."""
+    mark: MarkContent | None  # None removes the mark
+    replaces: MarkContent | None  # the frame's mark as the sender has seen it; None for none
 
 
 class MarkList(_Message):
     """Answer to GET and POST of `.review/marks`."""
 
-    marks: tuple[Mark, ...]
-    """In the order of their frames."""
-
-    problem: str | None = None
-    """Why a change was refused, a sentence."""
+    marks: tuple[Mark, ...]  # in the order of their frames
+    problem: str | None = None  # why a change was refused, a sentence

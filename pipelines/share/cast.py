@@ -46,20 +46,14 @@ class _Part(BaseModel):
 class Item(_Part):
     """A stream, static splats or a model: exactly one of them."""
 
-    stream: str | None = None
-    """Folder of a take or a stream, a .v3s file, or a URL; paths are relative to the document."""
-
-    splats: str | None = None
-    """A .ply, .splat, .ksplat, .spz or .sog file."""
-
-    model: str | None = None
-    """A .glb file."""
+    stream: str | None = None  # folder of a take or a stream, a .v3s file, or a URL; paths are relative to the document
+    splats: str | None = None  # A .ply, .splat, .ksplat, .spz or .sog file
+    model: str | None = None  # A .glb file
 
     position: Triple = (0.0, 0.0, 0.0)
     """Of the origin, in meters; y is up, and the ground is at 0. A stream's lowest point is put on its position."""
 
-    turn: Triple = (0.0, 0.0, 0.0)
-    """Degrees about x, y and z."""
+    turn: Triple = (0.0, 0.0, 0.0)  # degrees about x, y and z
 
     scale: float = Field(default=1.0, gt=0, le=1e6)
 

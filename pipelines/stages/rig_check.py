@@ -33,8 +33,7 @@ _VERSION = 6  # of the judgment: another one judges again
 class StoredVerdict(RigVerdict):
     """initialize/verdict.json."""
 
-    key: str = ""
-    """Digest of cameras, images and masks."""
+    key: str = ""  # digest of cameras, images and masks
 
 
 class _Images(Mapping[str, np.ndarray]):

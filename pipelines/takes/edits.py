@@ -31,11 +31,8 @@ class Step(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    words: str = Field(max_length=200)
-    """What was changed: "trim to frames 3 to 20"."""
-
-    edits: EditList
-    """Before the change, of those to undo; after it, of those to redo."""
+    words: str = Field(max_length=200)  # what was changed: "trim to frames 3 to 20"
+    edits: EditList  # before the change, of those to undo; after it, of those to redo
 
 
 class EditsFile(BaseModel):

@@ -22,23 +22,12 @@ _ENTRY = "v3studio"
 class FrameMetadata(Result):
     """The metadata of a file: what its tensors are."""
 
-    key: str = ""
-    """Digest of everything that it was made from."""
-
-    group: int | None = None
-    """Number of the group, counted from 0."""
-
-    index: int | None = None
-    """Of the frame in the take, counted from 0."""
-
-    frame: int | None = None
-    """Frame number in the footage."""
-
-    step: int | None = None
-    """Training step of a checkpoint."""
-
-    digest: str = ""
-    """BLAKE2b-128 of the tensors' bytes, all that follows the file's header."""
+    key: str = ""  # digest of everything that it was made from
+    group: int | None = None  # number of the group, counted from 0
+    index: int | None = None  # of the frame in the take, counted from 0
+    frame: int | None = None  # frame number in the footage
+    step: int | None = None  # training step of a checkpoint
+    digest: str = ""  # BLAKE2b-128 of the tensors' bytes, all that follows the file's header
 
 
 def write_frame(path: Path, gaussians: Gaussians, about: FrameMetadata) -> None:

@@ -21,8 +21,7 @@ class Damage(BaseModel):
 
     model_config = ConfigDict(frozen=True)
 
-    file: str
-    """Relative to the take."""
+    file: str  # relative to the take
 
     stage: str
     """The stage that wrote it, and that has to run again; "" for what no run makes again: files of kept bakes, and
@@ -31,8 +30,7 @@ class Damage(BaseModel):
     problem: Literal["changed", "missing", "damaged"]
     """changed: another content than recorded; missing; damaged: its own checksum is wrong, or it cannot be read."""
 
-    detail: str = ""
-    """What cannot be read in it; "" if only its checksum tells."""
+    detail: str = ""  # what cannot be read in it; "" if only its checksum tells
 
 
 class Integrity(BaseModel):
@@ -40,8 +38,7 @@ class Integrity(BaseModel):
 
     model_config = ConfigDict(frozen=True)
 
-    files: int
-    """Checked."""
+    files: int  # checked
 
     bytes: int
 

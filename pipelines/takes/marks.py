@@ -25,26 +25,16 @@ _BIDI = frozenset("\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
 class MarkView(Result):
     """From where a frame was looked at when it was marked, and what was compared. World coordinates of the take."""
 
-    eye: tuple[float, float, float]
-    """Position of the viewer."""
-
-    target: tuple[float, float, float]
-    """The point looked at, not that of the viewer."""
-
-    fov: float = Field(gt=0, lt=180)
-    """Vertical field of view of that window, degrees."""
-
-    camera: str = Field(default="", max_length=200)
-    """The capture camera that was looked through; "" for a free view."""
+    eye: tuple[float, float, float]  # position of the viewer
+    target: tuple[float, float, float]  # the point looked at, not that of the viewer
+    fov: float = Field(gt=0, lt=180)  # vertical field of view of that window, degrees
+    camera: str = Field(default="", max_length=200)  # the capture camera that was looked through; "" for a free view
 
     wipe: float | None = Field(default=None, ge=0, le=1)
     """Position of the line between footage (left) and splats; None: they were not compared."""
 
-    whole: bool = False
-    """Whether the whole image of `camera` was shown, not only the performer."""
-
-    place: tuple[float, float, float] | None = None
-    """The point that the note is about; None: the whole image."""
+    whole: bool = False  # whether the whole image of `camera` was shown, not only the performer
+    place: tuple[float, float, float] | None = None  # the point that the note is about; None: the whole image
 
     @model_validator(mode="after")
     def _has_direction(self) -> MarkView:
@@ -62,11 +52,8 @@ class Mark(Result):
 
     note: str
 
-    author: str = ""
-    """Who wrote the note, as they gave their name in the browser; "" for marks of the window."""
-
-    view: MarkView | None = None
-    """None: not known."""
+    author: str = ""  # who wrote the note, as they gave their name in the browser; "" for marks of the window
+    view: MarkView | None = None  # None: not known
 
     @property
     def words(self) -> str:

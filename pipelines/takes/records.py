@@ -61,11 +61,8 @@ class FailureRecord(Result):
     """.v3studio/stages/STAGE.failed.json: why the last attempt failed."""
 
     stage: str
-    message: str
-    """The sentence for people."""
-
-    code: str = ""
-    """Of the error (`studio.errors.Message.code`)."""
+    message: str  # the sentence for people
+    code: str = ""  # of the error (`studio.errors.Message.code`)
 
     error: dict[str, JsonValue] = Field(default_factory=dict)
     """`studio.errors.Message.to_dict`: file, value, fix and other fields."""

@@ -12,11 +12,8 @@ from studio.calibration.report import CalibrationReport
 class InitialPointsReport(Result):
     """initialize/group_NNN/report.json."""
 
-    key: str = ""
-    """Digest of everything that the points were made from."""
-
-    keyframe: int
-    """Frame number in the footage."""
+    key: str = ""  # digest of everything that the points were made from
+    keyframe: int  # frame number in the footage
 
     points: int
     vertices: int
@@ -27,8 +24,7 @@ class InitialPointsReport(Result):
 
     warnings: tuple[Any, ...] = ()
 
-    files: dict[str, str] = Field(default_factory=dict)
-    """Digests of the files in the folder, by name."""
+    files: dict[str, str] = Field(default_factory=dict)  # digests of the files in the folder, by name
 
 
 class TrainedGroup(Result):
@@ -36,11 +32,8 @@ class TrainedGroup(Result):
 
     group: int
 
-    first: int
-    """Index in the take of the first frame, counted from 0."""
-
-    frames: tuple[int, ...]
-    """Frame numbers in the footage."""
+    first: int  # index in the take of the first frame, counted from 0
+    frames: tuple[int, ...]  # frame numbers in the footage
 
     splats: int
     sh_degree: int
@@ -48,21 +41,15 @@ class TrainedGroup(Result):
     outlines_off: float | None = None
     """Percent of the masks' outlines that the keyframe's splats disagree with; None: not measured."""
 
-    seconds: tuple[float, ...] = ()
-    """Training time of each frame; 0 where unknown."""
-
-    joint_seconds: float = 0.0
-    """Time of joint training, which all frames share."""
+    seconds: tuple[float, ...] = ()  # training time of each frame; 0 where unknown
+    joint_seconds: float = 0.0  # time of joint training, which all frames share
 
 
 class CameraColors(Result):
     """train/camera_colors.json: color differences between the cameras of a take."""
 
-    key: str
-    """Digest of everything that the matrices were fitted from."""
-
-    frame: int
-    """Frame number in the footage to which they were fitted."""
+    key: str  # digest of everything that the matrices were fitted from
+    frame: int  # frame number in the footage to which they were fitted
 
     cameras: dict[str, tuple[tuple[float, float, float, float], ...]]
     """By training camera: 3x4 matrix from the splats' colors (RGB 0 to 1, and 1) to those of the camera. The mean of
@@ -77,45 +64,26 @@ class CameraColors(Result):
 class CameraChange(Result):
     """What refinement changed about a camera."""
 
-    degrees: float
-    """Angle between the orientations."""
-
-    distance: float
-    """Between the centers, in units of the calibration."""
-
-    focal: float
-    """Change of the horizontal focal length, pixels of the training images."""
-
-    principal_point: float
-    """Distance between the principal points, pixels of the training images."""
-
-    radial: float
-    """Change of the first radial term (OpenCV's k1)."""
+    degrees: float  # angle between the orientations
+    distance: float  # between the centers, in units of the calibration
+    focal: float  # change of the horizontal focal length, pixels of the training images
+    principal_point: float  # distance between the principal points, pixels of the training images
+    radial: float  # change of the first radial term (OpenCV's k1)
 
 
 class CameraRefinement(Result):
     """train/refinement.json: cameras refined together with the splats of a keyframe."""
 
-    key: str
-    """Digest of everything that they were refined from."""
-
-    frame: int
-    """Frame number in the footage."""
-
-    used: bool
-    """Whether the refined cameras are used: they fit better than the calibrated ones."""
-
-    before: float
-    """Mean PSNR in dB of pixels of the training views that were held back, with the calibrated cameras."""
-
-    after: float
-    """The same after equally many steps with refined cameras."""
+    key: str  # digest of everything that they were refined from
+    frame: int  # frame number in the footage
+    used: bool  # whether the refined cameras are used: they fit better than the calibrated ones
+    before: float  # mean PSNR in dB of pixels of the training views that were held back, with the calibrated cameras
+    after: float  # the same after equally many steps with refined cameras
 
     held_out_calibrated: float | None = None
     """PSNR of the held-out views in dB with the calibrated cameras, all of them; None without held-out views."""
 
-    held_out_before: float | None = None
-    """The same with the held-out cameras aligned to the splats."""
+    held_out_before: float | None = None  # the same with the held-out cameras aligned to the splats
 
     held_out_after: float | None = None
     """The same with refined training cameras, and the held-out cameras aligned to the splats."""
@@ -138,17 +106,10 @@ class BakedGroupNote(Result):
 
     key: str
 
-    files: dict[str, int]
-    """Sizes in bytes by path in the stream."""
-
-    digests: dict[str, str]
-    """By file name."""
-
-    entry: dict[str, JsonValue]
-    """The group's entry in manifest.json."""
-
-    smoothed: bool = True
-    """False: its level is out of reach with smooth paths, so they are left as they are."""
+    files: dict[str, int]  # sizes in bytes by path in the stream
+    digests: dict[str, str]  # by file name
+    entry: dict[str, JsonValue]  # the group's entry in manifest.json
+    smoothed: bool = True  # False: its level is out of reach with smooth paths, so they are left as they are
 
     seen: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None
     """Least and greatest corner of the box of what one sees, world units; None: not known, or nothing can be seen."""
@@ -157,8 +118,7 @@ class BakedGroupNote(Result):
 class FoundMotion(Result):
     """initialize/motion.json: how far the performer moves, which decides where groups begin."""
 
-    key: str = ""
-    """Digest of everything that the motion was found from."""
+    key: str = ""  # digest of everything that the motion was found from
 
     frames: tuple[int, ...] = ()
     motion: tuple[float, ...] = ()
@@ -171,10 +131,8 @@ class CamerasFromFile(Result):
     """The report if the cameras are from a calibration file."""
 
     source: Literal["file"] = "file"
-    file: str
-    """The calibration file."""
-    notes: tuple[str, ...] = ()
-    """What its reader assumed or left out, one sentence each."""
+    file: str  # the calibration file
+    notes: tuple[str, ...] = ()  # what its reader assumed or left out, one sentence each
 
 
 CamerasReport: TypeAlias = CalibrationReport | CamerasFromFile

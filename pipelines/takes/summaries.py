@@ -16,15 +16,13 @@ class CalibrateSummary(Result):
 
     cameras: int
 
-    source: str
-    """file, board, tie points or footage."""
+    source: str  # file, board, tie points or footage
 
     grade: str | None = None
     """good, usable or wrong, by matches between the images that the cameras were not made from; not set if `initialize`
     checks them first."""
 
-    mean_error_px: float | None = None
-    """Mean reprojection error in pixels."""
+    mean_error_px: float | None = None  # mean reprojection error in pixels
 
     match_inlier_ratio: float | None = None
     """Fraction of the matches between cameras that agree with the result, 0 to 1."""
@@ -47,8 +45,7 @@ class InitializeSummary(Result):
     groups: int
     points_per_group: int
 
-    faces: tuple[int, ...]
-    """Triangles of each group's mesh."""
+    faces: tuple[int, ...]  # triangles of each group's mesh
 
     @property
     def words(self) -> list[str]:
@@ -63,11 +60,8 @@ class TrainSummary(Result):
     groups: int
     frames: int
 
-    splats: tuple[int, ...]
-    """Gaussians of each group."""
-
-    outlines_off: tuple[float | None, ...]
-    """Of each group, see `TrainedGroup`; rounded."""
+    splats: tuple[int, ...]  # Gaussians of each group
+    outlines_off: tuple[float | None, ...]  # of each group, see `TrainedGroup`; rounded
 
     @property
     def words(self) -> list[str]:
@@ -86,20 +80,14 @@ class BakeSummary(Result):
     groups: int
     frames: int
 
-    renditions: int = 1
-    """Of which a player fetches one at a time."""
-
-    bytes: int
-    """Size of the whole stream: all renditions, sound and manifest."""
+    renditions: int = 1  # of which a player fetches one at a time
+    bytes: int  # size of the whole stream: all renditions, sound and manifest
 
     bytes_per_frame: int
     """Bytes that playing the best rendition takes, with sound and manifest, divided by the number of frames."""
 
-    qps: tuple[int, ...]
-    """Of each group's best rendition."""
-
-    psnr_to_trained: float | None = None
-    """Of the group with the lowest, dB; None if it was not measured."""
+    qps: tuple[int, ...]  # of each group's best rendition
+    psnr_to_trained: float | None = None  # of the group with the lowest, dB; None if it was not measured
 
     unsmoothed: tuple[int, ...] = ()
     """Groups whose level is out of reach with smooth paths, so that they are left as they are."""

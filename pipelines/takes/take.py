@@ -31,12 +31,10 @@ TAKE_FORMAT = 2  # version of this layout
 class TakeFile(Result):
     """take.json."""
 
-    format: Any
-    """`TAKE_FORMAT` of the version that wrote it."""
+    format: Any  # `TAKE_FORMAT` of the version that wrote it
 
     created_by: str = "an unknown program"
-    created: str = ""
-    """UTC, ISO 8601."""
+    created: str = ""  # UTC, ISO 8601
 
 
 class _At:

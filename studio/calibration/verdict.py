@@ -39,10 +39,8 @@ class _Model(BaseModel):
 class CameraVerdict(_Model):
     """Evidence on one camera."""
 
-    matches: int = 0
-    """Verified matches of its image with others."""
-    fits: float | None = None
-    """Fraction of them that fit the epipolar geometry of the rig; None for too few matches."""
+    matches: int = 0  # verified matches of its image with others
+    fits: float | None = None  # fraction of them that fit the epipolar geometry of the rig; None for too few matches
     mask_error: float | None = None
     """Disagreement of its mask with the volume of the others, 0..2 (see `MaskAgreement`); None if not known."""
 
@@ -51,15 +49,11 @@ class RigVerdict(_Model):
     """Verdict on a rig."""
 
     grade: Grade
-    reason: str
-    """One or two sentences."""
+    reason: str  # one or two sentences
     fix: str = ""
-    doubtful: tuple[str, ...] = ()
-    """Cameras that disagree with the others."""
-    blamed: Literal["", "cameras", "masks", "cameras or masks"] = ""
-    """What is wrong, if something is."""
-    fits: float | None = None
-    """Fraction of all matches that fit; None for too few matches."""
+    doubtful: tuple[str, ...] = ()  # cameras that disagree with the others
+    blamed: Literal["", "cameras", "masks", "cameras or masks"] = ""  # what is wrong, if something is
+    fits: float | None = None  # fraction of all matches that fit; None for too few matches
     cameras: dict[str, CameraVerdict] = {}
 
 

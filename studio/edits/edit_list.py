@@ -39,11 +39,8 @@ class Edit(BaseModel):
 class Trim(Edit):
     """The frames that are baked and exported."""
 
-    first: int = Field(ge=0, le=10_000_000)
-    """In point: number of the first frame in the footage."""
-
-    last: int = Field(ge=0, le=10_000_000)
-    """Out point: that of the last frame."""
+    first: int = Field(ge=0, le=10_000_000)  # in point: number of the first frame in the footage
+    last: int = Field(ge=0, le=10_000_000)  # out point: that of the last frame
 
     @model_validator(mode="after")
     def _in_order(self) -> Trim:
@@ -59,11 +56,8 @@ class Trim(Edit):
 class CropBox(Edit):
     """A box; splats outside are removed."""
 
-    center: Vector
-    """Its middle."""
-
-    size: tuple[_Length, _Length, _Length]
-    """Lengths of its edges."""
+    center: Vector  # its middle
+    size: tuple[_Length, _Length, _Length]  # lengths of its edges
 
     rotation: tuple[_Number, _Number, _Number, _Number] = (1.0, 0.0, 0.0, 0.0)
     """Quaternion wxyz that turns the world's axes to its edges."""
@@ -99,11 +93,8 @@ class CropBox(Edit):
 class Ground(Edit):
     """A plane; splats below it are removed."""
 
-    normal: Vector
-    """Direction that points up from it, any length above 0."""
-
-    height: _Number
-    """Where it is: the distance from the origin along `normal`."""
+    normal: Vector  # direction that points up from it, any length above 0
+    height: _Number  # where it is: the distance from the origin along `normal`
 
     @model_validator(mode="after")
     def _has_direction(self) -> Ground:
@@ -149,14 +140,9 @@ class Floaters(Edit):
 class RegionView(Edit):
     """The camera through which a region was drawn: pinhole, OpenCV convention, as `studio.cameras.Camera`."""
 
-    width: int = Field(ge=1, le=100_000)
-    """Of the image, pixels."""
-
-    height: int = Field(ge=1, le=100_000)
-    """Of the image, pixels."""
-
-    K: tuple[Vector, Vector, Vector]
-    """Intrinsics, pixels."""
+    width: int = Field(ge=1, le=100_000)  # of the image, pixels
+    height: int = Field(ge=1, le=100_000)  # of the image, pixels
+    K: tuple[Vector, Vector, Vector]  # intrinsics, pixels
 
     world_to_camera: tuple[tuple[_Number, _Number, _Number, _Number], ...] = Field(min_length=4, max_length=4)
     """(4, 4) rigid transform."""
@@ -187,20 +173,14 @@ class Region(Edit):
     A region, unlike a list of splats, keeps its meaning in other groups and after training again.
     """
 
-    view: RegionView
-    """From where it was drawn."""
+    view: RegionView  # from where it was drawn
 
     outline: tuple[tuple[_Number, _Number], ...] = Field(min_length=1, max_length=MOST_POINTS)
     """Pixels of the view, origin at the corner: the corners of a lasso, or the path of a brush."""
 
-    radius: _Length | None = None
-    """Of the brush, pixels; None: a lasso."""
-
-    near: float = Field(default=0.0, ge=0, le=1e9)
-    """Least depth along the viewing axis, world units."""
-
-    far: float | None = Field(default=None, gt=0, le=1e9)
-    """Greatest depth; None: no limit."""
+    radius: _Length | None = None  # of the brush, pixels; None: a lasso
+    near: float = Field(default=0.0, ge=0, le=1e9)  # least depth along the viewing axis, world units
+    far: float | None = Field(default=None, gt=0, le=1e9)  # greatest depth; None: no limit
 
     drawn: int | None = Field(default=None, ge=0, le=10_000_000)
     """The frame on which it was drawn, by its number in the footage: of its group, the splats are removed that are
@@ -227,8 +207,7 @@ class DetailMark(Edit):
     It is a ball that moves with the performer.
     """
 
-    radius: _Length
-    """Of the ball."""
+    radius: _Length  # of the ball
 
     weight: float = Field(default=DETAIL_WEIGHT, ge=1, le=100)
     """How much more its pixels count in the loss, and its splats where splats are added and pruned."""
@@ -255,14 +234,9 @@ class DetailMark(Edit):
 class World(Edit):
     """How the world of streams and exports is placed in that of the capture."""
 
-    up: Vector | None = None
-    """Direction that becomes +y, in the capture's world; None: nothing is turned."""
-
-    origin: Vector = (0.0, 0.0, 0.0)
-    """Point of the capture's world that becomes the origin."""
-
-    scale: float = Field(default=1.0, ge=1e-6, le=1e6)
-    """Units of the new world in one of the capture's."""
+    up: Vector | None = None  # direction that becomes +y, in the capture's world; None: nothing is turned
+    origin: Vector = (0.0, 0.0, 0.0)  # point of the capture's world that becomes the origin
+    scale: float = Field(default=1.0, ge=1e-6, le=1e6)  # units of the new world in one of the capture's
 
     @model_validator(mode="after")
     def _has_direction(self) -> World:
