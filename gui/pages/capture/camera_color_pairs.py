@@ -15,6 +15,7 @@ from gui.pages.stage_view import Size, rectangle, sentence
 from pipelines.takes.atomic_files import read_model
 from pipelines.takes.stage_files import CameraColors
 from studio.cameras import CapturedView
+from studio.counts import counted
 from studio.errors import StudioError
 
 OFF = (
@@ -97,7 +98,7 @@ class CameraColorPairs:
         names = list(colors.cameras)
         words = (
             "Left: as filmed. Right: in the colors of the mean camera, as in the stream. Below: how far off a middle "
-            "gray is, of 255 levels."
+            "gray is, out of 255 levels."
         )
         top = 0.3 * em + canvas.lines(em, 0.5 * em, wrapped(words, small, size[0] - 2 * em), small, DIM)
         there = [one for one in pairs.pictures.values() if not isinstance(one, str)]
@@ -116,7 +117,7 @@ class CameraColorPairs:
             else:
                 for side, picture in enumerate(found):
                     canvas.fit_image(x + 3 + side * (width / 2 - 2), y + 3, width / 2 - 4, high, picture)
-            caption = f"{name}: {colors.off_on_gray(name):.0f} levels"
+            caption = f"{name}: {counted(round(colors.off_on_gray(name)), 'level')}"
             canvas.text(x + width / 2, y + row - small - 7, caption, small, TEXT, align="middle", width=width)
         return canvas.pixels
 
