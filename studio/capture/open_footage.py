@@ -131,7 +131,7 @@ def _held_out_note(held_out: Sequence[str], names: Sequence[str]) -> str:
     if len(names) < 2:
         return ""
     return (
-        "No camera is held out, so quality is measured on cameras of training. To measure new views: "
+        "No camera is held out, so quality is measured on training cameras. To measure new views: "
         f"capture.held_out: {inline_yaml(list(suggested_held_out(names)))}."
     )
 

@@ -17,6 +17,7 @@ from gui.models.take.workspace import Workspace
 from pipelines.reports.terminal import duration
 from pipelines.takes.summaries import summary_words
 from studio.comparison.metrics import EVALUATED
+from studio.edits import EditList
 from studio.errors import StudioError
 
 Row = tuple[str, str]
@@ -56,7 +57,7 @@ def review_blocks(player: PlayerPresenter, evaluation: Evaluation, marks: Marks,
     row = evaluation.frames.get(frame)
     if row is not None:
         rows.append(("size", f"{row.bytes / 1000:.1f} KB"))
-    note = evaluation.error or ("" if rows else why_no_figures(player))
+    note = evaluation.error or note_on_figures(player, bool(rows), evaluation.stale)
     if rows or note:
         blocks.append(Block(f"Quality, {whose}" if whose else "Quality", rows, note))
     if transport.span is not None:
@@ -66,16 +67,18 @@ def review_blocks(player: PlayerPresenter, evaluation: Evaluation, marks: Marks,
     return blocks
 
 
-def why_no_figures(player: PlayerPresenter) -> str:
-    """Why there are no figures of the current frame; "" without a take whose settings can be read."""
+def note_on_figures(player: PlayerPresenter, there: bool, stale: bool) -> str:
+    """Why there are no figures of the current frame, or what lowers them; "" without settings that can be read."""
     if player.context is None:
         return ""
     try:
-        trim = player.context.edits.trim
+        edits = player.context.edits
     except StudioError:  # reported where the edits are shown
-        trim = None
-    number = player.transport.number(player.frame)
-    return "Trimmed off." if trim is not None and not trim.holds(number) else "Not evaluated yet."
+        edits = EditList()
+    if there:
+        return "PSNR is lower where the footage shows what was removed." if edits.regions and not stale else ""
+    trimmed = edits.trim is not None and not edits.trim.holds(player.transport.number(player.frame))
+    return "Trimmed off." if trimmed else "Not evaluated yet."
 
 
 def span_block(player: PlayerPresenter, evaluation: Evaluation, camera: str, first: int, last: int) -> Block:

@@ -11,7 +11,7 @@ from gui.models.folders import FolderList
 from gui.widgets.dialogs.base import Dialogs, filled, in_lines
 from gui.widgets.picture import color
 
-ROWS = 14
+ROWS = 12
 
 
 def ask_path(

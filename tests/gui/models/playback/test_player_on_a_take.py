@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from gui.models.take.inspector import review_blocks
 from pipelines.reports.images import render
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.marks import Mark, change_mark
+from studio.edits import EditList
 from studio.errors import StudioError
 from tests.support.errors import refuses
 from tests.support.players import settle
@@ -100,6 +102,10 @@ def test_figures_are_those_of_evaluation_json(player: PlayerPresenter, finished_
     assert quality["size"] == f"{row['bytes'] / 1000:.1f} KB"
     assert shown["Frame"]["splats"] == f"{row['splats']:,}"
     assert evaluation.series("psnr_decoded", 7) == [*(one["psnr_decoded"] for one in written["frames"]), None, None]
+    vars(player.context.footage)["edits"] = EditList().model_copy(update={"regions": (None,)})
+    notes = [review_blocks(player, replace(evaluation, stale=stale), Marks(None))[1].note for stale in (False, True)]
+    assert notes[0].startswith("PSNR is lower")
+    assert notes[1] == "", "the earlier bake had it"
     figures, whose = evaluation.figures(3, "cam4")
     assert (whose, figures["psnr_decoded"]) == ("camera cam4", row["cameras"]["cam4"]["psnr_decoded"])
     assert evaluation.figures(99) == ({}, "")
