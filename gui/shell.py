@@ -54,10 +54,8 @@ PLAIN, SPARE, MOST_TALLER = 50.0, 0.12, 6.0
 class Shell:
     """What the window shows, and its panels; `gui.window.MainWindow` makes those that need actions, and runs all.
 
-    Attributes:
-        pictures: number of images shown so far.
-        numbers: the frames that the image, the figures and the timeline show.
-        wants_close: asks the tick loop to close the window; Open3D crashes if it is closed within a tick.
+    `pictures` counts the images shown so far; `numbers` are of the frames that the image, the figures and the timeline
+    show. `wants_close` asks the tick loop to close the window; Open3D crashes if it is closed within a tick.
     """
 
     layout: Layout

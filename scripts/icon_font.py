@@ -30,11 +30,7 @@ SIDE = round(UNITS * ICON_SIZE)  # size of the icons' square
 
 
 def main(folder: Path) -> None:
-    """Write the font.
-
-    Args:
-        folder: of lucide-static, with lucide.ttf and codepoints.json.
-    """
+    """Write the font from the folder of lucide-static, with lucide.ttf and codepoints.json."""
     known = json.loads((folder / "codepoints.json").read_text(encoding="utf-8"))
     missing = CODES.keys() - known.keys()
     if missing:

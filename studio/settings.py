@@ -74,14 +74,9 @@ class Unbounded:
 
 
 class Conflict(ValueError):
-    """Raised by validators of settings; becomes a StudioError.
-
-    Attributes:
-        problem: what is wrong, as a clause.
-        fix: what to do, as a sentence; "" if that is obvious.
-        names: fields that contradict each other, without their section; empty in validators of a single field.
-        secret: whether the value must not be shown or logged.
-    """
+    """Raised by validators of settings; becomes a StudioError. `problem` is a clause; `fix` a sentence, "" if that is
+    obvious; `names` are fields that contradict each other, without their section; none in validators of a single field.
+    `secret`: the value must not be shown or logged."""
 
     def __init__(self, problem: str, fix: str = "", *names: str, secret: bool = False) -> None:
         super().__init__(f"{problem}. {fix}" if fix else problem)
@@ -89,13 +84,9 @@ class Conflict(ValueError):
 
 
 class Settings(BaseModel):
-    """Base class of all settings: frozen, with validated defaults; rejects unknown names, NaN and infinity.
-
-    Raises:
-        StudioError: on construction: an unknown name (`settings.unknown`), a value outside its bounds, or values that
-            contradict each other (`settings.invalid`). Its fields `setting` and `settings` name them. On assignment to
-            a field (`settings.immutable`).
-    """
+    """Base class of all settings: frozen, with validated defaults; rejects unknown names, NaN and infinity. StudioError
+    on construction: an unknown name (`settings.unknown`), a value outside its bounds, or values that contradict each
+    other (`settings.invalid`); its fields `setting` and `settings` name them. On assignment: `settings.immutable`."""
 
     model_config = ConfigDict(
         extra="forbid", frozen=True, use_attribute_docstrings=True, validate_default=True, allow_inf_nan=False,

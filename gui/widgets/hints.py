@@ -17,13 +17,8 @@ Box = tuple[int, int, int, int]  # left, top, width, height; pixels
 
 
 class Hints:
-    """See the module. Where the pointer cannot be followed, these are tooltips of the toolkit.
-
-    An image, because the toolkit makes no label with a background less than 32 pixels high.
-
-    Args:
-        follows: whether `update` receives the pointer's position.
-    """
+    """See the module. Where the pointer cannot be followed (`follows`), these are tooltips of the toolkit. An image,
+    because the toolkit makes no label with a background less than 32 pixels high."""
 
     def __init__(self, follows: bool, em: float, now: Callable[[], float] = time.monotonic) -> None:
         self._follows, self._em, self._now = follows, em, now

@@ -40,10 +40,8 @@ def known_cameras(section: CalibrateSettings, footage: Footage) -> Rig | None:
             fix = "Set calibrate.known_cameras to the earlier calibration."
             raise StudioError("settings.missing", problem, fix=fix, setting="calibrate.known_cameras")
         return None
-    known = replace(
-        read_rig(named_file(section, "known_cameras", footage.spec.root)), left_out=()
-    )  # each camera must be known
-    found = match_rig(known, footage.camera_names)
+    known = read_rig(named_file(section, "known_cameras", footage.spec.root))
+    found = match_rig(replace(known, left_out=()), footage.camera_names)  # each camera must be known
     return Rig(tuple(at_footage_size(camera, footage) for camera in found.values()))
 
 
@@ -63,7 +61,6 @@ def check_sizes(rig: Rig, footage: Footage, path: Path) -> None:
 
     With the same aspect ratio they always can. The cameras themselves are not changed.
     """
-
     with naming(path):
         for camera in rig:
             at_footage_size(camera, footage)

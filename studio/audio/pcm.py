@@ -7,13 +7,7 @@ import numpy as np
 
 
 class Pcm(Protocol):
-    """Sound by sample number; sample 0 sounds when frame 0 appears.
-
-    Attributes:
-        sample_rate: samples per second and channel.
-        channels: 1 or 2.
-        samples: number of samples per channel.
-    """
+    """Sound by sample number, of 1 or 2 channels; sample 0 sounds when frame 0 appears. `samples` are per channel."""
 
     @property
     def sample_rate(self) -> int: ...

@@ -17,13 +17,8 @@ _COPY_AGAIN = "Copy it again, or convert it to WAV."
 
 
 class SoundFile:
-    """A file with sound. Time 0 is its first video frame, or, without video, its beginning.
-
-    Attributes:
-        channels: of what `blocks` returns: 1 for mono, otherwise 2.
-        duration: seconds from time 0 to the end of the sound; None if the file does not say.
-        description: rate, channels and duration in words.
-    """
+    """A file with sound. Time 0 is its first video frame, or, without video, its beginning; `duration` is from there,
+    in seconds, None if the file does not say. `channels` of what `blocks` returns: 1 for mono, otherwise 2."""
 
     def __init__(self, path: Path) -> None:
         import av

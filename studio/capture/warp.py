@@ -23,10 +23,7 @@ class Fit:
 def black_bars(image: np.ndarray) -> tuple[int, int, int, int]:
     """Widths of the black bars at the borders: (left, top, right, bottom) in pixels. `image`: (H, W, 3) uint8."""
     bright = image.max(axis=2)
-    rows, columns = (
-        bright.mean(axis=1) <= 20.0,
-        bright.mean(axis=0) <= 20.0,
-    )  # compression artifacts brighten bars slightly
+    rows, columns = bright.mean(axis=1) <= 20.0, bright.mean(axis=0) <= 20.0  # compression brightens bars slightly
 
     def run(flags: np.ndarray) -> int:
         return int(np.argmin(flags)) if not flags.all() else 0
@@ -41,10 +38,7 @@ def fit_size(camera: Camera, width: int, height: int, rule: str, image: np.ndarr
     across, down = width / camera.width, height / camera.height
     if abs(across * camera.height - height) <= 1.0 or abs(down * camera.width - width) <= 1.0 or rule == "stretch":
         return Fit(0.0, 0.0, width, height)
-    if rule == "crop":
-        factor = max(across, down)
-    else:
-        factor = min(across, down)
+    factor = max(across, down) if rule == "crop" else min(across, down)
     inner = (camera.width * factor, camera.height * factor)
     fit = Fit((width - inner[0]) / 2, (height - inner[1]) / 2, inner[0], inner[1])
     if rule in ("crop", "letterbox"):

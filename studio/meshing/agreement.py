@@ -29,15 +29,10 @@ PIXELS = 120_000  # pixels per mask that are enough here
 
 @dataclass(frozen=True)
 class MaskAgreement:
-    """One camera's mask against the common volume of the other cameras.
-
-    Attributes:
-        missing: fraction of the mask that the volume does not reach, 0..1: none of a performer that all cameras see.
-        extra: fraction of the volume's silhouette that is outside of the mask, 0..1. A volume of few cameras is larger
-            than the performer, so correct rigs have some.
-        box: left, top, right and bottom of the largest area that contradicts, in pixels of the view; None: no area
-            does.
-    """
+    """One camera's mask against the common volume of the other cameras. `missing`: fraction of the mask that the volume
+    does not reach, 0..1: none of a performer that all cameras see. `extra`: fraction of the volume's silhouette that is
+    outside of the mask, 0..1. A volume of few cameras is larger than the performer, so correct rigs have some. `box`:
+    left, top, right and bottom of the largest area that contradicts, in pixels of the view; None: there is none."""
 
     missing: float
     extra: float

@@ -35,11 +35,8 @@ LONGEST_SHARP = 1.0  # seconds that an image at full resolution may take to draw
 
 
 class PlayerPresenter(Viewpoint):
-    """The open take or stream, the transport, the view, the comparison, and the newest image.
-
-    Args:
-        read_mesh: reads a mesh file; an argument, so that this package does not import Open3D.
-    """
+    """The open take or stream, the transport, the view, the comparison, and the newest image. `read_mesh` reads a mesh
+    file; an argument, so that this package does not import Open3D."""
 
     def __init__(
         self,
