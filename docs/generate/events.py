@@ -43,8 +43,8 @@ def events_page() -> str:
     common = {field.name for field in fields(events.Event)}
     lines = [INTRODUCTION]
     for cls in typing.get_args(events.AnyEvent):  # in the order in which they are declared
-        said = {name: text for base in reversed(cls.__mro__) for name, text in _attributes(base)}
-        lines += [f"## {cls.kind} {{ #{cls.kind} }}", "", escaped(_parts(cls)[0].strip()), ""]
+        said = {name: text for base in reversed(cls.__mro__[:-1]) for name, text in _comments(base)}
+        lines += [f"## {cls.kind} {{ #{cls.kind} }}", "", escaped(inspect.cleandoc(cls.__doc__ or "")), ""]
         rows = [
             (code(field.name), " or ".join(_json(str(field.type))), escaped(said.get(field.name, "")))
             for field in fields(cls)
@@ -54,15 +54,12 @@ def events_page() -> str:
     return "\n".join(lines)
 
 
-def _parts(cls: type) -> tuple[str, str, str]:
-    """What a docstring says of the class; between them, the heading; and of its attributes."""
-    return inspect.cleandoc(cls.__doc__ or "").partition("Attributes:")
-
-
-def _attributes(cls: type) -> Iterator[tuple[str, str]]:
-    for names, text in re.findall(r"^ *(\w+(?:, \w+)*): (.*(?:\n {6,}.*)*)", _parts(cls)[2], flags=re.MULTILINE):
-        for name in names.split(", "):
-            yield name, re.sub(r"\bNone\b", "null", " ".join(text.split()).removesuffix("."))
+def _comments(cls: type) -> Iterator[tuple[str, str]]:
+    """The fields of a class with the comments beside or above them."""
+    source = inspect.getsource(cls)
+    for above, name, beside in re.findall(r"((?:^    # .*\n)*)^    (\w+): [^#\n]*(?:# (.*))?$", source, re.MULTILINE):
+        text = beside or " ".join(re.findall("# (.*)", above))
+        yield name, re.sub(r"\bNone\b", "null", text)
 
 
 def _json(kind: str) -> list[str]:

@@ -20,16 +20,11 @@ from studio.json_types import JsonData, JsonObject
 
 @dataclass(frozen=True, kw_only=True)
 class Event:
-    """Base of all events.
-
-    Attributes:
-        stage: the stage concerned; "" for the whole run.
-        time: seconds since 1970.
-    """
+    """Base of all events."""
 
     kind: ClassVar[str] = "event"
-    stage: str = ""
-    time: float = field(default_factory=time.time)
+    stage: str = ""  # the stage concerned; "" for the whole run
+    time: float = field(default_factory=time.time)  # seconds since 1970
 
     def to_json(self) -> str:
         """One line without a newline, encodable as UTF-8. NaN and infinity, which JSON does not have, become null."""
@@ -40,22 +35,14 @@ class Event:
 
 @dataclass(frozen=True, kw_only=True)
 class Notice(Event):
-    """Base of events that carry a `studio.errors.Message`; `of` makes them.
+    """Base of events that carry a `studio.errors.Message`; `of` makes them."""
 
-    Attributes:
-        message: the full sentence, for display.
-        code: for programs, such as "footage.no_frames"; "" if there is no error.
-        file: the file or folder concerned; None without one.
-        value: the value found; None without one.
-        fix: how to fix it, as a sentence; "" if that is not known.
-        fields: more, depending on the code: camera, frame, setting, expected and others.
-    """
-
-    message: str = ""
-    code: str = ""
-    file: str | None = None
-    value: JsonData = None
-    fix: str = ""
+    message: str = ""  # the full sentence, for display
+    code: str = ""  # for programs, such as "footage.no_frames"; "" if there is no error
+    file: str | None = None  # the file or folder concerned; None without one
+    value: JsonData = None  # the value found; None without one
+    fix: str = ""  # how to fix it, as a sentence; "" if that is not known
+    # more, depending on the code: camera, frame, setting, expected and others
     fields: Mapping[str, JsonData] = field(default_factory=dict)
 
     @classmethod
@@ -69,156 +56,97 @@ class Notice(Event):
 
 @dataclass(frozen=True, kw_only=True)
 class RunStarted(Event):
-    """First event of a run.
-
-    Attributes:
-        take: the take's folder.
-        stages: names of the stages that will run, in order.
-        done: names of the stages that are up to date.
-        pid: process id of the run.
-        version: version of V3 Studio.
-    """
+    """First event of a run."""
 
     kind: ClassVar[str] = "run_started"
-    take: str
-    stages: tuple[str, ...]
-    done: tuple[str, ...]
-    pid: int
-    version: str
+    take: str  # the take's folder
+    stages: tuple[str, ...]  # names of the stages that will run, in order
+    done: tuple[str, ...]  # names of the stages that are up to date
+    pid: int  # process id of the run
+    version: str  # version of V3 Studio
 
 
 @dataclass(frozen=True, kw_only=True)
 class StageStarted(Event):
-    """A stage begins.
-
-    Attributes:
-        reason: why it runs ("not run yet", "bake.quality changed from 22 to 30").
-    """
+    """A stage begins."""
 
     kind: ClassVar[str] = "stage_started"
-    reason: str
+    reason: str  # why it runs ("not run yet", "bake.quality changed from 22 to 30")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Progress(Event):
-    """Progress of the stage and of the run.
-
-    Attributes:
-        fraction: of the stage, 0 to 1.
-        total_fraction: of all stages of this run, 0 to 1 (an estimate).
-        seconds_left: of the stage; None while unknown, always in its first ten seconds.
-        total_seconds_left: of the run; likewise.
-        label: the step in progress ("group 1, frame 7: motion").
-        figures: depending on the stage: loss, psnr, splats, iteration, group, frame and others.
-    """
+    """Progress of the stage and of the run."""
 
     kind: ClassVar[str] = "progress"
-    fraction: float
-    total_fraction: float = 0.0
-    seconds_left: float | None = None
-    total_seconds_left: float | None = None
-    label: str = ""
+    fraction: float  # of the stage, 0 to 1
+    total_fraction: float = 0.0  # of all stages of this run, 0 to 1 (an estimate)
+    seconds_left: float | None = None  # of the stage; None while unknown, always in its first ten seconds
+    total_seconds_left: float | None = None  # of the run; likewise
+    label: str = ""  # the step in progress ("group 1, frame 7: motion")
+    # depending on the stage: loss, psnr, splats, iteration, group, frame and others
     figures: Mapping[str, JsonData] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Metrics(Event):
-    """Final figures of a trained frame, a baked group or an evaluation.
-
-    Attributes:
-        values: the figures by name.
-        group: number of the group, counted from 0; None for all.
-        frame: frame number in the footage; None for all.
-    """
+    """Final figures of a trained frame, a baked group or an evaluation."""
 
     kind: ClassVar[str] = "metrics"
-    values: Mapping[str, JsonData]
-    group: int | None = None
-    frame: int | None = None
+    values: Mapping[str, JsonData]  # the figures by name
+    group: int | None = None  # number of the group, counted from 0; None for all
+    frame: int | None = None  # frame number in the footage; None for all
 
 
 @dataclass(frozen=True, kw_only=True)
 class GroupState(Event):
-    """Where a group is in a run on several machines.
-
-    Attributes:
-        group: number of the group, counted from 0.
-        state: "queued", "running", "retried" (queued again), "done" or "failed".
-        node: name of the node that it runs on, or ran on last; "" while it was on none.
-        gpu: the GPUs that it uses there ("0"); "" for none.
-        attempt: counted from 1.
-        frames_done: finished frames of the group.
-        frames: all frames of the group.
-        psnr: of its training views, in dB; None while unknown.
-        seconds_per_frame: mean over the frames that this attempt has trained; None without any.
-        message: why it was retried or failed.
-    """
+    """Where a group is in a run on several machines."""
 
     kind: ClassVar[str] = "group"
-    group: int
-    state: str
-    node: str = ""
-    gpu: str = ""
-    attempt: int = 1
-    frames_done: int = 0
-    frames: int = 0
-    psnr: float | None = None
-    seconds_per_frame: float | None = None
-    message: str = ""
+    group: int  # number of the group, counted from 0
+    state: str  # "queued", "running", "retried" (queued again), "done" or "failed"
+    node: str = ""  # name of the node that it runs on, or ran on last; "" while it was on none
+    gpu: str = ""  # the GPUs that it uses there ("0"); "" for none
+    attempt: int = 1  # counted from 1
+    frames_done: int = 0  # finished frames of the group
+    frames: int = 0  # all frames of the group
+    psnr: float | None = None  # of its training views, in dB; None while unknown
+    seconds_per_frame: float | None = None  # mean over the frames that this attempt has trained; None without any
+    message: str = ""  # why it was retried or failed
 
 
 @dataclass(frozen=True, kw_only=True)
 class Preview(Event):
-    """A preview image.
-
-    Attributes:
-        path: a PNG file in the take, absolute.
-        caption: what it shows.
-        camera: name of the camera that it is rendered from.
-        group, frame, iteration: what was being trained.
-    """
+    """A preview image."""
 
     kind: ClassVar[str] = "preview"
-    path: str
-    caption: str
-    camera: str = ""
-    group: int | None = None
-    frame: int | None = None
-    iteration: int | None = None
+    path: str  # a PNG file in the take, absolute
+    caption: str  # what it shows
+    camera: str = ""  # name of the camera that it is rendered from
+    group: int | None = None  # what was being trained
+    frame: int | None = None  # what was being trained
+    iteration: int | None = None  # what was being trained
 
 
 @dataclass(frozen=True, kw_only=True)
 class Log(Event):
-    """A detail: what was found in the footage, or what a stage decided.
-
-    Attributes:
-        message: a sentence, for display.
-    """
+    """A detail: what was found in the footage, or what a stage decided."""
 
     kind: ClassVar[str] = "log"
-    message: str
+    message: str  # a sentence, for display
 
 
 @dataclass(frozen=True, kw_only=True)
 class Serving(Event):
-    """`v3studio serve` is ready.
-
-    Attributes:
-        streams: objects with the `folder` and `address` of a stream.
-        reviews: objects with the `folder` and `address` of a take that can be reviewed.
-        bases: addresses of the server; the addresses above begin with the first.
-        local: whether only this machine can reach the server.
-        https: whether it encrypts.
-        fingerprint: SHA-256 of the certificate; None without one.
-    """
+    """`v3studio serve` is ready."""
 
     kind: ClassVar[str] = "serving"
-    streams: tuple[Mapping[str, str], ...]
-    reviews: tuple[Mapping[str, str], ...]
-    bases: tuple[str, ...]
-    local: bool
-    https: bool
-    fingerprint: str | None
+    streams: tuple[Mapping[str, str], ...]  # objects with the `folder` and `address` of a stream
+    reviews: tuple[Mapping[str, str], ...]  # objects with the `folder` and `address` of a take that can be reviewed
+    bases: tuple[str, ...]  # addresses of the server; the addresses above begin with the first
+    local: bool  # whether only this machine can reach the server
+    https: bool  # whether it encrypts
+    fingerprint: str | None  # SHA-256 of the certificate; None without one
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -230,43 +158,29 @@ class Warned(Notice):
 
 @dataclass(frozen=True, kw_only=True)
 class StageFinished(Event):
-    """A stage finished and its results are in the take.
-
-    Attributes:
-        seconds: work time, without pauses.
-        summary: the stage's main figures.
-    """
+    """A stage finished and its results are in the take."""
 
     kind: ClassVar[str] = "stage_finished"
-    seconds: float
-    summary: Mapping[str, JsonData] = field(default_factory=dict)
+    seconds: float  # work time, without pauses
+    summary: Mapping[str, JsonData] = field(default_factory=dict)  # the stage's main figures
 
 
 @dataclass(frozen=True, kw_only=True)
 class StageFailed(Notice):
-    """A stage failed.
-
-    Attributes:
-        traceback: of an unexpected error, which is a bug; "" for bad input.
-    """
+    """A stage failed."""
 
     kind: ClassVar[str] = "stage_failed"
-    traceback: str = ""
+    traceback: str = ""  # of an unexpected error, which is a bug; "" for bad input
 
 
 @dataclass(frozen=True, kw_only=True)
 class Finished(Notice):
-    """The last event of every command, also of one that failed.
-
-    Attributes:
-        outcome: "done" (exit code 0), "failed" or "cancelled"; "failed" without a code if a check found a fault.
-        seconds: work time, without pauses.
-        result: what the command found or made; empty if it has nothing to say.
-    """
+    """The last event of every command, also of one that failed."""
 
     kind: ClassVar[str] = "finished"
-    outcome: str
-    seconds: float
+    outcome: str  # "done" (exit code 0), "failed" or "cancelled"; "failed" without a code if a check found a fault
+    seconds: float  # work time, without pauses
+    # what the command found or made; empty if it has nothing to say
     result: Mapping[str, JsonData] = field(default_factory=dict)
 
 
