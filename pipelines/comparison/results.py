@@ -44,10 +44,8 @@ class ComparedTake(Measures):
     """Measured cameras that this take was trained on; its figures are then no measure of new views."""
 
     flicker: float | None = None  # mean over frames; None without two consecutive frames
-
     flicker_at_group_borders: float | None = None
     flicker_by_frame: tuple[FlickerOfFrame, ...] = ()
-
     total_bytes: int  # all files that playing the best rendition takes, and the manifest
     stream_frames: int  # frames in the stream, also those that were not compared
 
@@ -64,12 +62,10 @@ class ComparisonProtocol(Result):
     title: str
     cameras: tuple[str, ...]
     resolution: dict[str, tuple[int, int]]  # width and height in pixels by camera name
-
     background: tuple[float, float, float]
     crop: str
     footage: str  # the take whose images and masks are compared with
     exact_masks: bool  # whether its masks are exact ones (evaluate.exact_masks)
-
     frames: tuple[int, ...]
     mean: str = "over the views of a frame, then over frames"
     lpips: str | None = None
@@ -86,7 +82,6 @@ class FrameOfTake(Result):
     """What was measured of one take in one frame."""
 
     cameras: dict[str, Measures]  # by camera; without those that do not see the performer
-
     flicker: FlickerOfFrame | None = None
 
 
@@ -94,7 +89,6 @@ class ComparedFrame(Result):
     """Contents of one frame's file."""
 
     key: str  # digest of what the comparison is made from
-
     takes: tuple[FrameOfTake, ...]
     images: tuple[str, ...] = ()  # names of images beside the file
 

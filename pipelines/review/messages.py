@@ -19,7 +19,6 @@ class MetricCurves(_Message):
     digits: int
     trained: tuple[float | None, ...]
     decoded: tuple[float | None, ...]
-
     by_camera: dict[str, tuple[float | None, ...]]  # of the decoded stream by camera
     words: tuple[float, float] | None  # `Metric.words`
 
@@ -36,9 +35,7 @@ class ReviewCamera(_Message):
     """A camera whose footage can be compared."""
 
     name: str
-
     width: int  # of its images, pixels; so are K and height
-
     height: int
     K: tuple[tuple[float, ...], ...]  # (3, 3), origin at the corner of the image
     world_to_camera: tuple[tuple[float, ...], ...]  # (4, 4)
@@ -61,7 +58,6 @@ class MarkContent(_Message):
 
     note: str = Field(max_length=20_000)
     author: str = Field(max_length=2_000)
-
     view: MarkView | None = None  # None: not known
 
 
@@ -69,7 +65,6 @@ class MarkChange(_Message):
     """Body of a POST to `.review/marks`."""
 
     frame: int = Field(ge=0)
-
     mark: MarkContent | None  # None removes the mark
     replaces: MarkContent | None  # the frame's mark as the sender has seen it; None for none
 

@@ -54,7 +54,6 @@ class Item(_Part):
     """Of the origin, in meters; y is up, and the ground is at 0. A stream's lowest point is put on its position."""
 
     turn: Triple = (0.0, 0.0, 0.0)  # degrees about x, y and z
-
     scale: float = Field(default=1.0, gt=0, le=1e6)
 
     start: float = Field(default=0.0, ge=0, le=1e6)

@@ -41,9 +41,7 @@ class MeasuredGroup(Result):
     """.v3studio/work/evaluate/group_NNN.json; the images of its samples are in a safetensors file beside it."""
 
     key: str  # digest of everything that the results were made from
-
     frames: tuple[FrameQuality, ...]
-
     unseen: tuple[tuple[int, str], ...] = ()  # index of a frame, and a camera that does not see the performer in it
     samples: tuple[tuple[int, str], ...] = ()  # frame number in the footage and camera of each view in the report
 

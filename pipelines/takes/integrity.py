@@ -39,9 +39,7 @@ class Integrity(BaseModel):
     model_config = ConfigDict(frozen=True)
 
     files: int  # checked
-
     bytes: int
-
     damage: tuple[Damage, ...]
 
     unchecked: tuple[str, ...]

@@ -51,7 +51,6 @@ class Mark(Result):
     stream."""
 
     note: str
-
     author: str = ""  # who wrote the note, as they gave their name in the browser; "" for marks of the window
     view: MarkView | None = None  # None: not known
 

@@ -14,7 +14,6 @@ class InitialPointsReport(Result):
 
     key: str = ""  # digest of everything that the points were made from
     keyframe: int  # frame number in the footage
-
     points: int
     vertices: int
     faces: int
@@ -23,7 +22,6 @@ class InitialPointsReport(Result):
     """By camera: fraction of its mask that the visual hull does not reproduce."""
 
     warnings: tuple[Any, ...] = ()
-
     files: dict[str, str] = Field(default_factory=dict)  # digests of the files in the folder, by name
 
 
@@ -31,10 +29,8 @@ class TrainedGroup(Result):
     """train/group_NNN/group.json."""
 
     group: int
-
     first: int  # index in the take of the first frame, counted from 0
     frames: tuple[int, ...]  # frame numbers in the footage
-
     splats: int
     sh_degree: int
 
@@ -105,7 +101,6 @@ class BakedGroupNote(Result):
     """.v3studio/work/bake/group_NNN.json: what a baked group was made from."""
 
     key: str
-
     files: dict[str, int]  # sizes in bytes by path in the stream
     digests: dict[str, str]  # by file name
     entry: dict[str, JsonValue]  # the group's entry in manifest.json
@@ -119,7 +114,6 @@ class FoundMotion(Result):
     """initialize/motion.json: how far the performer moves, which decides where groups begin."""
 
     key: str = ""  # digest of everything that the motion was found from
-
     frames: tuple[int, ...] = ()
     motion: tuple[float, ...] = ()
     """From each frame to the next, in sizes of the performer: see `studio.capture.motion`."""

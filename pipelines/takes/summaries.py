@@ -15,7 +15,6 @@ class CalibrateSummary(Result):
     """Main figures of `calibrate`."""
 
     cameras: int
-
     source: str  # file, board, tie points or footage
 
     grade: str | None = None
@@ -44,7 +43,6 @@ class InitializeSummary(Result):
 
     groups: int
     points_per_group: int
-
     faces: tuple[int, ...]  # triangles of each group's mesh
 
     @property
@@ -59,7 +57,6 @@ class TrainSummary(Result):
 
     groups: int
     frames: int
-
     splats: tuple[int, ...]  # Gaussians of each group
     outlines_off: tuple[float | None, ...]  # of each group, see `TrainedGroup`; rounded
 
@@ -79,7 +76,6 @@ class BakeSummary(Result):
 
     groups: int
     frames: int
-
     renditions: int = 1  # of which a player fetches one at a time
     bytes: int  # size of the whole stream: all renditions, sound and manifest
 

@@ -32,7 +32,6 @@ class TakeFile(Result):
     """take.json."""
 
     format: Any  # `TAKE_FORMAT` of the version that wrote it
-
     created_by: str = "an unknown program"
     created: str = ""  # UTC, ISO 8601
 

@@ -19,8 +19,7 @@ declare global {
   }
 }
 
-/** Milliseconds without data after which the worker fetches a file itself. */
-const PATIENCE = 15_000;
+const PATIENCE = 15_000; // milliseconds without data after which the worker fetches a file itself
 
 /** Takes the early files of an address; null if there are none. They are used once: anyone who opens the stream again wants
  * the newest manifest. `url`: whole address of the manifest. */

@@ -1,8 +1,7 @@
 /** Sound that starts over without a gap: the whole loop is in memory, and Web Audio plays it. Without Web Audio, before the
  * viewer's first input, for long loops and at other speeds, an <audio> element plays instead (sound.ts). */
 
-/** Seconds; two minutes take 46 MB. */
-const LONGEST = 120;
+const LONGEST = 120; // seconds; two minutes take 46 MB
 
 export class LoopSound {
   private readonly context = new AudioContext();

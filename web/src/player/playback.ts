@@ -37,8 +37,7 @@ export abstract class Playback<Content extends Shown> extends Emitter<PlayerEven
     changed: () => this.emit("sound", undefined),
     notice: (message) => this.emit("notice", message),
   });
-  /** Frame on the screen. */
-  protected shown: Shown | null = null;
+  protected shown: Shown | null = null; // frame on the screen
   protected requested: Requested | null = null;
   protected failed = false;
   protected readonly stop = new AbortController();
@@ -47,13 +46,11 @@ export abstract class Playback<Content extends Shown> extends Emitter<PlayerEven
   private playing_ = false;
   private loop_: boolean;
   private speed_ = 1;
-  /** Clock position in frames. */
-  private position = 0;
+  private position = 0; // clock position in frames
   private lastTick: number | null = null;
   private lastShownAt: number | null = null;
   private waiting = false;
-  /** Another bake has taken the stream's place. */
-  private updated = false;
+  private updated = false; // another bake has taken the stream's place
   /** Frames of the group on the screen that were shown and dropped, for the choice of renditions. */
   private tally = { group: -1, shown: 0, dropped: 0 };
 

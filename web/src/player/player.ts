@@ -11,34 +11,27 @@ import { Playback } from "./playback.ts";
 import { Screen } from "./screen.ts";
 import type { StreamEvents, StreamOptions } from "./stream.ts";
 
-/** Relative change of the view that triggers another sort. */
-const SORT_AGAIN = 1e-3;
-/** No view has this axis: the next view is sorted for. */
-const UNSORTED: DepthAxis = [0, 0, 0, 0];
+const SORT_AGAIN = 1e-3; // relative change of the view that triggers another sort
+const UNSORTED: DepthAxis = [0, 0, 0, 0]; // no view has this axis: the next view is sorted for
 
 export class Player extends Playback<Picture> {
   readonly camera = new OrbitCamera();
   /** What the frame on the canvas is from: its group, in the rendition that was chosen for it. */
   group: Pick<GroupSetup, "rendition" | "bytes" | "frames" | "splats" | "shDegree"> | null = null;
   private readonly screen: Screen;
-  /** Number of splats on the canvas. */
-  private drawn = 0;
-  /** Axis along which the last requested frame is sorted. */
-  private requestedAxis: DepthAxis = UNSORTED;
+  private drawn = 0; // number of splats on the canvas
+  private requestedAxis: DepthAxis = UNSORTED; // axis along which the last requested frame is sorted
   /** Axis along which the frame on the canvas was sorted, or is being sorted. */
   private sortedAxis: DepthAxis = UNSORTED;
   private sorting = false;
-  /** Number of the last sort request. */
-  private sortRequest = 0;
+  private sortRequest = 0; // number of the last sort request
   private snapshotSorted: (() => void) | null = null;
   /** Setups that came with images that have not been shown yet: one or two. */
   private readonly setups = new Map<number, GroupSetup>();
   /** Whether the renderer is new, or its contents were lost, and images are of no use before their group's setup has come. */
   private needsSetup = false;
-  /** The renderer of the page while an immersive session has its own. */
-  private outside: Renderer | null = null;
-  /** The center of the viewer's head in an immersive session. */
-  private head: Pinhole | null = null;
+  private outside: Renderer | null = null; // the renderer of the page while an immersive session has its own
+  private head: Pinhole | null = null; // the center of the viewer's head in an immersive session
   /** Of the next animation frame; 0 before the first image, until which nothing is due. */
   private handle = 0;
   private handlerTime = 0;

@@ -4,12 +4,9 @@ const STEPS = [1, 0.85, 0.7, 0.6, 0.5, 0.42, 0.35];
 /** Number of drawings measured before a change; fewer if they are slow. */
 const WINDOW = 12;
 const PATIENCE = 500;
-/** Fraction of the budget that a finer step may be expected to take. */
-const HOPE = 0.8;
-/** Maximum initial number of pixels, while the speed of the device is unknown. */
-const FIRST_PIXELS = 2.1e6;
-/** The same without a GPU. */
-const FIRST_PIXELS_IN_SOFTWARE = 6e4;
+const HOPE = 0.8; // fraction of the budget that a finer step may be expected to take
+const FIRST_PIXELS = 2.1e6; // maximum initial number of pixels, while the speed of the device is unknown
+const FIRST_PIXELS_IN_SOFTWARE = 6e4; // the same without a GPU
 
 export class Resolution {
   /** Time budget of a drawing in milliseconds. */

@@ -6,10 +6,8 @@ import type { Camera, Vector } from "../stream/metadata.ts";
 import { Resolution } from "./resolution.ts";
 import type { Statistics } from "./statistics.ts";
 
-/** Milliseconds without a change after which the image is rendered at full resolution. */
-const SETTLE = 200;
-/** Phones have up to four times as many pixels as a viewer can resolve. */
-const MAX_PIXEL_RATIO = 2;
+const SETTLE = 200; // milliseconds without a change after which the image is rendered at full resolution
+const MAX_PIXEL_RATIO = 2; // phones have up to four times as many pixels as a viewer can resolve
 
 export interface ScreenEvents {
   /** The canvas was rendered; it can be copied in the handler. */

@@ -4,8 +4,7 @@
 import { messageOf } from "../stream/errors.ts";
 import { LoopSound } from "./loop_sound.ts";
 
-/** Milliseconds without progress after which the element no longer leads. */
-const STUCK = 2000;
+const STUCK = 2000; // milliseconds without progress after which the element no longer leads
 
 export interface SoundEvents {
   /** Whether it is heard has changed. */
@@ -20,17 +19,14 @@ export class Sound {
   /** Seconds of the stream at which the sound starts, and its duration. */
   private start = 0;
   private length = 0;
-  /** The element has been started for the current run of frames. */
-  private active = false;
+  private active = false; // the element has been started for the current run of frames
   private failed = false;
   private loop: LoopSound | null = null;
   /** Whether `loop` plays, rather than the element. */
   private gapless = false;
   private looping_ = false;
-  /** The browser lets it play only after the viewer has touched the page. */
-  private blocked_ = false;
-  /** It may not even play muted. */
-  private refused = false;
+  private blocked_ = false; // the browser lets it play only after the viewer has touched the page
+  private refused = false; // it may not even play muted
   private lastTime = 0;
   private progressAt = 0;
 

@@ -6,8 +6,7 @@ import { FULL_VERTEX } from "../render/shaders.ts";
 import { messageOf, StreamError } from "../stream/errors.ts";
 import type { ToWorker, VideoRequest } from "../worker/messages.ts";
 
-/** Milliseconds to wait for an image. */
-const PATIENCE = 20_000;
+const PATIENCE = 20_000; // milliseconds to wait for an image
 /** The same if the browser may not report presented images: on hidden pages, or if it does not support that. */
 const UNREPORTED = 2_000;
 

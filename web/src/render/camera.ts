@@ -44,14 +44,10 @@ export const unit = (a: Vector): Vec3 => {
 
 const DEGREES = 180 / Math.PI;
 const MAX_ELEVATION = 89;
-/** Margin around the scene, as a factor. */
-const MARGIN = 1.12;
-/** Degrees above the horizon at which a view begins at most: a capture camera may hang under the ceiling. */
-const EYE_LEVEL = 10;
-/** As in studio.rasterizer: the projection is linearized at most this far off the axis (x / z, y / z), ... */
-const FIELD = 2;
-/** ... or outside the image by this fraction of half its size. */
-const FIELD_MARGIN = 0.3;
+const MARGIN = 1.12; // margin around the scene, as a factor
+const EYE_LEVEL = 10; // degrees above the horizon at which a view begins at most: a capture camera may hang under the ceiling
+const FIELD = 2; // as in studio.rasterizer: the projection is linearized at most this far off the axis (x / z, y / z), ...
+const FIELD_MARGIN = 0.3; // ... or outside the image by this fraction of half its size.
 
 /** Minimum and maximum x / z, then y / z, at which a splat's projection is linearized. */
 export function fieldLimits({ width, height, fx, fy, cx, cy }: Pinhole): [number, number, number, number] {

@@ -2,8 +2,7 @@
 
 import type { GroupSetup } from "../worker/messages.ts";
 
-/** Multiples of which sides are. */
-const STEP = 8;
+const STEP = 8; // multiples of which sides are
 
 export interface EscapedSplats {
   /** Their pixels in the tile of all splats. */

@@ -8,11 +8,9 @@ import { escapedSplats } from "./escapes.ts";
 import { Program, Target, Texture } from "./gl.ts";
 import { FULL_VERTEX, projectFragment, RESOLVE_FRAGMENT, SPLAT_FRAGMENT, SPLAT_VERTEX } from "./shaders.ts";
 
-/** Blocks per row of the block table. */
-const BLOCKS_PER_ROW = 128;
+const BLOCKS_PER_ROW = 128; // blocks per row of the block table
 
-/** Texture units. */
-const LUMA = 0;
+const LUMA = 0; // texture units
 const STATICS = 1;
 const BLOCKS = 2;
 const ESCAPED_LUMA = 3;
@@ -22,13 +20,10 @@ const DRAWING = 6;
 const ORDER = 7;
 const ESCAPED_STATICS = 8;
 
-/** Splats per row of the order texture. */
-const ORDER_WIDTH = 1024;
-/** Names of renderers that draw with the CPU. */
-const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i;
+const ORDER_WIDTH = 1024; // splats per row of the order texture
+const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i; // names of renderers that draw with the CPU
 
-/** Splats per instance: with one splat each, the overhead of instances would exceed the work on splats. */
-const BATCH = 1024;
+const BATCH = 1024; // splats per instance: with one splat each, the overhead of instances would exceed the work on splats
 
 /** All GPU resources, recreated after the context is lost. */
 class Resources {

@@ -11,8 +11,7 @@ export interface Part {
   readonly height: number;
 }
 
-/** Room around the performer, as a fraction of their size on each side. */
-const MARGIN = 0.08;
+const MARGIN = 0.08; // room around the performer, as a fraction of their size on each side
 
 export const whole = ({ width, height }: ReviewCamera): Part => ({ x: 0, y: 0, width, height });
 

@@ -6,8 +6,7 @@ import type { Vector } from "../stream/metadata.ts";
 import { type Mark, type MarkContent, type MarkView, Refused, type ReviewServer } from "./api.ts";
 import { make } from "./dom.ts";
 
-/** Milliseconds between two looks at what others have marked. */
-const POLL = 4000;
+const POLL = 4000; // milliseconds between two looks at what others have marked
 const NAME_KEY = "v3-review-name";
 const [MAX_NOTE, MAX_NAME] = [2000, 80];
 
@@ -58,10 +57,8 @@ export class Marks {
   readonly problem = make("p", { class: "problem trouble", role: "alert" });
   private marks: readonly Mark[] = [];
   private editing: { frame: number; replaces: MarkContent | null } | null = null;
-  /** The view when the form was opened, which may have changed the image's shape. */
-  private began: MarkView | null = null;
-  /** The view of the mark that was gone to for editing. */
-  private kept: MarkView | null = null;
+  private began: MarkView | null = null; // the view when the form was opened, which may have changed the image's shape
+  private kept: MarkView | null = null; // the view of the mark that was gone to for editing
 
   constructor(private readonly server: ReviewServer, private readonly fps: number, private readonly host: MarksHost) {
     const cancel = make("button", { type: "button" }, "Cancel");

@@ -4,8 +4,7 @@ import type { ReviewServer } from "./api.ts";
 
 const MAX_BYTES = 128e6;
 const AHEAD = 6;
-/** Milliseconds until an image that could not be fetched is asked for again. */
-const RETRY = 3000;
+const RETRY = 3000; // milliseconds until an image that could not be fetched is asked for again
 
 export class Pictures {
   private readonly kept = new Map<string, ImageBitmap>();

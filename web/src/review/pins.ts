@@ -7,8 +7,7 @@ import type { Mark } from "./api.ts";
 import { make } from "./dom.ts";
 import css from "./pins.css";
 
-/** Pixels that a finger may move in a tap. */
-const NEAR = 8;
+const NEAR = 8; // pixels that a finger may move in a tap
 
 /** The world point behind a place in the image, at the depth of another point. */
 export function pointAt({ rotation: r, fx, fy, cx, cy, ...pinhole }: Pinhole, x: number, y: number, near: Vector): Vector {

@@ -13,14 +13,12 @@ const key = (kind: string, name: string): HTMLElement => make("span", {}, make("
 export class Plots {
   readonly element = make("div", { class: "plots" });
   private readonly numbers = make("details", { class: "numbers" }, make("summary", {}, "Numbers"));
-  /** Figures of a frame as text. */
-  private readonly readout = make("p", { class: "readout" });
+  private readonly readout = make("p", { class: "readout" }); // figures of a frame as text
   private readonly area = make("div", { class: "area" });
   private readonly head = make("div", { class: "line head" });
   private readonly pointer = make("div", { class: "line pointer", hidden: "" });
   private readonly axis = make("div", { class: "axis" });
-  /** The plotted metric of the camera that is compared with. */
-  private readonly own = draw("path", { class: "own" });
+  private readonly own = draw("path", { class: "own" }); // the plotted metric of the camera that is compared with
   private readonly ownLegend = make("span", { hidden: "" });
   private range: readonly [number, number] | null = null;
   private readonly strip = make("div", { class: "strip" });

@@ -11,8 +11,7 @@ import css from "./wipe.css";
 const GROUND = "#0b0d10";
 const STEP = 0.02;
 
-/** Pixels between a label and the edge of the image. */
-const EDGE = 12;
+const EDGE = 12; // pixels between a label and the edge of the image
 
 export class Wipe {
   private readonly pictures: Pictures;
@@ -27,8 +26,7 @@ export class Wipe {
   private before: Vector | null = null;
   private all = false;
   private at = 0.5;
-  /** The view behind the comparison, as JSON: another one means that it was moved. */
-  private behind = "";
+  private behind = ""; // the view behind the comparison, as JSON: another one means that it was moved
 
   /** @param changed - called when the comparison has ended because the view was moved */
   constructor(

@@ -7,8 +7,7 @@ import type { QualityCurves } from "./api.ts";
 import { make } from "./dom.ts";
 import { summaryOf, wordOf, worstFrames } from "./words.ts";
 
-/** Moments that are shown. */
-const MOST = 3;
+const MOST = 3; // moments that are shown
 
 /** Returns the word for the frame on the screen, and the summary with the worst moments, which are marked on the timeline. */
 export function wordsPanel(

@@ -16,12 +16,9 @@ export const MAX_MANIFEST_BYTES = 64 << 20;
 export const HASHED = /^files\/([0-9a-f]{32})\.[a-z0-9]{1,8}$/;
 
 const MAX_GROUPS = 1_000_000;
-/** Pixels on a side. */
-const MAX_PICTURE = 16384;
-/** Largest extent of the keyframe's lattice in units of the blocks' radius. */
-const MAX_BLOCK_SPAN = 1e6;
-/** Seconds by which sound may be longer than the frames. */
-const AUDIO_TOLERANCE = 0.1;
+const MAX_PICTURE = 16384; // pixels on a side
+const MAX_BLOCK_SPAN = 1e6; // largest extent of the keyframe's lattice in units of the blocks' radius
+const AUDIO_TOLERANCE = 0.1; // seconds by which sound may be longer than the frames
 
 export type { AudioEntry, GroupEntry, LumaCheck, MotionRendition, PlanesRendition, VideoEntry } from "./manifest_types.ts";
 

@@ -2,8 +2,7 @@
 
 import { filesOf, type PlanesRendition } from "./manifest.ts";
 
-/** Tiles per row of the image that contains a frame's planes. */
-const COLUMNS = 8;
+const COLUMNS = 8; // tiles per row of the image that contains a frame's planes
 
 /** Layout of the planes: plane p is at column p % columns, row p / columns. */
 export function planesLayout(group: PlanesRendition): { tile: number; columns: number; rows: number } {

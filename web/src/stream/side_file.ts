@@ -257,8 +257,7 @@ function byFrame(
   return sorted;
 }
 
-/** Bytes that are decompressed at a time: they become at most a thousand times as many. */
-const SLICE = 16_384;
+const SLICE = 16_384; // bytes that are decompressed at a time: they become at most a thousand times as many
 
 /** Writes to a stream as fast as it is read. A Blob would be another way, through the browser's process. */
 async function feed(writer: WritableStreamDefaultWriter<BufferSource>, data: Uint8Array<ArrayBuffer>): Promise<void> {

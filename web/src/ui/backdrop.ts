@@ -2,8 +2,7 @@
 
 import type { Vector } from "../stream/metadata.ts";
 
-/** Relative luminance (WCAG 2) above which black text has more contrast than white text. */
-const LIGHT = 0.18;
+const LIGHT = 0.18; // relative luminance (WCAG 2) above which black text has more contrast than white text
 
 const linear = (value: number): number => (value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4);
 

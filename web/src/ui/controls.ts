@@ -18,13 +18,11 @@ import { checkRadio } from "./radios.ts";
 import { type SheetName, Sheets } from "./sheets.ts";
 import { Timeline } from "./timeline.ts";
 
-/** Milliseconds without user input until the controls hide. */
-const IDLE = 3000;
+const IDLE = 3000; // milliseconds without user input until the controls hide
 const NOTICE = 5000;
 /** Milliseconds that a wait takes before it is shown: a spinner that turns takes the processor from what is waited for. */
 const SHORT_WAIT = 300;
-/** Opacity of the image where nothing was filmed. */
-const FAINTEST = 0.1;
+const FAINTEST = 0.1; // opacity of the image where nothing was filmed
 
 /** The element to which the controls belong. */
 export interface ControlsHost extends HTMLElement {
@@ -51,8 +49,7 @@ export class Controls {
   private idleTimer = 0;
   private noticeTimer = 0;
   private busyTimer = 0;
-  /** Whether the view is from where nothing was filmed. */
-  private outside = false;
+  private outside = false; // whether the view is from where nothing was filmed
   private background: BackgroundName = "stream";
   private played = false;
   private toldOfSound = false;

@@ -1,8 +1,7 @@
 /** Tells first-time viewers that the view can be turned, until they have turned it once. */
 
 const KEY = "v3-has-turned";
-/** Milliseconds until the hint goes and comes with the controls. */
-const ALWAYS = 10_000;
+const ALWAYS = 10_000; // milliseconds until the hint goes and comes with the controls
 
 /** Whether this browser's user has moved a view before. A browser may forbid storage. */
 function hasTurned(now = false): boolean {

@@ -6,10 +6,8 @@ import { StreamError } from "../stream/errors.ts";
 import type { Vector } from "../stream/metadata.ts";
 
 const FORMAT = "v3studio-camera-path";
-/** Keys that a path may have at most. */
-const MAX_KEYS = 1000;
-/** How the camera moves from a key to the next one. */
-const EASINGS = ["smooth", "ease", "linear", "hold"];
+const MAX_KEYS = 1000; // keys that a path may have at most
+const EASINGS = ["smooth", "ease", "linear", "hold"]; // how the camera moves from a key to the next one
 
 interface Key {
   readonly time: number;

@@ -3,17 +3,14 @@
 import type { View } from "../render/camera.ts";
 import type { Player } from "../player/player.ts";
 
-/** Degrees per pixel of finger movement, for an image of 500 pixels. */
-const TURN = 0.42;
-/** Seconds in which inertia decays to about a third. */
-const GLIDE = 0.28;
+const TURN = 0.42; // degrees per pixel of finger movement, for an image of 500 pixels
+const GLIDE = 0.28; // seconds in which inertia decays to about a third
 /** Time in milliseconds and distance in pixels within which two taps are a double tap and a touch is a tap. */
 const DOUBLE = 320;
 const NEAR = 32;
 const TAP = 250;
 const FLY = 420;
-/** Seconds of turning that a short press of a key is worth. */
-const PRESS = 0.04;
+const PRESS = 0.04; // seconds of turning that a short press of a key is worth
 
 export interface MotionEvents {
   /** Called on a tap or click without movement, with its place in the window. */

@@ -8,8 +8,7 @@ const HEIGHT = 108;
 /** Milliseconds between copies, and at least this many times what the last one took: without a GPU, a copy waits for it. */
 const PAUSE = 150;
 const RARELY = 50;
-/** Parts to either side in which the nearest copy is looked for. */
-const NEAR = 3;
+const NEAR = 3; // parts to either side in which the nearest copy is looked for
 
 interface Copy {
   readonly picture: HTMLCanvasElement;

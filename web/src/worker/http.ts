@@ -8,8 +8,7 @@ import type { Arrived, Source } from "./source.ts";
 const ATTEMPTS = 10;
 const FIRST_WAIT = 400;
 const LONGEST_WAIT = 4000;
-/** Milliseconds without data after which a request is aborted. */
-const STALL = 15_000;
+const STALL = 15_000; // milliseconds without data after which a request is aborted
 
 /** Called with received bytes and milliseconds, to estimate the bandwidth. */
 export type Received = (bytes: number, milliseconds: number) => void;

@@ -25,18 +25,14 @@ export class Closed extends Error {}
 /** WebCodecs returns frames without planes (w3c/webcodecs#920) or rejects the video; another decode path may work. */
 export class PathFailed extends StreamError {}
 
-/** Number of images decoded ahead of the last requested one. */
-const AHEAD = 4;
-/** Microseconds per image, used to identify decoder output; the true frame rate is in the manifest. */
-const TICK = 33_333;
-/** Milliseconds without an image after which the decoder is considered stuck. */
-const PATIENCE = 20_000;
+const AHEAD = 4; // number of images decoded ahead of the last requested one
+const TICK = 33_333; // microseconds per image, used to identify decoder output; the true frame rate is in the manifest
+const PATIENCE = 20_000; // milliseconds without an image after which the decoder is considered stuck
 
 /** Decodes one video with WebCodecs. */
 export class WebCodecsPictures implements PictureSource {
   private decoder: VideoDecoder | null = null;
-  /** Packets that the decoder needs for each image and all before it. */
-  private readonly needed: readonly number[];
+  private readonly needed: readonly number[]; // packets that the decoder needs for each image and all before it
   /** Next packet to feed to the decoder, next image that it will output, first image that is needed. */
   private fed = 0;
   private out = 0;

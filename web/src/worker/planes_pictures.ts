@@ -7,8 +7,7 @@ import { planesLayout } from "../stream/planes.ts";
 import { Closed, type Luma, type PictureSource } from "./pictures.ts";
 import type { Pool } from "./pool.ts";
 
-/** Maximum bytes of a group's images. */
-const MAX_GROUP_BYTES = 512 << 20;
+const MAX_GROUP_BYTES = 512 << 20; // maximum bytes of a group's images
 
 export class PlanesPictures implements PictureSource {
   private readonly pictures: Promise<Uint8Array[]>;

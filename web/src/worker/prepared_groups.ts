@@ -18,8 +18,7 @@ import { type VideoChannel, VideoElementPictures } from "./video_pictures.ts";
 
 const NEEDS_WEBCODECS =
   "Streams of the profile planes need WebCodecs, which this browser supports only on secure (HTTPS) pages, or not at all.";
-/** Number of groups kept. */
-const KEPT = 3;
+const KEPT = 3; // number of groups kept
 
 export interface Prepared {
   readonly group: Rendition;

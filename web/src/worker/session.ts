@@ -59,10 +59,8 @@ export class Session {
   /** The last two decoded frames, the newest first: their positions are kept for sorting again. The page requests a frame
    * ahead, so the one on the screen can be either. */
   private readonly decoded: Decoded[] = [];
-  /** The group whose setup the page has; -1 for none. */
-  private setupSent = -1;
-  /** Groups that the page knows to be skipped. */
-  private readonly leftOut = new Set<number>();
+  private setupSent = -1; // the group whose setup the page has; -1 for none
+  private readonly leftOut = new Set<number>(); // groups that the page knows to be skipped
   /** Prepared groups that were fetched again in a better rendition while they were played. */
   private readonly outdated = new Set<number>();
   private rebaked = false;

@@ -35,8 +35,7 @@ export type Checked = <T>(reads: () => Promise<T>) => Promise<T>;
 
 /** Bytes kept in memory: played groups are kept as long as they fit, so that loops do not fetch again. */
 const KEPT_BYTES = 192 << 20;
-/** Maximum bytes fetched ahead of the playhead. */
-const AHEAD_BYTES = 64 << 20;
+const AHEAD_BYTES = 64 << 20; // maximum bytes fetched ahead of the playhead
 
 export class GroupStore {
   /** Groups that this device gets no better than they are, with the rendition that was wanted. */
@@ -45,14 +44,12 @@ export class GroupStore {
   private readonly fetching = new Map<number, Promise<Fetched>>();
   private readonly failed = new Map<number, StreamError>();
   private readonly stop = new AbortController();
-  /** Number of bytes in memory. */
-  private bytes = 0;
+  private bytes = 0; // number of bytes in memory
   private playhead = 0;
   private loop = true;
   private busy = false;
   private begun = false;
-  /** Another stream is in this one's place: no more of it can be fetched. */
-  private replaced = false;
+  private replaced = false; // another stream is in this one's place: no more of it can be fetched
   private playing = false;
 
   /** `checked`: makes a context around what is read of a group. `changed`: called after a group was fetched. `improved`:

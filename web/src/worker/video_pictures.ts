@@ -34,8 +34,7 @@ export class VideoChannel {
 }
 
 export class VideoElementPictures implements PictureSource {
-  /** In order of display. */
-  private readonly packets: readonly Packet[];
+  private readonly packets: readonly Packet[]; // in order of display
   private readonly source: number;
   private readonly opened: Promise<unknown>;
   private chain: Promise<unknown>;

@@ -11,13 +11,11 @@ import { footing, Placement } from "./placement.ts";
 export type Immersion = "vr" | "ar";
 
 const MODES = { vr: "immersive-vr", ar: "immersive-ar" } as const;
-/** Assumed where the session does not say. */
-const RATE = 72;
+const RATE = 72; // assumed where the session does not say
 /** Per second at full deflection of a stick: radians, and doublings. */
 const TURN_RATE = 1.5;
 const ZOOM_RATE = 1;
-/** Deflection below which a stick is at rest. */
-const REST = 0.15;
+const REST = 0.15; // deflection below which a stick is at rest
 /** Indices in `gamepad.axes` and `gamepad.buttons` of the mapping xr-standard. */
 const STICK = [2, 3] as const;
 const FIRST_BUTTON = 4;

@@ -6,10 +6,8 @@ import type { Vector } from "../stream/metadata.ts";
 /** Height in meters of what is placed in a room, where it is life-size, and on a table. */
 const PERSON = 1.7;
 const TABLE = 0.5;
-/** Heights in world units that are taken for meters: people and small groups of people. */
-const LIFE_SIZE = [0.5, 3] as const;
-/** Meters from the viewer at first. */
-const AWAY = 2;
+const LIFE_SIZE = [0.5, 3] as const; // heights in world units that are taken for meters: people and small groups of people
+const AWAY = 2; // meters from the viewer at first
 const SMALLEST = 0.05;
 const LARGEST = 20;
 
