@@ -269,7 +269,6 @@ def write_settings(folder: Path, frames: int) -> None:
 
 
 def main() -> None:
-    """Entry point."""
     parser = argparse.ArgumentParser(description="Make a synthetic capture that is hard for masks.")
     parser.add_argument("scene", choices=sorted(SCENES))
     parser.add_argument("folder", type=Path)

@@ -157,7 +157,6 @@ def processor() -> str:
 
 
 def main() -> None:
-    """Run all benchmarks and print their tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="5 repetitions instead of 31")
     parser.add_argument("--json", type=Path, help="also write the results to this file")

@@ -70,7 +70,6 @@ def measure(take: Path) -> None:
 
 
 def main() -> None:
-    """Measure a copy of the take."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("take", type=Path, help="finished take, which stays as it is")
     arguments = parser.parse_args()

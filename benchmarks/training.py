@@ -116,7 +116,6 @@ class Scene:
     def two(
         self, name: str, fused: Callable[[], object], plain: Callable[[], object], step: str, calls: int = 1
     ) -> None:
-        """Measure two functions."""
         times = alternate(fused, plain, self.rounds)
         first, second = ((statistics.median(side), min(side)) for side in times)
         self.pairs.append(Pair(name, first, second, step, calls))
@@ -126,7 +125,6 @@ class Scene:
         return self.now.map(lambda tensor: tensor.clone().requires_grad_())
 
     def parts(self) -> None:
-        """Measure each part alone."""
         settings, splats = self.settings, self.leaves()
         field, corners = self.field()
         upstream = torch.randn(len(splats), 3)
@@ -178,7 +176,6 @@ class Scene:
         return field, field.corners(self.previous.means)
 
     def coded(self) -> CodedLoss:
-        """The loss on coded values."""
         settings, coding = self.settings, PlanesCoding(self.previous)
         before = coding.coded_values(self.previous).detach()
         weights = (settings.entropy_weight, settings.temporal_weight)

@@ -32,7 +32,6 @@ class Overlays:
 
     @property
     def title(self) -> str:
-        """Title of the window."""
         window = self._window
         name = window.player.opened.title if window.player.opened is not None else ""
         queued = self._actions.start.page.running if window.start.shown else None

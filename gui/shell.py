@@ -111,14 +111,12 @@ class Shell:
         self._awake_until = time.monotonic() + AWAKE
 
     def select(self, stage: str) -> None:
-        """Show a stage."""
         self.stages.selected = self.inspector.stage = stage
         self.camera_menu.close()
         self.views.select(stage)
         self.window.set_needs_layout()
 
     def apply_preferences(self) -> None:
-        """Apply the preferences."""
         self.viewport.most_pixels = PICTURE_SIZES[self.preferences.picture_size]
         self.player.background = self.preferences.background
 
@@ -152,13 +150,11 @@ class Layout:
 
     @property
     def shows_figures(self) -> bool:
-        """Whether the right panel is shown."""
         if self.fullscreen or self._panels.start.shown:
             return False
         return self._width >= NARROW * self._panels.em if self.figures is None else self.figures
 
     def toggle_figures(self) -> None:
-        """Show or hide the right panel."""
         self.figures = not self.shows_figures
         self._panels.window.set_needs_layout()
 
@@ -181,7 +177,6 @@ class Layout:
         self._show_panels(not on and not self._panels.start.shown)
 
     def leave_fullscreen(self) -> None:
-        """Show all panels again."""
         if self.fullscreen:
             self.set_fullscreen(False)
 
@@ -205,7 +200,6 @@ class Layout:
         panels.window.set_needs_layout()
 
     def place(self, context: gui.LayoutContext) -> None:
-        """Position every panel."""
         panels, em = self._panels, self._panels.em
         area = panels.window.content_rect
         x, y, width, height = area.x, area.y, area.width, area.height

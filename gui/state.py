@@ -142,7 +142,6 @@ class StateLog:
         self.tick()  # after the line, so that after waiting for a tick one reads a state at least as new
 
     def tick(self) -> None:
-        """Count a tick at rest."""
         if self._file is not None:
             self._count(self._ticks + 1)
 
@@ -151,7 +150,6 @@ class StateLog:
         os.pwrite(self._ticks_file.fileno(), b"%12d" % ticks, 0)
 
     def close(self) -> None:
-        """Close the files."""
         if self._file is not None:
             self._file.close()
             self._ticks_file.close()

@@ -48,7 +48,6 @@ class Inspection:
 
 
 def inspect(capture: CaptureSettings, progress: ProgressFn | None = None) -> Inspection:
-    """Look at footage."""
     footage = open_footage(capture, None, strict=False)
     try:
         return _found(capture, footage, progress)

@@ -36,7 +36,6 @@ def verdict(report: dict[str, Any] | None, messages: str) -> tuple[int, str]:
 
 
 def main() -> int:
-    """Entry point."""
     files = [word for lock in LOCKS for word in ("--requirement", str(ROOT / lock))]
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / "report.json"

@@ -60,7 +60,6 @@ def differences(take: Path, other: Path) -> list[str]:
 
 
 def main() -> int:
-    """Run and compare."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("take", type=Path)
     parser.add_argument("--compare", type=Path, required=True, help="take of a local run")

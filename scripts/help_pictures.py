@@ -145,7 +145,6 @@ def difference_map(take: Path, number: int, good: Path) -> np.ndarray:
 
 
 def save(path: Path, pixels: np.ndarray) -> None:
-    """Write a small JPEG."""
     import cv2
 
     shown = cv2.resize(pixels, SIZE, interpolation=cv2.INTER_CUBIC if pixels.shape[1] < SIZE[0] else cv2.INTER_AREA)
@@ -172,7 +171,6 @@ def pictures(take: Path, work: Path) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def main() -> None:
-    """Entry point."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("take", type=Path)
     parser.add_argument("work", type=Path)

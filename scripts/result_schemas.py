@@ -23,7 +23,6 @@ MODELS: dict[str, type[BaseModel]] = {
 
 
 def schema(model: type[BaseModel]) -> JsonObject:
-    """The JSON schema of a model."""
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **model.model_json_schema()}
 
 

@@ -50,7 +50,6 @@ def row(context: Inputs, camera: str, index: int) -> list[np.ndarray]:
 
 
 def main() -> None:
-    """Entry point."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("take", type=Path)
     parser.add_argument("out", type=Path)

@@ -37,8 +37,6 @@ SCREENS: dict[str, Screen] = {}
 
 
 def keys(*names: str) -> Screen:
-    """Press keys."""
-
     def go(window: RunningWindow) -> None:
         for name in names:
             window.key(name)
@@ -207,7 +205,6 @@ def photograph(window: RunningWindow, name: str, go: Screen, out: Path) -> None:
 
 
 def main() -> None:
-    """Entry point."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("take", type=Path)
     parser.add_argument("out", type=Path)

@@ -93,7 +93,6 @@ def points(display: str, take: Path, out: Path) -> None:
 
 
 def main() -> None:
-    """Entry point."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("take", type=Path)
     parser.add_argument("--points", type=Path, metavar="TAKE")

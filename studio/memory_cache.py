@@ -36,7 +36,6 @@ class MemoryCache(Generic[Key, Value]):
             return iter(list(self._values))
 
     def get(self, key: Key) -> Value | None:
-        """The value cached under `key`, or None."""
         with self._lock:
             if key in self._values:
                 self._values.move_to_end(key)
@@ -70,12 +69,10 @@ class MemoryCache(Generic[Key, Value]):
             return value
 
     def drop(self, key: Key) -> None:
-        """Remove `key` if it is cached."""
         with self._lock:
             self._drop(key)
 
     def clear(self) -> None:
-        """Remove everything."""
         with self._lock:
             self._values.clear()
             self.used = 0

@@ -25,12 +25,10 @@ class Similarity:
 
     @property
     def is_identity(self) -> bool:
-        """Whether both worlds are the same."""
         return self.scale == 1 and not self.translation.any() and np.array_equal(self.rotation, np.eye(3))
 
     @property
     def inverse(self) -> Similarity:
-        """From the new world to the old one."""
         back = self.rotation.T
         return Similarity(1 / self.scale, back, -back @ self.translation / self.scale)
 

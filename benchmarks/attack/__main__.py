@@ -20,7 +20,6 @@ from outcome import Outcome  # noqa: E402
 
 
 def main() -> int:
-    """Entry point."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--parts", default=",".join(PARTS), help="which, separated by commas; default: all")
     parser.add_argument("--share", type=float, default=1.0, help="of the full counts")

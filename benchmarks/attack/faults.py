@@ -42,7 +42,6 @@ class Faults:
         sys.addaudithook(self)
 
     def __call__(self, event: str, arguments: tuple[Any, ...]) -> None:
-        """The audit hook."""
         if event == "open":
             path, mode, flags = arguments
             writes = any(letter in mode for letter in "wax+") if mode else (flags or 0) & (os.O_WRONLY | os.O_RDWR)
@@ -82,7 +81,6 @@ class Faults:
 
 
 def main() -> None:
-    """Entry point."""
     kind, number, folder, *arguments = sys.argv[1:]
     if kind == "size":
         resource.setrlimit(resource.RLIMIT_FSIZE, (int(number), resource.RLIM_INFINITY))

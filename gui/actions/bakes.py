@@ -32,7 +32,6 @@ class BakeActions:
         self.bakes.changed.connect(self._changed)
 
     def show(self) -> None:
-        """Show the dialog."""
         window, dialogs = self._window, self._window.dialogs
         take, other = window.workspace.take, window.player.other
         self.bakes.look(take)
@@ -144,6 +143,5 @@ class BakeActions:
         window.changed()
 
     def close(self) -> None:
-        """End the threads."""
         self.bakes.close()
         self._opener.close()

@@ -172,7 +172,6 @@ class Actions:
         self._step(self._window.workspace.history.undo)
 
     def redo(self) -> None:
-        """Make the change that was undone again."""
         self._step(self._window.workspace.history.redo)
 
     def _step(self, step: Callable[[], str]) -> None:

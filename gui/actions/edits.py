@@ -60,7 +60,6 @@ class EditActions:
         window.workspace.changed.connect(self._follow_edits)
 
     def show(self) -> None:
-        """Show the edits of the take."""
         window = self._window
         window.select("review")
         window.views.edit()
@@ -174,7 +173,6 @@ class EditActions:
             self._window.changed()
 
     def close(self) -> None:
-        """End the thread."""
         self._counter.close()
 
     def _list(self) -> None:

@@ -73,7 +73,6 @@ class HelpActions:
         dialogs.show("help", f"{TITLES[stage]}: what to look for", [image, row], answers, 40, dialogs.close)
 
     def shortcuts(self) -> None:
-        """Show the shortcuts."""
         dialogs = self._window.dialogs
         dialogs.widgets = {}
         width = min(round(SHORTCUTS_WIDTH * dialogs.em), dialogs.room)

@@ -59,5 +59,4 @@ class Opening:
         window.window.set_needs_layout()
 
     def close(self) -> None:
-        """End the thread."""
         self._worker.close()

@@ -28,7 +28,6 @@ class PathActions:
 
     @property
     def editor(self) -> PathEditor:
-        """The path."""
         return self._window.exports.path
 
     @property
@@ -59,7 +58,6 @@ class PathActions:
                 self.toggle()
 
     def clear(self) -> None:
-        """Remove all views."""
         if self.editor.keys and self._done(lambda: self.editor.load([])):
             self._window.notices.show("The camera path is empty now. Ctrl+Z brings it back.")
 
@@ -166,7 +164,6 @@ class PathActions:
         self._preview = (self.editor.path(*player.size), time.monotonic())
 
     def stop(self) -> None:
-        """Stop the preview."""
         self._preview = self._shown = None
 
     def advance(self) -> bool:
@@ -202,5 +199,4 @@ class PathActions:
         ]
 
     def close(self) -> None:
-        """End the thread."""
         self.thumbnails.close()

@@ -32,7 +32,6 @@ class QueueActions:
         self._items: list[str] = []
 
     def show(self) -> None:
-        """Show the queue."""
         dialogs, queue = self._window.dialogs, self.queue
         dialogs.widgets = {}
         self._chosen, self._items = None, []

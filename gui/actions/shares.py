@@ -128,7 +128,6 @@ class ShareActions:
             self._window.serving.start(source, https)
 
     def stop(self) -> None:
-        """Stop serving."""
         self._window.serving.stop()
 
     def _started(self) -> None:

@@ -151,7 +151,6 @@ class StartActions:
             self.pasted(text)
 
     def close(self) -> None:
-        """End the thread."""
         LOOP.stop(self._timer)
         self.page.close()
 

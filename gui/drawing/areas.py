@@ -14,7 +14,6 @@ class Areas(Generic[T]):
         self.all: list[tuple[Box, T]] = []
 
     def add(self, box: Box, what: T) -> None:
-        """Add a rectangle."""
         self.all.append((box, what))
 
     def at(self, x: float, y: float) -> T | None:

@@ -138,7 +138,6 @@ class Canvas:
         return int(self.pixels.shape[0])
 
     def rect(self, x: float, y: float, width: float, height: float, color: RGB) -> None:
-        """Draw a filled rectangle."""
         left, top = max(round(x), 0), max(round(y), 0)
         self.pixels[top : max(round(y + height), top), left : max(round(x + width), left)] = color
 

@@ -19,7 +19,6 @@ class Entry:
 
     @property
     def label(self) -> str:
-        """Text in the list."""
         if self.kind == "file":
             return self.path.name
         return f"{self.path.name}/" + (f"   ({self.kind})" if self.kind != "folder" else "")
@@ -58,7 +57,6 @@ class FolderList:
         return False
 
     def up(self) -> None:
-        """Go to the parent folder."""
         self.enter(self.folder.parent)
 
     def choose(self, path: Path, twice: bool = False) -> Path | None:

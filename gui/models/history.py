@@ -33,7 +33,6 @@ class History:
 
     @property
     def can_undo(self) -> bool:
-        """Whether there is a change to reverse."""
         return bool(self._made)
 
     @property

@@ -69,7 +69,6 @@ class Loop:
         return timer
 
     def stop(self, timer: Timer) -> None:
-        """End a timer."""
         self._timers = [one for one in self._timers if one is not timer]
 
     def run(self) -> None:

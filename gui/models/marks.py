@@ -21,7 +21,6 @@ class Marks:
 
     @property
     def kept(self) -> bool:
-        """Whether marks are saved to disk."""
         return self._path is not None
 
     @property

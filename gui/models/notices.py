@@ -29,7 +29,6 @@ class Notice:
 
     @property
     def line(self) -> str:
-        """The text in one line."""
         return " ".join(self.text.split())
 
 

@@ -80,5 +80,4 @@ class Preferences:
         return [name for name in self.recent if "://" in name or Path(name).exists()]
 
     def forget(self, name: str) -> None:
-        """Remove an entry from the recent list."""
         self.recent = [other for other in self.recent if other != name]

@@ -33,7 +33,6 @@ class StageRow:
 
     @property
     def title(self) -> str:
-        """The displayed name."""
         return TITLES[self.key]
 
 

@@ -83,12 +83,10 @@ class StageViews:
 
     @property
     def edits_take(self) -> bool:
-        """Whether the edits are on screen."""
         return self.editing and self.stage == "review"
 
     @property
     def shows_scene(self) -> bool:
-        """Whether the scene is on screen."""
         return self.stage == "review" and not self.editing and self.player.mode == "scene"
 
     def leave(self) -> bool:
@@ -96,7 +94,6 @@ class StageViews:
         return self.leave_edits() or (self.shows_scene and self.player.choose_mode("single"))
 
     def edit(self) -> None:
-        """Show the edits of the take."""
         player = self.player
         if player.opened is None or self.workspace.take is None:
             player.refused.emit("Only a take can be edited. Open one, or create one from footage.")
@@ -124,7 +121,6 @@ class StageViews:
         return True
 
     def chosen(self) -> set[str]:
-        """The pressed buttons."""
         if self.edits_take:
             return self.editor.pressed_buttons
         if self.stage != "review":
@@ -179,7 +175,6 @@ class StageViews:
             self.editor.press(key)
 
     def select(self, stage: str) -> None:
-        """Show a stage."""
         if stage != self.stage:
             self._go(stage)
             self.show_again()
@@ -210,7 +205,6 @@ class StageViews:
 
     @property
     def shows_player(self) -> bool:
-        """Whether the viewport shows the player."""
         return self.stage == "review" and not self.editing
 
     @property
@@ -327,11 +321,9 @@ class StageViews:
         (self.stage_view or self.player).drag(dx, dy, turn, height)
 
     def wheel(self, x: float, y: float, notches: float) -> None:
-        """Zoom."""
         (self.stage_view or self.player).wheel(x, y, notches)
 
     def click(self, x: float, y: float) -> None:
-        """Handle a click."""
         self.clicked.emit()
         stage_view = self.stage_view
         if stage_view is not None:

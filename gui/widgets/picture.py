@@ -24,7 +24,6 @@ def as_image(pixels: np.ndarray) -> o3d.geometry.Image:
 
 
 def color(value: RGB) -> gui.Color:
-    """Convert a color for widgets."""
     return gui.Color(value[0] / 255, value[1] / 255, value[2] / 255)
 
 

@@ -81,7 +81,6 @@ class TimelinePanel:
         return None if trim is None else self._player.transport.numbers.within(trim.first, trim.last)
 
     def fit(self) -> None:
-        """Show all frames."""
         self.zoom = TimelineZoom()
 
     def update(self) -> bool:

@@ -32,9 +32,7 @@ class Gestures(Protocol):
         """Orbit (`turn`) or pan."""
         ...
 
-    def wheel(self, x: float, y: float, notches: float) -> None:
-        """Zoom."""
-        ...
+    def wheel(self, x: float, y: float, notches: float) -> None: ...
 
     def grabs(self, x: float, y: float) -> bool:
         """Whether a press here grabs something, such as the line of a wipe or a handle, which `pull` then moves."""
@@ -48,13 +46,9 @@ class Gestures(Protocol):
         """Let go of what is grabbed."""
         ...
 
-    def click(self, x: float, y: float) -> None:
-        """Handle a left click."""
-        ...
+    def click(self, x: float, y: float) -> None: ...
 
-    def context(self, x: float, y: float) -> None:
-        """Handle a right click."""
-        ...
+    def context(self, x: float, y: float) -> None: ...
 
 
 class Viewport:
@@ -82,7 +76,6 @@ class Viewport:
         return picture_size(*self.picture.size, self.most_pixels)
 
     def show(self, pixels: np.ndarray) -> None:
-        """Show an image."""
         self.picture_size = (pixels.shape[1], pixels.shape[0])
         self.picture.show(pixels)
 

@@ -181,7 +181,6 @@ class QueueFile:
         return found[0] if found else None
 
     def is_run(self) -> bool:
-        """Whether a program works through the queue."""
         try:
             with self._lock("run").open("r") as file:
                 fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)

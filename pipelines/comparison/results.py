@@ -126,7 +126,6 @@ class FinishedFrames:
             os.replace(self._folder / name, self._out / name)
 
     def remove(self) -> None:
-        """Delete the folder and all in it."""
         remove(self._folder)
 
     def _read(self, path: Path) -> ComparedFrame | None:

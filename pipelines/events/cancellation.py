@@ -30,16 +30,13 @@ class Cancellation:
         self._event = threading.Event()
 
     def cancel(self) -> None:
-        """Request cancellation."""
         self._event.set()
 
     @property
     def cancelled(self) -> bool:
-        """Whether cancellation was requested."""
         return self._event.is_set()
 
     def check(self) -> None:
-        """Raise Cancelled if cancellation was requested."""
         if self._event.is_set():
             raise Cancelled
 

@@ -45,7 +45,6 @@ class Sample:
 def render_report(
     take: Take, config: Config, groups: Sequence[Group], evaluation: Evaluation, samples: Sequence[Sample]
 ) -> str:
-    """Render the report as HTML."""
     return rendered(
         "report.html.j2",
         title=take.root.name,

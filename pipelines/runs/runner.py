@@ -123,7 +123,6 @@ class _Run:
     verified: set[str]
 
     def go(self, names: Sequence[str]) -> None:
-        """Run the stages that are not up to date."""
         inputs, started = self.inputs, self.clock()
         take, settings = inputs.take, inputs.config.run
         save_config(take.config, inputs.config)
@@ -232,7 +231,6 @@ def _executor(inputs: Inputs, todo: Sequence[Stage]) -> Iterator[Executor | None
 
 
 def _update_marks(inputs: Inputs, emit: Emit) -> None:
-    """Update the marks in the report."""
     from pipelines.reports.evaluation import update_marks
 
     with contextlib.suppress(StudioError):

@@ -76,7 +76,6 @@ def current_params(stage: Stage, inputs: Inputs) -> Params:
 
 
 def write_record(stage: Stage, inputs: Inputs, seconds: float, summary: Result) -> None:
-    """Record that the stage finished."""
     files = stage.code.results(inputs)
     root = inputs.take.root
     digests = digests_of_files(root, files)
@@ -128,7 +127,6 @@ def assess(stage: Stage, inputs: Inputs, upstream: dict[str, StageStatus]) -> St
 
 
 def assess_all(stages: tuple[Stage, ...], inputs: Inputs) -> dict[str, StageStatus]:
-    """The status of all stages, in order."""
     found: dict[str, StageStatus] = {}
     for stage in stages:
         found[stage.name] = assess(stage, inputs, found)

@@ -100,7 +100,6 @@ class CastFrames:
 
     @property
     def has_sound(self) -> bool:
-        """Whether a stream has sound."""
         return any(one.reader.audio is not None for one in self._streams)
 
     def sound(self) -> CastSound | None:
@@ -125,7 +124,6 @@ class CastFrames:
         return CastSound(voices, rates[0], round(self.frame_count / self.fps * rates[0]))
 
     def close(self) -> None:
-        """Release files and memory."""
         self._open.close()
 
     def _add(self, item: Item, source: Path, stack: ExitStack) -> None:

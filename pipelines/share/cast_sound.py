@@ -45,6 +45,5 @@ class CastSound:
         return replace(self, voices=[replace(voice, sound=voice.sound.copy()) for voice in self.voices])
 
     def close(self) -> None:
-        """Release the decoders."""
         for voice in self.voices:
             voice.sound.close()

@@ -136,7 +136,6 @@ class _TimedHttp(H11Protocol):
 
 
 def listen(host: str, port: int) -> socket.socket:
-    """Open a listening socket."""
     if not 0 <= port <= 65535:
         problem = f"--port {port}: not between 0 and 65535"
         raise StudioError("command.invalid_option", problem, value=port, fix="Example: 8000.", option="--port")
@@ -265,7 +264,6 @@ class BoundedLog(logging.Filter):
         self._began, self._passed, self._left_out = clock(), 0, 0
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Whether to log a record."""
         now = self._clock()
         if now - self._began >= self._seconds:
             self._began, self._passed = now, 0

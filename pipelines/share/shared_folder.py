@@ -66,7 +66,6 @@ def shared_folder(out: Path, title: str | None) -> Iterator[SharedFolder]:
 
 
 def is_shared_folder(out: Path) -> bool:
-    """Whether a folder is an earlier share."""
     listed = _recorded(out / RECORD_NAME)
     if listed is None:
         return False

@@ -237,7 +237,6 @@ def _in_script(text: str) -> str:
 
 
 def _is_shared_file(out: Path) -> bool:
-    """Whether a file is an earlier share."""
     if not out.is_file():
         return False
     with out.open("rb") as file:

@@ -39,7 +39,6 @@ class Stage:
 
     @property
     def code(self) -> StageCode:
-        """What the stage does."""
         return cast("StageCode", import_module(f"{__name__}.{self.name}"))
 
     @property
@@ -78,7 +77,6 @@ CHAIN = tuple(stage.name for stage in GROUP_STAGES if not stage.needs_all_groups
 
 
 def stage_named(name: str) -> Stage:
-    """The stage of that name."""
     return next(stage for stage in STAGES if stage.name == name)
 
 

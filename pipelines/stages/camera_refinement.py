@@ -44,7 +44,6 @@ def ensure_refined_cameras(inputs: Inputs, reporter: StageReporter, key: str, st
 
 
 def drop_refined_cameras(inputs: Inputs) -> None:
-    """Go back to the calibrated cameras."""
     for path in (inputs.take.camera_refinement, inputs.take.refined_rig):
         if path.exists():
             remove(path)

@@ -28,7 +28,6 @@ class Inputs:
 
     @cached_property
     def footage(self) -> TakeFootage:
-        """The footage."""
         return TakeFootage(self.take, self.config, self.most_cached)
 
     @property
@@ -52,7 +51,6 @@ class Inputs:
 
     @property
     def threads(self) -> int:
-        """Number of CPU threads to use."""
         return self.config.run.thread_count
 
     @cached_property

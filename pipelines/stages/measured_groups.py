@@ -31,7 +31,6 @@ class Measured:
     unseen: list[tuple[int, str]] = field(default_factory=list)
 
     def add(self, other: Measured) -> None:
-        """Append the results of another group."""
         self.frames += other.frames
         self.samples += other.samples
         self.unseen += other.unseen

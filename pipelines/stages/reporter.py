@@ -88,7 +88,6 @@ class StageReporter:
         self._lock = threading.Lock()
 
     def check(self) -> None:
-        """Raise Cancelled if the run was cancelled."""
         self.cancellation.check()
 
     def progress(self, fraction: float, label: str = "", **figures: JsonData) -> None:

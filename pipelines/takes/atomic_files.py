@@ -56,7 +56,6 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 def read_json(path: Path) -> Any:
-    """Parse a JSON file."""
     try:
         return parse_json(read_bounded(path))
     except FileNotFoundError:

@@ -180,7 +180,6 @@ def _evaluation_of(take: Take, bake: StageRecord) -> list[StageRecord]:
 
 
 def kept_bake(take: Take, name: str) -> KeptBake:
-    """The kept bake of that name."""
     found = {kept.name: kept for kept in kept_bakes(take)}
     name = unicodedata.normalize("NFC", name)
     if name not in found:

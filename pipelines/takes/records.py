@@ -120,7 +120,6 @@ def _result_of(take: Take, stage: str, inode: int, written: int) -> str | None:
 
 
 def write_failure(take: Take, stage: str, error: Message) -> None:
-    """Record why a stage failed."""
     record = FailureRecord(stage=stage, message=str(error), code=error.code, error=error.to_dict())
     write_model(take.failure(stage), record)
 

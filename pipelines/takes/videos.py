@@ -23,7 +23,6 @@ FALLBACK_FPS = 30.0  # frame rate if neither the settings nor the stream specify
 
 
 def is_take(text: str) -> bool:
-    """`text` is the folder of a take."""
     return "://" not in text and (Path(text).expanduser() / "take.json").is_file()
 
 

@@ -109,7 +109,6 @@ class _Evidence:
         self.known = len(cameras) > 1 and len(judged) > len(cameras) * (1 - _MOST)
 
     def total(self, name: str) -> int:
-        """Number of a camera's matches."""
         return sum(len(pair.first_pixels) for pair in self._pairs if name in (pair.first, pair.second))
 
     def share(self, cameras: Cameras, of: Collection[str] = (), without: Collection[str] = ()) -> float | None:

@@ -19,7 +19,6 @@ COLUMNS = ("name", "w", "h", "rx", "ry", "rz", "tx", "ty", "tz", "fx", "fy", "px
 
 
 def read_actorshq(path: Path) -> Rig:
-    """Read a calibration.csv."""
     rows = read_csv(path, COLUMNS)
     with naming(path):
         return Rig(tuple(_camera(row) for row in rows), (NO_DISTORTION,))
@@ -44,7 +43,6 @@ def _camera(row: dict[str, str]) -> Camera:
 
 
 def write_actorshq(rig: Rig, path: Path) -> None:
-    """Write a calibration.csv."""
     import cv2
 
     lines = [",".join(COLUMNS)]

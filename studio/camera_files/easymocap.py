@@ -69,7 +69,6 @@ class _Text:
         self.lines = ["%YAML:1.0", "---", "names:", *(f'   - "{name}"' for name in names)]
 
     def matrix(self, key: str, value: np.ndarray) -> None:
-        """Append a matrix."""
         data = ", ".join(repr(float(number)) for number in value.ravel())
         rows, columns = value.shape
         self.lines += [f"{key}: !!opencv-matrix", f"   rows: {rows}", f"   cols: {columns}", "   dt: d"]

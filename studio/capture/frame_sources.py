@@ -129,7 +129,6 @@ class DecoderPool:
             other.close()
 
     def close(self) -> None:
-        """Close all decoders."""
         with self._lock:
             readers = list(self._open.values())
             self._open.clear()

@@ -89,7 +89,6 @@ class VideoReader:
 
     @property
     def is_open(self) -> bool:
-        """Whether a decoder is open."""
         return self._container is not None
 
     def close(self) -> None:

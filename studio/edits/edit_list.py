@@ -49,7 +49,6 @@ class Trim(Edit):
         return self
 
     def holds(self, frame: int) -> bool:
-        """Whether a frame is kept."""
         return self.first <= frame <= self.last
 
 
@@ -157,7 +156,6 @@ class RegionView(Edit):
 
     @property
     def camera(self) -> Camera:
-        """The camera."""
         return Camera("region", self.width, self.height, np.array(self.K), np.array(self.world_to_camera))
 
     @classmethod
@@ -264,7 +262,6 @@ class EditList(Edit):
 
     @property
     def removes(self) -> bool:
-        """Whether splats may be removed."""
         return any((self.crop, self.ground, self.floaters, self.regions))
 
     @property

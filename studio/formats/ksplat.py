@@ -65,7 +65,6 @@ def size(path: Path) -> tuple[int, int]:
 
 
 def read(path: Path, note: Note) -> Gaussians:
-    """Read a .ksplat file."""
     data = read_bytes(path)
     head = _head(path, data)
     sections = list(_sections(path, data, head))

@@ -222,7 +222,6 @@ class FolderParts:
         self._meta = meta
 
     def path(self, name: str) -> Path:
-        """The file itself."""
         return self._meta if name == META else self._folder / name
 
     def read(self, name: str) -> bytes:
@@ -243,7 +242,6 @@ class ArchiveParts:
             raise damaged("splat_file.unreadable", "not a SOG bundle (ZIP)", archive)
 
     def path(self, name: str) -> Path:
-        """The archive."""
         return self._archive
 
     def read(self, name: str) -> bytes:

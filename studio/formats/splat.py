@@ -22,7 +22,6 @@ def size(path: Path) -> tuple[int, int]:
 
 
 def read(path: Path, note: Note) -> Gaussians:
-    """Read a .splat file."""
     data = read_bytes(path)
     _count(path, len(data))
     splats = np.frombuffer(data, _SPLAT)

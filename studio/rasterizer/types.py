@@ -74,7 +74,6 @@ class Pinhole:
 
     @classmethod
     def of(cls, camera: Camera) -> Pinhole:
-        """Convert a Camera."""
         if not camera.is_pinhole:
             problem = f"camera '{camera.name}' has lens distortion, which the rasterizer does not support"
             fix = "Undistort the images and use camera.undistorted()"

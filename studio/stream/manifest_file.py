@@ -28,7 +28,6 @@ _BOUNDS = Bounds(size=MAX_MANIFEST_BYTES, values=2_000_000)
 
 
 def parse_manifest(data: bytes, name: str) -> Manifest:
-    """Parse and validate a manifest."""
     _check_head(data, name)
     try:
         manifest = Manifest.model_validate_json(data)

@@ -120,7 +120,6 @@ class PlaneEncoder:
             self._out.mux(packet)
 
     def close(self) -> None:
-        """Flush the encoder and close the file."""
         for packet in self._stream.encode():
             self._out.mux(packet)
         self._out.close()

@@ -13,5 +13,4 @@ def frame_cache(limit: int = CACHE_BYTES) -> MemoryCache[int, Gaussians]:
 
 
 def bytes_of_frame(gaussians: Gaussians) -> int:
-    """Size of a frame's tensors."""
     return sum(tensor.numel() * tensor.element_size() for _, tensor in gaussians.items())

@@ -291,7 +291,6 @@ class PlayerPresenter(Viewpoint):
             self.wipe = min(max((x - self.picture.box.x) / max(self.picture.box.width, 1), 0.0), 1.0)
 
     def toggle_sound(self) -> None:
-        """Turn the sound off or on."""
         if self.audio is None:
             self.refused.emit("This take or stream has no sound.")
         else:

@@ -15,7 +15,6 @@ class Rate:
         self._times: deque[float] = deque(maxlen=240)
 
     def hit(self) -> None:
-        """Count an event now."""
         self._times.append(self._now())
 
     @property

@@ -39,9 +39,7 @@ class FrameSource(Protocol):
         """The splats of a frame. Raises StudioError if the file is missing or damaged."""
         ...
 
-    def close(self) -> None:
-        """Release files and memory."""
-        ...
+    def close(self) -> None: ...
 
 
 @dataclass

@@ -190,12 +190,10 @@ class StreamSource:
 
     @property
     def has_sound(self) -> bool:
-        """Whether the stream has sound."""
         return self._reader.audio is not None
 
     @property
     def groups(self) -> Sequence[Rendition]:
-        """The stream's groups."""
         return self._reader.groups
 
     @property

@@ -58,7 +58,6 @@ class Timeline:
             pixels[:, columns] = (0.3 * pixels[:, columns] + 0.7 * np.array(BACKGROUND)).astype(np.uint8)
 
     def group_of(self, frame: int) -> int:
-        """Index of the group that a frame belongs to."""
         return max(sum(1 for start in self.group_starts if start <= frame) - 1, 0)
 
     def picture(self, frame: int | None) -> np.ndarray:

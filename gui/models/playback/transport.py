@@ -36,7 +36,6 @@ class Transport:
 
     @property
     def last(self) -> int:
-        """The last frame's index."""
         return self.frame_count - 1
 
     def number(self, frame: int) -> int:
@@ -58,7 +57,6 @@ class Transport:
 
     @property
     def frame(self) -> int:
-        """The current frame."""
         if not self.playing:
             return self._anchor_frame
         due = self._elapsed_frame()
@@ -180,13 +178,11 @@ class Transport:
             self._lead()
 
     def pause(self) -> None:
-        """Pause at the current frame."""
         self._anchor(self.frame)
         self._playing = False
         self._lead()
 
     def toggle(self) -> None:
-        """Play if paused, pause if playing."""
         if self.playing:
             self.pause()
         else:

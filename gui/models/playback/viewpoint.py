@@ -47,7 +47,6 @@ class Viewpoint:
 
     @property
     def source_names(self) -> list[str]:
-        """Names of the available sources."""
         return list(self.opened.sources) if self.opened else []
 
     @property

@@ -34,7 +34,6 @@ class Surfaces:
         self.depth = np.full((height, width), np.inf, np.float32)
 
     def add(self, patch: Patch) -> None:
-        """Add a surface."""
         depth, pixels = self.depth[patch.rows, patch.columns], self.pixels[patch.rows, patch.columns]
         nearer = patch.where & (patch.depth < depth)
         pixels[nearer], depth[nearer] = patch.pixels[nearer], patch.depth[nearer]

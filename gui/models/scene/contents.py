@@ -85,7 +85,6 @@ class Lines:
 
     @classmethod
     def of(cls, ends: Sequence[Sequence[np.ndarray]] | np.ndarray, color: RGB, width: float = 1.0) -> Lines:
-        """Lines of one color."""
         array = np.asarray(ends, np.float64).reshape(-1, 2, 3)
         return cls(array, np.tile(np.array(color, np.uint8), (len(array), 1)), width)
 

@@ -28,7 +28,6 @@ class Fragments:
 
     @classmethod
     def join(cls, parts: list[Fragments]) -> Fragments:
-        """All of them."""
         if not parts:
             return cls(np.zeros(0, np.int64), np.zeros(0), np.zeros(0), np.zeros((0, 3), np.uint8))
         return cls(

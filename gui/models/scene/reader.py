@@ -145,7 +145,6 @@ class SceneReader:
         return self._last.get(name) if key not in self._images else image
 
     def forget(self) -> None:
-        """Drop what was read."""
         self._files.clear()
         self._images.clear()
         self._last.clear()

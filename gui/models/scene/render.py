@@ -90,7 +90,6 @@ class SceneRenderer:
 
 
 def frusta_lines(contents: SceneContents) -> Lines:
-    """The edges of the cameras' frusta."""
     ends, colors = [], []
     for one in contents.cameras:
         center, corners = frustum(one.camera, contents.length)

@@ -37,7 +37,6 @@ class Bakes:
 
     @property
     def busy(self) -> bool:
-        """Whether a bake is being kept."""
         return not self._worker.idle
 
     @property
@@ -46,14 +45,12 @@ class Bakes:
         return any(row.is_stream for row in self.rows)
 
     def look(self, take: Take | None) -> None:
-        """List the kept bakes."""
         try:
             self.rows = kept_bakes(take) if take is not None else []
         except OSError as error:  # one is being removed
             self.message, self.failed = str(error), True
 
     def keep(self, take: Take, name: str) -> None:
-        """Keep the take's stream under a name."""
         self.message, self.failed = "Working ...", False
         self._worker.ask((take, name))
 

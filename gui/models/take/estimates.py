@@ -38,7 +38,6 @@ class Estimates:
 
     @property
     def running(self) -> bool:
-        """Whether a measurement is in progress."""
         return self._process is not None
 
     def words(self, preset: str) -> str:

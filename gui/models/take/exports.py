@@ -119,7 +119,6 @@ class Exports:
 
     @property
     def running(self) -> bool:
-        """Whether an export is running."""
         return self._process is not None
 
     @property

@@ -65,7 +65,6 @@ class Fix:
 
     @property
     def words(self) -> str:
-        """The button's label."""
         if self.done:
             return f"{setting_words(self.setting)} is {inline_yaml(self.value)} now"
         shown = setting_words(self.setting)

@@ -37,7 +37,6 @@ class Curve:
     values: list[float] = field(default_factory=list)
 
     def add(self, position: float, value: float) -> None:
-        """Append a point."""
         self.positions.append(position)
         self.values.append(value)
         if len(self.positions) > CURVE_POINTS:
@@ -95,7 +94,6 @@ class RunState:
         )
 
     def apply(self, event: Event) -> None:
-        """Update with one event."""
         self.changes += 1
         self._now = event.time
         if isinstance(event, RunStarted):

@@ -142,8 +142,6 @@ class TakeQueue:
         return f"{what}: {count['waiting']} waiting, {count['done']} done, {count['failed']} failed."
 
     def add(self, folder: Path) -> None:
-        """Add a take at the end."""
-
         def added() -> None:
             take = Take.open(folder)
             load_config(take.config)  # report invalid settings now, not overnight

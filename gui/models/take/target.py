@@ -30,7 +30,6 @@ class NamedTarget:
         return Path(self.target.strip()).expanduser().absolute()
 
     def set_target(self, text: str) -> None:
-        """Set a typed name."""
         self._target = "" if text.strip() == self.target else text
 
     def move_to(self, folder: Path) -> None:

@@ -243,11 +243,9 @@ class Workspace:
         return self.job is not None or self.holder is not None
 
     def rows(self) -> list[StageRow]:
-        """The rows of the stage list."""
         return [self.row(key) for key in TITLES]
 
     def row(self, key: str) -> StageRow:
-        """The row of a stage."""
         if self.take is None:
             return StageRow(key, "missing", "")
         if key == "capture":

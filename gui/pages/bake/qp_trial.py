@@ -25,7 +25,6 @@ class QpTrial:
 
     @property
     def running(self) -> bool:
-        """Whether it is running."""
         return self._thread is not None and self._thread.is_alive()
 
     def start(self, workspace: Workspace, numbers: FrameNumbers) -> None:

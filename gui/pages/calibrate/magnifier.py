@@ -34,7 +34,6 @@ class Magnifier:
         return left <= x < left + width and top <= y < top + height
 
     def pan(self, dx: float, dy: float) -> None:
-        """Pan by screen pixels."""
         self.view = self.view.moved(dx, dy, self, *self._room)
 
     def zoom(self, notches: float, x: float, y: float) -> None:

@@ -34,7 +34,6 @@ class TieMarks:
 
     @property
     def point(self) -> TiePoint | None:
-        """The selected point; None if there is none."""
         return self.points[self.chosen] if 0 <= self.chosen < len(self.points) else None
 
     def count(self, camera: str) -> int:
@@ -47,7 +46,6 @@ class TieMarks:
         self.changes += 1
 
     def add(self) -> None:
-        """Add a point and select it."""
         names = {point.name for point in self.points}
         number = next(n for n in range(1, len(names) + 2) if f"point {n}" not in names)
         self.points = [*self.points, TiePoint(f"point {number}")]
@@ -91,13 +89,11 @@ class TieMarks:
         return ""
 
     def remove(self) -> None:
-        """Delete the selected point."""
         if self.point is not None:
             self._change(self.points[: self.chosen] + self.points[self.chosen + 1 :])
             self.choose(self.chosen)
 
     def undo(self) -> None:
-        """Undo the last change."""
         if self._before:
             self.points, self.chosen = self._before.pop()
             self._write()

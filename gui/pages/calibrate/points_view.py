@@ -247,7 +247,6 @@ class PointsView(StageView):
             self.problem = str(error)
 
     def show_camera(self, name: str) -> None:
-        """Show another camera's image."""
         self.camera = name
         self._changes += 1
 
@@ -259,7 +258,6 @@ class PointsView(StageView):
             self.show_camera(names[(here + direction) % len(names)])
 
     def new_point(self) -> None:
-        """Add a point."""
         if self.marks is not None:
             self.marks.add()
 
@@ -275,12 +273,10 @@ class PointsView(StageView):
             self._try(lambda: marks.unmark(camera))
 
     def remove(self) -> None:
-        """Delete the selected point."""
         if self.marks is not None:
             self._try(self.marks.remove)
 
     def undo(self) -> None:
-        """Undo the last change."""
         if self.marks is not None:
             self._try(self.marks.undo)
 
@@ -290,7 +286,6 @@ class PointsView(StageView):
         self._changes += 1
 
     def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
-        """Pan the image."""
         magnifier = self.magnifiers.get(self.camera)
         if magnifier is not None:
             magnifier.pan(dx, dy)
@@ -304,7 +299,6 @@ class PointsView(StageView):
             self.step_point(-1 if notches > 0 else 1)
 
     def reset(self) -> None:
-        """Show the whole image."""
         self.magnifiers.pop(self.camera, None)
         self._changes += 1
 

@@ -320,7 +320,6 @@ class FootageCheck:
 
     @property
     def running(self) -> bool:
-        """Whether it is running."""
         return self._thread is not None and self._thread.is_alive()
 
     def start(self, context: Inputs) -> None:

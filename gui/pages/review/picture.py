@@ -67,7 +67,6 @@ def draw_lines(canvas: Canvas, view: Camera, lines: Lines, splats: SplatLayer) -
 
 
 def box_lines(box: CropBox, active: bool) -> Lines:
-    """The edges of a box."""
     corners = box.corners
     ends = [(corners[start], corners[end]) for start, end in BOX_EDGES]
     return Lines.of(ends, ACCENT if active else DIM, 2.0 if active else 1.0)

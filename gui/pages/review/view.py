@@ -108,7 +108,6 @@ class EditView(OrbitView):
 
     @property
     def edits(self) -> EditList:
-        """The take's edits."""
         return edits_of(self.workspace)
 
     @property
@@ -157,7 +156,6 @@ class EditView(OrbitView):
 
     @property
     def pressed_buttons(self) -> set[str]:
-        """The pressed buttons."""
         return {self.tool, *(["removed"] if self.show_removed else [])}
 
     @property

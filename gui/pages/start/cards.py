@@ -40,7 +40,6 @@ class Card:
 
     @property
     def name(self) -> str:
-        """Name of the folder or file."""
         return self.place.rstrip("/").rsplit("/", 1)[-1] or self.place
 
     @property

@@ -256,7 +256,6 @@ class Dialogs:
             LOOP.post(self.close)
 
     def message(self, title: str, text: str) -> None:
-        """Show a message."""
         self.widgets = {}
         self.show("message", title, [self.label(text, dim=False)], [("close", "Close", self.close)], 60, self.close)
 

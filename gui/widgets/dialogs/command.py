@@ -39,7 +39,6 @@ class CommandDialog:
         self._moved: set[int] = set()  # steps of keys whose press has counted
 
     def show(self, commands: Sequence[Command]) -> None:
-        """Show the dialog."""
         dialogs = self._dialogs
         self._commands, self._typed, self._searched, self._drawn = commands, "", None, None
         self._pressed, self._moved = None, set()

@@ -100,7 +100,6 @@ class Form:
         self.add(attribute, label, box)
 
     def line(self, attribute: str, label: str) -> None:
-        """A line of text."""
         edit = gui.TextEdit()
         edit.text_value = getattr(self._target, attribute)
         edit.set_on_text_changed(lambda text: setattr(self._target, attribute, text))

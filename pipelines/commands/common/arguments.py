@@ -142,7 +142,6 @@ def print_text(arguments: argparse.Namespace, text: str) -> None:
 
 
 def add_overwrite(parser: argparse.ArgumentParser, text: str = "replace the output if it exists") -> None:
-    """Add the option `--overwrite`."""
     parser.add_argument("--overwrite", action="store_true", help=text)
 
 

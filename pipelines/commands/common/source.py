@@ -35,7 +35,6 @@ def add_source(parser: argparse.ArgumentParser, nargs: str | None = None, note: 
 
 
 def add_preset(parser: argparse.ArgumentParser) -> None:
-    """Add the option `--preset`."""
     parser.add_argument(
         "--preset",
         choices=PRESETS,
@@ -45,7 +44,6 @@ def add_preset(parser: argparse.ArgumentParser) -> None:
 
 
 def is_take(path: Path) -> bool:
-    """Whether this is the folder of a take."""
     return (path / "take.json").is_file()
 
 

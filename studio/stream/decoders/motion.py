@@ -138,5 +138,4 @@ class MotionDecoder(GroupDecoder):
         return MotionFrame(self._tables, index, picture)
 
     def close(self) -> None:
-        """Release the decoder."""
         self._video.close()

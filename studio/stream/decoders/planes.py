@@ -70,7 +70,6 @@ class PlanesDecoder(GroupDecoder):
         return PlanesFrame(group, planes)
 
     def close(self) -> None:
-        """Release the decoders."""
         for decoder in self._decoders:
             decoder.close()
         self._decoders = []
