@@ -48,7 +48,8 @@ class Gestures(Protocol):
 
     def click(self, x: float, y: float) -> None: ...
 
-    def context(self, x: float, y: float) -> None: ...
+    def context(self, x: float, y: float) -> None:
+        """Handle a right click."""
 
 
 class Viewport:
