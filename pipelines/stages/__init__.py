@@ -57,7 +57,7 @@ STAGES = (
         weight=6, dependencies=("calibrate",), renders=False,
     ),
     Stage(
-        "train", "Train", "train the Gaussians", version=3, weight=85, dependencies=("calibrate", "initialize"),
+        "train", "Train", "train the Gaussians", version=4, weight=85, dependencies=("calibrate", "initialize"),
     ),
     Stage(
         "bake", "Bake", "encode the trained Gaussians as a stream", version=3, weight=3, dependencies=("train",),

@@ -260,7 +260,7 @@ class GroupWork:
         for index, before, own in zip(group.indices, frames, keys, strict=True):
             if not has_key(take.separate_frame(group.index, index), own):
                 write_frame(take.separate_frame(group.index, index), before, self._about(group, index, own))
-        self._write_group(group, frames[0], timings, round(seconds, 3))
+        self._write_group(group, trained[0], timings, round(seconds, 3))
         for index, gaussians in zip(group.indices, trained, strict=True):
             write_frame(take.trained_frame(group.index, index), gaussians.to("cpu"), self._about(group, index, key))
         remove(path)

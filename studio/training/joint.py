@@ -3,7 +3,7 @@
 Frame after frame, every attribute of every splat changes a little, and most of these changes are noise that costs bits
 and shows in new views. So a few frames in a row share scales, opacities and colors here, and random frames and views
 decide on them together. Positions and rotations stay those of each frame; what they cost is the acceleration of
-positions.
+positions. Splats that hardly contribute to what the cameras see cost bytes, too, and are left out first.
 """
 
 from collections.abc import Sequence
@@ -14,6 +14,8 @@ from torch import Tensor
 
 from studio.gaussians import Gaussians
 from studio.progress import ProgressFn, no_progress
+from studio.rasterizer.contribution import contribution
+from studio.training.details import detail_weights
 from studio.training.group_run import GroupRun
 from studio.training.interframe import performer_box
 from studio.training.keyframe import scene_extent
@@ -28,6 +30,9 @@ _SMOOTHNESS = 0.1
 
 _SHARED = 8
 """Frames in a row that share scales, opacities and colors, about."""
+
+_LEFT_OUT = 0.025
+"""Most of the contribution to all images that is left out, with the splats that have the smallest ones (measured)."""
 
 _BYTES, _BYTES_A_PIXEL = 2_000_000_000, 11
 """Most memory for the views of a group, and what a pixel of a view takes."""
@@ -67,27 +72,38 @@ def train_jointly(
     checkpoint_every: int | None = None,
     resume: Checkpoint | None = None,
 ) -> list[Gaussians]:
-    """Train all frames of a group together. The number and order of splats do not change.
+    """Train all frames of a group together, without the splats that hardly contribute to any image.
 
     Args:
         frames: the group's frames as trained one after the other, at least two, in order.
-        views: training views of each frame.
+        views: training views of each frame, at least one.
         settings: see `TrainSettings`; `joint_iterations` steps per frame.
         keyframe_off: see `train_interframe`.
         seed: equal seeds and inputs give equal splats, bit for bit.
         progress, checkpoint, checkpoint_every, resume: see `GroupRun.train`.
 
     Returns:
-        Detached splats of each frame. Those of a part of the group (`parts_of`) have the same scales, opacities and
-        colors.
+        Detached splats of each frame, `splats_needed` in their order. Those of a part of the group (`parts_of`) have
+        the same scales, opacities and colors.
 
     Raises:
-        StudioError: `training.diverged` or `training.no_views`.
+        StudioError: `training.diverged`.
         Cancelled: raised by `progress`.
     """
-    run = _Run(frames, views, settings, keyframe_off, seed)
+    kept = splats_needed(frames, views)
+    run = _Run([frame[kept] for frame in frames], views, settings, keyframe_off, seed)
     run.train(progress, checkpoint, checkpoint_every, resume)
     return run.result()
+
+
+def splats_needed(frames: Sequence[Gaussians], views: Sequence[Sequence[TrainingView]]) -> Tensor:
+    """Indices, ascending, of the splats that make all but `_LEFT_OUT` of the views of three frames."""
+    summed = torch.zeros(len(frames[0]), dtype=torch.float64, device=frames[0].device)
+    for number in sorted({0, len(frames) // 2, len(frames) - 1}):
+        seen = contribution(frames[number], [view.camera for view in views[number]])
+        summed += seen * detail_weights(frames[number].means, views[number][0].details)
+    values, order = summed.cpu().sort(stable=True)  # sums on a GPU differ from run to run
+    return order[values.cumsum(0) >= _LEFT_OUT * values.sum()].sort().values
 
 
 class _Run(GroupRun):

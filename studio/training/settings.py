@@ -193,9 +193,9 @@ class TrainSettings(Settings):
     """Weight of the temporal loss: lambda_t in the paper's equation 13."""
 
     joint_iterations: Annotated[int, Heading("Joint training"), Affects("joint_frames")] = Field(default=0, ge=0)
-    """Steps per frame on random frames and cameras of a group, after all of its frames are trained. About eight
-    frames in a row then share scales, opacities and colors, and positions follow smooth paths, which takes fewer bytes.
-    0: no such steps."""
+    """Steps per frame on random frames and cameras of a group, after all of its frames are trained. Splats that hardly
+    contribute to images are left out, about eight frames in a row share scales, opacities and colors, and positions
+    follow smooth paths, which takes fewer bytes. 0: no such steps."""
 
     rates: LearningRates = LearningRates()
     """Learning rates of the splats."""

@@ -8,7 +8,7 @@ import torch
 
 from studio.gaussians import Gaussians
 from studio.training import LearningRates, TrainingView, TrainSettings, train_jointly
-from studio.training.joint import joint_bytes, views_of_frame
+from studio.training.joint import joint_bytes, splats_needed, views_of_frame
 from tests.studio.training.test_group import ball, loss_of, views
 
 MOVES = [step * torch.tensor([0.05, -0.02, 0.0]) for step in range(4)]
@@ -55,6 +55,20 @@ def test_frames_share_their_appearance_and_come_closer_to_the_footage(
     assert bend(trained) < 0.9 * bend(noisy)
     moved = (trained[-1].means - trained[0].means).mean(0)
     assert torch.allclose(moved, MOVES[-1], atol=0.01), "paths are smoothed, not stopped"
+
+
+def test_splats_that_no_image_needs_are_left_out(seen: list[list[TrainingView]]) -> None:
+    whole = [ball(move) for move in MOVES]
+    hidden = [replace(one[:50], means=(one.means[:50] + 4 * move) / 5) for one, move in zip(whole, MOVES, strict=True)]
+    frames = [Gaussians.cat(one[:100], inside, one[100:]) for one, inside in zip(whole, hidden, strict=True)]
+    kept = splats_needed(frames, seen)
+    assert not set(range(100, 150)) & set(kept.tolist())
+    assert 280 < len(kept) < 300
+    assert torch.equal(kept, kept.sort().values)
+    for frame, views_ in zip(frames, seen, strict=True):
+        assert loss_of(frame[kept], views_) < 0.03 * loss_of(frame[:150], views_)
+    for one, frame in zip(train_jointly(frames, seen, SETTINGS.replace(joint_iterations=1)), frames, strict=True):
+        assert (one.means - frame.means[kept]).norm(dim=-1).max() < 0.05
 
 
 def test_it_resumes_from_each_checkpoint_bit_for_bit(noisy: list[Gaussians], seen: list[list[TrainingView]]) -> None:
