@@ -96,7 +96,7 @@ def register(commands: Any) -> None:
         type=float,
         default=4.0,
         metavar="W",
-        help="how much more pixels and splats in the ball count, above 1 and up to 100 (default: 4)",
+        help="how much more pixels and splats in the ball count, from 1 to 100 (default: 4)",
     )
 
     remove = _kind(kinds, "remove", "remove an edit", _remove)
@@ -304,22 +304,15 @@ def _detail(arguments: argparse.Namespace) -> str:
     from pipelines.takes.edits import frame_of, placed_world, read_edits
     from pipelines.takes.followed import followed
 
-    for option, least, most in (("radius", 0, 1e9), ("weight", 1, 100)):
-        value = getattr(arguments, option)
-        if not least < value <= most:
-            fix = f"It must be above {least} and at most {most:g}."
-            raise invalid_option(f"--{option}", f"--{option} is {value:g}", fix, value)
     take = _take(arguments)
     edits = read_edits(take.edits)
     back = placed_world(edits, frame_of(take)).inverse
-    mark = followed(
-        take,
-        arguments.frame,
-        back.points(np.array(arguments.at_point)),
-        back.scale * arguments.radius,
-        arguments.weight,
-    )
-    return _change(take, "details", [one.model_dump(mode="json") for one in (*edits.details, mark)])
+    center, radius = back.points(np.array(arguments.at_point)), back.scale * arguments.radius
+    before = [one.model_dump(mode="json") for one in edits.details]
+    numbers = {"radius": radius, "weight": arguments.weight, "path": [(0, center.tolist())]}
+    _checked(edits, "details", [*before, numbers], None)
+    mark = followed(take, arguments.frame, center, radius, arguments.weight)
+    return _change(take, "details", [*before, mark.model_dump(mode="json")])
 
 
 def _remove(arguments: argparse.Namespace) -> str:
@@ -362,15 +355,26 @@ def _redo(arguments: argparse.Namespace) -> str:
 
 def _change(take: Take, name: str, value: object, file: Path | None = None) -> str:
     """Set an edit to JSON-ready values, which may come from a file; returns what it is now, in words."""
+    from pipelines.takes.edits import change_edits, describe, frame_of, read_edits
+
+    before = read_edits(take.edits)
+    after = _checked(before, name, value, file)
+    words = list(describe(after, frame_of(take)).items())
+    shown = [f"{one}: {text}" for one, text in words if one.split()[0] == name][-1:]
+    change_edits(take.edits, after, (shown or [name])[0], before)
+    return "".join(shown)
+
+
+def _checked(before: EditList, name: str, value: object, file: Path | None) -> EditList:
+    """The edits with one of them changed; arguments as in `_change`."""
     from pydantic import ValidationError
 
-    from pipelines.takes.edits import change_edits, describe, frame_of, read_edits, singular
+    from pipelines.takes.edits import singular
     from studio.edits.edit_list import EditList
     from studio.errors import violation
 
-    before = read_edits(take.edits)
     try:
-        after = EditList.model_validate(before.model_dump(mode="json") | {name: value})
+        return EditList.model_validate(before.model_dump(mode="json") | {name: value})
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(part for part in first["loc"] if isinstance(part, str) and part not in _MANY.values()) or name
@@ -382,10 +386,6 @@ def _change(take: Take, name: str, value: object, file: Path | None = None) -> s
         elif file is None:
             raise invalid_option(where, problem, fix, given, edit=name) from None
         raise StudioError("edits.invalid", problem, file=file, value=given, fix=fix, edit=name) from None
-    words = list(describe(after, frame_of(take)).items())
-    shown = [f"{one}: {text}" for one, text in words if one.split()[0] == name][-1:]
-    change_edits(take.edits, after, (shown or [name])[0], before)
-    return "".join(shown)
 
 
 def _frames(take: Take) -> tuple[int, ...]:

@@ -21,10 +21,7 @@ if TYPE_CHECKING:
 def followed(take: Take, frame: int | None, center: np.ndarray, radius: float, weight: float) -> DetailMark:
     """A ball that is marked in a trained frame (its number in the footage; None: the first), with its path through all
     of them."""
-    from pydantic import ValidationError
-
     from studio.edits import follow
-    from studio.errors import violation
 
     files, starts = take.trained_files()
     if not files:
@@ -49,13 +46,5 @@ def followed(take: Take, frame: int | None, center: np.ndarray, radius: float, w
             raise of_two_trainings(take, group)
         return found
 
-    try:
-        found = follow(means_at, [group.indices for group in groups], index, center, radius, weight)
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        problem = f"{first['loc'][-1]} {violation(first)}"
-        fix = "A weight is from 1 to 100, a radius above 0 and at most 1e9."
-        raise StudioError(
-            "edits.invalid", problem, file=take.edits, value=first["input"], fix=fix, edit="details"
-        ) from None
+    found = follow(means_at, [group.indices for group in groups], index, center, radius, weight)
     return found.model_copy(update={"path": tuple((numbers.number(at), place) for at, place in found.path)})

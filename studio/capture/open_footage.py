@@ -54,7 +54,7 @@ def open_footage(
             `Footage.frames` contains only the frames that all cameras have.
         cache_folder: where to cache backgrounds estimated from the footage, and masks that are agreed or from a matting
             model, for other processes; None caches them in memory only.
-        device, threads: device and CPU threads of a matting model, as in `OnnxModel`.
+        device, threads: device and CPU threads of a matting model, as in `MattingModel`.
         most_cached: bytes that decoded images may take, if that is less than what the settings allow; None: no such
             limit.
         every_camera: raise if the footage lacks a camera of the rig, as files that are not mounted do. Otherwise, those

@@ -94,7 +94,7 @@ class MaskInputs:
         held_out: cameras that need none.
         pool: bounds the number of open decoders.
         cache_folder: for estimated backgrounds and masks of a model; None caches in memory only.
-        device, threads: device and CPU threads of a matting model, as in `OnnxModel`.
+        device, threads: device and CPU threads of a matting model, as in `MattingModel`.
         garbage: where the performer may be, for sources that profit from knowing it; `Footage` applies it in any case.
         cameras: returns the cameras of the raw frames, by name; None before calibration.
     """

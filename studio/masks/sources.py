@@ -12,7 +12,7 @@ from studio.masks.chroma_key import open_chroma_key
 from studio.masks.imported import open_imported
 from studio.masks.mask_files import open_files
 from studio.masks.mask_source import MaskInputs, MaskSource, MissingMaskSource, open_none
-from studio.masks.onnx_model import open_model
+from studio.masks.matting_model import open_model
 from studio.masks.plain_background import open_plain
 from studio.masks.plates import FEW_FRAMES, open_clean_plate, open_median_background
 

@@ -153,6 +153,7 @@ class RunningWindow:
         self._read = 0
         self._states: list[dict[str, Any]] = []
         self._entered = False
+        self._corner: list[int] = []  # of its content on the screen
         self.environment = {
             **os.environ, "DISPLAY": display, "OMP_NUM_THREADS": "2", "XDG_CONFIG_HOME": str(log.parent / "config"),
             "XDG_STATE_HOME": str(log.parent / "state"),
@@ -230,11 +231,11 @@ class RunningWindow:
     def box(self, widget: str) -> tuple[int, int, int, int]:
         """Left, top, width and height of a widget on the screen, once it is still."""
         left, top, width, height = self._place(widget)
-        window = self.xdotool("search", "--name", "V3 Studio").split()[0]
-        geometry = dict(
-            line.split("=") for line in self.xdotool("getwindowgeometry", "--shell", window).splitlines() if "=" in line
-        )
-        return int(geometry["X"]) + left, int(geometry["Y"]) + top, width, height
+        if not self._corner:  # without a window manager, nothing moves the window
+            found = self.xdotool("search", "--name", "V3 Studio", "getwindowgeometry", "--shell", "%1").splitlines()
+            geometry = dict(line.split("=") for line in found if "=" in line)
+            self._corner = [int(geometry["X"]), int(geometry["Y"])]
+        return self._corner[0] + left, self._corner[1] + top, width, height
 
     def point(self, widget: str, across: float = 0.5, down: float = 0.5) -> tuple[int, int]:
         """Screen pixel of a position on a widget, 0 to 1 on both axes."""
@@ -330,13 +331,14 @@ class RunningWindow:
 
     def drag(self, widget: str, start: tuple[float, float], end: tuple[float, float], button: int = 1) -> None:
         """Drag across a widget in steps."""
-        first, last = self.point(widget, *start), self.point(widget, *end)
+        left, top, width, height = self.box(widget)
         places = [
-            tuple(round(a + step / 4 * (b - a)) for a, b in zip(first, last, strict=True)) for step in range(1, 5)
+            (round(left + (a + step / 2 * (c - a)) * width), round(top + (b + step / 2 * (d - b)) * height))
+            for step in range(3)
+            for (a, b), (c, d) in [(start, end)]
         ]
-        self.send("mousemove", *first)
-        self.send("mousedown", button)
-        for place in places:
+        self.send("mousemove", *places[0], "mousedown", button)
+        for place in places[1:]:
             self.send("mousemove", *place)
         self.send("mouseup", button)
 

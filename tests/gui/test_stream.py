@@ -135,9 +135,7 @@ def test_a_stream_is_played_shared_and_served(
     # keys select: the last command is about the program
     window.chord("k")
     window.wait_for(*LIST)
-    for _ in range(len(everything) // 12 + 1):
-        window.key("Next")
-    window.key("Return")
+    window.send("key", *["Next"] * (len(everything) // 12 + 1), "Return")
     window.wait_for("about", lambda s: s["dialog"] == "message")
     window.key("Escape")
     window.wait_for("no dialog", lambda s: not s["dialog"])

@@ -34,8 +34,10 @@ class Busy:
         pass
 
 cpus = int(sys.argv[1])
-cluster = Cluster(initialize_head=True, head_node_args={"wait": False, "num_cpus": cpus, "include_dashboard": False})
-second = cluster.add_node(wait=False, num_cpus=cpus)
+few = {"wait": False, "num_cpus": cpus, "include_log_monitor": False}  # each would be a Python process more
+head = {**few, "include_dashboard": False, "no_monitor": True}
+cluster = Cluster(initialize_head=True, head_node_args=head)
+second = cluster.add_node(**few)
 cluster.wait_for_nodes(600)
 ray.init(cluster.address, log_to_driver=False)
 on_first = NodeAffinitySchedulingStrategy(cluster.head_node.node_id, soft=False)

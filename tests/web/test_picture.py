@@ -1,7 +1,6 @@
 """The player's picture matches the rasterizer, and its values match the Python decoder."""
 
 import base64
-import functools
 import shutil
 from dataclasses import replace
 
@@ -15,38 +14,65 @@ pytestmark = pytest.mark.web
 PSNR = 45.0
 
 
-@pytest.fixture(scope="module")
-def expected_images(baked):
-    """`expected_images(degree)`: (frame, camera, background, what the rasterizer renders) of five cameras."""
+_TAP = """() => {
+  // What the worker sends, before the player takes it.
+  window.pictures = [];
+  const descriptor = Object.getOwnPropertyDescriptor(Worker.prototype, 'onmessage');
+  Object.defineProperty(Worker.prototype, 'onmessage', {
+    set(handler) {
+      descriptor.set.call(this, event => {
+        const {type, picture} = event.data;
+        if (type === 'picture')
+          window.pictures.push({frame: picture.frame, luma: text(picture.luma.slice()), count: picture.count,
+            order: text(new Uint8Array(picture.order.slice(0, picture.count).buffer))});
+        handler(event);
+      });
+    },
+  });
+}"""
 
-    @functools.cache
-    def render(degree):
-        python = support.PythonFrames(baked(degree=degree))
-        found = []
-        for number in range(5):
-            frame = 2 * number
+
+@pytest.mark.parametrize(
+    ("decoder", "degree", "b_frames"), [("webcodecs", 3, 2), ("webcodecs-software", 0, 0), ("video", 0, 7)]
+)
+def test_every_luma_byte_and_what_cameras_see(site, baked, open_page, decoder, degree, b_frames):
+    shutil.copytree(baked(degree=degree, b_frames=b_frames), site.stream)
+    page = open_page(f"?decoder={decoder}&t=0", setup=lambda handle: handle.add_init_script(f"({_TAP})()"))
+    python = support.PythonFrames(site.stream)
+    want = [picture for group in range(2) for picture in python.luma(group)]
+    seen, drawn = [], []
+    for frame in range(9):
+        page.seek_frame(frame)
+        if frame % 2 == 0:
+            number = frame // 2
             view = support.camera(
                 72.0 * number, elevation=-20 + 14 * number, distance=1.2 + 0.4 * number, size=(240, 300)
             )
             background = [(0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (0.2, 0.5, 0.8)][number % 3]
-            found.append((frame, view, background, support.draw(python.gaussians(frame), view, background)))
-        # The test can tell pictures apart: the previous frame differs.
-        assert psnr(support.draw(python.gaussians(7), view), found[-1][-1]) < 40
-        python.close()
-        return found
+            seen.append(page.picture(support.camera_values(view), background))
+            drawn.append(support.draw(python.gaussians(frame), view, background))
+    assert min(map(psnr, seen, drawn)) >= PSNR
+    # the test can tell pictures apart: the previous frame differs
+    assert psnr(support.draw(python.gaussians(7), view, background), drawn[-1]) < 40
+    got = {entry["frame"]: entry for entry in page.evaluate("() => window.pictures")}
+    assert sorted(got) == list(range(9))
+    for frame, picture in enumerate(want):
+        luma = np.frombuffer(base64.b64decode(got[frame]["luma"]), np.uint8)
+        assert np.array_equal(luma, picture.reshape(-1)), f"frame {frame}"
+    come_back_to_front(got[3]["order"], python.gaussians(3))
+    python.close()
 
-    return render
 
-
-@pytest.mark.parametrize(("decoder", "degree"), [("webcodecs", 3), ("video", 0)])
-def test_cameras_see_what_the_rasterizer_renders(site, baked, open_page, expected_images, degree, decoder):
-    shutil.copytree(baked(degree=degree), site.stream)
-    page = open_page(f"?decoder={decoder}&t=0")
-    found = []
-    for frame, view, background, drawn in expected_images(degree):
-        page.seek_frame(frame)
-        found.append(psnr(page.picture(support.camera_values(view), background), drawn))
-    assert min(found) >= PSNR, found
+def come_back_to_front(order, gaussians):
+    """All splats, sorted for the suggested camera, with which the player starts."""
+    pixels = support.morton_pixels(48, len(gaussians))  # of 1500 splats in a tile of 48 x 48
+    splat_of = {pixel: splat for splat, pixel in enumerate(pixels)}
+    splats = [splat_of[int(pixel)] for pixel in np.frombuffer(base64.b64decode(order), np.uint32)]
+    assert sorted(splats) == list(range(len(gaussians)))
+    view = support.camera(0)
+    depths = (gaussians.means.numpy() @ view.rotation.T + view.translation)[:, 2]
+    steps = np.diff(depths[splats])
+    assert steps.max() <= (depths.max() - depths.min()) / 65535 + 1e-5
 
 
 @pytest.mark.parametrize("profile", ["motion", "planes"])
@@ -72,50 +98,3 @@ def test_planes_without_webcodecs_say_why_not(site, baked, open_page):
     page.wait("(seen.error ?? []).length")
     assert "profile planes need WebCodecs" in page.seen("error")[0]
     assert page.handle.locator("v3-player .failure .why").inner_text() == page.seen("error")[0]
-
-
-_TAP = """() => {
-  // What the worker sends, before the player takes it.
-  window.pictures = [];
-  const descriptor = Object.getOwnPropertyDescriptor(Worker.prototype, 'onmessage');
-  Object.defineProperty(Worker.prototype, 'onmessage', {
-    set(handler) {
-      descriptor.set.call(this, event => {
-        const {type, picture} = event.data;
-        if (type === 'picture')
-          window.pictures.push({frame: picture.frame, luma: text(picture.luma.slice()), count: picture.count,
-            order: text(new Uint8Array(picture.order.slice(0, picture.count).buffer))});
-        handler(event);
-      });
-    },
-  });
-}"""
-
-
-@pytest.mark.parametrize(("decoder", "b_frames"), [("webcodecs", 2), ("webcodecs-software", 0), ("video", 7)])
-def test_every_luma_byte_is_what_python_decodes(site, baked, open_page, decoder, b_frames):
-    shutil.copytree(baked(b_frames=b_frames), site.stream)
-    page = open_page(f"?decoder={decoder}&t=0", setup=lambda handle: handle.add_init_script(f"({_TAP})()"))
-    python = support.PythonFrames(site.stream)
-    want = [picture for group in range(2) for picture in python.luma(group)]
-    for frame in range(9):
-        page.seek_frame(frame)
-    got = {entry["frame"]: entry for entry in page.evaluate("() => window.pictures")}
-    assert sorted(got) == list(range(9))
-    for frame, picture in enumerate(want):
-        luma = np.frombuffer(base64.b64decode(got[frame]["luma"]), np.uint8)
-        assert np.array_equal(luma, picture.reshape(-1)), f"frame {frame}"
-    come_back_to_front(got[3]["order"], python.gaussians(3))
-    python.close()
-
-
-def come_back_to_front(order, gaussians):
-    """All splats, sorted for the suggested camera, with which the player starts."""
-    pixels = support.morton_pixels(48, len(gaussians))  # of 1500 splats in a tile of 48 x 48
-    splat_of = {pixel: splat for splat, pixel in enumerate(pixels)}
-    splats = [splat_of[int(pixel)] for pixel in np.frombuffer(base64.b64decode(order), np.uint32)]
-    assert sorted(splats) == list(range(len(gaussians)))
-    view = support.camera(0)
-    depths = (gaussians.means.numpy() @ view.rotation.T + view.translation)[:, 2]
-    steps = np.diff(depths[splats])
-    assert steps.max() <= (depths.max() - depths.min()) / 65535 + 1e-5

@@ -36,8 +36,8 @@ from studio.masks.clean_plate import match_exposure, solve_edges
 from studio.masks.filters import color_bins, keep_components
 from studio.masks.mask_cache import MaskCache
 from studio.masks.mask_source import MaskInputs, MaskSource
+from studio.masks.matting_model import MattingModel, load_model
 from studio.masks.median_background import Background, background_cache, cached_background
-from studio.masks.onnx_model import OnnxModel, load_model
 from studio.masks.plates import PlateMaskSource, open_clean_plate, open_median_background, shown
 from studio.memory_cache import MemoryCache
 
@@ -78,7 +78,6 @@ class AgreedMaskSource:
         cameras: of the raw frames; None before calibration: each camera's mask is then that of its plate alone.
         plates: the empty set of each camera.
         model: its masks of people are part of the evidence; None: there is no model.
-        model_files: on which its masks depend.
         estimated: whether the plates were estimated from the footage.
         cache: recipe of the masks and folder for a disk cache; None: memory only.
     """
@@ -88,13 +87,11 @@ class AgreedMaskSource:
         inputs: MaskInputs,
         cameras: Mapping[str, Camera] | None,
         plates: PlateMaskSource,
-        model: OnnxModel | None = None,
-        model_files: Sequence[Path] = (),
+        model: MattingModel | None = None,
         estimated: bool = False,
         cache: tuple[str, Path] | None = None,
     ) -> None:
         self._inputs, self._cameras, self._plates, self._model, self._cache = inputs, cameras, plates, model, cache
-        self._model_files = list(model_files)
         common = sorted(set.intersection(*(set(source.frames) for source in inputs.sources.values())))
         spread = sorted({round(at) for at in np.linspace(0, len(common) - 1, _SET_FRAMES)}) if common else []
         self._set_frames = [common[at] for at in spread]
@@ -126,7 +123,7 @@ class AgreedMaskSource:
         return found
 
     def files(self) -> list[Path]:
-        return self._plates.files() + self._model_files
+        return self._plates.files() + (self._model.files() if self._model else [])
 
     def plate(self, camera: str) -> np.ndarray:
         return shown(self.background(camera))
@@ -327,24 +324,24 @@ def open_agreed(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | 
         return None
     plates, phrase = found
     assert isinstance(plates, PlateMaskSource)
-    model, model_files = load_model(inputs) if inputs.spec.mask_model else (None, [])
+    model = load_model(inputs) if inputs.spec.mask_model else None
     if inputs.cameras is None:
         words = f"those of each camera alone until the cameras are calibrated, {phrase}"
-        return AgreedMaskSource(inputs, None, plates, model, model_files), words
-    recipe = _recipe(inputs, plates, model_files)
-    source = AgreedMaskSource(inputs, inputs.cameras(), plates, model, model_files, clean is None, recipe)
+        return AgreedMaskSource(inputs, None, plates, model), words
+    recipe = _recipe(inputs, plates, model)
+    source = AgreedMaskSource(inputs, inputs.cameras(), plates, model, clean is None, recipe)
     return source, f"agreed by {voters} cameras, from the {phrase}{' and a matting model' if model else ''}"
 
 
-def _recipe(inputs: MaskInputs, plates: PlateMaskSource, model_files: Sequence[Path]) -> tuple[str, Path] | None:
+def _recipe(inputs: MaskInputs, plates: PlateMaskSource, model: MattingModel | None) -> tuple[str, Path] | None:
     """Everything that the masks depend on, and the folder of the cache."""
     spec, folder = inputs.spec, inputs.cache_folder
     if folder is None or inputs.cameras is None:
         return None
-    sources = [*inputs.sources.values(), *(one for one in (plates, inputs.garbage) if one is not None)]
+    sources = [*inputs.sources.values(), *(one for one in (plates, inputs.garbage, model) if one is not None)]
     parts = [
         str(_VERSION),
-        digest_files(spec.root, [*model_files, *(path for source in sources for path in source.files())]),
+        digest_files(spec.root, [path for source in sources for path in source.files()]),
         spec.model_dump_json(include={*DifferenceSettings.model_fields, *ModelSettings.model_fields, "offsets"}),
         spec.model_dump_json(include={"color_matrix", "transfer", "held_out"}),
         *(f"{camera.to_dict()}" for camera in inputs.cameras().values()),

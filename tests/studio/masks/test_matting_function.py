@@ -13,7 +13,7 @@ import pytest
 from studio.capture import CaptureSettings, open_footage
 from studio.capture.checks import check_footage
 from studio.masks import FunctionMaskSource
-from studio.masks.onnx_model import KINDS, Kind, OnnxModel, preprocess, providers
+from studio.masks.matting_model import KINDS, Kind, MattingModel, preprocess, providers
 from tests.support.errors import refuses
 
 DATA = Path(__file__).parent / "data"
@@ -31,7 +31,7 @@ def weighted(values: np.ndarray) -> np.ndarray:
 def test_the_mask_is_the_first_output_of_one_channel() -> None:
     """The first output of free.onnx is the mean per channel, which is not an image."""
     image = noisy()
-    mask = OnnxModel(DATA / "free.onnx", "plain", device="cpu")(image)
+    mask = MattingModel(DATA / "free.onnx", "plain", device="cpu")(image)
     assert mask.shape == (64, 96)
     assert np.abs(mask - weighted(image / 255)).max() < 1e-6
 
@@ -39,16 +39,16 @@ def test_the_mask_is_the_first_output_of_one_channel() -> None:
 def test_a_lite_model_has_the_same_mask() -> None:
     """Without onnxruntime, at the size of its kind."""
     image = noisy(256, 256)
-    mask = OnnxModel(DATA / "lite.tflite", "selfie")(image)
+    mask = MattingModel(DATA / "lite.tflite", "selfie")(image)
     assert np.abs(mask - weighted(image / 255)).max() < 1e-6
-    assert OnnxModel(DATA / "lite.tflite", "selfie")(image[:100]).shape == (100, 256)
+    assert MattingModel(DATA / "lite.tflite", "selfie")(image[:100]).shape == (100, 256)
 
 
 def test_normalization_and_sigmoid(monkeypatch: pytest.MonkeyPatch) -> None:
     image = noisy()
     monkeypatch.setitem(KINDS, "plain", Kind((0.5, 0.4, 0.3), (0.5, 0.25, 0.2), 0, logits=True))
     seen = (image / 255 - [0.5, 0.4, 0.3]) / [0.5, 0.25, 0.2]
-    mask = OnnxModel(DATA / "free.onnx", "plain", device="cpu")(image)
+    mask = MattingModel(DATA / "free.onnx", "plain", device="cpu")(image)
     assert np.abs(mask - 1 / (1 + np.exp(-weighted(seen)))).max() < 1e-6
     assert preprocess(image, (96, 64), KINDS["plain"])[0].transpose(1, 2, 0) == pytest.approx(seen, abs=1e-5)
 
@@ -61,7 +61,7 @@ def test_images_are_resized_for_the_model_and_masks_back(
     columns = np.broadcast_to((np.arange(300) + 0.5) / 300, (150, 300))
     image = np.repeat(np.rint(255 * columns)[..., None], 3, axis=2).astype(np.uint8)
     monkeypatch.setitem(KINDS, "plain", replace(KINDS["plain"], side=wanted))
-    mask = OnnxModel(DATA / file, "plain", device="cpu")(image)
+    mask = MattingModel(DATA / file, "plain", device="cpu")(image)
     assert mask.shape == (150, 300)
     assert np.abs(mask - columns)[:, 8:-8].max() < 0.004
 
@@ -76,23 +76,23 @@ def test_images_are_resized_for_the_model_and_masks_back(
 )
 def test_models_that_are_not_matting_models(file: str, code: str, value: object) -> None:
     with refuses(code, file=DATA / file, value=value, setting="capture.mask_model"):
-        OnnxModel(DATA / file, "plain", device="cpu")(noisy())
+        MattingModel(DATA / file, "plain", device="cpu")(noisy())
 
 
 def test_files_that_are_missing_or_broken(tmp_path: Path) -> None:
     with refuses("mask.model_missing", file=tmp_path / "nowhere.onnx", setting="capture.mask_model"):
-        OnnxModel(tmp_path / "nowhere.onnx")
+        MattingModel(tmp_path / "nowhere.onnx")
     for file, kind in (("free.onnx", "plain"), ("lite.tflite", "selfie")):
         broken = tmp_path / file
         broken.write_bytes((DATA / file).read_bytes()[:100])
         with refuses("mask.model_unloadable", file=broken, setting="capture.mask_model"):
-            OnnxModel(broken, kind, device="cpu")(noisy())
+            MattingModel(broken, kind, device="cpu")(noisy())
 
 
 def test_values_outside_0_to_1() -> None:
     """A mean and standard deviation that differ from the model's, or logits."""
     with refuses("mask.model_values", file=DATA / "free.onnx", setting="capture.mask_model") as caught:
-        OnnxModel(DATA / "free.onnx", device="cpu")(noisy())
+        MattingModel(DATA / "free.onnx", device="cpu")(noisy())
     low, high = caught.value.value
     assert low < 0
     assert high > 1
@@ -101,7 +101,7 @@ def test_values_outside_0_to_1() -> None:
 def test_without_onnxruntime_the_error_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with refuses("mask.runtime_missing", file=DATA / "free.onnx", package="onnxruntime") as caught:
-        OnnxModel(DATA / "free.onnx")
+        MattingModel(DATA / "free.onnx")
     assert "pip install onnxruntime" in caught.value.fix
 
 
@@ -148,13 +148,13 @@ def test_a_capture_with_a_model(capture: Path, make: SimpleNamespace) -> None:
 
 def test_masks_are_computed_once_per_model(capture: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[int] = []
-    compute = OnnxModel.__call__
+    compute = MattingModel.__call__
 
-    def counted(self: OnnxModel, image: np.ndarray, /, *place: object) -> np.ndarray:
+    def counted(self: MattingModel, image: np.ndarray, /, *place: object) -> np.ndarray:
         made.append(1)
         return compute(self, image)
 
-    monkeypatch.setattr(OnnxModel, "__call__", counted)
+    monkeypatch.setattr(MattingModel, "__call__", counted)
     cache = capture / "cache"
 
     def mask(threads: int = 0, **values: object) -> np.ndarray:

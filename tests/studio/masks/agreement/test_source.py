@@ -8,7 +8,7 @@ import pytest
 
 from studio.cameras import Camera, Rig
 from studio.capture import CaptureSettings, Footage, open_footage
-from studio.masks.onnx_model import OnnxModel
+from studio.masks.matting_model import MattingModel
 from tests.support.errors import refuses
 from tests.support.rigs import ring
 
@@ -81,7 +81,7 @@ def test_a_model_sees_squares_around_people_and_counts(
 ) -> None:
     sides = []
 
-    def nobody(self: OnnxModel, image: np.ndarray, *_: object) -> np.ndarray:
+    def nobody(self: MattingModel, image: np.ndarray, *_: object) -> np.ndarray:
         sides.append(image.shape[:2])
         return np.zeros(image.shape[:2], np.float32)
 
@@ -89,7 +89,7 @@ def test_a_model_sees_squares_around_people_and_counts(
     assert LITE in model.files()
     camera = next(iter(rig))
     before = overlap(model, camera, 7)
-    monkeypatch.setattr(OnnxModel, "__call__", nobody)
+    monkeypatch.setattr(MattingModel, "__call__", nobody)
     assert overlap(opened(capture, rig, masks="agreed", mask_model=f"selfie:{LITE}"), camera, 7) < before - 0.05
     assert len(sides) == len(rig)
     assert all(height == width < SIZE[0] for height, width in sides)

@@ -51,7 +51,7 @@ KINDS: dict[ModelKind, Kind] = {
 """As in the code that the models' authors published."""
 
 
-class OnnxModel:
+class MattingModel:
     """A matting function. The file is loaded with the first image. Thread safe.
 
     An ONNX model must have one float input, 1 x 3 x height x width, RGB. Its mask is the first output with one channel
@@ -65,7 +65,7 @@ class OnnxModel:
     """
 
     def __init__(self, path: Path, kind: ModelKind = "u2net", *, device: str = "auto", threads: int = 0) -> None:
-        self.path, self.device, self.threads = path, device, threads
+        self.device, self.threads, self._given = device, threads, path
         self.kind = KINDS[kind]
         if not path.is_file():
             raise StudioError(
@@ -84,13 +84,14 @@ class OnnxModel:
                 fix="Run: pip install onnxruntime (with an NVIDIA GPU: pip install onnxruntime-gpu).",
                 package="onnxruntime",
             )
+        self.path = whole_files(self.files())[0]
         self._loaded: _Loaded | _LoadedLite | None = None
         self._lock = threading.Lock()
 
     def files(self) -> list[Path]:
-        """The model's file, and files of external weights next to it."""
-        external = [self.path.with_name(self.path.name + ending) for ending in ("_data", ".data")]
-        return [self.path, *(path for path in external if path.is_file())]
+        """The model's file, and files of external weights next to it. Of objects in a store, the pointers."""
+        external = [self._given.with_name(self._given.name + ending) for ending in ("_data", ".data")]
+        return [self._given, *(path for path in external if path.is_file())]
 
     def __call__(self, image: np.ndarray, camera: str = "", frame: int = 0, /) -> np.ndarray:
         """(H, W) float32 mask in 0..1 of (H, W, 3) uint8 RGB. Raises StudioError: `mask.model_*`, `mask.no_cuda`."""
@@ -221,7 +222,7 @@ class _Loaded:
 
 
 def providers(device: str, available: Sequence[str]) -> list[Any]:
-    """The execution providers to pass to onnxruntime, of the `available` ones, for a device as in `OnnxModel`."""
+    """The execution providers to pass to onnxruntime, of the `available` ones, for a device as in `MattingModel`."""
     cuda = "CUDAExecutionProvider"
     if device == "cpu" or (device == "auto" and cuda not in available):
         return ["CPUExecutionProvider"]
@@ -308,8 +309,8 @@ def _first_line(error: Exception) -> str:
     return (str(error).strip().splitlines() or [type(error).__name__])[0][:200]
 
 
-def load_model(inputs: MaskInputs) -> tuple[OnnxModel, list[Path]]:
-    """The model of `capture.mask_model` and its files. Raises StudioError `mask.model_not_set`, or as `OnnxModel`."""
+def load_model(inputs: MaskInputs) -> MattingModel:
+    """The model of `capture.mask_model`. Raises StudioError `mask.model_not_set`, or as `MattingModel`."""
     spec, named = inputs.spec, inputs.spec.kind_and_file
     if named is None:
         raise StudioError(
@@ -319,17 +320,13 @@ def load_model(inputs: MaskInputs) -> tuple[OnnxModel, list[Path]]:
             setting="capture.mask_model",
         )
     kind, file = named
-    path = spec.root / Path(file).expanduser()
-    given = [path.with_name(path.name + ending) for ending in ("", "_data", ".data")]  # see `OnnxModel.files`
-    model = OnnxModel(whole_files(given)[0], kind, device=inputs.device, threads=inputs.threads)
-    # Not the copies: of pointers, the store's version is digested.
-    return model, [one for one in given if one.is_file()]
+    return MattingModel(spec.root / Path(file).expanduser(), kind, device=inputs.device, threads=inputs.threads)
 
 
 def open_model(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str]:
     """Masks from a model: see `studio.masks.sources`. Raises StudioError as `load_model`."""
-    model, files = load_model(inputs)
-    cache = None
+    model = load_model(inputs)
+    files, cache = model.files(), None
     if inputs.cache_folder is not None:
         # the device is not part of the recipe, because masks do not depend on it
         recipe = f"{digest_files(files[0].parent, files)} {model.kind}"
