@@ -3,7 +3,8 @@
 For each frame, with all cameras at once and at reduced size:
 
 1. `evidence` gives log-odds of each image from the empty set and motion. A matting model adds its own (`people`), once
-   votes at half the size have found the people.
+   votes at half the size have found the people. At the end, what the model sees in most cameras is part of the
+   performer, even where a set that shows a performer who stands still has outvoted it.
 2. `vote` finds for each pixel what the other cameras say about the space behind it. A threshold separates performer
    from set: the one at which votes and evidence agree best.
 3. Both, and `outlines.color_odds`, give new log-odds. Steps 2 and 3 are repeated; GrabCut finds the outlines in the
@@ -62,12 +63,12 @@ _LEARNED = 0.3
 what too many cameras miss is lost a little more in each round."""
 _VOTE_LIMIT = 2.0
 """Log-odds of one camera's next vote are clipped to this."""
-_MODEL = 1.0
-"""Weight of a matting model's log-odds."""
+_SEEN = 0.6
+"""Votes on a matting model's log-odds alone, above which what it sees is the performer."""
 _KEPT_FRAMES = 4
 _KEPT_BYTES = 256 << 20
 _SMALLEST = 1e-4  # component, in fractions of the image
-_VERSION = 4  # of the algorithm; part of the names of cached files
+_VERSION = 5  # of the algorithm; part of the names of cached files
 
 
 class AgreedMaskSource:
@@ -165,19 +166,25 @@ class AgreedMaskSource:
         return self._evidence(camera, frame, _reduced_background(self.background(camera)), _WORK_SIDE)
 
     def _evidence(
-        self, camera: str, frame: int, behind: Background, side: int, solid: np.ndarray | None = None
+        self, camera: str, frame: int, behind: Background, side: int, people: np.ndarray | None = None
     ) -> np.ndarray:
         known = self._inputs.sources[camera].frames
         near = [frame + step for step in _NEIGHBORS if frame + step in known]
         image = self._image(camera, frame, side)
         odds = evidence_of(image, [self._image(camera, one, side) for one in near], behind, self._inputs.spec)
-        garbage = self._inputs.garbage
-        if garbage is None and (self._model is None or solid is None):
+        return self._allowed(camera, frame, odds if people is None else np.clip(odds + people, -LIMIT, LIMIT), side)
+
+    def _people(self, camera: str, frame: int, solid: np.ndarray) -> np.ndarray:
+        """(h, w) float32 log-odds of the model; `solid`: roughly where the performer is."""
+        assert self._model is not None
+        odds = odds_of_people(self._inputs.image(camera, frame), solid, self._model)
+        return self._allowed(camera, frame, _reduced(odds, _WORK_SIDE), _WORK_SIDE)
+
+    def _allowed(self, camera: str, frame: int, odds: np.ndarray, side: int) -> np.ndarray:
+        """Log-odds, the lowest where the garbage mask excludes the performer."""
+        if self._inputs.garbage is None:
             return odds
-        full = self._inputs.image(camera, frame)
-        if self._model is not None and solid is not None:
-            odds = np.clip(odds + _MODEL * _reduced(odds_of_people(full, solid, self._model), side), -LIMIT, LIMIT)
-        inside = garbage.inside(camera, frame, full) if garbage is not None else None
+        inside = self._inputs.garbage.inside(camera, frame, self._inputs.image(camera, frame))
         return odds if inside is None else np.where(_reduced(inside.astype(np.float32), side) > 0.5, odds, -LIMIT)
 
     def agree(self, frame: int) -> dict[str, np.ndarray]:
@@ -187,11 +194,21 @@ class AgreedMaskSource:
             return _reduced_background(self.background(name))
 
         sets = {name: self._small_sets.get_or_make(name, reduced) for name in self._inputs.names}
-        people: Mapping[str, np.ndarray] = {}
-        if self._model is not None:
-            coarse = {name: _reduced_background(behind, _COARSE_SIDE) for name, behind in sets.items()}
-            people = self._vote(frame, coarse, _COARSE_SIDE, _COARSE_ROUNDS, {})
-        return self._vote(frame, sets, _WORK_SIDE, _ROUNDS, people)
+        if self._model is None:
+            return self._vote(frame, sets, _WORK_SIDE, _ROUNDS, {})
+        coarse = {name: _reduced_background(behind, _COARSE_SIDE) for name, behind in sets.items()}
+        rough = self._vote(frame, coarse, _COARSE_SIDE, _COARSE_ROUNDS, {})
+        with ThreadPoolExecutor(self._inputs.threads or None, thread_name_prefix="masks") as pool:
+            found = pool.map(lambda name: self._people(name, frame, rough[name]), rough)
+            people = dict(zip(rough, found, strict=True))
+        solid = self._vote(frame, sets, _WORK_SIDE, _ROUNDS, people)
+        votes = heard(people, self._sized(people), self._voters)
+        return {name: one | ((votes[name] > _SEEN) & (people[name] > 0)) for name, one in solid.items()}
+
+    def _sized(self, images: Mapping[str, np.ndarray]) -> dict[str, Camera]:
+        """The cameras of images (h, w, ...) of any size."""
+        assert self._cameras is not None
+        return {name: self._cameras[name].resized(one.shape[1], one.shape[0]) for name, one in images.items()}
 
     def _vote(
         self,
@@ -201,9 +218,7 @@ class AgreedMaskSource:
         rounds: int,
         people: Mapping[str, np.ndarray],
     ) -> dict[str, np.ndarray]:
-        """`people`: by camera, where a model looks; empty: it is not asked."""
-        rig = self._cameras
-        assert rig is not None
+        """`people`: by camera, a model's log-odds; empty: there is none."""
         with ThreadPoolExecutor(self._inputs.threads or None, thread_name_prefix="masks") as pool:
 
             def each(function: Callable[..., np.ndarray], *values: Mapping[str, Any]) -> dict[str, np.ndarray]:
@@ -216,7 +231,7 @@ class AgreedMaskSource:
             own = each(lambda name, behind: self._evidence(name, frame, behind, side, people.get(name)), own_name, sets)
             grays = each(brightness, images)
             bins = each(partial(color_bins, bins=BINS), images)
-            cameras = {name: rig[name].resized(image.shape[1], image.shape[0]) for name, image in images.items()}
+            cameras = self._sized(images)
             voting, colors = own, {name: np.zeros_like(one) for name, one in own.items()}
             solid: dict[str, np.ndarray] = {}
             agreed = any(behind.agreed is not None for behind in sets.values())
