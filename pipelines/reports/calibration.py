@@ -12,7 +12,6 @@ from studio.json_types import JsonData
 
 _SPARSE = 0.4  # smallest fraction of the image with observations; elsewhere lens distortion is extrapolated
 _UNSURE = 0.02  # largest 1-sigma camera position uncertainty, as a fraction of the distance to the points
-_WEAK = 0.005  # the same of cameras from footage: 2 sigma are 1 cm per meter
 _FAR_OFF = 5  # largest error of a measured point, in units of the accuracy of measured positions
 _NEAR, _FAR = 0.05, 100  # plausible camera distances in meters
 
@@ -62,6 +61,7 @@ def calibration_figures(report: CalibrationReport) -> dict[str, JsonData]:
 
 def calibration_warnings(report: CalibrationReport) -> list[Message]:
     """Warnings about a calibration; codes `calibration.*`."""
+    from studio.calibration.sfm.uncertainty import WEAK
     from studio.calibration.sfm.verdict import MISPLACED, TRUSTED
 
     found = tie_warnings(report)
@@ -108,7 +108,7 @@ def calibration_warnings(report: CalibrationReport) -> list[Message]:
     weak = {
         name: f"{name} (position {report.uncertain[name]:.1%} of the distance to the points, {degrees:.2f} degrees)"
         for name, degrees in report.uncertain_degrees.items()
-        if report.uncertain[name] > _WEAK
+        if report.uncertain[name] > WEAK
     }
     weak |= {n: f"{n} ({share:.0%} of its matches agree)" for n, share in report.agree.items() if share < MISPLACED}
     if weak:

@@ -10,6 +10,7 @@ import numpy as np
 from studio.calibration.sfm.bundle_adjustment import adjust, known_model
 from studio.calibration.sfm.features import say
 from studio.calibration.sfm.focal_lengths import focal_ratio, guess_focal_lengths, is_any_unknown, longer_side
+from studio.calibration.sfm.guided import write_guided_matches
 from studio.calibration.sfm.job import SfmJob, SharedIntrinsicsTest
 from studio.calibration.sfm.shared_intrinsics import (
     LIMIT,
@@ -22,6 +23,7 @@ from studio.calibration.sfm.shared_intrinsics import (
     try_shared_intrinsics,
     with_richer_intrinsics,
 )
+from studio.calibration.sfm.uncertainty import WEAK, uncertainties
 from studio.calibration.sfm.verdict import MISPLACED, TRUSTED, match_inlier_ratio, match_inlier_ratios, noise
 
 _POLISHINGS = 2  # the second uses the noise estimate of the first
@@ -34,6 +36,13 @@ _LEAST_INLIERS = 0.1
 """Of a misplaced camera's matches with points, since most of them are wrong."""
 _POINTS_FOR_CENTER = 100
 """Observations that each camera needs before principal points are estimated."""
+_BANDS = (3.0, 2.0, 2.0)
+"""Distances from the epipolar line in pixels within which matches are found again, in this order."""
+_AGREEING = 3
+"""Images that must see such a point. A wrong match of two images is near their epipolar line too, and so would keep
+the cameras where they are."""
+_AS_WELL = 0.01
+"""Smallest loss of the match inlier ratio that counts as one."""
 _CAUCHY = 2.4
 """Width of the Cauchy loss in standard deviations: 95% efficiency for Gaussian noise."""
 
@@ -142,7 +151,7 @@ class Mapper:
             else:
                 better, self.sharing = try_shared_intrinsics(better, self.free_cameras(), width, adjust)
         say(step="adjusting", done=total - 1, total=total)
-        return self.placed_again(self._recentered(self._enriched(better)))
+        return self._matched_again(self.placed_again(self._recentered(self._enriched(better))))
 
     def _enriched(self, model: Any) -> Any:
         """The model with the full camera models, and with the additional points that then fit."""
@@ -171,6 +180,32 @@ class Mapper:
             self._adjust(free, width=width, centers=True)
         self.recentered = misfit_growth(model, free, width, 2 * len(free.cameras)) >= LIMIT
         return free if self.recentered else model
+
+    def _matched_again(self, model: Any) -> Any:
+        """The model with cameras from matches along its epipolar lines, if the first matches agree with them as well.
+
+        Only if a camera is weak, since it takes as long as mapping. The points remain those of the first matches.
+        """
+        each, first = self.folder / "sync_frames.db", self.database
+        sigmas = uncertainties(model, self.job, self.threads, centers=self.recentered)
+        if self.job.poses or not each.exists() or all(position <= WEAK for position, _ in sigmas.values()):
+            return model
+        better = model
+        self.database = self.folder / "guided.db"
+        try:
+            for band in _BANDS:
+                write_guided_matches(each, first, self.database, better, self.job, band)
+                better = self._with_own_cameras(better, lambda own: self._triangulated(own, again=True))
+                for _ in range(_POLISHINGS):
+                    for key in [k for k, point in better.points3D.items() if point.track.length() < _AGREEING]:
+                        better.delete_point3D(key)
+                    self._adjust(better, width=_CAUCHY * noise(better), centers=self.recentered)
+        finally:
+            self.database.unlink(missing_ok=True)
+            self.database = first
+        found = self._completed(rebuilt(model, better.cameras, camera_of_image(model), poses=better))
+        was, now = self.rank(self._completed(model)), self.rank(found)
+        return found if now[0] >= was[0] and now[1] > was[1] - _AS_WELL else model
 
     def placed_again(self, model: Any) -> Any:
         """The model in which cameras that most of their matches contradict are registered again, if that fits better.

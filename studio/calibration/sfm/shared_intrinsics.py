@@ -127,8 +127,11 @@ def camera_of_image(model: Any) -> dict[int, int]:
     return {image_id: model.images[image_id].camera_id for image_id in sorted(model.reg_image_ids())}
 
 
-def rebuilt(model: Any, cameras: dict[int, Any], of: dict[int, int]) -> Any:
-    """A copy of a model with the same images, poses and points but other cameras, by id."""
+def rebuilt(model: Any, cameras: dict[int, Any], of: dict[int, int], poses: Any = None) -> Any:
+    """A copy of a model with the same images and points but other cameras, by id.
+
+    `poses`: a model whose poses the copy gets; None: those of `model`.
+    """
     import pycolmap
 
     copy = pycolmap.Reconstruction()
@@ -148,7 +151,7 @@ def rebuilt(model: Any, cameras: dict[int, Any], of: dict[int, int]) -> Any:
         frame.frame_id = image_id
         frame.rig_id = camera_id
         frame.add_data_id(image.data_id)
-        frame.rig_from_world = old.cam_from_world()
+        frame.rig_from_world = (poses or model).images[image_id].cam_from_world()
         image.frame_id = image_id
         copy.add_frame(frame)
         copy.add_image(image)
