@@ -47,7 +47,7 @@ def write_guided_matches(each: Path, merged: Path, out: Path, model: Any, job: S
             found = source.read_descriptors(picture).data.astype(np.float32)
             codes[image].append(found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-9))
             pixels = np.asarray(source.read_keypoints(picture))[:, :2].astype(np.float64)
-            rays[image].append(np.c_[cameras[image].cam_from_img(pixels), np.ones(len(pixels))])
+            rays[image].append(np.c_[cameras[image].cam_from_img(pixels), np.ones(len(pixels))].astype(np.float32))
     source.close()
     target = pycolmap.Database.open(out)
     for first, second in combinations(images, 2):
@@ -55,7 +55,7 @@ def write_guided_matches(each: Path, merged: Path, out: Path, model: Any, job: S
             continue
         turn = poses[second][:, :3] @ poses[first][:, :3].T
         x, y, z = poses[second][:, 3] - turn @ poses[first][:, 3]
-        essential = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ turn
+        essential = (np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ turn).astype(np.float32)
         width = 2 * band / (cameras[first].mean_focal_length() + cameras[second].mean_focal_length())
         together, start = [], np.zeros(2, int)
         for a, b, ray, other in zip(codes[first], codes[second], rays[first], rays[second], strict=True):
