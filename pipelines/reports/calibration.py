@@ -33,6 +33,9 @@ def intrinsics_sentences(report: CalibrationReport) -> list[str]:
                 f"Separate intrinsics for {which}: with shared ones the errors grow {each.misfit:.0f} times more "
                 f"than expected by chance (limit {LIMIT:.0f}; set calibrate.shared_intrinsics to override)."
             )
+    if report.aspect != 1:
+        longer = "higher than wide" if report.aspect > 1 else "wider than high"
+        found.append(f"Pixels are {100 * abs(report.aspect - 1):.2f}% {longer} in all cameras.")
     return found
 
 

@@ -49,7 +49,7 @@ class Stage:
 
 STAGES = (
     Stage(
-        "calibrate", "Calibrate", "read the cameras from a file, or calibrate them", version=3, weight=1,
+        "calibrate", "Calibrate", "read the cameras from a file, or calibrate them", version=4, weight=1,
         by_group=False, renders=False,
     ),
     Stage(

@@ -177,6 +177,8 @@ class CalibrationReport(ReprojectionReport):
     sharing: list[SharedIntrinsicsReport] = []
     recentered: bool = False
     """Whether principal points were estimated; otherwise they are in the middle of the images or known."""
+    aspect: float = 1.0
+    """Height of a pixel divided by its width, of all cameras; 1 unless estimated."""
     sync_frames: int | None = None
     """Images per camera."""
     moved: dict[str, CameraMotion] = {}

@@ -10,7 +10,14 @@ from studio.calibration.sfm.job import SfmJob
 
 
 def adjust(
-    model: Any, job: SfmJob, threads: int, *, last: bool = True, width: float | None = None, centers: bool = False
+    model: Any,
+    job: SfmJob,
+    threads: int,
+    *,
+    last: bool = True,
+    width: float | None = None,
+    centers: bool = False,
+    keep: bool = False,
 ) -> None:
     """Bundle adjustment in place.
 
@@ -19,6 +26,7 @@ def adjust(
         last: True: squared loss, then filter points with errors over 4 pixels; False: Cauchy loss, 12 pixels.
         width: width of a Cauchy loss in pixels, with up to 100 iterations; None: as determined by `last`.
         centers: also adjust principal points.
+        keep: do not filter points.
     """
     import pycolmap
 
@@ -35,9 +43,8 @@ def adjust(
     if not job.fix_poses:
         config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
     pycolmap.create_default_bundle_adjuster(options, config, model).solve()
-    # outliers under the robust loss are not observations
-    manager = pycolmap.ObservationManager(model)
-    manager.filter_all_points3D(4.0 if last else 12.0, 1.5)
+    if not keep:  # outliers under the robust loss are not observations
+        pycolmap.ObservationManager(model).filter_all_points3D(4.0 if last else 12.0, 1.5)
 
 
 def problem(model: Any, job: SfmJob, threads: int, centers: bool) -> tuple[Any, Any]:

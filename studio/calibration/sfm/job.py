@@ -122,6 +122,8 @@ class SfmSolution(_Model):
     sharing: tuple[SharedIntrinsicsTest, ...]
     recentered: bool = False
     """Whether principal points were estimated."""
+    aspect: float = 1.0
+    """Height of a pixel divided by its width."""
 
 
 def sfm_job(

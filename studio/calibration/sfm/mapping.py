@@ -13,12 +13,16 @@ from studio.calibration.sfm.focal_lengths import focal_ratio, guess_focal_length
 from studio.calibration.sfm.guided import write_guided_matches
 from studio.calibration.sfm.job import SfmJob, SharedIntrinsicsTest
 from studio.calibration.sfm.shared_intrinsics import (
+    ASPECT_LIMIT,
     LIMIT,
     camera_of_image,
     focal_spread,
     misfit_growth,
+    pixel_aspect,
     rebuilt,
     share_intrinsics,
+    stretched,
+    stretched_keypoints,
     try_separate_intrinsics,
     try_shared_intrinsics,
     with_richer_intrinsics,
@@ -43,6 +47,7 @@ _AGREEING = 3
 the cameras where they are."""
 _AS_WELL = 0.01
 """Smallest loss of the match inlier ratio that counts as one."""
+_ONE_FOCAL_LENGTH = ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
 _CAUCHY = 2.4
 """Width of the Cauchy loss in standard deviations: 95% efficiency for Gaussian noise."""
 
@@ -60,6 +65,8 @@ class Mapper:
         """Results of the tests for shared intrinsics."""
         self.recentered = False
         """Whether principal points were estimated."""
+        self.aspect = 1.0
+        """See `shared_intrinsics.stretched`, of the databases and the solution."""
         self.held: set[int] = set()
         """Camera ids whose intrinsics are temporarily fixed."""
 
@@ -151,7 +158,7 @@ class Mapper:
             else:
                 better, self.sharing = try_shared_intrinsics(better, self.free_cameras(), width, adjust)
         say(step="adjusting", done=total - 1, total=total)
-        return self._matched_again(self.placed_again(self._recentered(self._enriched(better))))
+        return self._matched_again(self._stretched(self.placed_again(self._recentered(self._enriched(better)))))
 
     def _enriched(self, model: Any) -> Any:
         """The model with the full camera models, and with the additional points that then fit."""
@@ -180,6 +187,25 @@ class Mapper:
             self._adjust(free, width=width, centers=True)
         self.recentered = misfit_growth(model, free, width, 2 * len(free.cameras)) >= LIMIT
         return free if self.recentered else model
+
+    def _stretched(self, model: Any) -> Any:
+        """The model with an estimated aspect ratio of the pixels of all cameras, if square ones fit much worse."""
+        if self.job.poses or any(one.becomes not in _ONE_FOCAL_LENGTH for one in self.job.intrinsics):
+            return model
+        width = _CAUCHY * noise(model)
+        ratio, growth = pixel_aspect(
+            model, width, lambda other: self._adjust(other, width=width, centers=self.recentered, keep=True)
+        )
+        if growth < ASPECT_LIMIT:
+            return model
+        self.aspect = ratio
+        for database in (self.database, self.folder / "sync_frames.db"):
+            if database.exists():
+                stretched_keypoints(database, ratio)
+        model = stretched(model, ratio)
+        for _ in range(_POLISHINGS):
+            self._adjust(model, width=_CAUCHY * noise(model), centers=self.recentered)
+        return model
 
     def _matched_again(self, model: Any) -> Any:
         """The model with cameras from matches along its epipolar lines, if the first matches agree with them as well.
@@ -418,5 +444,5 @@ class Mapper:
         say(step="mapping", done=rounds, total=rounds)
         return model
 
-    def _adjust(self, model: Any, *, last: bool = True, width: float | None = None, centers: bool = False) -> None:
-        adjust(model, self.job, self.threads, last=last, width=width, centers=centers)
+    def _adjust(self, model: Any, **options: Any) -> None:
+        adjust(model, self.job, self.threads, **options)

@@ -192,6 +192,7 @@ def _read(folder: Path, names: Sequence[str], sizes: Mapping[str, tuple[int, int
             "uncertain_degrees": {n: round(degrees, 3) for n, (_, degrees) in uncertain.items()},
             "sharing": sharing,
             "recentered": solution.recentered,
+            "aspect": round(solution.aspect, 6),
         }
     )
     return CalibrationResult(rig, points, colors, _with_usual_focal(report, rig))

@@ -15,12 +15,17 @@ import numpy as np
 
 from studio.calibration.sfm.job import SharedIntrinsicsTest
 from studio.calibration.sfm.verdict import noise, reprojection_errors
+from studio.camera_files.colmap_model import intrinsics
 
 LIMIT = 8.0
 """Increase of the misfit per parameter removed, by sharing or by principal points in the middle of the images, below
-which the simpler intrinsics are accepted. Independent
-Gaussian errors give 1; SIFT features of 1 to 3 sync frames gave 3 to 5. At 13 (focal lengths that differ by 0.1%),
-shared and separate intrinsics gave equally accurate cameras; at 35 (0.2%), shared intrinsics had twice the error."""
+which the simpler intrinsics are accepted. Independent Gaussian errors give 1; SIFT features of 1 to 3 sync frames gave
+3 to 5. At 13 (focal lengths that differ by 0.1%), shared and separate intrinsics gave equally accurate cameras; at 35
+(0.2%), shared intrinsics had twice the error."""
+ASPECT_LIMIT = 50.0
+"""The same for the pixels' aspect ratio: a single parameter exceeds the mean of many by chance, here by 3.5 sigma at a
+misfit of 4."""
+_ASPECT_STEP = 0.0025
 _FEWEST = 3
 
 
@@ -120,6 +125,69 @@ def with_richer_intrinsics(model: Any, names: dict[int, str]) -> Any:
             richer[cameras[key].extra_params_idxs()[0]] = k1
             cameras[key].params = list(richer)
     return rebuilt(model, cameras, camera_of_image(model))
+
+
+def pixel_aspect(model: Any, width: float, adjust: Callable[[Any], None]) -> tuple[float, float]:
+    """Height of a pixel divided by its width at which the model fits best, from a parabola through three adjustments,
+    and the misfit's growth with square ones, see `misfit_growth`.
+
+    Args:
+        adjust: with a Cauchy loss of this `width`, without removing observations.
+    """
+    unit = noise(model) ** 2
+
+    def misfit(ratio: float) -> float:
+        other = stretched(model, ratio)
+        adjust(other)
+        return _misfit(other, width) / unit
+
+    low, square, high = (misfit(1 + step) for step in (-_ASPECT_STEP, 0, _ASPECT_STEP))
+    curve = (low + high) / 2 - square
+    if curve <= 0:
+        return 1.0, 0.0
+    ratio = float(np.clip(1 + _ASPECT_STEP * (low - high) / curve / 4, 0.5, 2))
+    return ratio, square - misfit(ratio)
+
+
+def stretched(model: Any, ratio: float) -> Any:
+    """A copy of a model of pixels that are `ratio` times as high as wide, in square pixels of the same area.
+
+    With another area, the errors would be of another size and not comparable.
+    """
+    model = rebuilt(model, model.cameras, camera_of_image(model))
+    scale = square_pixels(ratio)
+    for image in model.images.values():
+        for point in image.points2D:
+            point.xy = point.xy * scale
+    for camera in model.cameras.values():
+        params = camera.params
+        params[camera.principal_point_idxs()] *= scale
+        camera.params = params
+    return model
+
+
+def stretched_keypoints(database: Path, ratio: float) -> None:
+    """The same for the keypoints of a database, in place."""
+    with closing(sqlite3.connect(database)) as rows, rows:
+        for image, columns, data in rows.execute("SELECT image_id, cols, data FROM keypoints").fetchall():
+            keypoints = np.frombuffer(data, np.float32).reshape(-1, columns).copy()
+            keypoints[:, :2] *= square_pixels(ratio)
+            rows.execute("UPDATE keypoints SET data = ? WHERE image_id = ?", (keypoints.tobytes(), image))
+
+
+def in_given_pixels(camera: Any, ratio: float) -> tuple[str, tuple[float, ...]]:
+    """COLMAP model and parameters of a camera of a `stretched` model for the original pixels."""
+    if ratio == 1:
+        return camera.model.name, tuple(map(float, camera.params))
+    K, distortion = intrinsics(camera.model.name, list(camera.params))
+    K[:2] /= square_pixels(ratio)[:, None]
+    terms = (K[0, 0], K[1, 1], K[0, 2], K[1, 2], *distortion, 0, 0, 0, 0)[:8]
+    return "OPENCV", tuple(map(float, terms))
+
+
+def square_pixels(ratio: float) -> np.ndarray:
+    """Factors of x and y."""
+    return np.array([ratio**-0.5, ratio**0.5])
 
 
 def camera_of_image(model: Any) -> dict[int, int]:

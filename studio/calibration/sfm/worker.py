@@ -19,6 +19,7 @@ import numpy as np
 from studio.calibration.sfm.features import find_matches, say
 from studio.calibration.sfm.job import SfmJob, SfmSolution, SolvedCamera
 from studio.calibration.sfm.mapping import Mapper
+from studio.calibration.sfm.shared_intrinsics import in_given_pixels, square_pixels
 from studio.calibration.sfm.uncertainty import uncertainties
 from studio.calibration.sfm.verdict import match_inlier_ratio, match_inlier_ratios
 from studio.process import claim_stdout
@@ -67,12 +68,13 @@ class Worker:
                 if not image.has_pose:
                     continue
                 number = int(Path(image.name).stem)
-                camera = model.cameras[image.camera_id]
+                name, params = in_given_pixels(model.cameras[image.camera_id], mapper.aspect)
+                factors = square_pixels(mapper.aspect)
                 cameras.append(
                     SolvedCamera(
                         number=number,
-                        model=camera.model.name,
-                        params=tuple(float(p) for p in camera.params),
+                        model=name,
+                        params=params,
                         pose=np.asarray(image.cam_from_world().matrix()).tolist(),
                         agree=agreeing.get(image.image_id),
                         uncertain=uncertain.get(image.image_id),
@@ -80,7 +82,8 @@ class Worker:
                 )
                 for point in image.points2D:
                     if point.has_point3D():
-                        observations.append((number, ids[point.point3D_id], float(point.xy[0]), float(point.xy[1])))
+                        x, y = point.xy / factors
+                        observations.append((number, ids[point.point3D_id], float(x), float(y)))
         kept = [model.points3D[key] for key in sorted(ids)] if model is not None else []
         np.savez(
             self.folder / "points.npz",
@@ -99,6 +102,7 @@ class Worker:
                 test.model_copy(update={"images": tuple(image - 1 for image in test.images)}) for test in mapper.sharing
             ),
             recentered=mapper.recentered,
+            aspect=mapper.aspect,
         )
         (self.folder / "solution.json").write_text(solution.model_dump_json(), encoding="utf-8")
 

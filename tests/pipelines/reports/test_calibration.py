@@ -111,6 +111,8 @@ def test_shared_intrinsics():
     report = report_with(0.3, match_inlier_ratio=0.8, sharing=[separate])
     assert "Separate intrinsics for 2 cameras" in intrinsics_sentences(report)[0]
     assert "91 times" in intrinsics_sentences(report)[0]
+    for aspect, words in ((1.0025, "0.25% higher than wide"), (0.99, "1.00% wider than high")):
+        assert words in intrinsics_sentences(report_with(0.3, match_inlier_ratio=0.8, aspect=aspect))[0]
 
 
 def test_the_page_shows_the_grade_and_what_was_checked_not_a_rating_of_the_error():

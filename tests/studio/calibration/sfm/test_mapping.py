@@ -1,6 +1,7 @@
 """The mapper on COLMAP's synthetic rigs with known ground truth; sync frames merged into one image per camera."""
 
 import json
+import shutil
 import sqlite3
 from collections.abc import Sequence
 from contextlib import closing
@@ -40,11 +41,12 @@ def job_of(count: int, *, becomes: str = "SIMPLE_RADIAL", focal: float = 1280.0,
 
 
 def synthesize(
-    folder: Path, count: int, points: int, zooms: Sequence[float] = (), model: str = "", terms: Sequence[float] = ()
+    folder: Path, count: int, points: int, zooms: Sequence[Any] = (), model: str = "", terms: Sequence[float] = ()
 ) -> Rig:
     """A database of a rig with 0.5 pixels of noise and 10% wrong matches, and the true cameras, named by number.
 
-    `zooms`: factor of each camera's focal length. `model`, `terms`: COLMAP model and parameters instead of the usual.
+    `zooms`: factor of each camera's focal length, or those of x and y. `model`, `terms`: COLMAP model and parameters
+    instead of the usual.
     """
     pycolmap.set_random_seed(1)
     database = pycolmap.Database.open(folder / "database.db")
@@ -173,6 +175,33 @@ def test_distortion_terms_are_estimated_last(tmp_path: Path) -> None:
     straight = replace(truth["0"], distortion=np.zeros(0), **still).project(rays)[0]
     assert np.abs(straight - true).max() > 1.5
     assert compare_rigs(rig, truth).center_percent < 0.15
+
+
+@pytest.mark.parametrize("aspect", [1.003, 1.0])
+def test_pixels_that_are_not_square(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, aspect: float) -> None:
+    """Their aspect ratio is estimated, and improves the cameras; square ones remain square."""
+    truth = synthesize(tmp_path, 8, 1500, zooms=[np.array([aspect, 1])] * 8)
+    database, copy = tmp_path / "database.db", tmp_path / "again.db"
+    shutil.copyfile(database, copy)
+    Worker(tmp_path, job_of(8, find_shared=True)).solve(database)
+    rig, found = solution(tmp_path)
+    ratios = [camera.fx / camera.fy for camera in rig]
+    if aspect == 1:
+        assert found.aspect == 1
+        assert set(ratios) == {1}
+        return
+    np.testing.assert_allclose(ratios, found.aspect, rtol=1e-9)
+    assert found.aspect == pytest.approx(aspect, abs=3e-4)
+    assert rig["0"].fy == pytest.approx(1280, rel=1e-3)
+    with np.load(tmp_path / "points.npz") as arrays:
+        points, seen = arrays["points"], arrays["observations"]
+    own = seen[seen[:, 0] == 0]
+    drawn = rig["0"].project(points[own[:, 1].astype(int)])[0]
+    assert np.median(np.linalg.norm(drawn - own[:, 2:], axis=1)) < 0.7  # the noise
+    monkeypatch.setattr(mapping, "ASPECT_LIMIT", np.inf)
+    Worker(tmp_path, job_of(8, find_shared=True)).solve(copy)
+    square, _ = solution(tmp_path)
+    assert compare_rigs(rig, truth).center_percent < 0.5 * compare_rigs(square, truth).center_percent
 
 
 def test_initial_focal_lengths_from_pairs(tmp_path: Path) -> None:
