@@ -58,6 +58,8 @@ class Mapper:
     def __init__(self, folder: Path, database: Path, job: SfmJob) -> None:
         self.folder = folder
         self.database = database
+        self.sync_frames = folder / "sync_frames.db"
+        """The features of each sync frame, which `features.find_matches` wrote."""
         self.job = job
         self.threads = job.threads
         self.seed = job.seed
@@ -199,7 +201,7 @@ class Mapper:
         if growth < ASPECT_LIMIT:
             return model
         self.aspect = ratio
-        for database in (self.database, self.folder / "sync_frames.db"):
+        for database in (self.database, self.sync_frames):
             if database.exists():
                 stretched_keypoints(database, ratio)
         model = stretched(model, ratio)
@@ -212,15 +214,17 @@ class Mapper:
 
         Only if a camera is weak, since it takes as long as mapping. The points remain those of the first matches.
         """
-        each, first = self.folder / "sync_frames.db", self.database
+        first = self.database
+        if self.job.poses or not self.sync_frames.exists():
+            return model
         sigmas = uncertainties(model, self.job, self.threads, centers=self.recentered)
-        if self.job.poses or not each.exists() or all(position <= WEAK for position, _ in sigmas.values()):
+        if all(position <= WEAK for position, _ in sigmas.values()):
             return model
         better = model
         self.database = self.folder / "guided.db"
         try:
             for band in _BANDS:
-                write_guided_matches(each, first, self.database, better, self.job, band)
+                write_guided_matches(self.sync_frames, first, self.database, better, self.job, band)
                 better = self._with_own_cameras(better, lambda own: self._triangulated(own, again=True))
                 for _ in range(_POLISHINGS):
                     for key in [k for k, point in better.points3D.items() if point.track.length() < _AGREEING]:

@@ -60,6 +60,7 @@ class Worker:
         observations: list[tuple[int, int, float, float]] = []
         ids: dict[int, int] = {}
         if model is not None:
+            factors = square_pixels(mapper.aspect)
             agreeing = match_inlier_ratios(model, database_path)
             uncertain = uncertainties(model, self.job, self.job.threads, centers=mapper.recentered)
             for order, key in enumerate(sorted(model.points3D)):
@@ -69,7 +70,6 @@ class Worker:
                     continue
                 number = int(Path(image.name).stem)
                 name, params = in_given_pixels(model.cameras[image.camera_id], mapper.aspect)
-                factors = square_pixels(mapper.aspect)
                 cameras.append(
                     SolvedCamera(
                         number=number,
