@@ -1,5 +1,6 @@
-"""Small synthetic footage."""
+"""Small synthetic footage, and the CPU's instruction sets."""
 
+from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,6 +10,7 @@ import pytest
 from PIL import Image
 
 from studio.cameras import Camera, Rig
+from studio.rasterizer.cpu import load_kernels
 
 SAMPLE = Path(__file__).parents[2] / "sample_captures" / "walk16"
 
@@ -77,6 +79,16 @@ def make() -> SimpleNamespace:
     return SimpleNamespace(
         video=write_video, image=write_image, numbered=numbered, number_of=number_of, camera=camera, sample=SAMPLE
     )
+
+
+@pytest.fixture(params=load_kernels().instruction_sets())
+def instruction_set(request: pytest.FixtureRequest) -> Iterator[str]:
+    """Each instruction set that this machine supports, in use during the test."""
+    kernels = load_kernels()
+    used = kernels.instruction_set()
+    kernels.use_instruction_set(request.param)
+    yield request.param
+    kernels.use_instruction_set(used)
 
 
 @pytest.fixture

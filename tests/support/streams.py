@@ -23,6 +23,7 @@ def bake_numbered(
     settings: BakeSettings | None = None,
     sound: np.ndarray | None = None,
     distinct: bool = False,
+    live: bool = False,
 ) -> Path:
     """A stream with groups of these lengths. Splat 0 of frame i is at x = i, which identifies the frame. With `sound`,
     (samples, channels) at 48 kHz. With `distinct`, each group has a file of its own, the opacities; otherwise groups
@@ -36,9 +37,8 @@ def bake_numbered(
             means[:, 0] = index
             quats = torch.tensor([[1.0, 0, 0, 0]]).repeat(splats, 1)
             shape = -3 * torch.ones(splats, 3)
-            seen = (
-                torch.randn(splats, generator=torch.Generator().manual_seed(group)) if distinct else torch.zeros(splats)
-            )
+            random = torch.Generator().manual_seed(group)
+            seen = torch.randn(splats, generator=random) if distinct else torch.zeros(splats)
             frames.append(Gaussians(means, quats, shape, seen, torch.zeros(splats, 1, 3)))
         entries.append(bake_group(frames, folder, group, first, settings))
         first += length
@@ -46,7 +46,7 @@ def bake_numbered(
     if sound is not None:
         wav = SoundFile(write_wav(folder.with_suffix(".wav"), sound))
         audio = bake_sound(cut_sound(wav, 0, first / fps), folder)
-    write_manifest(folder, entries, fps, settings, audio=audio)
+    write_manifest(folder, entries, fps, settings, audio=audio, live=live)
     return folder
 
 

@@ -1,8 +1,7 @@
 """Scenes whose silhouettes are known in closed form."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,15 +18,21 @@ class Shot:
     image: np.ndarray
     mask: np.ndarray
 
+    def right_half(self) -> "Shot":
+        """As of a camera that sees only the right half."""
+        left, camera = self.camera.width // 2, self.camera
+        seen = camera.cropped(left, 0, camera.width - left, camera.height)
+        return Shot(seen, self.image[:, left:], self.mask[:, left:])
+
 
 def color_of(points: np.ndarray, middle: np.ndarray, radius: float) -> np.ndarray:
     """A color that changes smoothly over a ball, 0..1."""
     return 0.5 + 0.45 * np.clip((points - middle) / radius, -1, 1)
 
 
-def shoot_balls(camera: Camera, balls: list[tuple[np.ndarray, float]], samples: int = 3) -> Shot:
+def shoot_balls(camera: Camera, balls: list[tuple[np.ndarray, float]]) -> Shot:
     """A view of ray-traced balls with an anti-aliased mask, colored by `color_of` of the first ball."""
-    steps = (np.arange(samples) + 0.5) / samples
+    steps = (np.arange(3) + 0.5) / 3
     hits = np.zeros((camera.height, camera.width))
     image = np.zeros((camera.height, camera.width, 3))
     for dy in steps:
@@ -43,16 +48,15 @@ def shoot_balls(camera: Camera, balls: list[tuple[np.ndarray, float]], samples: 
                 distance = along - np.sqrt(np.maximum(inside, 0))
                 hit = (inside > 0) & (along > 0) & (distance < nearest)
                 nearest[hit] = distance[hit]
-                points = camera.center + rays[hit] * distance[hit][:, None]
-                color[hit] = color_of(points, *balls[0])
+                color[hit] = color_of(camera.center + rays[hit] * distance[hit][:, None], *balls[0])
             hits += np.isfinite(nearest)
             image += color
-    share = hits / samples**2
+    share = hits / 9
     rgb = np.divide(image, hits[..., None], out=np.zeros_like(image), where=hits[..., None] > 0)
     return Shot(camera, np.round(rgb * 255).astype(np.uint8), np.round(share * 255).astype(np.uint8))
 
 
-def cameras_around(count: int, scale: float = 1.0, origin: tuple[float, float, float] = (0, 0, 0)) -> Rig:
+def cameras_around(count: int, scale: float, origin: Sequence[float]) -> Rig:
     """Cameras around an origin at three heights, slightly rolled, with an off-center principal point."""
     return ring(
         count,
@@ -70,7 +74,7 @@ def cameras_around(count: int, scale: float = 1.0, origin: tuple[float, float, f
 def two_balls() -> Callable[..., list[Shot]]:
     """A ball of radius 0.5 and a smaller one next to it, seen by a ring of cameras, at any scale and position."""
 
-    def make(count: int = 12, scale: float = 1.0, origin: tuple[float, float, float] = (0, 0, 0)) -> list[Shot]:
+    def make(count: int = 12, scale: float = 1.0, origin: Sequence[float] = (0, 0, 0)) -> list[Shot]:
         middle = np.array(origin)
         balls = [(middle, 0.5 * scale), (middle + scale * np.array([0.55, 0.1, 0.25]), 0.2 * scale)]
         return [shoot_balls(camera, balls) for camera in cameras_around(count, scale, origin)]
@@ -78,17 +82,8 @@ def two_balls() -> Callable[..., list[Shot]]:
     return make
 
 
-def distance_to_balls(
-    points: np.ndarray, scale: float = 1.0, origin: tuple[float, float, float] = (0, 0, 0)
-) -> np.ndarray:
+def distance_to_balls(points: np.ndarray, scale: float = 1.0, origin: Sequence[float] = (0, 0, 0)) -> np.ndarray:
     """Signed distance of points to the two balls, in units of `scale`; positive outside."""
     local = (points - np.array(origin)) / scale
-    big = np.linalg.norm(local, axis=1) - 0.5
     small = np.linalg.norm(local - np.array([0.55, 0.1, 0.25]), axis=1) - 0.2
-    return np.minimum(big, small)
-
-
-@pytest.fixture(scope="session")
-def scenes() -> SimpleNamespace:
-    """The functions above, for test modules, which cannot import them."""
-    return SimpleNamespace(Shot=Shot, color_of=color_of, distance_to_balls=distance_to_balls)
+    return np.minimum(np.linalg.norm(local, axis=1) - 0.5, small)

@@ -1,8 +1,6 @@
 """Which masks contradict the others."""
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,9 +10,7 @@ from studio.meshing.silhouettes import Silhouettes
 
 
 @pytest.mark.parametrize(("scale", "origin"), [(1.0, (0, 0, 0)), (0.01, (5, -3, 2))])
-def test_correct_masks_agree(
-    two_balls: Callable[..., list[Any]], scale: float, origin: tuple[float, float, float]
-) -> None:
+def test_correct_masks_agree(two_balls, scale, origin):
     agreement = mask_agreement(Silhouettes(two_balls(9, scale, origin)), 4)
     assert len(agreement) == 9
     assert max(one.missing for one in agreement.values()) < 0.01
@@ -22,20 +18,16 @@ def test_correct_masks_agree(
 
 
 @pytest.mark.parametrize("what", ["empty", "of another camera", "shifted"])
-def test_a_wrong_mask_is_named(two_balls: Callable[..., list[Any]], what: str) -> None:
+def test_a_wrong_mask_is_named(two_balls, what):
     views = two_balls(9)
     mask = views[4].mask
-    wrong = {
-        "empty": np.zeros_like(mask),
-        "of another camera": views[8].mask,
-        "shifted": np.roll(mask, 40, 1),
-    }
+    wrong = {"empty": np.zeros_like(mask), "of another camera": views[8].mask, "shifted": np.roll(mask, 40, 1)}
     views[4] = replace(views[4], mask=np.ascontiguousarray(wrong[what]))
     assert contradicting(mask_agreement(Silhouettes(views), 4)) == ["cam04"]
 
 
 @pytest.mark.parametrize("pixels", [1e9, 4000.0])
-def test_the_place_of_a_contradiction_is_named(two_balls: Callable[..., list[Any]], pixels: float) -> None:
+def test_the_place_of_a_contradiction_is_named(two_balls, pixels):
     """In pixels of the view, also if the masks are compared at a smaller size."""
     views = two_balls(9)
     mask = views[4].mask.copy()
@@ -48,7 +40,7 @@ def test_the_place_of_a_contradiction_is_named(two_balls: Callable[..., list[Any
     assert np.abs(np.subtract(box, patch)).max() <= 6
 
 
-def test_a_performer_near_a_camera_does_not_contradict(two_balls: Callable[..., list[Any]]) -> None:
+def test_a_performer_near_a_camera_does_not_contradict(two_balls):
     """There, the points of the volume are many pixels apart."""
     views = two_balls(9)
     here = views[4].camera
@@ -68,7 +60,7 @@ def test_a_performer_near_a_camera_does_not_contradict(two_balls: Callable[..., 
     assert not contradicting(agreement)
 
 
-def test_the_frame_of_a_late_camera_is_found(two_balls: Callable[..., list[Any]]) -> None:
+def test_the_frame_of_a_late_camera_is_found(two_balls):
     views = two_balls(9)
     right = views[4].mask
     views[4] = replace(views[4], mask=np.roll(right, 20, 1))

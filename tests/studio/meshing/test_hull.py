@@ -1,19 +1,18 @@
 """Visual hulls: of balls with known geometry, with bad masks, and of the sample capture with its known mesh."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 from studio.camera_files import read_rig
-from studio.cameras import Camera
+from studio.capture.video import VideoReader
 from studio.errors import StudioError
 from studio.meshing import HullResult, InitializeSettings, Mesh, initialize_points, sample_surface, visual_hull
 from studio.meshing.silhouettes import Silhouettes, signed_distance
+from tests.studio.meshing.conftest import Shot, color_of, distance_to_balls
 from tests.support.errors import refuses
 from tests.support.rigs import camera_at
 from tests.support.settings import refuses_setting
@@ -23,7 +22,7 @@ SAMPLE = Path(__file__).parents[3] / "sample_captures" / "walk16"
 
 
 @pytest.fixture(scope="module")
-def carved(two_balls: Callable[..., list[Any]]) -> HullResult:
+def carved(two_balls) -> HullResult:
     """The hull of two balls in twelve cameras."""
     return visual_hull(two_balls(12), COARSE)
 
@@ -46,12 +45,10 @@ def test_signed_distance_of_a_disc() -> None:
 
 
 @pytest.mark.parametrize(("scale", "origin"), [(1000.0, (5e3, -2e3, 100.0)), (1e-3, (0.01, 0, -0.02))])
-def test_hull_contains_the_object_and_little_more(
-    scenes: SimpleNamespace, two_balls: Callable[..., list[Any]], scale: float, origin: tuple[float, float, float]
-) -> None:
+def test_hull_contains_the_object_and_little_more(two_balls, scale, origin):
     """In any units and at any position."""
     result = visual_hull(two_balls(12, scale, origin), COARSE)
-    distance = scenes.distance_to_balls(result.mesh.vertices, scale, origin)
+    distance = distance_to_balls(result.mesh.vertices, scale, origin)
     voxel = result.hull.voxel / scale
     assert voxel < 0.04
     assert distance.min() > -voxel  # the hull contains the object
@@ -61,7 +58,7 @@ def test_hull_contains_the_object_and_little_more(
     assert result.hull.restored == 0
 
 
-def test_one_outlier_mask_is_corrected_and_reported(two_balls: Callable[..., list[Any]], carved: HullResult) -> None:
+def test_one_outlier_mask_is_corrected_and_reported(two_balls, carved):
     """A camera whose mask has no right half must not halve the hull."""
     views = two_balls(12)
     mask = views[4].mask.copy()
@@ -78,7 +75,7 @@ def test_one_outlier_mask_is_corrected_and_reported(two_balls: Callable[..., lis
     assert "cam04" in mismatches
 
 
-def test_never_an_empty_mesh(two_balls: Callable[..., list[Any]]) -> None:
+def test_never_an_empty_mesh(two_balls):
     """Too few cameras to correct outliers: the error names the camera."""
     views = two_balls(12)[:9:3]
     shifted = np.zeros_like(views[1].mask)
@@ -88,39 +85,32 @@ def test_never_an_empty_mesh(two_balls: Callable[..., list[Any]]) -> None:
         visual_hull(views, InitializeSettings(resolution=48, tolerance=0))
 
 
-def test_all_masks_empty(two_balls: Callable[..., list[Any]]) -> None:
+def test_all_masks_empty(two_balls):
     views = [replace(view, mask=np.zeros_like(view.mask)) for view in two_balls(4)]
     with refuses("hull.empty_masks", setting="capture.masks"):
         visual_hull(views)
 
 
-def test_cameras_that_look_away(two_balls: Callable[..., list[Any]]) -> None:
+def test_cameras_that_look_away(two_balls):
     views = []
     for view in two_balls(4):
         center = view.camera.center
-        away = camera_at(view.camera.name, center, 2 * center, focal=200.0, size=(160, 120))
-        views.append(replace(view, camera=away))
+        views.append(replace(view, camera=camera_at(view.camera.name, center, 2 * center)))
     with pytest.raises(StudioError) as caught:
         visual_hull(views)
     assert caught.value.code in ("hull.no_overlap", "hull.masks_disagree")
 
 
-def test_cameras_do_not_carve_outside_their_image(scenes: SimpleNamespace, two_balls: Callable[..., list[Any]]) -> None:
+def test_cameras_do_not_carve_outside_their_image(two_balls):
     """In every second camera the ball is half outside the image: cameras do not carve what they cannot see."""
-    views = []
-    for index, view in enumerate(two_balls(12)):
-        if index % 2:
-            left = view.camera.width // 2
-            camera = view.camera.cropped(left, 0, view.camera.width - left, view.camera.height)
-            view = replace(view, camera=camera, image=view.image[:, left:], mask=view.mask[:, left:])
-        views.append(view)
+    views = [view.right_half() if index % 2 else view for index, view in enumerate(two_balls(12))]
     result = visual_hull(views, COARSE)
-    distance = scenes.distance_to_balls(result.mesh.vertices)
+    distance = distance_to_balls(result.mesh.vertices)
     assert distance.min() > -result.hull.voxel
     assert distance.max() < 0.4
 
 
-def test_bad_settings_and_views(two_balls: Callable[..., list[Any]]) -> None:
+def test_bad_settings_and_views(two_balls):
     views = two_balls(3)
     with refuses("hull.too_few_cameras", value=1, expected=2):
         visual_hull(views[:1])
@@ -134,15 +124,12 @@ def test_bad_settings_and_views(two_balls: Callable[..., list[Any]]) -> None:
         visual_hull([small, *views[1:]])
 
 
-def test_maps_respect_the_pixel_limit(two_balls: Callable[..., list[Any]]) -> None:
+def test_maps_respect_the_pixel_limit(two_balls):
     views = two_balls(6)
     shapes = Silhouettes(views, max_pixels=6 * 2000)
     assert sum(grid.numel() for grid in shapes.maps) <= 6 * 2000 * 1.02
-    # reduced maps agree with full ones
-    import torch
-
     points = torch.tensor([[0.0, 0, 0], [0.9, 0.9, 0.9]])
-    full = Silhouettes(views)
+    full = Silhouettes(views)  # reduced maps agree with full ones
     for index in range(6):
         reduced, seen = shapes.distance(index, points)
         exact, seen_too = full.distance(index, points)
@@ -173,20 +160,20 @@ def test_samples_are_even_and_reproducible() -> None:
         sample_surface(Mesh(np.zeros((3, 3)), np.array([[0, 1, 2]], np.int32)), 5)
 
 
-def test_points_and_colors_of_a_ball(scenes: SimpleNamespace, two_balls: Callable[..., list[Any]]) -> None:
+def test_points_and_colors_of_a_ball(two_balls):
     result = initialize_points(two_balls(12), COARSE.replace(points=2000), seed=3)
     assert result.points.shape == result.normals.shape == result.colors.shape == (2000, 3)
     outward = (result.normals * result.points).sum(1)
     on_big = np.linalg.norm(result.points, axis=1) < 0.55
     assert (outward[on_big] > 0).mean() > 0.97
-    expected = scenes.color_of(result.points, np.zeros(3), 0.5)
+    expected = color_of(result.points, np.zeros(3), 0.5)
     error = np.abs(result.colors - expected).mean(1)
     assert (result.views_per_point > 0).mean() > 0.9
     assert np.median(error) < 0.03
     assert np.quantile(error, 0.9) < 0.15
 
 
-def test_mesh_file(tmp_path: Path, carved: HullResult) -> None:
+def test_mesh_file(tmp_path, carved) -> None:
     mesh = carved.mesh
     mesh.save(tmp_path / "mesh.ply")
     twin = Mesh.load(tmp_path / "mesh.ply")
@@ -203,23 +190,15 @@ def test_mesh_file(tmp_path: Path, carved: HullResult) -> None:
 # The sample capture ---------------------------------------------------------------------------------------------------
 
 
-def first_frame(path: Path) -> np.ndarray:
-    """The first frame of a video, (H, W, 3) RGB."""
-    import av
-
-    with av.open(str(path)) as container:
-        return next(container.decode(video=0)).to_ndarray(format="rgb24")
-
-
 @pytest.mark.skipif(not (SAMPLE / "meshes").is_dir(), reason="the sample capture has no meshes")
-def test_sample_capture_against_its_true_mesh(scenes: SimpleNamespace) -> None:
+def test_sample_capture_against_its_true_mesh() -> None:
     """Measured: the hull's surface is 13 mm from the true one on average, the limit of 16 silhouettes."""
     import open3d as o3d
 
     views = []
     for camera in read_rig(SAMPLE / "cameras.json"):
-        mask = first_frame(SAMPLE / "mattes" / f"{camera.name}.mkv")[..., 0]
-        views.append(scenes.Shot(_fitting(camera, mask), np.repeat(mask[..., None], 3, -1), mask))
+        image = VideoReader(SAMPLE / "mattes" / f"{camera.name}.mkv").read(0)
+        views.append(Shot(camera.resized(image.shape[1], image.shape[0]), image, image[..., 0]))
     result = visual_hull(views, InitializeSettings(resolution=96))
     assert max(result.disagreement.values()) < 0.04
     truth = Mesh.load(SAMPLE / "meshes" / "000000.ply")
@@ -235,7 +214,3 @@ def test_sample_capture_against_its_true_mesh(scenes: SimpleNamespace) -> None:
     inner, _ = sample_surface(truth, 5000)
     outside = hull.compute_signed_distance(o3d.core.Tensor(inner)).numpy()
     assert np.quantile(outside, 0.99) < 2 * result.hull.voxel
-
-
-def _fitting(camera: Camera, mask: np.ndarray) -> Camera:
-    return camera.resized(mask.shape[1], mask.shape[0])

@@ -5,21 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from studio.stream import StreamReader
 from tests.support.shared import made_once
 from tests.support.streams import bake_numbered
-
-FPS = 50.0
-
-
-def own_files(folder: Path) -> dict[str, int]:
-    """Group by path, of files that belong to a single group."""
-    owners: dict[str, set[int]] = {}
-    with StreamReader.open(folder) as reader:
-        for group in reader.groups:
-            for file in group.files:
-                owners.setdefault(file.path, set()).add(group.index)
-    return {path: next(iter(groups)) for path, groups in owners.items() if len(groups) == 1}
 
 
 @pytest.fixture(scope="session")
@@ -27,8 +14,8 @@ def baked(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two streams to copy."""
 
     def make(folder: Path) -> None:
-        bake_numbered(folder / "stream", (5, 4, 1, 6), FPS, distinct=True)
-        bake_numbered(folder / "long", (14,) * 6, FPS, distinct=True)
+        bake_numbered(folder / "stream", (5, 4, 1, 6), 50, distinct=True)
+        bake_numbered(folder / "long", (14,) * 6, 50, distinct=True)
 
     return made_once(tmp_path_factory, "playback", make)
 

@@ -13,19 +13,6 @@ def test_items_come_out_in_order_and_then_it_is_over():
     assert queue.over
 
 
-def test_put_waits_for_room():
-    queue = BoundedQueue(1)
-    queue.put("a")
-    done = threading.Event()
-    thread = threading.Thread(target=lambda: (queue.put("b"), done.set()))
-    thread.start()
-    assert not done.wait(0.05)
-    assert queue.get() == "a"
-    assert done.wait(60)
-    assert queue.get() == "b"
-    thread.join()
-
-
 def test_stale_items_make_room():
     queue = BoundedQueue(2)
     queue.put(1)

@@ -1,13 +1,16 @@
 """The thread that follows a live stream tells what it found."""
 
 import threading
-from typing import Any, cast
 
 import pytest
 
 from studio.errors import StudioError
 from studio.playback import follow
-from studio.stream import SourceUnavailable, StreamReader
+from studio.stream import SourceUnavailable
+
+AWAY = SourceUnavailable("stream.unreachable", "The server does not answer.")
+DAMAGED = StudioError("stream.manifest", "The manifest ends in the middle.")
+OTHER = StudioError("stream.live_changed", "This is another stream.")
 
 
 class Source:
@@ -15,53 +18,36 @@ class Source:
 
     fps, frame_count, group_starts = 25.0, 30, (0, 15)
 
-    def __init__(self, *answers: Any) -> None:
+    def __init__(self, *answers):
         self.answers, self.live, self.asked = list(answers), True, 0
 
-    def refresh(self) -> bool:
+    def refresh(self):
         self.asked += 1
         if not self.answers:
             self.live = False
             return False
         answer = self.answers.pop(0)
-        if isinstance(answer, BaseException):
+        if isinstance(answer, StudioError):
             raise answer
-        return bool(answer)
+        return answer
 
 
-def followed(monkeypatch: pytest.MonkeyPatch, source: Source) -> tuple[list[int], list[StudioError], follow.Follower]:
-    """After how many reads it grew, and with what it was lost, once the thread has ended."""
+@pytest.mark.parametrize(
+    ("answers", "grown", "lost"),
+    [
+        ((True, False, False, True), [1, 4, 5], []),  # not after the reads that found nothing; the fifth is the end
+        ((AWAY, DAMAGED, True), [3, 4], []),  # tried again
+        ((True, OTHER, True), [1], [OTHER]),  # another stream in its place ends it
+    ],
+)
+def test_what_is_told_after_which_reads(monkeypatch, answers, grown, lost):
     monkeypatch.setattr(follow, "SHORTEST", 0.001)
     monkeypatch.setattr(follow, "LONGEST", 0.001)
-    grown: list[int] = []
-    lost: list[StudioError] = []
-    follower = follow.Follower(cast("StreamReader", source), lambda: grown.append(source.asked), lost.append)
+    source, found, missed = Source(*answers), [], []
+    follower = follow.Follower(source, lambda: found.append(source.asked), missed.append)
     for thread in threading.enumerate():
         if thread.name == "playback-follow":
             thread.join(60)
             assert not thread.is_alive()
-    return grown, lost, follower
-
-
-def test_new_groups_are_told_while_it_is_live_and_so_is_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    grown, lost, follower = followed(monkeypatch, Source(True, False, False, True))
-    assert grown == [1, 4, 5]  # not after the reads that found nothing; the fifth is the end
-    assert lost == []
-    follower.close()
-
-
-def test_what_is_away_for_a_while_is_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    away = SourceUnavailable("stream.unreachable", "The server does not answer.")
-    damaged = StudioError("stream.manifest", "The manifest ends in the middle.")
-    grown, lost, follower = followed(monkeypatch, Source(away, damaged, True))
-    assert grown == [3, 4]
-    assert lost == []
-    follower.close()
-
-
-def test_another_stream_in_its_place_ends_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    other = StudioError("stream.live_changed", "This is another stream.")
-    source = Source(True, other, True)
-    grown, lost, follower = followed(monkeypatch, source)
-    assert (grown, lost, source.asked) == ([1], [other], 2)
+    assert (found, missed, source.asked) == (grown, lost, max(grown) + len(lost))
     follower.close()

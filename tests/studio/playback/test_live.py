@@ -3,31 +3,21 @@
 import time
 
 import pytest
-import torch
 
-from studio.gaussians import Gaussians
 from studio.playback import follow, play_headless
 from studio.playback.shared import Shared
-from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
+from studio.stream import BakeSettings, StreamReader
 from tests.support.errors import refuses
-
-SETTINGS = BakeSettings(preset="ultrafast")
+from tests.support.streams import bake_numbered
 
 
 @pytest.fixture
 def publish(tmp_path, monkeypatch):
     """`publish(groups, live, fps)`: the first groups of 3 frames of a stream; returns its folder."""
     monkeypatch.setattr(follow, "SHORTEST", 0.01)
-    entries = []
 
     def write(groups, live=True, fps=50):
-        while len(entries) < groups:
-            quats = torch.tensor([[1.0, 0, 0, 0]]).repeat(20, 1)
-            frame = Gaussians(torch.rand(20, 3), quats, -3 * torch.ones(20, 3), torch.zeros(20), torch.zeros(20, 1, 3))
-            number = len(entries)
-            entries.append(bake_group([frame] * 3, tmp_path, number, 3 * number, SETTINGS, fps=50))
-        write_manifest(tmp_path, entries[:groups], fps, SETTINGS, live=live)
-        return tmp_path
+        return bake_numbered(tmp_path, (3,) * groups, fps, 20, BakeSettings(preset="ultrafast"), live=live)
 
     return write
 

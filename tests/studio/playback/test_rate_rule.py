@@ -7,8 +7,8 @@ import pytest
 
 from studio.playback import RateRule, play_headless
 from studio.playback.shared import Shared
-from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
-from tests.studio.stream.conftest import LADDER, turned_bodies
+from studio.stream import StreamReader
+from tests.studio.stream.conftest import turned_bodies, write_stream
 
 RATES = (8_000_000, 4_000_000, 2_000_000, 500_000)  # as in a manifest: the best first
 
@@ -79,16 +79,8 @@ def test_equal_rates_and_any_order():
 @pytest.fixture(scope="module")
 def switching(tmp_path_factory):
     """60 frames in groups of 4, three renditions, few splats."""
-    folder = tmp_path_factory.mktemp("switching")
-    settings = BakeSettings(ladder=LADDER, preset="ultrafast")
-    frames = turned_bodies(60, 40)
-    share = lambda: frames[0].means[:, 0].abs().numpy()  # noqa: E731
-    entries = [
-        bake_group(frames[first : first + 4], folder, first // 4, first, settings, contribution=share)
-        for first in range(0, 60, 4)
-    ]
-    write_manifest(folder, entries, 30, settings)
-    return folder, frames
+    folder = write_stream(tmp_path_factory.mktemp("switching"), (4,) * 15, splats=40, degree=0)
+    return folder, turned_bodies(60, 40)
 
 
 def test_changing_renditions_neither_repeats_nor_skips_a_frame(switching, monkeypatch):

@@ -1,11 +1,9 @@
 """Scenes, and the comparison of a backend with the reference implementation."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import pytest
 import torch
 from torch import Tensor
 
@@ -101,7 +99,7 @@ class Drawn:
     gradients: dict[str, Tensor]
 
 
-def draw_with_gradients(
+def draw(
     splats: Gaussians,
     camera: Camera,
     backend: str,
@@ -136,11 +134,8 @@ def draw_with_gradients(
     gradients = {name: tensor.grad for name, tensor in leaves.items()}
     gradients |= {"screen_offsets": offsets.grad, "background": background.grad}
     return Drawn(
-        image=render.image.detach().cpu().double(),
-        alpha=render.alpha.detach().cpu().double(),
-        depth=render.depth.detach().cpu().double(),
-        radii=render.radii.cpu().double(),
-        gradients={name: torch.zeros(()) if grad is None else grad.cpu().double() for name, grad in gradients.items()},
+        *(getattr(render, name).detach().cpu().double() for name in ("image", "alpha", "depth", "radii")),
+        {name: torch.zeros(()) if grad is None else grad.cpu().double() for name, grad in gradients.items()},
     )
 
 
@@ -163,17 +158,3 @@ def assert_same(
         assert error <= gradient * size + 1e-6 * max(1.0, largest), (
             f"the gradient of {name} is off by {error / size:.2e} of {size:.2e}"
         )
-
-
-@pytest.fixture
-def helpers() -> Callable[..., None]:
-    """The functions of this module, for the tests in this folder."""
-
-    class Helpers:
-        camera = staticmethod(make_camera)
-        splats = staticmethod(make_splats)
-        sturdy = staticmethod(sturdy_pixels)
-        draw = staticmethod(draw_with_gradients)
-        assert_same = staticmethod(assert_same)
-
-    return Helpers  # type: ignore[return-value]

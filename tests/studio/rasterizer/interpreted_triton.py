@@ -9,22 +9,23 @@ import torch
 from studio.rasterizer import available_backends, preferred_device, rasterize, rasterize_views
 from studio.rasterizer.triton_backend import Views, bin_splats, project_all
 from studio.rasterizer.types import Pinhole
+from tests.studio.rasterizer.conftest import assert_same, draw, make_camera, make_splats, sturdy_pixels
 from tests.support.errors import refuses
 
 
 @pytest.fixture
-def small(helpers):  # type: ignore[no-untyped-def]
+def small():
     """A camera whose picture has two by two tiles, the outer ones cut by its edges."""
-    return helpers.camera(24, 20, focal=20.0)
+    return make_camera(24, 20, focal=20.0)
 
 
-def compare(helpers, splats, camera, **options) -> None:  # type: ignore[no-untyped-def]
-    sturdy = helpers.sturdy(splats, camera, options.get("alpha_max", 0.99))
+def compare(splats, camera, **options) -> None:
+    sturdy = sturdy_pixels(splats, camera, options.get("alpha_max", 0.99))
     assert sturdy.double().mean() > 0.7
     weight = sturdy.double()
-    truth = helpers.draw(splats, camera, "reference", weight=weight, **options)
-    ours = helpers.draw(splats, camera, "triton", torch.float32, weight=weight, **options)
-    helpers.assert_same(ours, truth, where=sturdy)
+    truth = draw(splats, camera, "reference", weight=weight, **options)
+    ours = draw(splats, camera, "triton", torch.float32, weight=weight, **options)
+    assert_same(ours, truth, where=sturdy)
     torch.testing.assert_close(ours.radii, truth.radii, rtol=1e-4, atol=1e-4)
     if len(splats):
         assert truth.alpha.max() > 0
@@ -32,38 +33,38 @@ def compare(helpers, splats, camera, **options) -> None:  # type: ignore[no-unty
 
 
 @pytest.mark.parametrize(("count", "degree", "log_scale"), [(1, 0, -2), (6, 3, -2)])
-def test_random_scenes(helpers, small, count, degree, log_scale) -> None:  # type: ignore[no-untyped-def]
-    compare(helpers, helpers.splats(count, degree=degree, log_scale=log_scale), small, picture=True)
+def test_random_scenes(small, count, degree, log_scale) -> None:
+    compare(make_splats(count, degree=degree, log_scale=log_scale), small, picture=True)
 
 
-def test_splats_behind_and_beside_the_camera(helpers, small) -> None:  # type: ignore[no-untyped-def]
-    splats = helpers.splats(16, spread=4.0, log_scale=-1.0)
+def test_splats_behind_and_beside_the_camera(small) -> None:
+    splats = make_splats(16, spread=4.0, log_scale=-1.0)
     depth = (splats.means @ torch.tensor(small.rotation).T)[:, 2] + 3
     assert (depth < 0).sum() > 1
-    compare(helpers, splats, small)
+    compare(splats, small)
 
 
-def test_clamped_splats_that_stop_pixels(helpers, small) -> None:  # type: ignore[no-untyped-def]
-    splats = helpers.splats(5, log_scale=-0.5)
+def test_clamped_splats_that_stop_pixels(small) -> None:
+    splats = make_splats(5, log_scale=-0.5)
     splats.logit_opacities[:] = 9.0
-    compare(helpers, splats, small, alpha_max=0.9)
-    assert helpers.draw(splats, small, "reference", alpha_max=0.9).alpha.max() > 0.999
+    compare(splats, small, alpha_max=0.9)
+    assert draw(splats, small, "reference", alpha_max=0.9).alpha.max() > 0.999
 
 
-def test_no_splats(helpers, small) -> None:  # type: ignore[no-untyped-def]
-    compare(helpers, helpers.splats(0), small)
+def test_no_splats(small) -> None:
+    compare(make_splats(0), small)
 
 
-def test_nothing_in_sight(helpers) -> None:  # type: ignore[no-untyped-def]
-    splats = helpers.splats(5)
+def test_nothing_in_sight() -> None:
+    splats = make_splats(5)
     splats.means[:, 2] -= 50
-    drawn = helpers.draw(splats, helpers.camera(24, 20, turn=0.0), "triton", torch.float32)
+    drawn = draw(splats, make_camera(24, 20, turn=0.0), "triton", torch.float32)
     assert drawn.radii.max() == drawn.alpha.max() == 0
     assert all(drawn.gradients[name].abs().max() == 0 for name in ("means", "quats", "log_scales", "sh"))
 
 
-def test_values_that_are_not_finite(helpers, small) -> None:  # type: ignore[no-untyped-def]
-    splats = helpers.splats(9).to(torch.float32)
+def test_values_that_are_not_finite(small) -> None:
+    splats = make_splats(9).to(torch.float32)
     kept = splats[torch.arange(5, 9)]
     for i, (_, tensor) in enumerate(splats.items()):
         tensor.view(9, -1)[i, 0] = float("nan")
@@ -77,30 +78,30 @@ def test_values_that_are_not_finite(helpers, small) -> None:  # type: ignore[no-
         assert tensor.grad.abs().max() > 0
 
 
-def test_only_float32(helpers, small) -> None:  # type: ignore[no-untyped-def]
+def test_only_float32(small) -> None:
     with refuses("rasterizer.dtype", value="torch.float64"):
-        rasterize(helpers.splats(1), small, backend="triton")
+        rasterize(make_splats(1), small, backend="triton")
     with refuses("rasterizer.mixed_tensors", argument="screen_offsets"):
         offsets = torch.zeros(1, 2, dtype=torch.float64)
-        rasterize(helpers.splats(1).to(torch.float32), small, backend="triton", screen_offsets=offsets)
+        rasterize(make_splats(1).to(torch.float32), small, backend="triton", screen_offsets=offsets)
 
 
-def test_the_interpreter_is_not_chosen(helpers, small) -> None:  # type: ignore[no-untyped-def]
+def test_the_interpreter_is_not_chosen(small) -> None:
     assert "triton" in available_backends()
     assert preferred_device().type == ("cuda" if torch.cuda.is_available() else "cpu")
-    splats = helpers.splats(3).to(torch.float32)
+    splats = make_splats(3).to(torch.float32)
     assert torch.equal(rasterize(splats, small).image, rasterize(splats, small, backend="cpu").image)
 
 
-def test_several_views_are_as_one_by_one(helpers) -> None:  # type: ignore[no-untyped-def]
+def test_several_views_are_as_one_by_one() -> None:
     """Views of different sizes in one call: each as if drawn alone, and the sum of their gradients."""
-    splats = helpers.splats(8, degree=2, log_scale=-2).to(torch.float32)
-    cameras = [helpers.camera(20, 9, focal=25.0, turn=0.8), helpers.camera(16, 20, focal=15.0, turn=-0.4)]
+    splats = make_splats(8, degree=2, log_scale=-2).to(torch.float32)
+    cameras = [make_camera(20, 9, focal=25.0, turn=0.8), make_camera(16, 20, focal=15.0, turn=-0.4)]
     random = torch.Generator().manual_seed(1)
     behind = [torch.rand(3, generator=random), torch.rand(20, 16, 3, generator=random)]
     weights = [torch.rand(one.height, one.width, 3, generator=random) for one in cameras]
 
-    def drawn(together: bool):  # type: ignore[no-untyped-def]
+    def drawn(together: bool):
         leaves = splats.map(lambda tensor: tensor.clone().requires_grad_())
         offsets = torch.zeros(8, 2, requires_grad=True)
         options = {"backend": "triton", "screen_offsets": offsets}
@@ -122,11 +123,11 @@ def test_several_views_are_as_one_by_one(helpers) -> None:  # type: ignore[no-un
         torch.testing.assert_close(gradient, other, rtol=1e-4, atol=1e-5 * float(other.abs().max()))
 
 
-def test_colors_that_need_no_gradient(helpers, small) -> None:  # type: ignore[no-untyped-def]
+def test_colors_that_need_no_gradient(small) -> None:
     """As in the motion of a frame; the other gradients do not change."""
     found = []
     for colors in (True, False):
-        leaves = helpers.splats(9, degree=1, log_scale=-2).to(torch.float32).map(lambda one: one.requires_grad_())
+        leaves = make_splats(9, degree=1, log_scale=-2).to(torch.float32).map(lambda one: one.requires_grad_())
         leaves.sh.requires_grad_(colors)
         rasterize(leaves, small, backend="triton").image.sum().backward()
         found.append(leaves)
@@ -135,10 +136,10 @@ def test_colors_that_need_no_gradient(helpers, small) -> None:  # type: ignore[n
     assert found[1].sh.grad is None
 
 
-def test_pairs_are_those_of_boxes_that_overlap_a_tile(helpers) -> None:  # type: ignore[no-untyped-def]
-    splats = helpers.splats(40, degree=0, log_scale=-1.5, spread=1.5).to(torch.float32)
+def test_pairs_are_those_of_boxes_that_overlap_a_tile() -> None:
+    splats = make_splats(40, degree=0, log_scale=-1.5, spread=1.5).to(torch.float32)
     splats.means[3:6] = splats.means[2]  # equal depths
-    cameras = [helpers.camera(50, 35, focal=30.0), helpers.camera(70, 20, focal=20.0, turn=1.0)]
+    cameras = [make_camera(50, 35, focal=30.0), make_camera(70, 20, focal=20.0, turn=1.0)]
     views = Views.of([Pinhole.of(one) for one in cameras], 16, torch.device("cpu"))
     table, half, boxes, keys = project_all(splats, views, None, 0.01)
     index, tiles = bin_splats(boxes, keys, half, views.tiles)

@@ -1,46 +1,25 @@
-"""Blending weights per splat, against the picture's alpha and against leaving splats out."""
+"""Blending weights per splat, against the image's alpha and against leaving splats out."""
 
-import numpy as np
 import pytest
 import torch
 
-from studio.cameras import Camera
-from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize
 from studio.rasterizer.contribution import contribution
+from tests.studio.rasterizer.conftest import make_camera, make_splats
 
 
-@pytest.fixture
-def camera():
-    K = np.array([[60.0, 0, 32], [0, 60.0, 24], [0, 0, 1]])
-    return Camera("c", 64, 48, K, np.eye(4))
-
-
-def splats(count, seed=0):
-    generator = torch.Generator().manual_seed(seed)
-    means = torch.rand(count, 3, generator=generator) - 0.5
-    means[:, 2] += 3
-    return Gaussians(
-        means,
-        torch.randn(count, 4, generator=generator),
-        torch.full((count, 3), -2.5),
-        torch.randn(count, generator=generator),
-        torch.randn(count, 4, 3, generator=generator),
-    )
-
-
-def test_weights_sum_to_alpha(camera):
-    gaussians = splats(40)
-    found = contribution(gaussians, [camera])
+def test_weights_sum_to_alpha():
+    splats, camera = make_splats(40).to(torch.float32), make_camera()
+    found = contribution(splats, [camera])
     assert found.shape == (40,)
-    assert float(found.sum()) == pytest.approx(float(rasterize(gaussians, camera).alpha.sum()), rel=1e-4)
+    assert float(found.sum()) == pytest.approx(float(rasterize(splats, camera).alpha.sum()), rel=1e-4)
 
 
-def test_hidden_and_unseen_splats_add_nothing(camera):
-    gaussians = splats(3)
-    gaussians.means[:] = torch.tensor([[0.0, 0.0, 2.0], [0.0, 0.0, 3.0], [0.0, 0.0, -3.0]])
-    gaussians.log_scales[:] = torch.tensor([[-1.0], [-4.0], [-1.0]])
-    gaussians.logit_opacities[:] = 8.0
-    front, hidden, behind = contribution(gaussians, [camera])
+def test_hidden_and_unseen_splats_add_nothing():
+    splats = make_splats(3).to(torch.float32)
+    splats.means[:] = torch.tensor([[0.0, 0.0, -1.0], [0.0, 0.0, 0.0], [0.0, 0.0, -6.0]])
+    splats.log_scales[:] = torch.tensor([[-1.0], [-4.0], [-1.0]])
+    splats.logit_opacities[:] = 8.0
+    front, hidden, behind = contribution(splats, [make_camera(turn=0.0)])
     assert behind == 0
     assert hidden < 0.01 * front

@@ -2,7 +2,7 @@
 
 import math
 import os
-import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 import torch
@@ -10,24 +10,25 @@ import torch
 from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize
 from studio.rasterizer.cpu import load_kernels
+from tests.studio.rasterizer.conftest import assert_same, draw, make_camera, make_splats, sturdy_pixels
 from tests.support.errors import refuses
 
 
-def compare(helpers, splats, camera, **options) -> None:  # type: ignore[no-untyped-def]
+def compare(splats, camera, **options) -> None:
     """float64 up to rounding, float32 within the bounds that all backends must meet."""
-    truth = helpers.draw(splats, camera, "reference", **options)
-    exact = helpers.draw(splats, camera, "cpu", **options)
-    helpers.assert_same(exact, truth, image=1e-9, gradient=1e-8)
+    truth = draw(splats, camera, "reference", **options)
+    exact = draw(splats, camera, "cpu", **options)
+    assert_same(exact, truth, image=1e-9, gradient=1e-8)
     torch.testing.assert_close(exact.radii, truth.radii)
-    sturdy = helpers.sturdy(splats, camera)
+    sturdy = sturdy_pixels(splats, camera)
     assert sturdy.double().mean() > 0.7
-    truth = helpers.draw(splats, camera, "reference", weight=sturdy.double(), **options)
-    single = helpers.draw(splats, camera, "cpu", torch.float32, weight=sturdy.double(), **options)
-    helpers.assert_same(single, truth, where=sturdy)
+    truth = draw(splats, camera, "reference", weight=sturdy.double(), **options)
+    single = draw(splats, camera, "cpu", torch.float32, weight=sturdy.double(), **options)
+    assert_same(single, truth, where=sturdy)
 
 
-Scene = tuple[dict[str, object], dict[str, object], dict[str, object]]
-SCENES: dict[str, Scene] = {
+WIDE = {"count": 400, "spread": 3.0, "log_scale": -2.0}
+SCENES = {
     "one": ({"count": 1, "degree": 0}, {}, {}),
     "none": ({"count": 0}, {}, {}),
     "degree 3": ({"count": 50}, {}, {}),
@@ -46,23 +47,15 @@ SCENES: dict[str, Scene] = {
     "one pixel": ({"count": 40, "log_scale": -2}, {"width": 1, "height": 1, "focal": 40.0}, {}),
     "one tile": ({"count": 40, "log_scale": -2}, {"width": 32, "height": 32, "focal": 40.0}, {}),
     "cut tiles": ({"count": 40, "log_scale": -2}, {"width": 33, "height": 65, "focal": 40.0}, {}),
-    "principal point outside": (
-        {"count": 400, "spread": 3.0, "log_scale": -2.0},
-        {"principal": (-70.0, -30.0), "distance": 6.0},
-        {},
-    ),
-    "principal point far below": (
-        {"count": 400, "spread": 3.0, "log_scale": -2.0},
-        {"principal": (36.3, 400.0), "distance": 6.0},
-        {},
-    ),
+    "principal point outside": (WIDE, {"principal": (-70.0, -30.0), "distance": 6.0}, {}),
+    "principal point far below": (WIDE, {"principal": (36.3, 400.0), "distance": 6.0}, {}),
 }
 
 
 @pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
-def test_scenes(helpers, scene) -> None:
+def test_scenes(scene) -> None:
     splats, camera, options = scene
-    compare(helpers, helpers.splats(**splats), helpers.camera(**camera), **options)
+    compare(make_splats(**splats), make_camera(**camera), **options)
 
 
 @pytest.mark.parametrize(
@@ -74,39 +67,39 @@ def test_scenes(helpers, scene) -> None:
         ("logit_opacities", slice(1, None, 3), -60.0),
     ],
 )
-def test_extreme_shapes_and_opacities(helpers, attribute, part, value) -> None:
-    splats = helpers.splats(60)
+def test_extreme_shapes_and_opacities(attribute, part, value) -> None:
+    splats = make_splats(60)
     getattr(splats, attribute)[part] = torch.tensor(value, dtype=torch.float64)
-    compare(helpers, splats, helpers.camera())
+    compare(splats, make_camera())
 
 
-def test_a_crop_equals_that_part_of_the_full_image(helpers) -> None:
-    camera, splats = helpers.camera(300, 200, focal=240.0), helpers.splats(500).to(torch.float32)
+def test_a_crop_equals_that_part_of_the_full_image() -> None:
+    camera, splats = make_camera(300, 200, focal=240.0), make_splats(500).to(torch.float32)
     whole = rasterize(splats, camera, backend="cpu")
     part = rasterize(splats, camera.cropped(101, 53, 90, 70), backend="cpu")
     torch.testing.assert_close(part.image, whole.image[53:123, 101:191], atol=1e-4, rtol=0)
 
 
-def test_ten_thousand_splats_on_one_pixel(helpers) -> None:
-    camera = helpers.camera(20, 20, focal=50.0, turn=0.0)
-    splats = helpers.splats(10_000, degree=0, log_scale=-6.0, spread=1e-3)
+def test_ten_thousand_splats_on_one_pixel() -> None:
+    camera = make_camera(20, 20, focal=50.0, turn=0.0)
+    splats = make_splats(10_000, degree=0, log_scale=-6.0, spread=1e-3)
     splats.means[:, 2] = torch.linspace(0, 1, 10_000, dtype=torch.float64)
     splats.logit_opacities[:] = torch.linspace(-5.4, -4.6, 10_000, dtype=torch.float64)
     splats = splats.map(lambda tensor: tensor.float().double())
-    truth, exact = helpers.draw(splats, camera, "reference"), helpers.draw(splats, camera, "cpu")
-    helpers.assert_same(exact, truth, image=1e-9, gradient=1e-7)
+    truth, exact = draw(splats, camera, "reference"), draw(splats, camera, "cpu")
+    assert_same(exact, truth, image=1e-9, gradient=1e-7)
     assert truth.alpha.max() > 0.999
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_same_bits_for_any_number_of_threads(helpers, dtype) -> None:
-    splats, camera = helpers.splats(1500), helpers.camera(200, 150, focal=150.0)
+def test_same_bits_for_any_number_of_threads(dtype) -> None:
+    splats, camera = make_splats(1500), make_camera(200, 150, focal=150.0)
     before = torch.get_num_threads()
     try:
         runs = []
         for threads in (1, 2, 3, 2):
             torch.set_num_threads(threads)
-            runs.append(helpers.draw(splats, camera, "cpu", dtype))
+            runs.append(draw(splats, camera, "cpu", dtype))
     finally:
         torch.set_num_threads(before)
     for run in runs[1:]:
@@ -117,36 +110,20 @@ def test_same_bits_for_any_number_of_threads(helpers, dtype) -> None:
                 assert torch.equal(gradient, runs[0].gradients[name]), name
 
 
-def test_instruction_sets_agree(helpers) -> None:
-    kernels = load_kernels()
-    splats, camera = helpers.splats(300), helpers.camera()
-    sturdy = helpers.sturdy(splats, camera)
-    used = kernels.instruction_set()
-    assert "baseline" in kernels.instruction_sets()
-    try:
-        for name in kernels.instruction_sets():
-            kernels.use_instruction_set(name)
-            truth = helpers.draw(splats, camera, "reference", weight=sturdy.double())
-            single = helpers.draw(splats, camera, "cpu", torch.float32, weight=sturdy.double())
-            helpers.assert_same(single, truth, where=sturdy)
-            helpers.assert_same(
-                helpers.draw(splats, camera, "cpu"),
-                helpers.draw(splats, camera, "reference"),
-                image=1e-9,
-                gradient=1e-8,
-            )
-    finally:
-        kernels.use_instruction_set(used)
-    with pytest.raises(ValueError, match="mmx"):
-        kernels.use_instruction_set("mmx")
+@pytest.mark.usefixtures("instruction_set")
+def test_every_instruction_set() -> None:
+    compare(make_splats(300), make_camera())
+
+
+ATTRIBUTES = ("means", "quats", "log_scales", "logit_opacities", "sh")
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
-@pytest.mark.parametrize("attribute", ["means", "quats", "log_scales", "logit_opacities", "sh"])
+@pytest.mark.parametrize("attribute", ATTRIBUTES)
 @pytest.mark.parametrize("backend", ["cpu", "reference"])
-def test_a_value_that_is_not_finite(helpers, attribute, value, backend) -> None:
+def test_a_value_that_is_not_finite(attribute, value, backend) -> None:
     """Checked: an error that names it. Unchecked: the splat is not drawn and affects nothing else."""
-    camera, splats = helpers.camera(), helpers.splats(40)
+    camera, splats = make_camera(), make_splats(40)
     broken = splats.clone()
     getattr(broken, attribute).view(40, -1)[7, 0] = value
     with refuses("gaussians.not_finite", attribute=attribute, splat=7, count=1):
@@ -154,7 +131,7 @@ def test_a_value_that_is_not_finite(helpers, attribute, value, backend) -> None:
     if attribute == "logit_opacities" and value == math.inf:
         return  # opacity 1 is valid
     rest = splats[torch.arange(40) != 7]
-    drawn, truth = helpers.draw(broken, camera, backend), helpers.draw(rest, camera, backend)
+    drawn, truth = draw(broken, camera, backend), draw(rest, camera, backend)
     torch.testing.assert_close(drawn.image, truth.image)
     assert drawn.radii[7] == 0
     for name in ("means", "quats", "log_scales", "sh"):
@@ -162,20 +139,20 @@ def test_a_value_that_is_not_finite(helpers, attribute, value, backend) -> None:
         assert drawn.gradients[name][7].abs().max() == 0
 
 
-def test_a_quaternion_of_length_zero(helpers) -> None:
-    camera, splats = helpers.camera(), helpers.splats(10)
+def test_a_quaternion_of_length_zero() -> None:
+    camera, splats = make_camera(), make_splats(10)
     splats.quats[3] = 0
     with refuses("gaussians.zero_quaternion", splat=3):
         rasterize(splats, camera, backend="cpu", checked=True)
     for backend in ("cpu", "reference"):
-        drawn = helpers.draw(splats, camera, backend)
+        drawn = draw(splats, camera, backend)
         assert drawn.radii[3] == 0
         assert torch.isfinite(drawn.gradients["quats"]).all()
 
 
-def test_extreme_values_neither_crash_nor_hang(helpers) -> None:
-    camera = helpers.camera()
-    splats = helpers.splats(64).to(torch.float32)
+def test_extreme_values_neither_crash_nor_hang() -> None:
+    camera = make_camera()
+    splats = make_splats(64).to(torch.float32)
     splats.means[0] = 3e38
     splats.means[1, :2] = 1e20
     splats.log_scales[2] = 80.0
@@ -191,8 +168,8 @@ def test_extreme_values_neither_crash_nor_hang(helpers) -> None:
     assert render.image.shape == (49, 75, 3)
 
 
-def test_no_gradient_where_none_is_required(helpers) -> None:
-    camera, splats = helpers.camera(), helpers.splats(30)
+def test_no_gradient_where_none_is_required() -> None:
+    camera, splats = make_camera(), make_splats(30)
     assert not rasterize(splats, camera, backend="cpu").image.requires_grad
     splats.sh.requires_grad_()
     with torch.no_grad():
@@ -204,9 +181,6 @@ def test_no_gradient_where_none_is_required(helpers) -> None:
     assert splats.means.grad is None
 
 
-ATTRIBUTES = ("means", "quats", "log_scales", "logit_opacities", "sh")
-
-
 @pytest.mark.parametrize(
     ("dtype", "degree", "outputs", "trained"),
     [
@@ -216,54 +190,36 @@ ATTRIBUTES = ("means", "quats", "log_scales", "logit_opacities", "sh")
         (torch.float64, 0, ("image",), ("sh",)),
     ],
 )
-def test_gradients_of_some_attributes_alone(helpers, dtype, degree, outputs, trained) -> None:
+def test_gradients_of_some_attributes_alone(instruction_set, dtype, degree, outputs, trained) -> None:
     """The kernels leave out what only the other gradients need. All of them are checked against the reference above."""
 
     def gradients(wanted: tuple[str, ...]) -> dict[str, torch.Tensor]:
-        splats = helpers.splats(300, degree=degree).to(dtype)
+        splats = make_splats(300, degree=degree).to(dtype)
         leaves = [getattr(splats, name).clone().requires_grad_(name in wanted) for name in ATTRIBUTES]
-        render = rasterize(Gaussians(*leaves), helpers.camera(), torch.full((3,), 0.4, dtype=dtype), backend="cpu")
+        render = rasterize(Gaussians(*leaves), make_camera(), torch.full((3,), 0.4, dtype=dtype), backend="cpu")
         torch.stack([(getattr(render, name) ** 2).sum() for name in outputs]).sum().backward()
         return {name: leaf.grad for name, leaf in zip(ATTRIBUTES, leaves, strict=True) if leaf.grad is not None}
 
-    kernels = load_kernels()
-    used = kernels.instruction_set()
-    try:
-        for instructions in kernels.instruction_sets():
-            kernels.use_instruction_set(instructions)
-            whole, part = gradients(ATTRIBUTES), gradients(trained)
-            assert set(part) == set(trained)
-            for name, gradient in part.items():
-                assert gradient.abs().max() > 0
-                # equal bits with g++; other compilers may fuse other products with sums
-                error = (gradient - whole[name]).norm() / whole[name].norm()
-                assert error < 30 * torch.finfo(dtype).eps, f"{instructions}: {name} is off by {float(error):.1e}"
-    finally:
-        kernels.use_instruction_set(used)
+    whole, part = gradients(ATTRIBUTES), gradients(trained)
+    assert set(part) == set(trained)
+    for name, gradient in part.items():
+        assert gradient.abs().max() > 0
+        # equal bits with g++; other compilers may fuse other products with sums
+        error = (gradient - whole[name]).norm() / whole[name].norm()
+        assert error < 30 * torch.finfo(dtype).eps, f"{name} is off by {float(error):.1e}"
 
 
-def test_several_python_threads_at_once(helpers) -> None:
-    camera, splats = helpers.camera(200, 150, focal=150.0), helpers.splats(2000).to(torch.float32)
+def test_several_python_threads_at_once() -> None:
+    camera, splats = make_camera(200, 150, focal=150.0), make_splats(2000).to(torch.float32)
     truth = rasterize(splats, camera, backend="cpu").image
-    wrong: list[int] = []
-
-    def work(number: int) -> None:
-        for _ in range(8):
-            if not torch.equal(rasterize(splats, camera, backend="cpu").image, truth):
-                wrong.append(number)
-
-    threads = [threading.Thread(target=work, args=(i,)) for i in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert not wrong
+    with ThreadPoolExecutor(4) as pool:
+        images = pool.map(lambda _: rasterize(splats, camera, backend="cpu").image, range(32))
+    assert all(torch.equal(image, truth) for image in images)
 
 
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
-def test_rendering_in_a_forked_child(helpers) -> None:
-    camera, splats = helpers.camera(), helpers.splats(300).to(torch.float32)
+def test_rendering_in_a_forked_child() -> None:
+    camera, splats = make_camera(), make_splats(300).to(torch.float32)
     truth = rasterize(splats, camera, backend="cpu").image
     child = os.fork()
     if child == 0:
@@ -278,11 +234,11 @@ def test_kernels_check_the_sizes_of_arrays() -> None:
         kernels.loss(image, torch.zeros(3, 5, 3), 4, 4, 0.2, None, 1)
     with pytest.raises(TypeError):
         kernels.loss(image.double(), image.double(), 4, 4, 0.2, None, 1)
+    with pytest.raises(ValueError, match="mmx"):
+        kernels.use_instruction_set("mmx")
 
 
 def test_kernels_of_other_sources_are_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("studio.rasterizer.cpu.KERNEL_INTERFACE", 0)
-    with refuses("rasterizer.kernels_missing") as caught:
+    with refuses("rasterizer.kernels_missing"):
         load_kernels()
-    assert "was built from other sources" in str(caught.value)
-    assert "pip install --no-deps -e ." in str(caught.value)

@@ -8,6 +8,7 @@ from studio.cameras import Camera
 from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize, set_kernel_threads
 from studio.rasterizer.cpu import kernel_threads
+from tests.studio.rasterizer.conftest import make_camera, make_splats
 from tests.support.errors import refuses
 
 
@@ -31,28 +32,28 @@ from tests.support.errors import refuses
         ),
     ],
 )
-def test_invalid_arguments(helpers, options, code, fields) -> None:  # type: ignore[no-untyped-def]
+def test_invalid_arguments(options, code, fields) -> None:
     with refuses(code, **fields):
-        rasterize(helpers.splats(5), helpers.camera(), **options)
+        rasterize(make_splats(5), make_camera(), **options)
 
 
-def test_mixed_and_unusable_dtypes(helpers) -> None:  # type: ignore[no-untyped-def]
-    splats = helpers.splats(5)
+def test_mixed_and_unusable_dtypes() -> None:
+    splats = make_splats(5)
     mixed = Gaussians(splats.means.float(), splats.quats, splats.log_scales, splats.logit_opacities, splats.sh)
     with refuses("rasterizer.mixed_tensors", argument="quats"):
-        rasterize(mixed, helpers.camera())
+        rasterize(mixed, make_camera())
     with refuses("rasterizer.dtype", value="torch.float16"):
-        rasterize(splats.to(torch.float16), helpers.camera())
+        rasterize(splats.to(torch.float16), make_camera())
 
 
-def test_a_camera_that_is_no_pinhole(helpers) -> None:  # type: ignore[no-untyped-def]
+def test_a_camera_that_is_no_pinhole() -> None:
     K = np.array([[50.0, 0, 20], [0, 50, 20], [0, 0, 1]])
     bent = Camera("bent", 40, 40, K, np.eye(4), np.array([0.1, 0, 0, 0]))
     with refuses("camera.distortion", camera="bent"):
-        rasterize(helpers.splats(1), bent)
+        rasterize(make_splats(1), bent)
     K[0, 1] = 3.0
     with refuses("camera.skew", camera="skewed", value=3.0):
-        rasterize(helpers.splats(1), Camera("skewed", 40, 40, K, np.eye(4)))
+        rasterize(make_splats(1), Camera("skewed", 40, 40, K, np.eye(4)))
 
 
 def test_the_kernels_own_number_of_threads() -> None:
@@ -67,7 +68,7 @@ def test_the_kernels_own_number_of_threads() -> None:
     assert kernel_threads() == torch.get_num_threads()
 
 
-def test_splats_on_another_device_are_refused(helpers) -> None:  # type: ignore[no-untyped-def]
-    splats = helpers.splats(3).to(device=torch.device("meta"))
+def test_splats_on_another_device_are_refused() -> None:
+    splats = make_splats(3).to(device=torch.device("meta"))
     with refuses("rasterizer.wrong_device", value="meta"):
-        rasterize(splats, helpers.camera(), backend="cpu")
+        rasterize(splats, make_camera(), backend="cpu")

@@ -12,6 +12,7 @@ from studio.rasterizer import rasterize
 from studio.rasterizer.reference import project
 from studio.rasterizer.spherical_harmonics import sh_basis
 from studio.rasterizer.types import Pinhole
+from tests.studio.rasterizer.conftest import make_camera, make_splats
 
 AHEAD = Camera("ahead", 21, 15, np.array([[30.0, 0, 10.5], [0, 30.0, 7.5], [0, 0, 1]]), np.eye(4))
 
@@ -41,27 +42,19 @@ def expected_alpha(z: float, scale: float, opacity: float, dilation: float = 0.3
     return np.where(alpha < 1 / 255, 0, alpha)
 
 
-def test_one_ball_is_a_gaussian_over_the_background() -> None:
-    background = torch.tensor([0.1, 0.2, 0.9], dtype=torch.float64)
-    image, alpha, depth = draw(ball(2.0, 0.15, 0.8, (1.0, 0.25, 0.0)), background=background)
-    a = expected_alpha(2.0, 0.15, 0.8)
-    np.testing.assert_allclose(alpha, a, atol=1e-12)
-    np.testing.assert_allclose(
-        image, a[..., None] * np.array([1.0, 0.25, 0.0]) + (1 - a[..., None]) * background.numpy(), atol=1e-12
-    )
-    np.testing.assert_allclose(depth, np.where(a > 0, 2.0, 0.0), atol=1e-12)
-
-
 @pytest.mark.parametrize("backend", ["reference", "cpu"])
 @pytest.mark.parametrize("dilation", [0.02, 0.1, 0.3, 1.0])
-def test_a_dilated_ball_and_its_gradient_have_a_closed_form(dilation: float, backend: str) -> None:
+def test_a_ball_over_the_background_and_its_gradient_have_a_closed_form(dilation: float, backend: str) -> None:
     """alpha = o exp(-r^2 / 2v) with v = (f s / z)^2 + dilation, so its derivative by log s is
     alpha r^2 (v - dilation) / v^2, summed over the three scales; the one along the view has none."""
-    splat = ball(2.0, 0.05, 0.8, (1.0, 0.25, 0.0), dilation)
-    splat = splat.map(lambda tensor: tensor.requires_grad_())
-    render = rasterize(splat, AHEAD, backend=backend)
+    splat = ball(2.0, 0.05, 0.8, (1.0, 0.25, 0.0), dilation).map(lambda tensor: tensor.requires_grad_())
+    background = torch.tensor([0.1, 0.2, 0.9], dtype=torch.float64)
+    render = rasterize(splat, AHEAD, background, backend=backend)
     a = expected_alpha(2.0, 0.05, 0.8, dilation)
     np.testing.assert_allclose(render.alpha.detach(), a, atol=1e-12)
+    expected = np.array([1.0, 0.25, 0.0]) * a[..., None] + (1 - a[..., None]) * background.numpy()
+    np.testing.assert_allclose(render.image.detach(), expected, atol=1e-12)
+    np.testing.assert_allclose(render.depth.detach(), np.where(a > 0, 2.0, 0.0), atol=1e-12)
     render.alpha.sum().backward()
     size = (30.0 * 0.05 / 2.0) ** 2
     y, x = np.mgrid[0:15, 0:21] + 0.5
@@ -103,10 +96,10 @@ def test_alpha_is_clamped_and_a_finished_pixel_does_not_change() -> None:
     assert alpha[7, 10] == pytest.approx(0.999)
 
 
-def test_covariance_is_that_of_projected_samples(helpers) -> None:  # type: ignore[no-untyped-def]
+def test_covariance_is_that_of_projected_samples() -> None:
     """The 2D covariance of a small splat equals that of samples projected with Camera.project."""
-    camera = helpers.camera(640, 480, focal=700.0)
-    splats = helpers.splats(3, log_scale=-5.5, spread=0.2)
+    camera = make_camera(640, 480, focal=700.0)
+    splats = make_splats(3, log_scale=-5.5, spread=0.2)
     means2d, cov2d, det, depths, _ = project(splats, Pinhole.of(camera))
     rng = np.random.default_rng(0)
     for i in range(3):
@@ -171,9 +164,9 @@ def test_spherical_harmonics_match_the_order_and_signs_of_3dgs() -> None:
     assert second.diagonal().sign().tolist() == [1, -1, 1, -1, 1]
 
 
-def test_gradcheck(helpers) -> None:  # type: ignore[no-untyped-def]
-    camera = helpers.camera(4, 3, focal=4.0)
-    splats = helpers.splats(3, degree=1, log_scale=-1.5, opacity=1.0, dilation=0.05)
+def test_gradcheck() -> None:
+    camera = make_camera(4, 3, focal=4.0)
+    splats = make_splats(3, degree=1, log_scale=-1.5, opacity=1.0, dilation=0.05)
     leaves = [tensor.requires_grad_() for _, tensor in splats.items()]
     offsets = torch.zeros(3, 2, dtype=torch.float64, requires_grad=True)
     background = torch.tensor([0.3, 0.6, 0.1], dtype=torch.float64, requires_grad=True)

@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from studio.rasterizer import available_backends, preferred_device, rasterize, rasterize_views
+from tests.studio.rasterizer.conftest import assert_same, draw, make_camera, make_splats, sturdy_pixels
 from tests.support.errors import refuses
 from tests.support.triton import compile_kernels, needs_triton, run_interpreted
 from tests.support.warm_python import warm_python
@@ -59,28 +60,28 @@ print(preferred_device().type, "triton" in available_backends())
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
-def test_triton_says_why_it_cannot(helpers) -> None:  # type: ignore[no-untyped-def]
+def test_triton_says_why_it_cannot() -> None:
     assert "triton" not in available_backends()
     assert preferred_device() == torch.device("cpu")
     with refuses("rasterizer.backend_unavailable", value="triton") as caught:
-        rasterize(helpers.splats(1), helpers.camera(), backend="triton")
+        rasterize(make_splats(1), make_camera(), backend="triton")
     assert "NVIDIA GPU" in caught.value.problem
 
 
 @needs_triton
 @pytest.mark.gpu
 @pytest.mark.parametrize(("count", "degree", "log_scale"), [(0, 0, 0), (1, 0, -3), (300, 3, -1), (1500, 3, -3.5)])
-def test_parity_on_the_gpu(helpers, count, degree, log_scale) -> None:  # type: ignore[no-untyped-def]
-    camera, splats = helpers.camera(), helpers.splats(count, degree=degree, log_scale=log_scale)
-    sturdy = helpers.sturdy(splats, camera)
+def test_parity_on_the_gpu(count, degree, log_scale) -> None:
+    camera, splats = make_camera(), make_splats(count, degree=degree, log_scale=log_scale)
+    sturdy = sturdy_pixels(splats, camera)
     weight = sturdy.double()
-    truth = helpers.draw(splats, camera, "reference", weight=weight)
-    ours = helpers.draw(splats, camera, "triton", torch.float32, device="cuda", weight=weight)
-    helpers.assert_same(ours, truth, where=sturdy)
-    again = helpers.draw(splats, camera, "triton", torch.float32, device="cuda", weight=weight)
+    truth = draw(splats, camera, "reference", weight=weight)
+    ours = draw(splats, camera, "triton", torch.float32, device="cuda", weight=weight)
+    assert_same(ours, truth, where=sturdy)
+    again = draw(splats, camera, "triton", torch.float32, device="cuda", weight=weight)
     assert torch.equal(again.image, ours.image)
     on_gpu = splats.to(torch.float32).map(lambda tensor: tensor.cuda())
     alone = rasterize(on_gpu, camera, backend="triton")
-    both = rasterize_views(on_gpu, [helpers.camera(24, 20), camera], [None, None], backend="triton")
+    both = rasterize_views(on_gpu, [make_camera(24, 20), camera], [None, None], backend="triton")
     assert torch.equal(both[1].image, alone.image)
     assert all(torch.equal(again.gradients[name], gradient) for name, gradient in ours.gradients.items())

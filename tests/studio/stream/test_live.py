@@ -3,23 +3,21 @@
 import pytest
 import torch
 
-from studio.stream import BakeSettings, Rung, StreamReader, bake_group, write_manifest
+from studio.stream import BakeSettings, Rung, StreamReader
 from studio.stream.encode import write_manifest as manifest_writer
 from tests.support.errors import refuses
+from tests.support.streams import bake_numbered
 
 LADDER = (Rung(qp=24), Rung(qp=34))
 
 
 @pytest.fixture
-def publish(tmp_path, turning_bodies):
+def publish(tmp_path):
     """`publish(groups, live, ...)`: bake the first groups of two frames each, and write the manifest."""
 
     def write(groups, live=True, fps=25, ladder=LADDER):
         settings = BakeSettings(ladder=ladder, preset="ultrafast")
-        frames = turning_bodies(2 * groups, 60)
-        entries = [bake_group(frames[2 * g : 2 * g + 2], tmp_path, g, 2 * g, settings) for g in range(groups)]
-        write_manifest(tmp_path, entries, fps, settings, live=live)
-        return tmp_path
+        return bake_numbered(tmp_path, (2,) * groups, fps, 60, settings, live=live)
 
     return write
 
