@@ -72,15 +72,11 @@ sys.path.insert(0, str(Path(__file__).parent))
 from rasterizer import both_function, forward_function, person, time_it
 
 ROOT = Path(__file__).resolve().parents[1]
-SECONDS = 510.0
-"""Of the whole check."""
-COMPILING, TESTING = 240.0, 90.0
-"""Most seconds of these parts. The group gets what is left."""
-LARGEST_ERROR = 2e-5
-"""Of a training kernel, relative to its result, where the definition in float32 is more exact."""
-JOINT = 100
-"""Joint steps per frame."""
-TINY = {
+SECONDS = 510.0  # of the whole check
+COMPILING, TESTING = 240.0, 90.0  # Most seconds of these parts. The group gets what is left.
+LARGEST_ERROR = 2e-5  # of a training kernel, relative to its result, where the definition in float32 is more exact
+JOINT = 100  # joint steps per frame
+TINY = {  # settings of a dry run
     "keyframe_iterations": 6,
     "densify_from": 100,
     "prune_finetune_iterations": 3,
@@ -90,7 +86,6 @@ TINY = {
     "finetune_iterations": 4,
     "joint_iterations": 2,
 }
-"""Settings of a dry run."""
 
 Report = dict[str, Any]
 console = Console(width=112)

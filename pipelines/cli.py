@@ -33,7 +33,7 @@ from studio.errors import Cancelled, Message, StudioError, reason_of
 from studio.json_types import JsonData
 from studio.process import as_utf8, claim_stdout, discard, passive_openmp
 
-GROUPS = {
+GROUPS = {  # commands, in the order of `v3studio --help`
     "Make a stream from footage": ("init", "estimate", "run", "status", "cancel", "queue", "config", "completion"),
     "Stages": STAGE_NAMES,
     "Prepare a capture": ("board", "sync", "colors", "models list", "models get"),
@@ -42,7 +42,6 @@ GROUPS = {
     "Manage takes": ("edit", "check", "bake list", "bake keep", "bake choose", "bake remove"),
     "Research": ("compare", "ablate"),
 }
-"""Commands in the order of `v3studio --help`."""
 
 _MODULES = (
     "run", "status", "estimate", "cancel", "queue", "work", "edit", "check", "open_window", "play", "serve", "share",

@@ -9,14 +9,9 @@ from torch import Tensor
 
 from studio.errors import StudioError
 
-SSIM_WINDOW = 11
-"""Size of the Gaussian window of SSIM in pixels."""
-
-SSIM_SIGMA = 1.5
-"""Standard deviation of the Gaussian window of SSIM in pixels."""
-
-SSIM_C1, SSIM_C2 = 0.01**2, 0.03**2
-"""Stabilizing constants of SSIM for values in 0 to 1."""
+SSIM_WINDOW = 11  # size of the Gaussian window of SSIM in pixels
+SSIM_SIGMA = 1.5  # standard deviation of the Gaussian window of SSIM in pixels
+SSIM_C1, SSIM_C2 = 0.01**2, 0.03**2  # stabilizing constants of SSIM for values in 0 to 1
 
 
 def check_image_pair(image: Tensor, target: Tensor) -> None:

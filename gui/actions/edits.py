@@ -32,7 +32,7 @@ Ranges = dict[str, tuple[int, int] | None]
 Removal = tuple[Take, EditList, EditList, Ranges]
 """The take, its edits without a removal and with it in all frames, and where it may be removed."""
 
-_NUMBERS_OF = {
+_NUMBERS_OF = {  # what *Numbers* sets while a tool is chosen, a key of `TITLES`
     "crop": "crop",
     "ground": "ground",
     "floaters": "floaters",
@@ -41,7 +41,6 @@ _NUMBERS_OF = {
     "scale": "world",
     "detail": "details",
 }
-"""What *Numbers* sets while a tool is chosen, a key of `TITLES`."""
 
 
 class EditActions:

@@ -14,7 +14,7 @@ from gui.widgets.dialogs.base import BUTTON_PADDING
 from gui.widgets.picture import FIELD_PADDING, as_image, lowered
 from gui.widgets.stage_help import HELP, help_image
 
-KEYS: dict[str, dict[str, str]] = {
+KEYS: dict[str, dict[str, str]] = {  # keys and what they do, under headings, besides those of the menus
     "Playback": {
         "Space": "Play or pause",
         "Left, Right": "Previous, next frame",
@@ -46,7 +46,6 @@ KEYS: dict[str, dict[str, str]] = {
         "Ctrl+C": "Copy its path or message, or else the table in the view",
     },
 }
-"""Keys and what they do, under headings, besides those of the menus."""
 
 WIDTH, SHORTCUTS_WIDTH = 50, 66  # widths of the help of a stage and of the list of shortcuts, em
 

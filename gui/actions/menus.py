@@ -32,7 +32,7 @@ class Item:
         return f"{self.label} ({self.shortcut})" if self.shortcut else self.label
 
 
-MENUS: dict[str, tuple[Item | None, ...]] = {
+MENUS: dict[str, tuple[Item | None, ...]] = {  # by title; None is a line between items
     "File": (
         Item("new", "New take from footage...", needs=""),
         Item("open", "Open take, stream or cast...", needs=""),
@@ -98,7 +98,6 @@ MENUS: dict[str, tuple[Item | None, ...]] = {
         Item("about", "About", needs=""),
     ),
 }
-"""By title; None is a line between items."""
 
 ITEMS = {item.key: item for items in MENUS.values() for item in items if item is not None}
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 FONT = Path(__file__).parents[1] / "icons" / "icons.ttf"
 
-ICONS: Mapping[str, str] = {
+ICONS: Mapping[str, str] = {  # name of the icon by key of the button
     # below the timeline
     "start": "skip-back",
     "back": "step-back",
@@ -23,7 +23,6 @@ ICONS: Mapping[str, str] = {
     "row view": "refresh-cw",
     "row remove": "x",
 }
-"""Name of the icon by key of the button."""
 
 ICON_SIZE = 1.06  # width and height of an icon in font sizes
 

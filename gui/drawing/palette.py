@@ -24,7 +24,7 @@ GOOD: RGB = (120, 184, 132)
 FAIR: RGB = (222, 178, 92)
 BAD: RGB = (234, 132, 124)
 
-SERIES: tuple[RGB, ...] = (
+SERIES: tuple[RGB, ...] = (  # of curves in one plot, in order; they repeat
     SECOND,
     ACCENT,
     (242, 164, 104),
@@ -34,7 +34,6 @@ SERIES: tuple[RGB, ...] = (
     (126, 168, 240),
     (240, 144, 154),
 )
-"""Of curves in one plot, in order; they repeat."""
 
 STATE_COLORS: dict[str, RGB] = {
     "done": GOOD,

@@ -30,11 +30,10 @@ SCENE_CHOICES: tuple[Choice, ...] = (
     ("volume", "Volume", "The box around the visual hull, and its size"),
 )
 
-DIALOGS = {
+DIALOGS = {  # label and tooltip of the buttons that open a dialog, by page and key
     ("capture", "cameras"): ("Cameras...", "Which cameras are used, and which are held out"),
     ("bake", "bakes"): ("Bakes...", "Bakes that the take keeps: compare, keep another one"),
 }
-"""Label and tooltip of the buttons that open a dialog, by page and key."""
 
 TOOLTIPS = {
     "masks": "Darken the background, and outline the masks; again: the images as filmed",

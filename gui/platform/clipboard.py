@@ -10,8 +10,7 @@ from gui.platform.xlib import errors_ignored, open_display
 
 _SELECTION_CLEAR, _SELECTION_REQUEST, _SELECTION_NOTIFY = 29, 30, 31
 _ATOM = 4
-_LONGEST = 1 << 18
-"""Longest text that is read, bytes."""
+_LONGEST = 1 << 18  # longest text that is read, bytes
 
 _HEAD = (
     ("type", ctypes.c_int),

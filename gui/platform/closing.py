@@ -3,11 +3,8 @@
 import time
 from collections.abc import Callable
 
-WAIT = 0.4
-"""Seconds to wait before a close request takes effect, since it may have been Escape."""
-
-TICKS = 3
-"""Ticks to wait as well, after Escape is up: the toolkit has handled its release by then."""
+WAIT = 0.4  # seconds to wait before a close request takes effect, since it may have been Escape
+TICKS = 3  # ticks to wait as well, after Escape is up: the toolkit has handled its release by then
 
 
 class CloseRequests:

@@ -5,8 +5,7 @@ from pathlib import Path
 
 from open3d.visualization import gui
 
-TEXT_SIZE, TITLE_SIZE = 16, 19
-"""Height of a line of text, as the toolkit draws it, and of a title, at 96 dpi."""
+TEXT_SIZE, TITLE_SIZE = 16, 19  # height of a line of text, as the toolkit draws it, and of a title, at 96 dpi
 
 
 def use_icons(application: gui.Application, file: Path) -> None:

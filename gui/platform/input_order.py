@@ -20,15 +20,9 @@ from gui.platform.xlib import ESCAPE, EXPOSE, EXPOSURE_MASK, InputEvent, errors_
 
 Kind = Literal["press", "release", "key", "key up", "move"]
 
-PLAIN = "V3STUDIO_PLAIN_INPUT"
-"""Environment variable that turns this off if it is 1."""
-
-LAG = 4
-"""Ticks after which an event has surely been drawn, if drawing did not take longer."""
-
-LONGEST_HOLD = 20.0
-"""Seconds for which input is kept back at most, should a dialog never be ready."""
-
+PLAIN = "V3STUDIO_PLAIN_INPUT"  # environment variable that turns this off if it is 1
+LAG = 4  # ticks after which an event has surely been drawn, if drawing did not take longer
+LONGEST_HOLD = 20.0  # seconds for which input is kept back at most, should a dialog never be ready
 _WHEEL = range(4, 8)
 _NAMED = range(0xFF00, 0x10000)
 """Key symbols that type no character: the toolkit polls these, while it has a queue for characters."""

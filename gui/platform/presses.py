@@ -11,9 +11,7 @@ from open3d.visualization import gui
 from gui.platform.keyboard import BACKSPACE, DOWN, END, HOME, KEYS, PAGE_DOWN, PAGE_UP, TAB, UP
 from gui.platform.xlib import ESCAPE
 
-PATIENCE = 10
-"""Ticks within which the toolkit reports a press, if it does."""
-
+PATIENCE = 10  # ticks within which the toolkit reports a press, if it does
 SETTLED = 30
 """Ticks after a press, or the release of Escape, in which a report without a press is another one of the same press."""
 

@@ -5,8 +5,7 @@ import re
 from gui.platform.x_window import XDisplay
 
 USUAL_DPI = 96.0
-SHARE = 0.95
-"""Largest share of the screen that a window takes on each axis."""
+SHARE = 0.95  # largest share of the screen that a window takes on each axis
 
 
 def fitting_size(size: tuple[int, int]) -> tuple[int, int]:

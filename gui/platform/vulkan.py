@@ -52,8 +52,7 @@ class VulkanDevice:
     """A device listed by the loader."""
 
     name: str
-    kind: str
-    """One of: discrete GPU, integrated GPU, virtual GPU, software, other."""
+    kind: str  # one of: discrete GPU, integrated GPU, virtual GPU, software, other
 
 
 def vulkan_devices(library: str | None = None) -> list[VulkanDevice]:

@@ -7,8 +7,7 @@ from collections.abc import Iterator, Sequence
 from gui.platform.xlib import ESCAPE, EXPOSURE_MASK, InputEvent, errors_ignored, open_display
 
 _MIN_SIZE = 1 << 4  # PMinSize
-BUTTONS = 0x1F00
-"""Bits of the mouse buttons in the state of X: Button1Mask to Button5Mask."""
+BUTTONS = 0x1F00  # bits of the mouse buttons in the state of X: Button1Mask to Button5Mask
 _CARDINAL = 6
 
 

@@ -7,12 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-EXPOSE, EXPOSURE_MASK = 12, 1 << 15
-"""An event that asks a window to be drawn, and its mask."""
-
-ESCAPE = 9
-"""X key code, the same on all Linux systems."""
-
+EXPOSE, EXPOSURE_MASK = 12, 1 << 15  # an event that asks a window to be drawn, and its mask
+ESCAPE = 9  # X key code, the same on all Linux systems
 _POINTER, _NUMBER, _INT, _UINT, _LONG = ctypes.c_void_p, ctypes.c_ulong, ctypes.c_int, ctypes.c_uint, ctypes.c_long
 _TYPES: dict[str, tuple[Any, ...]] = {
     "XOpenDisplay": (_POINTER, ctypes.c_char_p),

@@ -18,11 +18,10 @@ PAUSE = 0.25  # minimum seconds between two updates of the figures of the same f
 LEAST_LOG = 7.0  # height in em that the figures leave to the log
 LEAST_DRAGGED = 3.5  # least height in em of the figures and of the log after the edge between them has been dragged
 
-TOOLTIPS = {
+TOOLTIPS = {  # of buttons in the log, by whether they change a setting
     True: "Change the setting; Ctrl+Z changes it back. Run the stage again to use it.",
     False: "Show the setting",
 }
-"""Of buttons in the log, by whether they change a setting."""
 
 EDGE_TOOLTIPS = {False: "Drag to resize the log; click to enlarge it (J)", True: "Click to make it small again (J)"}
 """Of the heading of the log, by whether it is large."""

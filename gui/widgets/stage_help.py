@@ -27,7 +27,7 @@ class StageHelp:
     settings: Sequence[str]
 
 
-HELP: Mapping[str, StageHelp] = {
+HELP: Mapping[str, StageHelp] = {  # by key of `TITLES`
     "capture": StageHelp(
         (
             "The outline follows the performer in every camera, with nothing missing inside and no background outside.",
@@ -89,7 +89,6 @@ HELP: Mapping[str, StageHelp] = {
         ("capture.offsets", "train.group_size", "bake.quality"),
     ),
 }
-"""By key of `TITLES`."""
 
 
 def example_of(stage: str, kind: str) -> np.ndarray:

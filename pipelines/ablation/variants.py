@@ -20,7 +20,7 @@ class Variant:
     settings: Mapping[str, JsonData] = field(default_factory=dict)
 
 
-VARIANTS = (
+VARIANTS = (  # the paper's ablations (section 6 and its figure on group size), and group sizes around its 20
     Variant(FULL, "full method"),
     Variant("no-entropy", "no residual entropy loss", {"train.entropy_weight": 0.0}),
     Variant("no-temporal", "no temporal loss", {"train.temporal_weight": 0.0}),
@@ -33,15 +33,13 @@ VARIANTS = (
     Variant("no-grouping", "one group for the whole take", {"train.group_size": _WHOLE_TAKE}),
     *(Variant(f"group-{size}", f"groups of {size}", {"train.group_size": size}) for size in (10, 15, 20, 25, 30)),
 )
-"""The paper's ablations (section 6 and its figure on group size), and group sizes around its 20."""
 
-OPTIONS = (
+OPTIONS = (  # variants beyond the paper; measured only if named
     Variant("fixed-positions", "means are not fine-tuned", {"train.finetune_means": False}),
     Variant("paper-entropy", "residual entropy loss with the paper's weight", {"train.entropy_weight": 1e-4}),
     Variant("mcmc", "splats relocated instead of cloned and split", {"train.strategy": "mcmc"}),
     Variant("no-dropout", "no dropout", {"train.dropout": 0.0}),
 )
-"""Variants beyond the paper; measured only if named."""
 
 
 def chosen(names: Sequence[str]) -> tuple[Variant, ...]:

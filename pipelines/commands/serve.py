@@ -23,11 +23,10 @@ if TYPE_CHECKING:
     from pipelines.share.player_files import PlayerFiles
     from pipelines.share.serving import Serving as Prepared
 
-HTTP_NOTE = (
+HTTP_NOTE = (  # what https would bring, where it is not used
     "Over http, browsers on other machines decode with a <video> element, which is slower, and check no SHA-256. "
     "--https gives them WebCodecs, checksums and gamepads."
 )
-"""What https would bring, where it is not used."""
 
 
 def register(commands: Any) -> None:

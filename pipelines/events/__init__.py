@@ -205,8 +205,7 @@ _KINDS: dict[str, type[Event]] = {kind.kind: kind for kind in get_args(AnyEvent)
 
 _SURROGATE = re.compile("[\ud800-\udfff]")
 _START = '{"event":'
-MAX_TEXT = 500
-"""Characters kept of a line that is not an event."""
+MAX_TEXT = 500  # characters kept of a line that is not an event
 
 
 def as_message(error: BaseException) -> Message:

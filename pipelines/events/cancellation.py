@@ -16,11 +16,8 @@ from types import FrameType
 
 from studio.errors import Cancelled
 
-GRACE = 1.4
-"""Seconds that a stage has to stop before the process is ended."""
-
-EXIT_CANCELLED = 130
-"""Exit code of a cancelled command (128 + SIGINT)."""
+GRACE = 1.4  # seconds that a stage has to stop before the process is ended
+EXIT_CANCELLED = 130  # exit code of a cancelled command (128 + SIGINT)
 
 
 class Cancellation:

@@ -7,8 +7,7 @@ from pathlib import Path
 
 from pipelines.events import Emit, Event, Progress, read_line
 
-_HEAD_BYTES = 256
-"""What a log is known by: its first event has the time and the process of its run."""
+_HEAD_BYTES = 256  # what a log is known by: its first event has the time and the process of its run
 
 
 class EventLog:

@@ -12,12 +12,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-_LOOK = 0.2
-"""Seconds between two samples."""
-
-_GAP = 1.0
-"""Seconds without a sample that may be a pause."""
-
+_LOOK = 0.2  # seconds between two samples
+_GAP = 1.0  # seconds without a sample that may be a pause
 _UNEXPLAINED = 60.0
 """Seconds after which a gap without SIGCONT counts as work; until then it counts as a pause, so that the clock never
 runs backwards. Python calls signal handlers only when the main thread is free."""

@@ -26,7 +26,7 @@ from pipelines.takes.records import StageRecord, read_failure, read_record, resu
 from studio.errors import StudioError
 from studio.json_types import JsonData
 
-EDIT_WORDS = {
+EDIT_WORDS = {  # what the edits are called, by their name
     "trim": "the trim",
     "crop": "the crop box",
     "ground": "the ground plane",
@@ -35,7 +35,6 @@ EDIT_WORDS = {
     "world": "the placement of the world",
     "details": "the marked details",
 }
-"""What the edits are called, by their name."""
 
 DONE, PARTIAL, STALE, FAILED, MISSING = "done", "partial", "stale", "failed", "missing"
 

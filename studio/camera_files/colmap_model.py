@@ -28,14 +28,13 @@ MODELS = {
     "OPENCV": (4, 8),
     "FULL_OPENCV": (6, 12),
 }
-OTHER_MODELS = {
+OTHER_MODELS = {  # names for errors
     5: "OPENCV_FISHEYE",
     7: "FOV",
     8: "SIMPLE_RADIAL_FISHEYE",
     9: "RADIAL_FISHEYE",
     10: "THIN_PRISM_FISHEYE",
 }
-"""Names for errors."""
 
 
 def intrinsics(model: str, parameters: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:

@@ -44,14 +44,13 @@ _KNOWN = frozenset({
     "fl_x", "fl_y", "cx", "cy", "w", "h", "width", "height", "camera_angle_x", "camera_angle_y", "intrinsic_matrix",
     "K", "camera_model", "is_fisheye", "distortion_params", "transform_matrix", "file_path", "from_na",
 }) | set(TERMS)  # fmt: skip
-_SAME = (
+_SAME = (  # keys of the same value: one in an entry replaces all of them beside `frames`
     {"fl_x", "fl_y", "camera_angle_x", "camera_angle_y"},
     {"intrinsic_matrix", "K"},
     {"w", "width"},
     {"h", "height"},
     {"distortion_params", *TERMS},
 )
-"""Keys of the same value: one in an entry replaces all of them beside `frames`."""
 _HARMLESS = frozenset({
     "frames", "aabb_scale", "aabb", "scale", "offset", "n_frames", "applied_transform", "applied_scale",
     "orientation_override", "up", "ply_file_path", "colmap_im_id", "sharpness", "time", "mask_path",

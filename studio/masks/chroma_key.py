@@ -19,9 +19,7 @@ from studio.masks.mask_source import GarbageMasks, MaskInputs, MaskSource
 from studio.masks.screen_color import Screen, find_screen
 from studio.memory_cache import MemoryCache
 
-SAMPLES = 5
-"""Number of frames per camera from which the screen color is estimated."""
-
+SAMPLES = 5  # number of frames per camera from which the screen color is estimated
 WORK_SIDE = 1920  # longest side for computing evidence; edges are solved at full size
 _FEW = 0.02  # share of known pixels at which their mean counts for half
 _FLOOR = 0.06  # tangent of the angle by which reflections and compression may change the screen color

@@ -6,9 +6,7 @@ darker than a plain set looks like that as well, so the texture of the plate has
 
 import numpy as np
 
-WINDOW = (9, 9)
-"""Pixels in which footage and plate are compared."""
-
+WINDOW = (9, 9)  # pixels in which footage and plate are compared
 _LEAST_FACTOR = 0.12  # of a colored shadow: what is darker is no shadow
 _BRIGHTEST = 1.08  # factor of a channel up to which it is a shadow
 _FACTOR_BINS = 14  # per channel, of the factors of colored shadows

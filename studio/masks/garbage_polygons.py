@@ -23,9 +23,7 @@ from studio.bounded_files import read_bounded
 from studio.errors import StudioError
 from studio.yaml_text import DuplicateKey, YamlError, dump_yaml, parse_yaml
 
-EXTENSIONS = (".yaml", ".yml", ".json")
-"""Of files with polygons; garbage masks with other extensions are images."""
-
+EXTENSIONS = (".yaml", ".yml", ".json")  # of files with polygons; garbage masks with other extensions are images
 _BITS = 4  # of a pixel's fraction, for OpenCV
 
 

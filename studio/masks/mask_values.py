@@ -16,9 +16,7 @@ from studio.capture.images import read_values
 LOSSY = frozenset({".jpg", ".jpeg", ".webp"})
 """Extensions of images whose values are not exact, so that they cannot be labels."""
 
-INVERTED = (0,)
-"""The chosen labels with which the background of masks is the foreground."""
-
+INVERTED = (0,)  # the chosen labels with which the background of masks is the foreground
 _MOST_LABELS = 24  # more than people in a capture or parts of a body; soft masks have more values
 _FLAT = 0.3  # share of the pixels between black and white whose neighbors are the same, if they are labels
 _SCALES = {True: (255.0, 65535.0), False: (1.0, 255.0, 65535.0)}

@@ -17,9 +17,7 @@ from studio.masks.mask_source import MaskInputs, MaskSource
 from studio.masks.matting_function import FunctionMaskSource
 from studio.storage import whole_files
 
-STRIDE = 32
-"""Image sides must be multiples of this: networks downsample up to five times by 2."""
-
+STRIDE = 32  # image sides must be multiples of this: networks downsample up to five times by 2
 _IMAGENET = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 
 
@@ -40,7 +38,7 @@ class Kind:
     logits: bool = False
 
 
-KINDS: dict[ModelKind, Kind] = {
+KINDS: dict[ModelKind, Kind] = {  # as in the code that the models' authors published
     "u2net": Kind(*_IMAGENET, 320),
     "birefnet": Kind(*_IMAGENET, 1024, logits=True),
     "isnet": Kind((0.5, 0.5, 0.5), (1.0, 1.0, 1.0), 1024),
@@ -48,7 +46,6 @@ KINDS: dict[ModelKind, Kind] = {
     "selfie": Kind((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 256),
     "plain": Kind((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 0),
 }
-"""As in the code that the models' authors published."""
 
 
 class MattingModel:

@@ -24,8 +24,7 @@ from studio.masks.median_background import (
     median_plate,
 )
 
-FEW_FRAMES = 10
-"""With fewer frames, the performer hides too much of the set for auto to choose its median."""
+FEW_FRAMES = 10  # with fewer frames, the performer hides too much of the set for auto to choose its median
 
 
 class PlateMaskSource:

@@ -34,7 +34,7 @@ class Source:
     automatic: bool = False
 
 
-SOURCES = (
+SOURCES = (  # in the order in which `auto` tries them
     Source("alpha", open_alpha, automatic=True),
     Source("files", open_files, automatic=True),
     Source("clean_plate", open_clean_plate, automatic=True),
@@ -45,7 +45,6 @@ SOURCES = (
     Source("model", open_model),
     Source("none", open_none),
 )
-"""All sources. `auto` tries them in this order."""
 
 
 def open_mask_source(inputs: MaskInputs) -> tuple[MaskSource, str]:

@@ -143,13 +143,12 @@ class Store:
         return StudioError("storage.failed", problem, file=file, fix=fix)
 
 
-_NEEDED = {
+_NEEDED = {  # which permission each kind of request needs
     "reached": "list this bucket and read its objects",
     "listed": "list this bucket",
     "read": "read objects of this bucket",
     "written": "write objects of this bucket",
 }
-"""Which permission each kind of request needs."""
 
 
 class _Truncated(OSError):

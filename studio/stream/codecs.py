@@ -44,7 +44,7 @@ _X265_TILES = (
     "frame-threads=1:pools=none:no-wpp=1:info=0:log-level=none"
 )
 
-CODECS: dict[str, Codec] = {
+CODECS: dict[str, Codec] = {  # codecs of images of many tiles (profile `motion`), by their names in the manifest
     "h264": Codec("libx264", "x264-params", _X264_TILES, _X264_TILES, takes_b_frames=True),
     "hevc": Codec(
         "libx265", "x265-params", f"qp={{qp}}:{_X265_TILES}", f"lossless=1:{_X265_TILES}", "hvc1", takes_b_frames=True
@@ -58,7 +58,6 @@ CODECS: dict[str, Codec] = {
         presets=("12", "11", "10", "10", "9", "8", "7", "6", "5"),  # about as fast as x264's of the same name
     ),
 }
-"""Codecs of images of many tiles (profile `motion`), by their names in the manifest."""
 
 PLANE_CODEC = Codec("libx264", "x264-params", _X264, _X264)
 """H.264 for single planes (profile `planes`, VideoGS): with deblocking, and a finer I frame (ipratio 1.4)."""

@@ -24,14 +24,9 @@ from studio.training.splat_optimizer import SplatOptimizer
 from studio.training.step import Stepper, regularized
 from studio.training.views import TrainingView, interior
 
-RIDGE = 1e-3
-"""Weight of the squared difference from neutral against the mean squared error of colors in 0 to 1."""
-
-STEPS = 600
-"""Training steps to whose splats the matrices are fitted."""
-
-EVERY = 150
-"""Steps after which they are fitted again."""
+RIDGE = 1e-3  # weight of the squared difference from neutral against the mean squared error of colors in 0 to 1
+STEPS = 600  # training steps to whose splats the matrices are fitted
+EVERY = 150  # steps after which they are fitted again
 
 
 def fit_camera_colors(

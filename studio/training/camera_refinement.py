@@ -33,20 +33,16 @@ from studio.training.splat_optimizer import SplatOptimizer
 from studio.training.step import Stepper, regularized
 from studio.training.views import TrainingView
 
-WORTH = 0.1
-"""Gain in dB from which on refined cameras are used."""
-_VISITS = 75
-"""Steps per camera in which cameras are refined; a third as many with fixed cameras come before."""
-ALIGN_STEPS = 150
-"""Steps that align a camera to finished splats."""
+WORTH = 0.1  # gain in dB from which on refined cameras are used
+_VISITS = 75  # steps per camera in which cameras are refined; a third as many with fixed cameras come before
+ALIGN_STEPS = 150  # steps that align a camera to finished splats
 _RATE, _LAST_RATE = 1e-3, 0.05
 """Adam's rate: each step moves the performer in the image by up to a thousandth of its size. In the second half, it
 decays to this part."""
 _USUAL = (*[0.03] * 6, 0.02, 0.02, 0.03, 0.03)
 """Usual errors of a calibration: rotation in radians and translation as a fraction of the performer's radius (three
 each), principal point as a fraction of the focal length (two), relative focal length, radial term."""
-_PRIOR = 1e-4
-"""Loss of one of them. Without it, what a small performer hardly shows, such as the radial term, drifts."""
+_PRIOR = 1e-4  # Loss of one of them. Without it, what a small performer hardly shows, such as the radial term, drifts.
 _LEAST_DISTORTION = 0.1
 """Pixels in the corner of the image from which on the radial term is used: less does not justify resampling."""
 

@@ -24,8 +24,7 @@ from studio.rasterizer.kernels import kernels_for
 from studio.training.noise import uniform
 from studio.training.triton.coded import coded_loss_triton
 
-_LEAST = 1e-30
-"""Below any P that occurs, relative to the density at the nearer end."""
+_LEAST = 1e-30  # below any P that occurs, relative to the density at the nearer end
 
 
 class _Bits(torch.autograd.Function):

@@ -14,14 +14,11 @@ from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
 from studio.training.step import Stepper
 
-_VIEWS = 10
-"""Views that decide on each densification, as in FastGS."""
+_VIEWS = 10  # views that decide on each densification, as in FastGS
 _MIN_OPACITY = 0.005
-RESET_EVERY = 3_000
-"""Steps between opacity resets, as in 3DGS; there are none in the last quarter of densification."""
+RESET_EVERY = 3_000  # steps between opacity resets, as in 3DGS; there are none in the last quarter of densification
 _RESET_OPACITY = 0.01
-_HUGE_SHARE = 0.1
-"""Splats larger than this fraction of the scene extent are removed."""
+_HUGE_SHARE = 0.1  # splats larger than this fraction of the scene extent are removed
 
 
 def density_control(stepper: Stepper, extent: float, settings: TrainSettings) -> DensityControl | Relocation:

@@ -10,8 +10,7 @@ from studio.rasterizer.cpu import kernel_threads
 from studio.rasterizer.kernels import kernels_for
 from studio.training.noise import random_bits
 
-DROPPED_LOGIT = -30.0
-"""Logit of a dropped splat: far below the opacity from which the rasterizer draws a splat, 1/255."""
+DROPPED_LOGIT = -30.0  # logit of a dropped splat: far below the opacity from which the rasterizer draws a splat, 1/255
 _LEAST_OPACITY, _MOST_OPACITY = 1e-6, 0.995
 
 

@@ -28,8 +28,7 @@ class GroupRun(ABC):
         steppers: one per frame.
     """
 
-    phase = "joint"
-    """For progress and errors."""
+    phase = "joint"  # for progress and errors
 
     def __init__(
         self,

@@ -16,8 +16,7 @@ from torch import Tensor, nn
 _PRIMES = (1, 2_654_435_761, 805_459_861)
 
 
-PIECE = 64
-"""Most numbers that one piece of a sum adds, see `pieces_of`."""
+PIECE = 64  # most numbers that one piece of a sum adds, see `pieces_of`
 
 
 @dataclass(frozen=True)

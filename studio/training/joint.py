@@ -25,17 +25,12 @@ from studio.training.step import Checkpoint, CheckpointFn
 from studio.training.unseen import settled_colors
 from studio.training.views import TrainingView
 
-_SMOOTHNESS = 0.1
-"""Weight of the mean acceleration of positions (L1), relative to the performer's size."""
-
-_SHARED = 8
-"""Frames in a row that share scales, opacities and colors, about."""
-
+_SMOOTHNESS = 0.1  # weight of the mean acceleration of positions (L1), relative to the performer's size
+_SHARED = 8  # frames in a row that share scales, opacities and colors, about
 _LEFT_OUT = 0.025
 """Most of the contribution to all images that is left out, with the splats that have the smallest ones (measured)."""
 
-_BYTES, _BYTES_A_PIXEL = 2_000_000_000, 11
-"""Most memory for the views of a group, and what a pixel of a view takes."""
+_BYTES, _BYTES_A_PIXEL = 2_000_000_000, 11  # most memory for the views of a group, and what a pixel of a view takes
 
 
 def joint_steps(settings: TrainSettings, frames: int) -> int:

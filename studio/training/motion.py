@@ -14,11 +14,8 @@ from studio.training.adam import Adam, ParameterGroup
 from studio.training.hashgrid import Corners, HashGrid
 from studio.training.triton.field import motion_field_triton
 
-_BOX_PADDING = 0.05
-"""Padding of the bounding box, as a fraction of its longest side."""
-
-_NEIGHBORS = 24
-"""Neighbors over which velocities are smoothed (docs/measurements/training.md)."""
+_BOX_PADDING = 0.05  # padding of the bounding box, as a fraction of its longest side
+_NEIGHBORS = 24  # neighbors over which velocities are smoothed (docs/measurements/training.md)
 
 
 def predicted_means(

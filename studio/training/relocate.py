@@ -16,10 +16,8 @@ from studio.training.details import Detail, detail_weights
 from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
 
-_DEAD = 0.005
-"""Splats at or below this opacity are dead."""
-_GROWTH = 1.05
-"""Maximum growth factor per densification step."""
+_DEAD = 0.005  # splats at or below this opacity are dead
+_GROWTH = 1.05  # maximum growth factor per densification step
 _MOST_COPIES = 51
 _NOISE_RATE = 5e5
 _NOISE_SHARPNESS, _NOISE_OPACITY = 100.0, 0.005

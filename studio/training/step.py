@@ -19,11 +19,8 @@ from studio.training.photometric import photometric_loss
 from studio.training.settings import TrainSettings
 from studio.training.views import Shuffled, TrainingView, backgrounds
 
-FIGURES_EVERY = 20
-"""Steps from one report of loss and PSNR to the next."""
-
-Checkpoint = dict[str, Tensor]
-"""The complete state of a training, by name; can be stored as safetensors."""
+FIGURES_EVERY = 20  # steps from one report of loss and PSNR to the next
+Checkpoint = dict[str, Tensor]  # the complete state of a training, by name; can be stored as safetensors
 CheckpointFn = Callable[[int, Checkpoint], None]
 """`checkpoint(step, state)`: called regularly. The next step modifies the tensors, so write or copy them."""
 

@@ -14,9 +14,7 @@ from studio.cameras import Camera
 from studio.gaussians import Gaussians
 from studio.rasterizer.contribution import contribution
 
-_ENOUGH = 0.1
-"""Cameras that see a splat, see `cameras_that_see`, for half of its color to be its own."""
-
+_ENOUGH = 0.1  # cameras that see a splat, see `cameras_that_see`, for half of its color to be its own
 _NEIGHBORS, _ROUNDS = 12, 40
 
 

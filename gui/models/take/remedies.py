@@ -29,7 +29,7 @@ def _told(name: str) -> Value:
     return lambda fields: fields.get(name)
 
 
-REMEDIES: Mapping[str, Remedy] = {
+REMEDIES: Mapping[str, Remedy] = {  # by code of the warning
     "bake.beyond_hardware": Remedy("train.max_splats"),
     "bake.short_sound": Remedy("capture.audio_offset"),
     "calibration.focal_length": Remedy("calibrate.shared_intrinsics"),
@@ -49,7 +49,6 @@ REMEDIES: Mapping[str, Remedy] = {
     "training.no_color_chart": Remedy("train.camera_colors"),
     "training.slow": Remedy("capture.scale", _told("suggested")),
 }
-"""By code of the warning."""
 
 _DETECTED = ("clean_plate", "agreed", "median_background", "chroma_key")  # sources of masks that have a sensitivity
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-LABELS: Mapping[str, str] = {
+LABELS: Mapping[str, str] = {  # of settings whose name is not what people say
     "bake.attribute_qps": "QPs of attributes",
     "bake.b_frames": "B-frames",
     "bake.ladder": "renditions",
@@ -38,9 +38,8 @@ LABELS: Mapping[str, str] = {
     "train.sh_degree": "SH degree",
     "train.sh_degree_every": "iterations per SH degree",
 }
-"""Of settings whose name is not what people say."""
 
-EMPTY: Mapping[str, str] = {
+EMPTY: Mapping[str, str] = {  # what is shown instead of null, an empty list, an empty mapping or an empty text
     "bake.attribute_qps": "as quality",
     "bake.b_frames": "automatic",
     "bake.first_group_size": "automatic",
@@ -77,9 +76,8 @@ EMPTY: Mapping[str, str] = {
     "train.camera_colors": "not corrected",
     "train.motion_first_iterations": "as the others",
 }
-"""What is shown instead of null, an empty list, an empty mapping or an empty text."""
 
-UNITS: Mapping[str, str] = {
+UNITS: Mapping[str, str] = {  # shown in parentheses after the name
     "calibrate.board.marker": "m",
     "calibrate.board.square": "m",
     "capture.audio_offset": "s",
@@ -89,7 +87,6 @@ UNITS: Mapping[str, str] = {
     "run.preview_seconds": "s",
     "train.group_size": "frames",
 }
-"""Shown in parentheses after the name."""
 
 FOLDERS = frozenset({"capture.root"})  # settings that are a folder, to be chosen in a dialog
 

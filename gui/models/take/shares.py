@@ -11,26 +11,23 @@ from pipelines.runs.staleness import StageStatus
 from pipelines.share.sharing import MAX_SINGLE_FILE_BYTES, ShareSize
 from studio.counts import counted, size_words
 
-FORMS: dict[str, tuple[str, str]] = {
+FORMS: dict[str, tuple[str, str]] = {  # forms of a share: label, and what its name ends in
     "folder": ("Folder for a web server", "-share"),
     "single-file": ("Single HTML file", ".html"),
 }
-"""Forms of a share: label, and what its name ends in."""
 
-PHONES = {
+PHONES = {  # what viewers need
     "folder": "Upload the folder to any web server, under any path.\n"
     "Phones decode fastest, and check what they receive, from https:// addresses.",
     "single-file": "Opens in a desktop browser from the disk. Phones seldom open HTML files\n"
     "that were sent to them: share a folder for phones, or serve it.",
 }
-"""What viewers need."""
 
-PHONES_SERVE = (
+PHONES_SERVE = (  # the same, where this machine serves
     "The phone must be on the same network, and this machine's firewall must let it in.\n"
     "With https, the phone warns about the certificate, which is new each time: compare its\n"
     "fingerprint. Without https, it decodes more slowly and does not check what it receives."
 )
-"""The same, where this machine serves."""
 
 _TEXTS = ("title", "credits", "license", "address")
 

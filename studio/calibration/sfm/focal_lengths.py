@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-_LEAST, _MOST = 0.7, 1.4
-"""An estimate is used if it is within these factors of the median of all."""
+_LEAST, _MOST = 0.7, 1.4  # an estimate is used if it is within these factors of the median of all
 
 
 def guess_focal_lengths(database: Path, folder: Path, cameras: Sequence[int], seed: int) -> None:

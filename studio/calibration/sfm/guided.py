@@ -17,8 +17,7 @@ from studio.calibration.sfm.job import SfmJob
 
 _ANGLE, _RATIO = 0.7, 0.8
 """Largest angle between descriptors in radians, and compared with the second best; as in COLMAP."""
-_WIDEST = 80.0
-"""Views further apart in degrees are not matched."""
+_WIDEST = 80.0  # views further apart in degrees are not matched
 _FEWEST = 8
 
 

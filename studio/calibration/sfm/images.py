@@ -10,8 +10,7 @@ from studio.calibration.sfm.features import file_name
 from studio.errors import StudioError
 from studio.progress import ProgressFn
 
-Picture = np.ndarray | Callable[[], np.ndarray]
-"""(H, W, 3) uint8 RGB, or a function that reads it on demand."""
+Picture = np.ndarray | Callable[[], np.ndarray]  # (H, W, 3) uint8 RGB, or a function that reads it on demand
 Pictures = np.ndarray | Sequence[Picture]
 """One image of a camera, or one per sync frame; the sync frames are the same for all cameras."""
 

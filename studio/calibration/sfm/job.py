@@ -12,12 +12,8 @@ from studio.camera_files.colmap_model import camera_model
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
 
-MAX_FEATURES = 8192
-"""Per image."""
-
-MAX_IMAGE_SIZE = 2400
-"""Longer side in pixels; larger images are downscaled for feature detection."""
-
+MAX_FEATURES = 8192  # per image
+MAX_IMAGE_SIZE = 2400  # longer side in pixels; larger images are downscaled for feature detection
 _FOCAL_FACTOR = 1.2  # initial focal length where none is known, as a multiple of the longer side
 _START = {  # initial parameters from focal length and principal point
     "SIMPLE_PINHOLE": lambda f, cx, cy: [f, cx, cy],
@@ -38,34 +34,24 @@ class _Model(BaseModel):
 class SfmCamera(_Model):
     """Intrinsics of one or more images."""
 
-    model: str
-    """COLMAP camera model used during mapping."""
+    model: str  # COLMAP camera model used during mapping
     width: int
     height: int
-    params: tuple[float, ...]
-    """Parameters of the model, pixels."""
-    prior: bool = False
-    """Whether the focal length is known at least approximately."""
-    known: bool = False
-    """Whether the intrinsics are known and fixed."""
-    becomes: str | None = None
-    """Camera model of the result, for estimated intrinsics."""
+    params: tuple[float, ...]  # parameters of the model, pixels
+    prior: bool = False  # whether the focal length is known at least approximately
+    known: bool = False  # whether the intrinsics are known and fixed
+    becomes: str | None = None  # camera model of the result, for estimated intrinsics
 
 
 class SfmJob(_Model):
     """Input of the worker process, job.json."""
 
-    names: tuple[str, ...]
-    """Camera names; image n + 1 of the database belongs to camera n."""
-    sync_frames: int = 1
-    """Images per camera."""
+    names: tuple[str, ...]  # camera names; image n + 1 of the database belongs to camera n
+    sync_frames: int = 1  # images per camera
     intrinsics: tuple[SfmCamera, ...]
-    intrinsics_of: tuple[int, ...]
-    """Index into `intrinsics` for each camera."""
-    masks: bool = False
-    """Whether there are mask images."""
-    pairs: tuple[tuple[int, int], ...] = ()
-    """Pairs of cameras to match; empty for all."""
+    intrinsics_of: tuple[int, ...]  # index into `intrinsics` for each camera
+    masks: bool = False  # whether there are mask images
+    pairs: tuple[tuple[int, int], ...] = ()  # pairs of cameras to match; empty for all
     poses: tuple[tuple[tuple[float, ...], ...], ...] = ()
     """World-to-camera matrices (3, 4) of all cameras from an earlier solution, or empty."""
     fix_poses: bool = False
@@ -76,54 +62,40 @@ class SfmJob(_Model):
     seed: int = 0
     threads: int = 1
     fix_intrinsics: bool = True
-    find_shared: bool = False
-    """Whether to test if cameras share intrinsics."""
+    find_shared: bool = False  # whether to test if cameras share intrinsics
 
 
 class SolvedCamera(_Model):
     """A registered camera in COLMAP's gauge."""
 
-    number: int
-    """Index into the job's names."""
-    model: str
-    """COLMAP camera model."""
+    number: int  # index into the job's names
+    model: str  # COLMAP camera model
     params: tuple[float, ...]
-    pose: tuple[tuple[float, ...], ...]
-    """(3, 4) world to camera."""
-    agree: float | None
-    """See `verdict.match_inlier_ratios`; None without matches."""
-    uncertain: tuple[float, float] | None
-    """See `uncertainty.uncertainties`; None if not known."""
+    pose: tuple[tuple[float, ...], ...]  # (3, 4) world to camera
+    agree: float | None  # see `verdict.match_inlier_ratios`; None without matches
+    uncertain: tuple[float, float] | None  # see `uncertainty.uncertainties`; None if not known
 
 
 class SharedIntrinsicsTest(_Model):
     """Comparison of shared with separate intrinsics for a set of images."""
 
-    images: tuple[int, ...]
-    """Image ids; camera numbers in the solution file."""
-    shared: bool
-    """Whether shared intrinsics were accepted."""
-    misfit: float
-    """Increase of the misfit per parameter removed by sharing, in units of the noise variance."""
+    images: tuple[int, ...]  # image ids; camera numbers in the solution file
+    shared: bool  # whether shared intrinsics were accepted
+    misfit: float  # increase of the misfit per parameter removed by sharing, in units of the noise variance
 
 
 class SfmSolution(_Model):
     """Output of the worker process, solution.json; points and observations are in points.npz."""
 
-    mapper: str
-    """The attempt that found the solution."""
+    mapper: str  # the attempt that found the solution
     cameras: tuple[SolvedCamera, ...]
-    features: dict[int, int]
-    """Camera number to number of features."""
+    features: dict[int, int]  # camera number to number of features
     pairs: tuple[tuple[int, int, int], ...]
     """Two camera numbers and their number of verified matches, for pairs that have any."""
-    match_inlier_ratio: float
-    """See `verdict.match_inlier_ratio`."""
+    match_inlier_ratio: float  # see `verdict.match_inlier_ratio`
     sharing: tuple[SharedIntrinsicsTest, ...]
-    recentered: bool = False
-    """Whether principal points were estimated."""
-    aspect: float = 1.0
-    """Height of a pixel divided by its width."""
+    recentered: bool = False  # whether principal points were estimated
+    aspect: float = 1.0  # height of a pixel divided by its width
 
 
 def sfm_job(

@@ -32,24 +32,19 @@ from studio.calibration.sfm.verdict import MISPLACED, TRUSTED, match_inlier_rati
 
 _POLISHINGS = 2  # the second uses the noise estimate of the first
 _SPREAD = 1.2  # ratio of focal lengths above which mapping is repeated with shared intrinsics
-_SHARING_LOSS = 0.05
-"""Shared intrinsics, which are fewer, may lose this much of the match inlier ratio."""
+_SHARING_LOSS = 0.05  # shared intrinsics, which are fewer, may lose this much of the match inlier ratio
 _MOST_MISPLACED = 1 / 3
 """Cameras with a ratio below `MISPLACED` are not registered again if they are more than this fraction."""
-_LEAST_INLIERS = 0.1
-"""Of a misplaced camera's matches with points, since most of them are wrong."""
-_POINTS_FOR_CENTER = 100
-"""Observations that each camera needs before principal points are estimated."""
+_LEAST_INLIERS = 0.1  # of a misplaced camera's matches with points, since most of them are wrong
+_POINTS_FOR_CENTER = 100  # observations that each camera needs before principal points are estimated
 _BANDS = (3.0, 2.0, 2.0)
 """Distances from the epipolar line in pixels within which matches are found again, in this order."""
 _AGREEING = 3
 """Images that must see such a point. A wrong match of two images is near their epipolar line too, and so would keep
 the cameras where they are."""
-_AS_WELL = 0.01
-"""Smallest loss of the match inlier ratio that counts as one."""
+_AS_WELL = 0.01  # smallest loss of the match inlier ratio that counts as one
 _ONE_FOCAL_LENGTH = ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
-_CAUCHY = 2.4
-"""Width of the Cauchy loss in standard deviations: 95% efficiency for Gaussian noise."""
+_CAUCHY = 2.4  # width of the Cauchy loss in standard deviations: 95% efficiency for Gaussian noise
 
 
 class Mapper:

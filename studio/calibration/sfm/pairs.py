@@ -13,14 +13,10 @@ from typing import Any
 
 import numpy as np
 
-PREVIEW = 1024
-"""Number of features per camera in the preview; the largest ones are used."""
-FEW = 20
-"""With up to this many cameras, all pairs are matched, which takes about a minute."""
-_ENOUGH = 6
-"""Minimum number of verified preview matches that makes a pair worth matching."""
-_AT_LEAST = 8
-"""Each camera keeps this many of its best partners, regardless of how few matches they have."""
+PREVIEW = 1024  # number of features per camera in the preview; the largest ones are used
+FEW = 20  # with up to this many cameras, all pairs are matched, which takes about a minute
+_ENOUGH = 6  # minimum number of verified preview matches that makes a pair worth matching
+_AT_LEAST = 8  # each camera keeps this many of its best partners, regardless of how few matches they have
 
 
 def worthwhile(

@@ -20,8 +20,7 @@ from studio.errors import StudioError
 from studio.progress import ProgressFn, no_progress
 from studio.similarity import Similarity
 
-_FOCAL = 1.6
-"""A focal length is doubtful if its ratio to the median of cameras with the same image size exceeds this."""
+_FOCAL = 1.6  # A focal length is doubtful if its ratio to the median of cameras with the same image size exceeds this
 
 _STEPS = {
     "features": (5, 25),

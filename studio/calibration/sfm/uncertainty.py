@@ -8,8 +8,7 @@ from studio.calibration.sfm.bundle_adjustment import problem
 from studio.calibration.sfm.job import SfmJob
 from studio.calibration.sfm.verdict import reprojection_errors
 
-WEAK = 0.005
-"""Position uncertainty above which a camera is weak: 2 sigma are 1 cm per meter."""
+WEAK = 0.005  # position uncertainty above which a camera is weak: 2 sigma are 1 cm per meter
 
 
 def uncertainties(model: Any, job: SfmJob, threads: int, *, centers: bool) -> dict[int, tuple[float, float]]:

@@ -8,8 +8,7 @@ import numpy as np
 TRUSTED = 0.6
 """Match inlier ratio above which a solution is accepted: correct solutions have 0.75 or more, a wrongly closed ring of
 cameras has 0.45."""
-MISPLACED = 0.4
-"""Match inlier ratio of a single camera below which it is registered again, and named if it stays there."""
+MISPLACED = 0.4  # match inlier ratio of a single camera below which it is registered again, and named if it stays there
 
 
 def match_inlier_ratio(model: Any, database: Path) -> float:

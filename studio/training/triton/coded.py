@@ -13,8 +13,7 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-WARPS = 4
-"""Warps of a program."""
+WARPS = 4  # warps of a program
 
 
 class Coded(Protocol):

@@ -12,9 +12,7 @@ from __future__ import annotations
 import triton
 import triton.language as tl
 
-BLOCK = 512
-"""Splats of a program."""
-
+BLOCK = 512  # splats of a program
 _BLOCK = tl.constexpr(BLOCK)
 _LOG2E = tl.constexpr(1.4426950408889634)
 _ROOT_HALF = tl.constexpr(0.70710678118654752)

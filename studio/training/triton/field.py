@@ -19,8 +19,7 @@ from torch.autograd.function import once_differentiable
 
 from studio.training.hashgrid import Corners
 
-WARPS = 4
-"""Warps of a program."""
+WARPS = 4  # warps of a program
 _LEAST, _MOST = 16, 64  # columns of a program: tl.dot takes no fewer, and more do not fit into its registers
 
 

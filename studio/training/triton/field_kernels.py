@@ -25,24 +25,12 @@ from __future__ import annotations
 import triton
 import triton.language as tl
 
-CHUNK = 512
-"""Positions whose share of a parameter's gradient is one number."""
-
-TILE = 64
-"""Outputs and inputs of a layer for which a program of `parameter_gradient` computes."""
-
-TILE_NUMBERS = 7
-"""Numbers that describe such a tile."""
-
-POSITIONS = 64
-"""Positions of a program of `layer_forward` and `layer_backward`."""
-
-SHORT = 32
-"""Positions, and columns of their encodings, of a program of `encode`."""
-
-PIECES = 16
-"""Sums that a program of `sum_pieces` computes."""
-
+CHUNK = 512  # positions whose share of a parameter's gradient is one number
+TILE = 64  # outputs and inputs of a layer for which a program of `parameter_gradient` computes
+TILE_NUMBERS = 7  # numbers that describe such a tile
+POSITIONS = 64  # positions of a program of `layer_forward` and `layer_backward`
+SHORT = 32  # positions, and columns of their encodings, of a program of `encode`
+PIECES = 16  # sums that a program of `sum_pieces` computes
 _CHUNK = tl.constexpr(CHUNK)
 _TILE = tl.constexpr(TILE)
 _TILE_NUMBERS = tl.constexpr(TILE_NUMBERS)

@@ -17,8 +17,7 @@ from torch.autograd.function import once_differentiable
 
 from studio.metrics import ssim_taps
 
-WARPS = 4
-"""Warps of a program."""
+WARPS = 4  # warps of a program
 
 
 @functools.cache

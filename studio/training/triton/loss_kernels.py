@@ -16,9 +16,7 @@ import triton.language as tl
 
 from studio.metrics import SSIM_C1, SSIM_C2, SSIM_WINDOW
 
-BLOCK = 1024
-"""Elements of a program: pixels times channels."""
-
+BLOCK = 1024  # elements of a program: pixels times channels
 _BLOCK = tl.constexpr(BLOCK)
 _WINDOW = tl.constexpr(SSIM_WINDOW)
 _HALF = tl.constexpr(SSIM_WINDOW // 2)
