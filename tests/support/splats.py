@@ -30,6 +30,26 @@ def converted_splats(degree: int) -> Gaussians:
     )
 
 
+def round_splats(means: torch.Tensor, log_scale: float = -3.0, opacity: float = 0.5) -> Gaussians:
+    """Gray splats of the same size and opacity that are not rotated."""
+    count = len(means)
+    logits = torch.logit(torch.full((count,), opacity))
+    quats = torch.tensor([1.0, 0, 0, 0]).repeat(count, 1)
+    return Gaussians(means, quats, torch.full((count, 3), log_scale), logits, torch.zeros(count, 1, 3))
+
+
+def same_splats(one: Gaussians, other: Gaussians) -> bool:
+    """Whether all values have the same bits."""
+    return all(torch.equal(value, getattr(other, name)) for name, value in one.items())
+
+
+class Checkpoints(dict[int, dict[str, torch.Tensor]]):
+    """Copies of the states that it is called with, by step."""
+
+    def __call__(self, step: int, state: dict[str, torch.Tensor]) -> None:
+        self[step] = {name: value.clone() for name, value in state.items()}
+
+
 def drawn(splats: Gaussians) -> torch.Tensor:
     """Two pictures of `converted_splats` from different sides, stacked."""
     eyes = ((3.0, 1.5, 2.0), (-1.0, -3.0, 1.5))

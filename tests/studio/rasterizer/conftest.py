@@ -1,6 +1,7 @@
 """Scenes, and the comparison of a backend with the reference implementation."""
 
 import math
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ from torch import Tensor
 
 from studio.cameras import Camera
 from studio.gaussians import Gaussians
-from studio.rasterizer import rasterize
+from studio.rasterizer import rasterize, set_kernel_threads
 from studio.rasterizer.reference import project, visible_radii
 from studio.rasterizer.types import ALPHA_MIN, TRANSMITTANCE_MIN, Pinhole
 
@@ -158,3 +159,15 @@ def assert_same(
         assert error <= gradient * size + 1e-6 * max(1.0, largest), (
             f"the gradient of {name} is off by {error / size:.2e} of {size:.2e}"
         )
+
+
+def assert_same_by_any_threads(results: Callable[[], Iterable[Tensor]]) -> None:
+    """All results have the same bits, whether the kernels use one, two or three threads."""
+    found = []
+    try:
+        for threads in (1, 2, 3):
+            set_kernel_threads(threads)
+            found.append(tuple(results()))
+    finally:
+        set_kernel_threads(None)
+    assert all(torch.equal(first, other) for run in found[1:] for first, other in zip(found[0], run, strict=True))

@@ -9,12 +9,7 @@ from studio.training import LearningRates, TrainingView, TrainSettings, fit_came
 from studio.training.camera_colors import camera_colors
 from tests.studio.training.test_group import HEIGHT, WIDTH, ball, cameras
 
-SETTINGS = TrainSettings(
-    rates=LearningRates(sh_dc=0.005),
-    scale_reg=0.0,
-    opacity_reg=0.0,
-    dropout=0.0,
-)
+SETTINGS = TrainSettings(rates=LearningRates(sh_dc=0.005), scale_reg=0.0, opacity_reg=0.0, dropout=0.0)
 
 
 def matrices() -> torch.Tensor:
@@ -33,11 +28,9 @@ def filmed(plate: torch.Tensor | None = None) -> list[TrainingView]:
     for camera, matrix in zip(cameras(), matrices(), strict=True):
         render = rasterize(ball(torch.zeros(3)), camera, torch.zeros(3))
         image = correct_color(render.image, render.alpha, matrix)
-        if plate is None:
-            made.append(TrainingView(camera, image / render.alpha[..., None].clamp_min(1e-3), render.alpha))
-        else:
-            over = image + (1 - render.alpha)[..., None] * plate
-            made.append(TrainingView(camera, over, render.alpha, plate))
+        alpha = render.alpha[..., None]
+        seen = image / alpha.clamp_min(1e-3) if plate is None else image + (1 - alpha) * plate
+        made.append(TrainingView(camera, seen, render.alpha, plate))
     return made
 
 
@@ -58,11 +51,8 @@ def test_cameras_are_fitted_while_splats_learn_from_points(monkeypatch: pytest.M
     truth, views = ball(torch.zeros(3)), filmed()
     start = truth.sh[:, 0] * 0.28209479 * 0.8 + 0.5  # as points, whose colors are those of the images, a bit blurred
     steps = []
-
-    def progress(done: int, total: int, **figures: float) -> None:
-        steps.append((done, total))
-
-    found = fit_camera_colors(views, truth.means, start, SETTINGS, seed=5, progress=progress)
+    told = lambda done, total, **_: steps.append((done, total))  # noqa: E731
+    found = fit_camera_colors(views, truth.means, start, SETTINGS, seed=5, progress=told)
     assert steps[-1] == (100, 100)
     assert torch.allclose(found.mean(0), neutral(), atol=1e-12)
     colors = torch.tensor([[0.3, 0.5, 0.7, 1.0], [0.7, 0.4, 0.2, 1.0]], dtype=torch.float64).T

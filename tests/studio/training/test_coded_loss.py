@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import log_ndtr
 
-from studio.rasterizer import set_kernel_threads
 from studio.training.coded_loss import CodedLoss, ResidualEntropy, bits_of_residual, temporal_loss
 from studio.training.noise import uniform
+from tests.studio.rasterizer.conftest import assert_same_by_any_threads
 
 ATTRIBUTES = {"rotation": slice(0, 4), "scale": slice(4, 7), "opacity": slice(7, 8), "color": slice(8, 11)}
 
@@ -33,6 +33,16 @@ def make(
         loss.entropy.mu.copy_(0.3 * normal(4))
         loss.entropy.log_sigma.copy_(0.7 * normal(4))
     return loss, now
+
+
+def in_double(loss: CodedLoss) -> CodedLoss:
+    """The same loss in float64, to which the definition is exact."""
+    weights = loss.entropy_weight, loss.temporal_weight
+    exact = CodedLoss(loss.before.double(), loss.steps.double(), ATTRIBUTES, 900, *weights).double()
+    with torch.no_grad():
+        exact.entropy.mu.copy_(loss.entropy.mu)
+        exact.entropy.log_sigma.copy_(loss.entropy.log_sigma)
+    return exact
 
 
 def results(loss: CodedLoss, now: torch.Tensor, fused: bool) -> list[torch.Tensor]:
@@ -58,28 +68,15 @@ def test_the_kernel_equals_the_definition(count: int, spread: float, weights: tu
 @pytest.mark.parametrize("spread", [0.3, 5.0, 400.0])
 def test_float32_is_as_accurate_as_the_definition(spread: float) -> None:
     loss, now = make(torch.float32, 3000, spread, (0.3, 0.2))
-    exact = CodedLoss(loss.before.double(), loss.steps.double(), ATTRIBUTES, 900, 0.3, 0.2)
-    exact.entropy.load_state_dict({**exact.entropy.state_dict(), **_learned(loss)})
-    right = results(exact.double(), now.double(), False)
+    right = results(in_double(loss), now.double(), False)
     for value, reference, expected in zip(results(loss, now, True), results(loss, now, False), right, strict=True):
         error, usual = ((one.double() - expected).norm() / expected.norm() for one in (value, reference))
         assert float(error) < max(2 * float(usual), 1e-5)
 
 
-def _learned(loss: CodedLoss) -> dict[str, torch.Tensor]:
-    return {name: value.detach().double() for name, value in loss.entropy.named_parameters()}
-
-
 def test_any_number_of_threads_gives_the_same_bits() -> None:
     loss, now = make(torch.float32, 5000, 2.0, (0.3, 0.2))
-    try:
-        found = []
-        for threads in (1, 3):
-            set_kernel_threads(threads)
-            found.append(results(loss, now, True))
-    finally:
-        set_kernel_threads(None)
-    assert all(torch.equal(one, other) for one, other in zip(*found, strict=True))
+    assert_same_by_any_threads(lambda: results(loss, now, True))
 
 
 @pytest.mark.parametrize("sigma", [0.05, 0.3, 1.0, 7.0])

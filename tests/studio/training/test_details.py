@@ -1,19 +1,22 @@
 """Details: boxes against points on the ball, the loss against weights of pixels, and where splats go."""
 
-import math
-
 import numpy as np
 import pytest
 import torch
 
 from studio.capture import FootageView
-from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize
 from studio.training import Detail, TrainingView, TrainSettings
 from studio.training.details import DetailBox, detail_boxes, detail_loss, detail_weights
 from studio.training.photometric import photometric_loss
 from studio.training.step import Stepper
 from tests.support.rigs import camera_at
+from tests.support.splats import round_splats
+
+
+def line(count: int) -> torch.Tensor:
+    """(count, 3) points with x = 0, 1, ..."""
+    return torch.nn.functional.pad(torch.arange(count).float()[:, None], (0, 2))
 
 
 def test_the_box_is_around_the_ball() -> None:
@@ -49,17 +52,16 @@ def test_weights_are_those_of_pixels() -> None:
 def test_a_step_compares_the_closer_view(large_view: TrainingView) -> None:
     """Its loss is that of the whole image and that of the box, each of its own drawing."""
     settings = TrainSettings(background="black", dropout=0.0, dssim_weight=0.2)
-    gaussians = splats(3)
+    gaussians = round_splats(line(3), -4.6)
     step = Stepper([large_view], settings, torch.Generator().manual_seed(0))(gaussians)
     (box,), (closer,) = large_view.detail_boxes, large_view.closer
-    assert closer is not None
     whole, near = (rasterize(gaussians, one.camera) for one in (large_view, closer))
-    black = torch.zeros(3)
-    share = (box.right - box.left) * (box.bottom - box.top) / (whole.image.shape[0] * whole.image.shape[1])
-    expected = photometric_loss(whole.image, large_view.over(black)[0], 0.2) + (
-        box.weight - 1
-    ) * share * photometric_loss(near.image, closer.over(black)[0], 0.2)
-    assert torch.allclose(step.loss, expected, atol=1e-6)
+    losses = [
+        photometric_loss(one.image, view.over(torch.zeros(3))[0], 0.2)
+        for one, view in ((whole, large_view), (near, closer))
+    ]
+    share = (box.right - box.left) * (box.bottom - box.top) / whole.alpha.numel()
+    assert torch.allclose(step.loss, losses[0] + (box.weight - 1) * share * losses[1], atol=1e-6)
 
 
 def test_a_closer_view_shows_the_box_in_more_pixels(large_view: TrainingView) -> None:
@@ -85,14 +87,6 @@ def large_view() -> TrainingView:
     return whole.with_details(details).with_closer(FootageView(large, image, mask))
 
 
-def splats(count: int) -> Gaussians:
-    means = torch.zeros(count, 3)
-    means[:, 0] = torch.arange(count)
-    quats = torch.tensor([[1.0, 0, 0, 0]]).repeat(count, 1)
-    sh = torch.zeros(count, 1, 3)
-    return Gaussians(means, quats, torch.full((count, 3), math.log(0.01)), torch.zeros(count), sh)
-
-
 def test_a_splat_has_the_weight_of_the_heaviest_detail_around_it() -> None:
     details = [Detail((1.0, 0, 0), 1.1, 3.0), Detail((2.0, 0, 0), 0.5, 5.0), Detail((2.0, 0, 0), 0.6, 2.0)]
-    assert detail_weights(splats(5).means, details).tolist() == [3, 3, 5, 1, 1]
+    assert detail_weights(line(5), details).tolist() == [3, 3, 5, 1, 1]

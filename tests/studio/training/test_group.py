@@ -1,18 +1,20 @@
 """Keyframe, motion and fine-tuning on a textured ball with known motion."""
 
 import math
+from dataclasses import replace
 
-import numpy as np
 import pytest
 import torch
 
 from studio.cameras import Camera
 from studio.errors import Cancelled
-from studio.gaussians import Gaussians
+from studio.gaussians import SH_C0, Gaussians
 from studio.rasterizer import rasterize
 from studio.training import TrainingView, TrainSettings, train_interframe, train_keyframe
 from tests.support.errors import refuses
+from tests.support.rigs import camera_at
 from tests.support.settings import refuses_setting
+from tests.support.splats import Checkpoints, round_splats, same_splats
 
 WIDTH, HEIGHT = 64, 48
 SHIFT = torch.tensor([0.06, -0.03, 0.02])
@@ -33,15 +35,8 @@ def cameras() -> list[Camera]:
     made = []
     for index in range(8):
         angle, height = index * math.pi / 4, 0.8 if index % 2 else -0.8
-        center = np.array([3 * math.cos(angle), height, 3 * math.sin(angle)])
-        forward = -center / np.linalg.norm(center)
-        right = np.cross([0.0, -1.0, 0.0], forward)
-        right /= np.linalg.norm(right)
-        rotation = np.stack([right, np.cross(forward, right), forward])
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = rotation, -rotation @ center
-        K = np.array([[75.0, 0, WIDTH / 2], [0, 75.0, HEIGHT / 2], [0, 0, 1]])
-        made.append(Camera(f"cam{index}", WIDTH, HEIGHT, K, pose))
+        eye = (3 * math.cos(angle), height, 3 * math.sin(angle))
+        made.append(camera_at(f"cam{index}", eye, focal=75.0, size=(WIDTH, HEIGHT), up=(0.0, 1.0, 0.0)))
     return made
 
 
@@ -51,15 +46,13 @@ def ball(offset: torch.Tensor) -> Gaussians:
     polar, turn = torch.acos(1 - 2 * index / 300), math.pi * (1 + 5**0.5) * index
     unit = torch.stack([polar.sin() * turn.cos(), polar.cos(), polar.sin() * turn.sin()], -1)
     colors = 0.5 + 0.45 * torch.sign(torch.sin(7 * unit + torch.tensor([0.3, 1.1, 2.0])))
-    quats = torch.zeros(300, 4)
-    quats[:, 0] = 1
-    return Gaussians(
-        0.5 * unit + offset,
-        quats,
-        torch.full((300, 3), math.log(0.035)),
-        torch.full((300,), 5.0),
-        ((colors - 0.5) / 0.28209479)[:, None],
-    )
+    splats = round_splats(0.5 * unit + offset, math.log(0.035))
+    return replace(splats, logit_opacities=torch.full((300,), 5.0), sh=((colors - 0.5) / 0.28209479)[:, None])
+
+
+def noisy_points() -> torch.Tensor:
+    """The means of the ball with noise."""
+    return ball(torch.zeros(3)).means + 0.02 * torch.randn(300, 3, generator=torch.Generator().manual_seed(0))
 
 
 def views(offset: torch.Tensor) -> list[TrainingView]:
@@ -106,20 +99,14 @@ def test_motion_follows_the_surface(before: list[TrainingView], after: list[Trai
 
 
 def test_the_frame_after_the_keyframe_has_its_own_number_of_steps(after: list[TrainingView]) -> None:
-    settings = TrainSettings(**{**vars(SETTINGS), "motion_iterations": 3, "motion_first_iterations": 9})
+    settings = SETTINGS.replace(motion_iterations=3, motion_first_iterations=9)
 
     def phases(older: Gaussians | None) -> tuple[int, int]:
-        seen: list[object] = []
-        train_interframe(
-            ball(torch.zeros(3)),
-            after,
-            settings,
-            before_previous=older,
-            progress=lambda done, total, **figures: seen.append((figures["phase"], total)),
-        )
-        totals = {total for _, total in seen}  # type: ignore[misc]
-        assert totals == {len(seen)}
-        return sum(phase == "motion" for phase, _ in seen), len(seen)  # type: ignore[misc]
+        seen = []
+        told = lambda done, total, **figures: seen.append((figures["phase"], total))  # noqa: E731
+        train_interframe(ball(torch.zeros(3)), after, settings, before_previous=older, progress=told)
+        assert {total for _, total in seen} == {len(seen)}
+        return sum(phase == "motion" for phase, _ in seen), len(seen)
 
     assert phases(None) == (9, 9 + settings.finetune_iterations)
     assert phases(ball(-SHIFT)) == (3, 3 + settings.finetune_iterations)
@@ -127,18 +114,11 @@ def test_the_frame_after_the_keyframe_has_its_own_number_of_steps(after: list[Tr
 
 def test_keyframe_reconstructs_the_ball_within_the_splat_limit(before: list[TrainingView]) -> None:
     truth = ball(torch.zeros(3))
-    generator = torch.Generator().manual_seed(0)
-    points = truth.means + 0.02 * torch.randn(300, 3, generator=generator)
-    settings = TrainSettings(**{**vars(SETTINGS), "keyframe_iterations": 150, "max_splats": 180})
+    settings = SETTINGS.replace(keyframe_iterations=150, max_splats=180)
     steps = []
-    trained = train_keyframe(
-        before,
-        points,
-        0.5 + 0.7 * 0.28209479 * truth.sh[:, 0],
-        settings,
-        seed=1,
-        progress=lambda done, total, **_: steps.append((done, total)),
-    )
+    told = lambda done, total, **_: steps.append((done, total))  # noqa: E731
+    colors = 0.5 + 0.7 * SH_C0 * truth.sh[:, 0]
+    trained = train_keyframe(before, noisy_points(), colors, settings, seed=1, progress=told)
     assert len(trained) == 180, "the second round only removes what is too many"
     assert loss_of(trained, before) < 0.5 * loss_of(truth[:1], before)
     assert [done for done, _ in steps] == list(range(1, steps[-1][0] + 1))
@@ -147,11 +127,9 @@ def test_keyframe_reconstructs_the_ball_within_the_splat_limit(before: list[Trai
 
 def test_same_seed_same_bits(after: list[TrainingView]) -> None:
     truth = ball(torch.zeros(3))
-    settings = TrainSettings(**{**vars(SETTINGS), "motion_iterations": 5, "finetune_iterations": 5})
-    one = train_interframe(truth, after, settings, seed=7).gaussians
-    two = train_interframe(truth, after, settings, seed=7).gaussians
-    other = train_interframe(truth, after, settings, seed=8).gaussians
-    assert all(torch.equal(a, b) for (_, a), (_, b) in zip(one.items(), two.items(), strict=True))
+    settings = SETTINGS.replace(motion_iterations=5, finetune_iterations=5)
+    one, two, other = (train_interframe(truth, after, settings, seed=seed).gaussians for seed in (7, 7, 8))
+    assert same_splats(one, two)
     assert not torch.equal(one.means, other.means)
 
 
@@ -180,34 +158,14 @@ def test_a_keyframe_resumes_from_each_checkpoint_bit_for_bit(
     before: list[TrainingView], strategy: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("studio.training.densify.RESET_EVERY", 8)
-    truth = ball(torch.zeros(3))
-    points = truth.means + 0.02 * torch.randn(300, 3, generator=torch.Generator().manual_seed(0))
-    colors = torch.full((300, 3), 0.5)
-    settings = TrainSettings(
-        **{
-            **vars(SETTINGS),
-            "strategy": strategy,
-            "keyframe_iterations": 20,
-            "densify_from": 3,
-            "densify_until": 16,
-            "densify_every": 5,
-            "densify_max_splats": 400,
-            "prune_finetune_iterations": 4,
-            "max_splats": 200,
-            "sh_degree": 1,
-            "sh_degree_every": 6,
-        }
-    )
-    kept = {}
-
-    def keep(step: int, state: dict[str, torch.Tensor]) -> None:
-        kept[step] = {name: value.clone() for name, value in state.items()}
-
-    unbroken = train_keyframe(before, points, colors, settings, seed=5, checkpoint=keep, checkpoint_every=1)
+    points, colors, kept = noisy_points(), torch.full((300, 3), 0.5), Checkpoints()
+    chosen = {"keyframe_iterations": 20, "densify_from": 3, "densify_until": 16, "densify_every": 5, "max_splats": 200}
+    chosen |= {"densify_max_splats": 400, "prune_finetune_iterations": 4, "sh_degree": 1, "sh_degree_every": 6}
+    settings = SETTINGS.replace(strategy=strategy, **chosen)
+    unbroken = train_keyframe(before, points, colors, settings, seed=5, checkpoint=kept, checkpoint_every=1)
     assert max(kept) == 20 + 4 * int(kept[20]["rounds"])
     for step in (4, 12, 20, 23, 24, max(kept)):
         resumed = train_keyframe(before, points, colors, settings, seed=5, resume=kept[step])
-        for name, value in unbroken.items():
-            assert torch.equal(value, getattr(resumed, name)), (step, name)
+        assert same_splats(unbroken, resumed), step
     with refuses("training.checkpoint_incomplete", value="rounds"):
         train_keyframe(before, points, colors, settings, resume={"done": torch.tensor(3)})

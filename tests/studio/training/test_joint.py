@@ -10,6 +10,7 @@ from studio.gaussians import Gaussians
 from studio.training import LearningRates, TrainingView, TrainSettings, train_jointly
 from studio.training.joint import joint_bytes, splats_needed, views_of_frame
 from tests.studio.training.test_group import ball, loss_of, views
+from tests.support.splats import Checkpoints, same_splats
 
 MOVES = [step * torch.tensor([0.05, -0.02, 0.0]) for step in range(4)]
 SETTINGS = TrainSettings(dropout=0.0, joint_iterations=20, rates=LearningRates(sh_dc=0.02))
@@ -43,9 +44,7 @@ def bend(frames: list[Gaussians]) -> float:
     return float(means.diff(n=2, dim=0).norm(dim=-1).mean())
 
 
-def test_frames_share_their_appearance_and_come_closer_to_the_footage(
-    noisy: list[Gaussians], seen: list[list[TrainingView]]
-) -> None:
+def test_frames_share_their_appearance_and_come_closer_to_the_footage(noisy, seen):
     trained = train_jointly(noisy, seen, SETTINGS, seed=1)
     assert len(trained) == len(noisy)
     for frame in trained[1:]:
@@ -72,18 +71,11 @@ def test_splats_that_no_image_needs_are_left_out(seen: list[list[TrainingView]])
 
 
 def test_it_resumes_from_each_checkpoint_bit_for_bit(noisy: list[Gaussians], seen: list[list[TrainingView]]) -> None:
-    kept: dict[int, dict[str, torch.Tensor]] = {}
-
-    def keep(step: int, state: dict[str, torch.Tensor]) -> None:
-        kept[step] = {name: value.clone() for name, value in state.items()}
-
-    settings = SETTINGS.replace(joint_iterations=2, dropout=0.3)
-    whole = train_jointly(noisy, seen, settings, seed=4, checkpoint=keep, checkpoint_every=3)
+    settings, kept = SETTINGS.replace(joint_iterations=2, dropout=0.3), Checkpoints()
+    whole = train_jointly(noisy, seen, settings, seed=4, checkpoint=kept, checkpoint_every=3)
     assert list(kept) == [3, 6], "not every frame has been trained at the first"
     for state in kept.values():
-        resumed = train_jointly(noisy, seen, settings, seed=4, resume=state)
-        for one, other in zip(whole, resumed, strict=True):
-            assert all(torch.equal(value, getattr(other, name)) for name, value in one.items())
+        assert all(map(same_splats, whole, train_jointly(noisy, seen, settings, seed=4, resume=state)))
 
 
 def test_views_that_do_not_fit_into_memory_are_left_out_in_turns(seen: list[list[TrainingView]]) -> None:

@@ -3,9 +3,9 @@
 import pytest
 import torch
 
-from studio.rasterizer import set_kernel_threads
 from studio.training.hashgrid import HashGrid
 from studio.training.motion import MotionField, predicted_means
+from tests.studio.rasterizer.conftest import assert_same_by_any_threads
 from tests.studio.training.test_group import SHIFT, ball
 
 SIZES = {
@@ -58,14 +58,7 @@ def test_float32_is_as_accurate_as_the_definition() -> None:
 
 def test_any_number_of_threads_gives_the_same_bits() -> None:
     field, means = field_and_means(torch.float32, 5000, levels=6)
-    try:
-        results = []
-        for threads in (1, 3):
-            set_kernel_threads(threads)
-            results.append(both(field, means)[0])
-    finally:
-        set_kernel_threads(None)
-    assert all(torch.equal(one, other) for one, other in zip(*results, strict=True))
+    assert_same_by_any_threads(lambda: both(field, means)[0])
 
 
 def test_the_prediction_continues_velocity_and_part_of_the_acceleration() -> None:

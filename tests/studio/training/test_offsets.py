@@ -1,15 +1,16 @@
 """Fine-tuning of the splats that are kept, on a textured ball that moves."""
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
 
-from studio.gaussians import Gaussians
 from studio.training import LearningRates, TrainSettings
 from studio.training.offsets import SplatOffsets, train_offsets
-from tests.studio.training.test_group import ball, views
+from tests.studio.training.test_group import ball, loss_of, views
 from tests.support.errors import refuses
+from tests.support.splats import Checkpoints
 
 MOVES = (torch.zeros(3), torch.tensor([0.1, 0.0, 0.05]))
 SETTINGS = TrainSettings(dropout=0.0, rates=LearningRates(scale=0.05))
@@ -26,33 +27,19 @@ def seen():
     return [views(move) for move in MOVES]
 
 
-def error(drawn: Gaussians, move: torch.Tensor) -> float:
-    """Mean squared error over views of the ball at `move`."""
-    from studio.rasterizer import rasterize
-
-    wanted = views(move)
-    return sum(
-        float((rasterize(drawn, view.camera).image - view.over(torch.zeros(3))[0]).square().mean()) for view in wanted
-    ) / len(wanted)
-
-
 def test_the_others_are_covered_in_all_frames_and_paths_stay(frames, seen):
     offsets = train_offsets(frames[:1], seen[:1], KEPT, 0, SETTINGS, 30)
     cut = [offsets.selected(frame) for frame in frames]
     tuned = [offsets.applied(frame) for frame in cut]
-    for before, after, move in zip(cut, tuned, MOVES, strict=True):  # the second frame was not trained on
-        assert error(after, move) < 0.6 * error(before, move)
+    for before, after, wanted in zip(cut, tuned, seen, strict=True):  # the second frame was not trained on
+        assert loss_of(after, wanted) < 0.75 * loss_of(before, wanted)
     assert torch.allclose(tuned[1].means - tuned[0].means, cut[1].means - cut[0].means, atol=1e-6)
     assert (tuned[0].scales > cut[0].scales).float().mean() > 0.8
 
 
 def test_offsets_resume_from_each_checkpoint_bit_for_bit(frames, seen):
-    kept = {}
-
-    def keep(step, state):
-        kept[step] = {name: value.clone() for name, value in state.items()}
-
-    whole = train_offsets(frames, seen, KEPT, 0, SETTINGS, 13, seed=4, checkpoint=keep, checkpoint_every=5)
+    kept = Checkpoints()
+    whole = train_offsets(frames, seen, KEPT, 0, SETTINGS, 13, seed=4, checkpoint=kept, checkpoint_every=5)
     assert list(kept) == [5, 10]
     for state in kept.values():
         resumed = train_offsets(frames, seen, KEPT, 0, SETTINGS, 13, seed=4, resume=state)
@@ -62,19 +49,14 @@ def test_offsets_resume_from_each_checkpoint_bit_for_bit(frames, seen):
 
 def test_offsets_are_in_each_splats_own_units():
     frame = ball(torch.zeros(3))[:2]
-    turned = Gaussians(frame.means, torch.tensor([[1.0, 0, 0, 0], [0, 0, 0, 3.0]]), *(getattr(frame, name) for name in
-                       ("log_scales", "logit_opacities", "sh")))  # fmt: skip
+    turned = replace(frame, quats=torch.tensor([[1.0, 0, 0, 0], [0, 0, 0, 3.0]]))
     none = SplatOffsets.zeros(torch.tensor([1]), 0)
     assert torch.allclose(none.applied(none.selected(turned)).quats, torch.tensor([[0, 0, 0, 1.0]]))
     tensors = none.to_tensors()
-    tensors["rotation"] = torch.tensor(
-        [[math.tan(math.pi / 4), 0, 0]]
-    )  # a quarter turn about the splat's x, after w = 1
-    offsets = SplatOffsets.from_tensors(tensors)
-    half = math.sqrt(0.5)
-    assert torch.allclose(
-        offsets.applied(offsets.selected(turned)).quats, torch.tensor([[0, 0, half, half]]), atol=1e-6
-    )
+    tensors["rotation"] = torch.tensor([[1.0, 0, 0]])  # a quarter turn about the splat's x, after w = 1
+    offsets, half = SplatOffsets.from_tensors(tensors), math.sqrt(0.5)
+    found = offsets.applied(offsets.selected(turned)).quats
+    assert torch.allclose(found, torch.tensor([[0, 0, half, half]]), atol=1e-6)
 
 
 def test_offsets_of_other_splats_are_refused(frames):

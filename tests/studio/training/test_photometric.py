@@ -3,8 +3,8 @@
 import pytest
 import torch
 
-from studio.rasterizer.cpu import load_kernels
 from studio.training.photometric import photometric_loss, photometric_loss_torch
+from tests.studio.rasterizer.conftest import assert_same_by_any_threads
 from tests.support.errors import refuses
 
 
@@ -29,7 +29,7 @@ def both(image: torch.Tensor, target: torch.Tensor, weight: float) -> tuple[torc
     ("size", "weight"),
     [((1, 1), 0.2), ((1, 40), 0.2), ((40, 1), 1.0), ((11, 11), 0.0), ((17, 130), 1.0), ((135, 64), 0.2)],
 )
-def test_value_and_gradient(size, weight) -> None:  # type: ignore[no-untyped-def]
+def test_value_and_gradient(size, weight):
     loss, gradient, true_loss, true_gradient = both(*pair(*size), weight)
     torch.testing.assert_close(loss, true_loss, rtol=1e-5, atol=1e-7)
     assert (gradient - true_gradient).norm() <= 1e-5 * true_gradient.norm()
@@ -50,15 +50,8 @@ def test_no_gradient_for_the_target_or_where_none_is_required() -> None:
 
 
 def test_same_bits_for_any_number_of_threads() -> None:
-    kernels = load_kernels()
-    image, target = (t.detach().contiguous() for t in pair(203, 151))
-    results = []
-    for threads in (1, 2, 5):
-        gradient = torch.empty_like(image)
-        results.append((kernels.loss(image, target, 151, 203, 0.2, gradient, threads), gradient))
-    for figures, gradient in results[1:]:
-        assert figures == results[0][0]
-        assert torch.equal(gradient, results[0][1])
+    image, target = pair(203, 151)
+    assert_same_by_any_threads(lambda: both(image, target, 0.2)[:2])
 
 
 def test_bad_arguments() -> None:

@@ -1,7 +1,6 @@
 """Masks refined from the splats, on a ball whose exact masks are known."""
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -11,10 +10,10 @@ from studio.cameras import Camera
 from studio.chroma import ChromaSampling, resampled
 from studio.gaussians import Gaussians
 from studio.training import LearningRates, TrainingView, TrainSettings, refine, train_keyframe
-from studio.training.keyframe import Checkpoint
 from studio.training.refine import Refinement, chroma_shift, drawn_mask
 from studio.training.step import Stepper
 from tests.studio.training.test_group import HEIGHT, WIDTH, cameras
+from tests.support.splats import Checkpoints, same_splats
 
 SETTINGS = TrainSettings(
     keyframe_iterations=150,
@@ -26,6 +25,7 @@ SETTINGS = TrainSettings(
     chroma_siting="auto",
     rates=LearningRates(opacity=0.15, means=2e-4),
 )
+SAMPLING = ChromaSampling((2, 2), (0.0, 0.5), "left")
 
 
 @pytest.fixture(autouse=True)
@@ -104,9 +104,8 @@ def test_refined_masks_are_closer_to_the_truth(plates: bool) -> None:
 def test_auto_keeps_exact_masks_and_refines_others(trained: Gaussians) -> None:
     views, exact = shadowed(plates=True)
     for masks, refined in ((exact, False), ([view.mask for view in views], True)):
-        stepper = Stepper(
-            [view.with_mask(mask) for view, mask in zip(views, masks, strict=True)], SETTINGS, torch.Generator()
-        )
+        given = [view.with_mask(mask) for view, mask in zip(views, masks, strict=True)]
+        stepper = Stepper(given, SETTINGS, torch.Generator())
         refinement = Refinement(stepper, SETTINGS)
         refinement.begin(trained)
         assert refinement.refined == refined
@@ -117,39 +116,32 @@ def test_auto_keeps_exact_masks_and_refines_others(trained: Gaussians) -> None:
 
 def test_an_interrupted_keyframe_continues_to_the_same_bits() -> None:
     views, _ = shadowed(plates=True)
-    kept: dict[int, Checkpoint] = {}
+    settings, kept = SETTINGS.replace(keyframe_iterations=30, prune_finetune_iterations=60, dilation=0.1), Checkpoints()
+    whole = train_keyframe(views, *start(), settings, checkpoint=kept, checkpoint_every=5)
+    for step in (30, 40, 55, 75):  # before, within and after the first masks; in the last part
+        again = train_keyframe(views, *start(), settings, resume=kept[step])
+        assert same_splats(whole, again)
+        assert again.dilation == 0.1
+    assert float(kept[75]["refinement.splats.dilation"]) == 0.1
 
-    settings = SETTINGS.replace(keyframe_iterations=30, prune_finetune_iterations=60)
 
-    def keep(step: int, state: Checkpoint) -> None:
-        if step in (30, 40, 55, 75):  # before, within and after the first masks; in the last part
-            kept[step] = {name: value.clone() for name, value in state.items()}
-
-    whole = train_keyframe(views, *start(), settings, checkpoint=keep, checkpoint_every=5)
-    assert len(kept) == 4
-    for state in kept.values():
-        again = train_keyframe(views, *start(), settings, resume=state)
-        assert all(torch.equal(one, other) for (_, one), (_, other) in zip(whole.items(), again.items(), strict=True))
+def as_left(images: list[torch.Tensor]) -> list[TrainingView]:
+    """Views with these images, decoded as if samples were at the left."""
+    views, _ = shadowed(plates=True)
+    return [TrainingView(v.camera, image, v.mask, v.plate, SAMPLING) for v, image in zip(views, images, strict=True)]
 
 
 @pytest.mark.parametrize(("siting", "expected"), [("auto", 0.5), ("left", 0.0), ("center", 0.5), ("none", 0.0)])
 def test_siting_is_found_from_the_footage(siting: str, expected: float, trained: Gaussians) -> None:
     """Footage that is decoded as left, and that was made with samples in the middle."""
-    sampling = ChromaSampling((2, 2), (0.0, 0.5), "left")
-    filmed: Callable[[TrainingView], torch.Tensor] = lambda view: resampled(view.image, sampling, 0.5)  # noqa: E731
-    views = [
-        TrainingView(view.camera, filmed(view), view.mask, view.plate, sampling) for view in shadowed(plates=True)[0]
-    ]
+    views = as_left([resampled(view.image, SAMPLING, 0.5) for view in shadowed(plates=True)[0]])
     assert chroma_shift(trained, views, siting) == expected
 
 
 @pytest.mark.parametrize(("keyframe_off", "refined"), [(None, True), (60.0, True), (0.0, False)])
 def test_a_group_does_what_its_keyframe_showed(keyframe_off: float | None, refined: bool, trained: Gaussians) -> None:
     """None: the keyframe itself, whose masks are ragged."""
-    sampling = ChromaSampling((2, 2), (0.0, 0.5), "left")
-    views = [
-        TrainingView(view.camera, view.image, view.mask, view.plate, sampling) for view in shadowed(plates=True)[0]
-    ]
+    views = as_left([view.image for view in shadowed(plates=True)[0]])
     stepper = Stepper(views, SETTINGS, torch.Generator())
     Refinement(stepper, SETTINGS, keyframe_off).begin(trained)
     assert (stepper.views is not views) == refined

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import torch
 
-from studio.cameras import Camera
 from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize
 from studio.training import TrainSettings, joint, train_jointly
@@ -15,11 +14,6 @@ from tests.studio.training.test_group import ball, cameras, views_of
 
 SETTINGS = TrainSettings(joint_iterations=2)
 MARK = torch.tensor([3.0, -3.0, -3.0])
-
-
-def near(camera: Camera) -> Camera:
-    """The same camera with ten times the pixels."""
-    return camera.scaled(10.0)
 
 
 def closed_ball(offset: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Gaussians:
@@ -36,7 +30,7 @@ def inner(gaussians: Gaussians) -> Gaussians:
 
 
 def test_a_camera_counts_as_far_as_it_sees_a_splat() -> None:
-    one, other = near(cameras()[0]), near(cameras()[4])
+    one, other = (cameras()[number].scaled(10.0) for number in (0, 4))
     surface = closed_ball()
     gaussians = inner(surface)
     found = cameras_that_see(gaussians, [one])
@@ -55,7 +49,7 @@ def test_a_camera_counts_as_far_as_it_sees_a_splat() -> None:
 
 
 def test_only_what_is_not_seen_gets_the_colors_around_it() -> None:
-    one = near(cameras()[0])
+    one = cameras()[0].scaled(10.0)
     gaussians = closed_ball()
     gaussians.sh[:] = torch.tensor([1.0, 0.5, -0.5])
     toward = gaussians.means @ torch.from_numpy(one.center).float() / 1.5

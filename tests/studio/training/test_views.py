@@ -1,18 +1,16 @@
 """Crops, compositing and clean plates of training views."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
 
 from studio.cameras import Camera
 from studio.capture import FootageView
-from studio.gaussians import Gaussians
 from studio.training import TrainingView, TrainSettings
 from studio.training.step import Stepper
 from studio.training.views import mask_box, over_color
 from tests.support.errors import refuses
+from tests.support.splats import round_splats
 
 SIZE = 120
 
@@ -80,7 +78,6 @@ def test_truth_drawn_over_the_plate_equals_the_target_even_where_the_mask_is_wro
 
 def test_an_estimated_plate_is_used_where_it_is_reliable_at_the_outline() -> None:
     source = captured(True)
-    assert source.plate is not None
     mask = np.zeros_like(source.mask)
     mask[30:90, 40:80] = 255
     reliable = np.full_like(mask, 255)
@@ -90,13 +87,8 @@ def test_an_estimated_plate_is_used_where_it_is_reliable_at_the_outline() -> Non
     color = torch.tensor([0.2, 0.9, 0.4])
     target, backdrop = view.over(color)
     plate = torch.from_numpy(source.plate) / 255
-    for row, column, over_plate, cut in (
-        (75, 38, 1, 0),
-        (75, 42, 1, 1),
-        (75, 60, 0, 1),
-        (45, 38, 0, 0),
-        (45, 42, 0, 1),
-    ):
+    places = ((75, 38, 1, 0), (75, 42, 1, 1), (75, 60, 0, 1), (45, 38, 0, 0), (45, 42, 0, 1))
+    for row, column, over_plate, cut in places:
         behind = plate[row, column] if over_plate else color
         assert torch.allclose(backdrop[row, column], behind, atol=1e-6)
         seen = view.image[row, column] if over_plate or cut else color
@@ -113,7 +105,7 @@ def test_several_steps_are_those_of_single_calls(plate: bool) -> None:
     found = []
     for together in (True, False):
         means = torch.tensor([[0.0, 0.0, 2.0], [0.1, 0.2, 2.5]], requires_grad=True)
-        two = Gaussians(means, torch.ones(2, 4), torch.full((2, 3), -2.0), torch.ones(2), torch.ones(2, 1, 3))
+        two = round_splats(means, -2.0)
         generator = torch.Generator().manual_seed(5)
         stepper = Stepper(views, TrainSettings(alpha_weight=0.1), generator)
         steps = stepper.several(two, 5) if together else [stepper(two) for _ in range(5)]
@@ -133,19 +125,11 @@ def test_training_does_not_see_hidden_pixels() -> None:
     spoiled = captured(False)
     hidden = view.hidden.numpy()
     spoiled.image[hidden], spoiled.mask[hidden] = 200, 255
-    one = Gaussians(
-        torch.tensor([[0.0, 0.0, 2.0]]),
-        torch.tensor([[1.0, 0.0, 0.0, 0.0]]),
-        torch.full((1, 3), -1.0),
-        torch.zeros(1),
-        torch.zeros(1, 1, 3),
-    )
 
     def gradient(seen: TrainingView) -> torch.Tensor:
-        means = one.means.clone().requires_grad_()
+        means = torch.tensor([[0.0, 0.0, 2.0]], requires_grad=True)
         stepper = Stepper([seen], TrainSettings(alpha_weight=0.1), torch.Generator().manual_seed(0))
-        stepper(replace(one, means=means)).loss.backward()  # type: ignore[no-untyped-call]
-        assert means.grad is not None
+        stepper(round_splats(means, -1.0)).loss.backward()
         return means.grad
 
     other = TrainingView.from_view(spoiled)

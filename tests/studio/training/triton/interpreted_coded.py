@@ -7,7 +7,7 @@ import torch
 
 from studio.training.coded_loss import CodedLoss
 from studio.training.triton.coded import coded_loss_triton
-from tests.studio.training.test_coded_loss import ATTRIBUTES, make
+from tests.studio.training.test_coded_loss import in_double, make
 
 
 def results(loss: CodedLoss, now: torch.Tensor, triton: bool, seed: int) -> list[torch.Tensor]:
@@ -30,11 +30,7 @@ def results(loss: CodedLoss, now: torch.Tensor, triton: bool, seed: int) -> list
 )
 def test_value_and_gradients(count: int, spread: float, weights: tuple[float, float], seed: int) -> None:
     loss, now = make(torch.float32, count, spread, weights)
-    exact = CodedLoss(loss.before.double(), loss.steps.double(), ATTRIBUTES, 900, *weights).double()
-    with torch.no_grad():
-        for name, value in exact.entropy.named_parameters():
-            value.copy_(loss.entropy.get_parameter(name))
-    right = results(exact, now.double(), False, seed)
+    right = results(in_double(loss), now.double(), False, seed)
     found, usual = results(loss, now, True, seed), results(loss, now, False, seed)
     for value, reference, expected in zip(found, usual, right, strict=True):
         assert value.dtype == torch.float32

@@ -15,7 +15,7 @@ SIZES = {
     "demo": {"levels": 6},
     "smallest": {"levels": 1, "features": 1, "width": 3, "layers": 1, "log2_size": 4},
     "deep": {"levels": 3, "features": 3, "width": 20, "layers": 4, "log2_size": 6},
-    "wide": {"levels": 2, "features": 16, "width": 130, "layers": 2},
+    "wide": {"levels": 2, "features": 16, "width": 70, "layers": 2},
 }
 
 

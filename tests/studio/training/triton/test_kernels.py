@@ -13,7 +13,7 @@ from studio.training import coded_loss, motion, photometric
 from studio.training.hashgrid import PIECE, pieces_of
 from studio.training.photometric import photometric_loss, photometric_loss_torch
 from studio.training.triton import coded, field, loss
-from tests.studio.training.test_coded_loss import ATTRIBUTES, make
+from tests.studio.training.test_coded_loss import in_double, make
 from tests.studio.training.test_motion import field_and_means
 from tests.support.triton import compile_kernels, needs_triton
 
@@ -137,11 +137,7 @@ def test_the_loss_on_the_gpu(size: tuple[int, int]) -> None:
 @pytest.mark.gpu
 def test_the_loss_on_coded_values_on_the_gpu() -> None:
     reference, now = make(torch.float32, 100_000, 2.0, (0.3, 0.2))
-    before, steps = reference.before.double(), reference.steps.double()
-    exact = coded_loss.CodedLoss(before, steps, ATTRIBUTES, 900, 0.3, 0.2).double()
-    with torch.no_grad():
-        exact.entropy.mu.copy_(reference.entropy.mu)
-        exact.entropy.log_sigma.copy_(reference.entropy.log_sigma)
+    exact = in_double(reference)
     truth, _ = exact.forward_torch(leaf := now.double().requires_grad_(), 7)
     on_gpu, _ = make(torch.float32, 100_000, 2.0, (0.3, 0.2))
     on_gpu = on_gpu.cuda()
