@@ -111,8 +111,7 @@ class UserInput:
 
     def item_chosen(self, key: str) -> None:
         """An item of a menu was chosen, which closes the menu. It acts before the next tick or key: the toolkit reports
-        it while it draws, and a dialog that opens then would come below its shade, which the next frame has first.
-        """
+        it while it draws, and a dialog that opens then would be below its shade, which the next frame has first."""
         self._menu_bar.closed()
         LOOP.post(self._actions.menu()[key])
         self._window.changed()

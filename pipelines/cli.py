@@ -1,9 +1,8 @@
 """`v3studio ...`: the command line.
 
 Exit codes: 0 success; 1 a failure; 2 wrong usage, including settings on the command line; both are reported as
-`error: ...` on stderr; 130 cancelled (Ctrl-C, SIGTERM).
-With `--json`, a command prints events, one on a line. The last one is `Finished`, with the outcome, the result and, if
-it failed, the error's code and fields.
+`error: ...` on stderr; 130 cancelled (Ctrl-C, SIGTERM). With `--json`, a command prints events, one on a line. The last
+one is `Finished`, with the outcome, the result and, if it failed, the error's code and fields.
 """
 
 import argparse

@@ -113,9 +113,7 @@ def curve(
 
 
 def legend(canvas: Canvas, x: float, y: float, width: float, size: int, title: str, names: Sequence[str]) -> None:
-    """Draw a title and names with dots in the colors of several lines of `curve`, as many as there is room for; an
-    ellipsis stands for the rest.
-    """
+    """Draw a title and names with dots in the colors of several lines of `curve`; an ellipsis if not all fit."""
     used = canvas.text(x, y, title, size, DIM, width=width) + 0.8 * size
     for number, name in enumerate(names):
         wide = text_width(name, size) + 1.7 * size

@@ -34,8 +34,7 @@ class Notice:
 
 class Notices:
     """Passing remarks are shown for a while in the status line. What was written, which has buttons, is shown for a
-    while over the view; failures are shown there until they are dismissed. The newest of these is in front.
-    """
+    while over the view; failures are shown there until they are dismissed. The newest is in front."""
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         self._now = now

@@ -12,21 +12,13 @@ _SELECTION_CLEAR, _SELECTION_REQUEST, _SELECTION_NOTIFY = 29, 30, 31
 _ATOM = 4
 _LONGEST = 1 << 18  # longest text that is read, bytes
 
-_HEAD = (
-    ("type", ctypes.c_int),
-    ("serial", ctypes.c_ulong),
-    ("send_event", ctypes.c_int),
-    ("display", ctypes.c_void_p),
-)
+_HEAD = (("type", ctypes.c_int), ("serial", ctypes.c_ulong), ("send_event", ctypes.c_int), ("display", ctypes.c_void_p))
 
 
 class _Notify(ctypes.Structure):
     """XSelectionEvent."""
 
-    _fields_ = (
-        *_HEAD,
-        *((name, ctypes.c_ulong) for name in ("requestor", "selection", "target", "property", "time")),
-    )
+    _fields_ = (*_HEAD, *((name, ctypes.c_ulong) for name in ("requestor", "selection", "target", "property", "time")))
 
 
 class _Request(ctypes.Structure):

@@ -114,9 +114,7 @@ class InspectorPanel:
         of_stage: Sequence[Block],
         camera: str,
     ) -> bool:
-        """Redraw the figures if they have changed; return whether they did. They leave the rest to the log, so
-        `update_log` comes afterwards.
-        """
+        """Redraw the figures if they have changed; return whether they did. `update_log` then uses the room left."""
         of = (player.frame, player.what, player.mode, player.camera, stage, camera)  # shown everywhere in the same draw
         if time.monotonic() < self._next and of == self._of:
             return False

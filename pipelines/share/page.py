@@ -208,8 +208,7 @@ def read_view(text: str) -> str:
 def _early_files(stream: str, first: Sequence[str]) -> str:
     """Element that fetches the manifest and the files with which playback begins while the player's script is loading;
     the player takes what arrives, and requests the rest. Preload links would not revalidate the manifest, and are not
-    for workers. Links to another time begin with other files.
-    """
+    for workers. Links to another time begin with other files."""
     folder = stream[: stream.rfind("/") + 1]
     address = _in_json(json.dumps(stream))
     addresses = _in_json(json.dumps({path: folder + path for path in first}))

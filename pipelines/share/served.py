@@ -18,8 +18,7 @@ _LOOK_SECONDS = 1.0  # between two looks for a stream that is yet to be publishe
 
 def find_streams(folder: str) -> dict[str, Path]:
     """Folders of streams by their path on the server: "/" for a single one, else "/<name>" per subfolder. Subfolders
-    that are links out of the folder are left out, with a warning.
-    """
+    that are links out of the folder are left out, with a warning."""
     from pipelines.takes.videos import stream_place
 
     place = stream_place(folder)

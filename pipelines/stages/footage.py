@@ -65,8 +65,7 @@ class TakeFootage:
     @cached_property
     def trained(self) -> Footage:
         """The footage with the cameras that splats are trained and measured with, in the take's own frame: refined ones
-        if the take has them, else `calibrated`.
-        """
+        if the take has them, else `calibrated`."""
         from studio.camera_files import read_rig
         from studio.own_frame import own_frame
 

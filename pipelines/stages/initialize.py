@@ -121,8 +121,7 @@ def group_done(inputs: Inputs, group: Group) -> bool:
 
 
 def _seems_done(inputs: Inputs, group: Group, known: Mapping[Path, str]) -> bool:
-    """The same without reading files, gigabytes in a long take, whose digest is known or which are older than the
-    report."""
+    """The same without reading files, gigabytes in a long take, of known digest or older than the report."""
     folder, report = inputs.take.initialize_group(group.index), _has_report(inputs, group)
     if report is None:
         return False

@@ -46,9 +46,7 @@ class Countdown:
         self._at = self._began = 0.0
 
     def estimate(self, now: float, seconds: float) -> float:
-        """Take in an estimate: seconds left at `now`, on any clock that does not run backward; returns the
-        countdown.
-        """
+        """Take in an estimate, seconds left at `now` on a clock that does not run backward; returns the countdown."""
         expected = self.at(now)
         if expected is None:
             self._left, self._began = seconds, now

@@ -261,8 +261,7 @@ def _is_final(inputs: Inputs, group: Group, keys: list[str]) -> bool:
 
 
 def _finished(inputs: Inputs, group: Group, recipe: Params | None = None) -> Set[int]:
-    """Positions of the valid trained frames of the group that no missing one is needed for; joint training may be
-    missing."""
+    """Positions of the group's valid trained frames that need no missing one; joint training may be missing."""
     keys = frame_keys(inputs, group, recipe)
     if _is_final(inputs, group, keys):
         return set(range(len(keys)))

@@ -1,5 +1,4 @@
-"""Trains one group: the keyframe, then frame after frame on both sides of it, each written as soon as it is finished;
-then all jointly."""
+"""Trains one group: the keyframe, then frame after frame on both sides, each written at once; then all jointly."""
 
 from __future__ import annotations
 
@@ -182,8 +181,7 @@ class GroupWork:
         seen: dict[int, list[TrainingView]] | None,
     ) -> None:
         """Train the keyframe, or frames on one side of it, in this order. `keys` and `timings` are of all frames of the
-        group; those of these are entered into the latter. `seen` gets the views that joint training needs, by position;
-        None: there is none."""
+        group; those of these are entered into the latter. `seen`, if any, gets joint training's views by position."""
         last = [self._trained(group, position, keys) for position in group.trained_before(positions[0])]
         # decode the images of the next frame while this one trains
         with ThreadPoolExecutor(1, thread_name_prefix="footage") as ahead:

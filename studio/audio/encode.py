@@ -58,9 +58,7 @@ class SoundEncoder:
 
 
 def encode_sound(blocks: Iterable[np.ndarray], path: str, sample_rate: int, channels: int) -> int:
-    """Write a sound, blocks of (n, channels) float32, as an MP4 file with one AAC-LC track; returns the number of
-    samples.
-    """
+    """Write a sound, blocks of (n, channels) float32, as an MP4 of one AAC-LC track; returns the number of samples."""
     import av
 
     count = 0

@@ -121,8 +121,7 @@ class _Evidence:
 
     def exchange(self) -> list[tuple[str, str]]:
         """Exchange the calibrations of pairs of cameras that do not fit, but then do; the pairs. Few matches tell: of
-        471 exchanges in two rigs, each was found; no other pair fits more than 14% of its matches when exchanged.
-        """
+        471 exchanges in two rigs, each was found; no other pair fits more than 14% of its matches when exchanged."""
 
         def fits(cameras: Cameras, name: str) -> bool:
             return (self.share(cameras, [name]) or 0.0) >= _DOUBTFUL

@@ -1,13 +1,7 @@
 from .checks import check_footage
 from .footage import Footage, FootageView
 from .matching import match_rig, rig_of_footage
-from .open_footage import (
-    find_cameras,
-    held_out_cameras,
-    open_footage,
-    refuse_unknown_cameras,
-    suggested_held_out,
-)
+from .open_footage import find_cameras, held_out_cameras, open_footage, refuse_unknown_cameras, suggested_held_out
 from .settings import CaptureSettings
 
 __all__ = [

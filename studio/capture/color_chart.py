@@ -23,8 +23,8 @@ REFERENCE = np.array(
         (243, 243, 242), (200, 200, 200), (160, 160, 160), (122, 122, 121), (85, 85, 85), (52, 52, 52),
     ]
 )  # fmt: skip
-"""(24, 3) sRGB, 0 to 255: the patches of a ColorChecker Classic by rows, as measured by D. Pascale, "RGB coordinates of
-the Macbeth ColorChecker" (2006)."""
+"""(24, 3) sRGB, 0 to 255: patches of a ColorChecker Classic by rows, of "RGB coordinates of the Macbeth ColorChecker",
+D. Pascale (2006)."""
 
 _LONGEST = 2000  # pixels; larger images are searched at this size
 _DARK, _BRIGHT = 3, 250  # beyond, a channel may be clipped, and is no linear function of the light

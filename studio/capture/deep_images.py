@@ -44,8 +44,7 @@ def read_deep_image(path: Path, transfer: TransferFunction = "auto") -> np.ndarr
 
 def read_deep_values(path: Path) -> np.ndarray:
     """The numbers in an EXR, DPX, TIFF or PNG file, (H, W) or (H, W, 3 or 4; RGB or RGBA): of DPX files 0 to 1, of
-    others of the type in the file.
-    """
+    others of the type in the file."""
     suffix = path.suffix.lower()
     data = _data(path)
     return _decoded(path, data, _CODECS[suffix]) if suffix in _CODECS else _opencv_values(path, data)

@@ -319,8 +319,7 @@ def _folder_per_camera(folders: Sequence[str]) -> str | None:
 
 
 def _are_chapters(names: Sequence[str]) -> bool:
-    """Whether these are the parts of one recording, as GoPro cameras name them: GX010042.MP4, GX020042.MP4, or
-    GOPR0042.MP4, GP010042.MP4."""
+    """Whether GoPro names these as parts of one recording: GX010042.MP4, GX020042.MP4; GOPR0042.MP4, GP010042.MP4."""
     found = [_CHAPTER.fullmatch(name) for name in names]
     return all(found) and len({match[1] for match in found if match is not None}) == 1
 
@@ -358,8 +357,7 @@ def _ambiguous(root: Path, patterns: Sequence[str]) -> StudioError:
 
 
 def _folders_are_frames(root: Path, matches: Sequence[Match]) -> bool:
-    """Whether NUMBER/NUMBER.png means frame/camera, as in HiFi4G with its transforms.json next to the folders, rather
-    than camera/frame."""
+    """Whether NUMBER/NUMBER.png means frame/camera, not camera/frame, as in HiFi4G (transforms.json beside folders)."""
     frames = {match.frame for match in matches}
     cameras = {match.camera for match in matches}
     if all(camera.isdigit() for camera in cameras):

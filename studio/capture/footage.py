@@ -173,8 +173,7 @@ class Footage:
         return self._image(camera, frame).copy()
 
     def mask(self, camera: str, frame: int) -> np.ndarray:
-        """(H, W) uint8, 255 = foreground, undistorted and scaled like the image. StudioError as `image`, or if the mask
-        source fails (code `mask.*`)."""
+        """(H, W) uint8, 255 = foreground, like the image. StudioError as `image`, or `mask.*` if the source fails."""
         return self._mask(camera, frame, self.mask_source, "mask").copy()
 
     def evaluation_mask(self, camera: str, frame: int) -> np.ndarray:
@@ -325,8 +324,7 @@ class Footage:
         return cached[0]
 
     def _release(self, camera: str, frame: int) -> None:
-        """Drop the decoded frame once everything derived from it is cached; otherwise the frames of 81 cameras at 4K
-        would evict the results."""
+        """Drop the decoded frame once what derives from it is cached: frames of 81 cameras at 4K would evict that."""
         exact = self._exact_mask_source is not None and camera in self.held_out_cameras
         if all((kind, camera, frame) in self._cache for kind in ("image", "mask", *(("exact",) if exact else ()))):
             for kind in ("raw", "raw mask"):

@@ -146,8 +146,7 @@ def suggested_held_out(names: Sequence[str]) -> tuple[str, ...]:
 def _with_masks(
     spec: CaptureSettings, sources: Mapping[str, FrameSource], unmasked: Sequence[str], held_out: Sequence[str]
 ) -> dict[str, FrameSource]:
-    """Without the cameras that need masks but have none: those that a source of one's own leaves out, and `auto` if
-    others have mask files."""
+    """Without cameras that need masks but have none: by a source of one's own, or by `auto` with mask files."""
     left_out = [name for name in unmasked if name not in held_out]
     if ":" not in spec.masks and (spec.masks != "auto" or 2 * len(left_out) > len(sources)):
         left_out = []

@@ -14,8 +14,7 @@ from studio.errors import StudioError
 
 @dataclass(frozen=True)
 class CaptureSound:
-    """The sound of a capture's footage: seconds from the first frame to the file's time 0, that frame's number, and
-    fps."""
+    """The sound of a capture's footage: seconds from the first frame to the file's time 0, that frame's number, fps."""
 
     file: SoundFile
     start: float

@@ -10,8 +10,7 @@ from studio.validation import camera_error
 
 @dataclass(frozen=True)
 class Fit:
-    """The calibrated image within the footage's frames: a rectangle in footage pixels; `note`: a clause for the user if
-    the fit was guessed, otherwise ""."""
+    """The calibrated image's rectangle in the footage, pixels; `note`: a clause for the user if it was guessed."""
 
     left: float
     top: float

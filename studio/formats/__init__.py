@@ -139,8 +139,7 @@ def read_rows(path: Path, note: Note = ignore) -> Gaussians:
 
 
 def read_splats(path: Path | str, note: Note = ignore) -> Gaussians:
-    """As `read_rows`, as float32, and without the splats that cannot be rendered; their number is noted. StudioError
-    also if no splat is left."""
+    """As `read_rows`, in float32, without splats that cannot be rendered (noted); StudioError also if none is left."""
     path = Path(path)
     import torch
 

@@ -16,14 +16,12 @@ from studio.errors import StudioError
 from studio.gaussians import Gaussians
 
 _GAPS = (0.1, 0.07, 0.05, 0.035)
-"""Tried gaps between performers, relative to the size of all together, large ones first. Smaller ones
-would break bodies of few splats."""
+"""Tried gaps between performers, relative to the size of all together. Smaller ones break bodies of few splats."""
 
 _LEAST = 0.4  # least share of the splats of one of N performers, times N squared: among many, one may be a ball
 
 _REST = 0.5
-"""Most splats of any other part, relative to the smallest performer. They are floaters, and belong to the nearest
-performer."""
+"""Most splats of any other part, relative to the smallest performer: floaters, which belong to the nearest one."""
 
 _CELLS = 2.0  # cells of the grid by which splats are connected, in a gap
 _VISIBLE = 0.1  # least opacity of a splat that connects others

@@ -87,8 +87,7 @@ class Plates:
 
     @torch.no_grad()
     def render(self, index: int) -> Plate:
-        """The plate of a frame; mattes need the frames in order. Raises StudioError if it cannot be read, or performers
-        touch (`exr.performers`)."""
+        """The plate of a frame; mattes need their order. StudioError: unreadable, or `exr.performers` (they touch)."""
         camera = self._camera(index)
         splats = self._frame(index)
         rendered = rasterize(splats, camera)

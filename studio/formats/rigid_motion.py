@@ -17,8 +17,7 @@ from studio.torch_rotations import quat_multiply
 
 def turned(gaussians: Gaussians, rotation: np.ndarray) -> Gaussians:
     """Splats rotated about the origin, or mirrored, including their spherical harmonics, by an orthonormal (3, 3)
-    `rotation`: new = rotation @ old. A camera that is rotated with them sees the same image. Quaternions become
-    unit."""
+    `rotation`: new = rotation @ old. A camera rotated with them sees the same image. Quaternions become unit."""
     dtype, device = gaussians.means.dtype, gaussians.device
     matrix = torch.as_tensor(rotation, dtype=torch.float64)
     # splats are symmetric about their centers, so a mirrored one is one turned by minus the matrix

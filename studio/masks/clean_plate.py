@@ -10,14 +10,7 @@ import numpy as np
 
 from studio.capture.settings import DifferenceSettings
 from studio.masks.colored_shadow import WINDOW, colored_shadow
-from studio.masks.filters import (
-    binned_color_table,
-    color_bins,
-    guided_filter,
-    keep_components,
-    look_up,
-    masked_mean,
-)
+from studio.masks.filters import binned_color_table, color_bins, guided_filter, keep_components, look_up, masked_mean
 
 _NO_CHROMA = 127.5  # value of Cr and Cb for gray
 _FADED = 4.0  # in chroma levels: a smaller loss of chroma in a shadow is ignored

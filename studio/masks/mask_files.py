@@ -259,9 +259,7 @@ def _file_mask_source(
     labels: tuple[int, ...] = (),
     lenient: bool = False,
 ) -> FileMaskSource:
-    """Masks of the cameras `names`, which must have one for each of `frames`; if `lenient`, half of the cameras may
-    have none at all.
-    """
+    """Masks of the cameras `names`, one for each of `frames`; if `lenient`, half of the cameras may have none."""
     mask_source = FileMaskSource(make_sources(matches, pool, offsets=spec.offsets, transfer="srgb"), labels)
     without = [name for name in names if name not in mask_source.cameras] if frames else []
     if without and not (lenient and 2 * len(without) <= len(names)):

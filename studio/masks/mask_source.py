@@ -54,8 +54,7 @@ class ShowsSet(Protocol):
     """A `MaskSource` that knows the empty set."""
 
     def plate(self, camera: str) -> np.ndarray:
-        """(H, W, 3) uint8 raw image of the empty set; (H, W, 4) if parts of it are not reliable, where the fourth
-        channel is 0 instead of 255."""
+        """(H, W, 3) uint8 raw image of the empty set; (H, W, 4) with 0 instead of 255 where it is not reliable."""
 
 
 @runtime_checkable

@@ -329,11 +329,6 @@ def open_model(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str]:
         recipe = f"{digest_files(files[0].parent, files)} {model.kind}"
         cache = MaskCache(inputs.cache_folder / "masks", recipe)
     source = FunctionMaskSource(
-        model,
-        "matting model",
-        files=files,
-        cache=cache,
-        components=inputs.spec.mask_components,
-        garbage=inputs.garbage,
+        model, "matting model", files=files, cache=cache, components=inputs.spec.mask_components, garbage=inputs.garbage
     )
     return source, f"matting model {files[0].name}"

@@ -133,9 +133,7 @@ def _evidence_of_color(table: np.ndarray, image: np.ndarray) -> np.ndarray:
     return cv2.blur(np.clip(look_up(table, image), -4.0, 4.0), (5, 5))
 
 
-def _estimate_small(
-    stack: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
+def _estimate_small(stack: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
     """Plate (H, W, 3) float32, its members (S, H, W) bool, known and doubtful (H, W) bool, color table or None."""
     import cv2
 

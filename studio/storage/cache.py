@@ -42,8 +42,7 @@ def cache_gigabytes() -> float:
 
 class DiskCache:
     """Objects of stores on this machine's disk; the least recently used go first. Safe for several threads and
-    processes; `disk_cache` makes it.
-    """
+    processes; `disk_cache` makes it."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder

@@ -3,16 +3,7 @@ from .encode.bake import ContributionFn, FinetunedFn, bake_group, bake_sound
 from .encode.quality import QualityFn
 from .encode.write_manifest import write_manifest
 from .integrity import StreamDamage, StreamIntegrity, check_stream
-from .manifest import (
-    FORMAT,
-    MANIFEST_NAME,
-    VERSION,
-    AudioEntry,
-    GroupEntry,
-    Manifest,
-    Rendition,
-    RenditionEntry,
-)
+from .manifest import FORMAT, MANIFEST_NAME, VERSION, AudioEntry, GroupEntry, Manifest, Rendition, RenditionEntry
 from .metadata import CapturePlace, StreamMetadata
 from .reader import StreamReader, fetch_group
 from .settings import DEFAULT_LADDER, BakeSettings, Rung

@@ -325,8 +325,7 @@ def _rate(progress: float) -> float:
 
 @torch.no_grad()
 def _psnr(gaussians: Gaussians, views: Sequence[TrainingView], placements: Sequence[_Placement]) -> float | None:
-    """PSNR in dB of the mean squared error of all views, over black: of what is hidden in them, or of their crops if
-    nothing is. None without views."""
+    """PSNR in dB over black of all views: of what is hidden in them, else of their crops; None without views."""
     errors = []
     for view, place in zip(views, placements, strict=True):
         black = torch.zeros(3, device=view.device)

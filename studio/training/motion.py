@@ -131,8 +131,7 @@ class MotionField(nn.Module):
         return self.grid.corners((means - self._low) / self.side)
 
     def forward(self, corners: Corners) -> Tensor:
-        """(N, 3) translations in world units. One kernel on the CPU, and several on an NVIDIA GPU with Triton, evaluate
-        grid and MLP, whatever their sizes."""
+        """(N, 3) translations in world units, by one kernel on the CPU, and several on an NVIDIA GPU with Triton."""
         table, parameters = self.grid.table, list(self.mlp.parameters())
         kernels = kernels_for(table, corners.weights)
         if kernels is not None:

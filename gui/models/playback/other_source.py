@@ -30,8 +30,7 @@ def shown_beside(names: Sequence[str], camera: str) -> tuple[str, ...]:
 
 class OtherSource:
     """Frames of another source, by time: each frame of the open take or stream shows the other's frame of the same
-    second, and after the other's end its last one.
-    """
+    second, and after the other's end its last one."""
 
     name = OTHER
 

@@ -43,8 +43,7 @@ class Part:
 
 
 def parts_of(groups: Sequence[Group], first_size: int | None, trim: Trim | None = None) -> tuple[Part, ...]:
-    """The stream's groups: those of the take within its trim, the first one cut after `first_size` frames if it is
-    longer."""
+    """The stream's groups: those of the take within its trim, the first one cut after `first_size` frames if longer."""
     kept = range(groups[-1].indices[-1] + 1)
     if trim is not None:
         kept = FrameNumbers.of(groups).within(trim.first, trim.last)

@@ -30,9 +30,7 @@ if TYPE_CHECKING:
 
 VERSION = 1  # raised whenever fine-tuning changes; older results are then trained again
 
-FRAMES = 5
-"""Frames of a group that offsets are trained on. All 15 of the sample's first group gave the same quality, with three
-times the images in memory."""
+FRAMES = 5  # of a group that offsets are trained on: all 15 of the sample's first gave the same, with more memory
 
 
 def finetuned_rungs(config: Config) -> tuple[Rung, ...]:

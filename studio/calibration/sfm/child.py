@@ -23,11 +23,7 @@ class WorkerProgress:
 
 
 def run_reporting(
-    module: str,
-    arguments: Sequence[str],
-    on_progress: Callable[[WorkerProgress | None], None],
-    *,
-    what: str,
+    module: str, arguments: Sequence[str], on_progress: Callable[[WorkerProgress | None], None], *, what: str
 ) -> None:
     """Run `python -m module arguments` to completion and pass on the progress that it prints as JSON lines.
 

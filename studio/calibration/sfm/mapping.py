@@ -40,8 +40,7 @@ _POINTS_FOR_CENTER = 100  # observations that each camera needs before principal
 _BANDS = (3.0, 2.0, 2.0)
 """Distances from the epipolar line in pixels within which matches are found again, in this order."""
 _AGREEING = 3
-"""Images that must see such a point. A wrong match of two images is near their epipolar line too, and so would keep
-the cameras where they are."""
+"""Images that must see such a point. A wrong match of two is near their epipolar line too, and keeps them there."""
 _AS_WELL = 0.01  # smallest loss of the match inlier ratio that counts as one
 _ONE_FOCAL_LENGTH = ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
 _CAUCHY = 2.4  # width of the Cauchy loss in standard deviations: 95% efficiency for Gaussian noise
@@ -171,8 +170,7 @@ class Mapper:
         return model
 
     def _recentered(self, model: Any) -> Any:
-        """The model with estimated principal points, if they fit much better than those in the middle of the images and
-        each camera has enough points."""
+        """The model with estimated principal points, if each camera has enough points and they fit much better."""
         import pycolmap
 
         fewest = min(model.images[image].num_points3D for image in model.reg_image_ids())

@@ -54,8 +54,7 @@ def try_shared_intrinsics(
 def try_separate_intrinsics(
     model: Any, own: dict[int, int], width: float, adjust: Callable[[Any], None]
 ) -> tuple[Any, list[SharedIntrinsicsTest]]:
-    """The model with separate intrinsics, if they fit much better than its shared ones; see
-    `try_shared_intrinsics`.
+    """The model with separate intrinsics, if they fit much better than its shared ones; see `try_shared_intrinsics`.
 
     Args:
         own: image id to the id of its own camera.

@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 
 TRUSTED = 0.6
-"""Match inlier ratio above which a solution is accepted: correct solutions have 0.75 or more, a wrongly closed ring of
-cameras has 0.45."""
+"""Match inlier ratio above which a solution is accepted: correct ones have 0.75, a wrongly closed ring has 0.45."""
 MISPLACED = 0.4  # match inlier ratio of a single camera below which it is registered again, and named if it stays there
 
 

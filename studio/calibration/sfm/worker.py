@@ -2,9 +2,8 @@
 
 COLMAP calls cannot be interrupted, and a crash in native code would end the calling process, so they run in this one.
 Progress is printed as JSON lines `{"step", "done", "total"}`; the last line is `{"finished": true}` or
-`{"error": "..."}`. The
-process ends when its standard input closes or its parent dies. Input in the work folder: `images/`, `masks/` (numbered)
-and `job.json`; output: `database.db`, `solution.json` and `points.npz`.
+`{"error": "..."}`. The process ends when its standard input closes or its parent dies. Input in the work folder:
+`images/`, `masks/` (numbered) and `job.json`; output: `database.db`, `solution.json` and `points.npz`.
 """
 
 import os

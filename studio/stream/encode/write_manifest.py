@@ -187,8 +187,7 @@ def _write(path: Path, data: bytes) -> None:
 
 def _replace_manifest(path: Path, data: bytes, files: Iterable[str]) -> None:
     """Write the manifest, atomically, once the files that it names are on the disk: a power cut leaves the old stream
-    or the new one.
-    """
+    or the new one."""
     named = sorted({path.parent / name for name in files})
     try:
         for one in (*named, *sorted({one.parent for one in named} | {path.parent})):

@@ -70,8 +70,6 @@ class _Fused(torch.autograd.Function):
 
 
 def photometric_loss_triton(image: Tensor, target: Tensor, dssim_weight: float) -> Tensor:
-    """`studio.training.photometric.photometric_loss` for float32 on an NVIDIA GPU; with Triton's interpreter, on
-    the CPU.
-    """
+    """`studio.training.photometric.photometric_loss` for float32 on an NVIDIA GPU, or with Triton's interpreter."""
     loss: Tensor = _Fused.apply(image, target.detach(), dssim_weight)
     return loss
