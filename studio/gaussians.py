@@ -194,11 +194,10 @@ def common_dilation(parts: Iterable[Gaussians]) -> float:
     (`gaussians.dilations_differ`) if they have several."""
     found = sorted({part.dilation for part in parts})
     if len(found) > 1:
-        raise StudioError(
-            "gaussians.dilations_differ",
+        problem = (
             f"splats that are rendered together have dilations of {' and '.join(f'{one:g}' for one in found)} square "
-            "pixels; one image has one dilation",
-            value=found,
-            fix="Train them with the same train.dilation",
+            "pixels; one image has one dilation"
         )
+        fix = "Train them with the same train.dilation"
+        raise StudioError("gaussians.dilations_differ", problem, value=found, fix=fix)
     return found[0]

@@ -68,32 +68,23 @@ def vulkan_devices(library: str | None = None) -> list[VulkanDevice]:
     try:
         vulkan = ctypes.CDLL(name)
     except OSError:
-        raise StudioError(
-            "gui.no_vulkan_loader",
-            f"the window needs Vulkan, and its loader {name} was not found",
-            value=name,
-            fix=f"{_INSTALL.format(packages='libvulkan1 mesa-vulkan-drivers')}.",
-        ) from None
+        problem = f"the window needs Vulkan, and its loader {name} was not found"
+        fix = f"{_INSTALL.format(packages='libvulkan1 mesa-vulkan-drivers')}."
+        raise StudioError("gui.no_vulkan_loader", problem, value=name, fix=fix) from None
     instance = ctypes.c_void_p()
     info = _InstanceCreateInfo(sType=_INSTANCE_CREATE_INFO)
     status = vulkan.vkCreateInstance(ctypes.byref(info), None, ctypes.byref(instance))
     if status != _SUCCESS:
-        raise StudioError(
-            "gui.no_vulkan_driver",
-            f"the window needs Vulkan, and no driver was found (vkCreateInstance returned {status})",
-            value=status,
-            fix=f"{_INSTALL.format(packages='mesa-vulkan-drivers')}, or install your graphics card's driver.",
-        )
+        problem = f"the window needs Vulkan, and no driver was found (vkCreateInstance returned {status})"
+        fix = f"{_INSTALL.format(packages='mesa-vulkan-drivers')}, or install your graphics card's driver."
+        raise StudioError("gui.no_vulkan_driver", problem, value=status, fix=fix)
     try:
         devices = _list_devices(vulkan, instance)
     finally:
         vulkan.vkDestroyInstance(instance, None)
     if not devices:
-        raise StudioError(
-            "gui.no_vulkan_device",
-            "the window needs Vulkan, and no device was found",
-            fix=f"{_INSTALL.format(packages='mesa-vulkan-drivers')}, or install your graphics card's driver.",
-        )
+        fix = f"{_INSTALL.format(packages='mesa-vulkan-drivers')}, or install your graphics card's driver."
+        raise StudioError("gui.no_vulkan_device", "the window needs Vulkan, and no device was found", fix=fix)
     order = ["discrete GPU", "integrated GPU", "virtual GPU", "other", "software"]
     return sorted(devices, key=lambda device: order.index(device.kind))
 

@@ -17,17 +17,12 @@ def memory_errors(stage: str) -> Iterator[None]:
             raise
         gpu = gpu_out_of_memory(error)
         if gpu is not None:
-            raise StudioError(
-                "run.out_of_gpu_memory",
-                f"the memory of {gpu} ran out in the stage {stage}",
-                fix="End other programs that use this GPU, or lower train.max_splats, capture.scale or "
-                "run.groups_at_once, and run again; finished work is kept.",
-                stage=stage,
-            ) from error
-        raise StudioError(
-            "run.out_of_memory",
-            f"memory ran out in the stage {stage}; this process may use {memory_limit() / 1e9:.1f} GB",
-            fix="Allow more memory, or lower run.groups_at_once or capture.scale, and run "
-            "again; finished work is kept.",
-            stage=stage,
-        ) from error
+            problem = f"the memory of {gpu} ran out in the stage {stage}"
+            fix = (
+                "End other programs that use this GPU, or lower train.max_splats, capture.scale or "
+                "run.groups_at_once, and run again; finished work is kept."
+            )
+            raise StudioError("run.out_of_gpu_memory", problem, fix=fix, stage=stage) from error
+        problem = f"memory ran out in the stage {stage}; this process may use {memory_limit() / 1e9:.1f} GB"
+        fix = "Allow more memory, or lower run.groups_at_once or capture.scale, and run again; finished work is kept."
+        raise StudioError("run.out_of_memory", problem, fix=fix, stage=stage) from error

@@ -112,14 +112,13 @@ def _views(
     names = inputs.footage.raw.camera_names
     missing = [name for name in names if name not in footage.camera_names]
     if missing:
-        raise StudioError(
-            "target.no_footage",
+        problem = (
             f"the pattern '{pattern}' matches no images of camera '{missing[0]}' (found: "
-            f"{', '.join(footage.camera_names)})",
-            value=pattern,
-            fix="Every camera of the footage needs images of the calibration target, under the same camera name.",
-            camera=missing[0],
-            found=list(footage.camera_names),
+            f"{', '.join(footage.camera_names)})"
+        )
+        fix = "Every camera of the footage needs images of the calibration target, under the same camera name."
+        raise StudioError(
+            "target.no_footage", problem, value=pattern, fix=fix, camera=missing[0], found=list(footage.camera_names)
         )
     # the same frames for all cameras
     frames = sorted({frame for name in names for frame in footage.frames_of(name)})

@@ -173,13 +173,11 @@ def disk_errors(folder: Path) -> Iterator[None]:
             fix = "Free some space and run again; finished work is kept."
             raise StudioError("take.disk_full", "the disk is full", file=folder, fix=fix) from error
         if error.errno == errno.EFBIG:
-            raise StudioError(
-                "take.file_too_large",
-                "a file would be larger than the file system, or a limit of this session, allows",
-                file=file,
-                fix="Look at `ulimit -f`, or choose a folder on another file system, and run again; finished work is "
-                "kept.",
-            ) from error
+            problem = "a file would be larger than the file system, or a limit of this session, allows"
+            fix = (
+                "Look at `ulimit -f`, or choose a folder on another file system, and run again; finished work is kept."
+            )
+            raise StudioError("take.file_too_large", problem, file=file, fix=fix) from error
         if error.errno in _DISK_FAILED or (error.errno in _DISK_GONE and error.filename is not None):
             problem = f"the disk cannot be read or written ({error.strerror})"
             fix = "Check the disk or the network drive and run again; finished work is kept."

@@ -1,5 +1,6 @@
 """Camera files: `read_rig` reads all supported formats, `write_rig` writes them."""
 
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -11,14 +12,15 @@ from studio.camera_files.common import read_json_value, read_text
 from studio.camera_files.json_rigs import rig_from_json
 from studio.camera_files.metashape import rig_from_metashape
 from studio.camera_files.opencv_storage import read_opencv_cameras, read_storage, rig_from_mc_calib
-from studio.camera_files.plausible import checked
 from studio.camera_files.qualisys import rig_from_qualisys
 from studio.camera_files.realityscan import read_realityscan
 from studio.camera_files.rig_json import check_format, write_rig_json
 from studio.camera_files.toml_rigs import read_toml, write_toml
 from studio.camera_files.transforms_json import rig_from_transforms, write_transforms
 from studio.cameras import Rig
+from studio.counts import cameras_listed
 from studio.errors import StudioError, naming
+from studio.validation import camera_error
 
 __all__ = ["find_camera_files", "read_rig", "write_rig"]
 
@@ -37,6 +39,7 @@ _USUAL_NAMES = (
 )  # fmt: skip
 _LESS_EXACT = (annots_npy.NAME, poses_bounds.NAME)  # often next to one of the above, with the same cameras
 _USUAL_PATTERNS = ("*.qca.txt", "Calib*.toml", "calibration_*.json")
+_LEAST_FOCAL = 0.1  # of the longer side of the image: a field of view of 157 degrees
 
 
 def find_camera_files(folder: Path) -> list[Path]:
@@ -71,7 +74,25 @@ def read_rig(path: Path | str) -> Rig:
             of its cameras is invalid (camera.*). The error contains the file.
     """
     with naming(Path(path)):
-        return checked(_read(Path(path)))
+        return _checked(_read(Path(path)))
+
+
+def _checked(rig: Rig) -> Rig:
+    """The rig, with notes on what is unlikely, whatever the format of its file."""
+    for camera in rig:
+        focal, longer = min(camera.fx, camera.fy), max(camera.width, camera.height)
+        if focal < _LEAST_FOCAL * longer:
+            problem = f"a focal length of {focal:.4g} pixels is too short for images of {camera.width}x{camera.height}"
+            fix = "Give focal lengths and principal points in pixels, not in millimeters or relative to the size."
+            raise camera_error("camera.focal_length_unit", camera.name, problem, value=focal, fix=fix)
+    outside = [one.name for one in rig if not (0 <= one.cx <= one.width and 0 <= one.cy <= one.height)]
+    if not outside:
+        return rig
+    note = (
+        "The principal point is outside of the image, as if the images had another size when they were calibrated: "
+        f"{cameras_listed(outside)}."
+    )
+    return replace(rig, notes=(*rig.notes, note))
 
 
 def _read(path: Path) -> Rig:

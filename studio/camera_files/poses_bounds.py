@@ -61,14 +61,13 @@ def _names(folder: Path, count: int) -> list[str]:
                 return names
             if len(names) > 1:
                 found.append(len(names))
+    problem = f"the file has {count} cameras, but the footage next to it has {found[0] if found else 'none'}"
+    fix = (
+        "The rows belong to the videos in the order of their names: put back missing videos, or set capture.rig "
+        "to null to calibrate from the footage."
+    )
     raise StudioError(
-        "camera_file.camera_count",
-        f"the file has {count} cameras, but the footage next to it has {found[0] if found else 'none'}",
-        file=folder / NAME,
-        value=count,
-        fix="The rows belong to the videos in the order of their names: put back missing videos, or set capture.rig "
-        "to null to calibrate from the footage.",
-        setting="capture.rig",
+        "camera_file.camera_count", problem, file=folder / NAME, value=count, fix=fix, setting="capture.rig"
     )
 
 

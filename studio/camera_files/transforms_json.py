@@ -256,13 +256,12 @@ def _common_names(groups: Sequence[Sequence[str]]) -> list[str]:
         if all(len(own) == 1 and "" not in own for own in names) and len(set().union(*names)) == len(groups):
             return [own.pop() for own in names]
     group = next(group for group in groups if len(group) > 1)
-    raise StudioError(
-        "camera_file.no_common_name",
+    problem = (
         f"'{group[0]}' and '{group[1]}' have the same camera, but no file or folder name in common that no other "
-        "camera has; cameras must not move",
-        value=list(group[:2]),
-        fix="Use footage of fixed cameras, with the name of the camera in the path.",
+        "camera has; cameras must not move"
     )
+    fix = "Use footage of fixed cameras, with the name of the camera in the path."
+    raise StudioError("camera_file.no_common_name", problem, value=list(group[:2]), fix=fix)
 
 
 def write_transforms(rig: Rig, path: Path) -> None:

@@ -150,14 +150,13 @@ def fit_chart_colors(
             without[name] = error
     progress(len(cameras), len(cameras))
     if len(seen) < 2:
-        raise StudioError(
-            "color_chart.too_few",
+        problem = (
             f"a ColorChecker can be measured in {len(seen)} of {len(cameras)} cameras in frame {frame}, and it takes "
-            f"two to compare; {reasons(without)}",
-            value=len(seen),
-            fix="Choose a frame in which several cameras see the ColorChecker, well exposed.",
-            setting="train.camera_colors",
-            frame=frame,
+            f"two to compare; {reasons(without)}"
+        )
+        fix = "Choose a frame in which several cameras see the ColorChecker, well exposed."
+        raise StudioError(
+            "color_chart.too_few", problem, value=len(seen), fix=fix, setting="train.camera_colors", frame=frame
         )
     usable = ~np.any([one.clipped for one in seen.values()], axis=0)
     if usable.sum() < _LEAST_PATCHES:

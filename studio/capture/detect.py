@@ -76,13 +76,12 @@ def detect_images(root: Path) -> tuple[str, list[Match]]:
         return _as_grid(root, found)
     container = next((relative for relative in listing() if relative.endswith(".smc")), None)
     if container is not None:
-        raise StudioError(
-            "footage.container",
-            "SMC containers of DNA-Rendering cannot be read directly",
-            file=root / container,
-            fix="Unpack it with the data set's SMCReader: images to images/CAMERA/FRAME.jpg, masks to "
-            "masks/CAMERA/FRAME.png, cameras to intri.yml and extri.yml.",
+        problem = "SMC containers of DNA-Rendering cannot be read directly"
+        fix = (
+            "Unpack it with the data set's SMCReader: images to images/CAMERA/FRAME.jpg, masks to "
+            "masks/CAMERA/FRAME.png, cameras to intri.yml and extri.yml."
         )
+        raise StudioError("footage.container", problem, file=root / container, fix=fix)
     fix = "Put videos in videos/ or images in images/CAMERA/FRAME.png."
     raise StudioError("footage.not_found", "no footage found", file=root, fix=fix, setting="capture.images")
 

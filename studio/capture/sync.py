@@ -198,13 +198,12 @@ def _by_timecode(footage: Footage) -> SyncReport:
     spans = {name: (frames[name][0] - lag, frames[name][-1] - lag) for name, lag in offsets.items()}
     last, first = max(spans, key=lambda name: spans[name][0]), min(spans, key=lambda name: spans[name][1])
     if spans[last][0] > spans[first][1]:
-        raise StudioError(
-            "sync.no_overlap",
+        problem = (
             f"Camera '{first}' ends before camera '{last}' starts ({found[first].text} and {found[last].text}), "
-            "according to their timecodes",
-            fix="Leave one of them out with capture.cameras, or synchronize by sound or motion.",
-            cameras=(first, last),
+            "according to their timecodes"
         )
+        fix = "Leave one of them out with capture.cameras, or synchronize by sound or motion."
+        raise StudioError("sync.no_overlap", problem, fix=fix, cameras=(first, last))
     return SyncReport(
         "timecode",
         {name: float(lag) for name, lag in offsets.items()},

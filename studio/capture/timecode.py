@@ -122,13 +122,12 @@ def timecode_offsets(timecodes: Mapping[str, Timecode]) -> dict[str, int]:
         )
     kinds = {timecodes[name].drop_frame: name for name in reversed(list(timecodes))}
     if len(kinds) > 1:
-        raise StudioError(
-            "sync.timecode_mixed",
+        problem = (
             f"Camera '{kinds[True]}' has drop-frame timecode ({timecodes[kinds[True]].text}) and camera "
-            f"'{kinds[False]}' has not ({timecodes[kinds[False]].text}), so their labels count differently",
-            fix="Synchronize by sound or motion.",
-            cameras=(kinds[True], kinds[False]),
+            f"'{kinds[False]}' has not ({timecodes[kinds[False]].text}), so their labels count differently"
         )
+        fix = "Synchronize by sound or motion."
+        raise StudioError("sync.timecode_mixed", problem, fix=fix, cameras=(kinds[True], kinds[False]))
     starts = _unwrapped({name: timecode.frames for name, timecode in timecodes.items()}, slowest.day)
     middle = sorted(starts.values())[(len(starts) - 1) // 2]
     return {name: middle - start for name, start in starts.items()}

@@ -12,11 +12,10 @@ import torch
 
 from studio.cameras import Camera
 from studio.formats.performers import Performers
-from studio.gaussians import Gaussians
+from studio.gaussians import SH_C0, Gaussians
 from studio.rasterizer import preferred_device, rasterize
 from studio.rasterizer.deep_samples import DeepSamples, deep_samples
-from studio.rasterizer.features import mean_features
-from studio.rasterizer.types import Render
+from studio.rasterizer.types import Render, mean_depth
 from studio.similarity import Similarity
 from studio.splat_video import SplatVideo
 from studio.torch_rotations import align_axes, quats_to_matrices
@@ -100,8 +99,8 @@ class Plates:
         shape = (*depth.shape, 3)
         columns, rows = np.meshgrid(np.arange(shape[1]) + 0.5, np.arange(shape[0]) + 0.5)
         places = camera.unproject(np.stack([columns, rows], -1).reshape(-1, 2), depth.reshape(-1)).reshape(shape)
-        facing = mean_features(splats, camera, _normals(splats, camera)).cpu().numpy()
-        moving = mean_features(splats, camera, self._motion(index, splats)).cpu().numpy()[..., :2]
+        facing = _mean_features(splats, camera, _normals(splats, camera)).cpu().numpy()
+        moving = _mean_features(splats, camera, self._motion(index, splats)).cpu().numpy()[..., :2]
         length = np.linalg.norm(facing, axis=-1, keepdims=True)
         return Plate(
             rgba=np.mean(colors, axis=0),
@@ -131,7 +130,7 @@ class Plates:
             return np.zeros((camera.height, camera.width, 0), np.float32)
         marks = torch.nn.functional.one_hot(torch.as_tensor(performers.labels), performers.count)
         marks = torch.nn.functional.pad(marks, (0, -performers.count % 3)).to(splats.means)
-        shares = [mean_features(splats, camera, three) for three in marks.split(3, dim=1)]
+        shares = [_mean_features(splats, camera, three) for three in marks.split(3, dim=1)]
         return torch.cat(shares, -1)[..., : performers.count].cpu().numpy()
 
     def _frame(self, index: int) -> Gaussians:
@@ -174,3 +173,17 @@ def _normals(splats: Gaussians, camera: Camera) -> torch.Tensor:
     toward = torch.as_tensor(camera.center).to(splats.means) - splats.means
     flipped = torch.where((normals * toward).sum(-1, keepdim=True) < 0, -normals, normals)
     return torch.nan_to_num(flipped)
+
+
+@torch.no_grad()
+def _mean_features(gaussians: Gaussians, camera: Camera, features: torch.Tensor) -> torch.Tensor:
+    """(H, W, 3) float32: features (N, 3) of the splats that a pixel shows, by blending weight; 0 for none."""
+    if not len(gaussians):
+        return torch.zeros(camera.height, camera.width, 3)
+    low = features.amin(0)
+    extent = (features.amax(0) - low).clamp_min(1e-12)
+    # the rasterizer blends colors: 0.5 + SH_C0 * sh, not below 0
+    colors = ((features - low) / extent - 0.5) / SH_C0
+    rendered = rasterize(replace(gaussians, sh=colors[:, None].to(gaussians.means)), camera)
+    shares = torch.stack([mean_depth(one, rendered.alpha) for one in rendered.image.unbind(-1)], -1)
+    return torch.where(rendered.alpha[..., None] > 0, low + extent * shares, 0.0)

@@ -3,11 +3,14 @@
 One element `vertex` of float32 properties, little endian: x y z, nx ny nz (zeros), f_dc_0..2, f_rest_0.. (all
 coefficients of red, then of green, then of blue), opacity (logit), scale_0..2 (logarithm), rot_0..3 (wxyz).
 Compressed PLY has the same extension and is recognized by its elements; see `compressed_ply`.
+Properties of other kinds of splats are those of the writers of Mip-Splatting, 2DGS, Spacetime Gaussians, 4D Gaussians,
+Scaffold-GS, Deformable Beta Splatting and GES.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,8 +19,6 @@ import numpy as np
 from studio.errors import StudioError
 from studio.formats.checks import LEAST_SCALE, Note, check_count, from_arrays, logits, to_arrays
 from studio.formats.compressed_ply import compressed_size, is_compressed, read_compressed
-from studio.formats.ply_properties import FILTER, NEEDED, THIRD_SCALE, check_properties
-from studio.formats.ply_properties import said_up as up_in_comments
 from studio.gaussians import Gaussians
 
 if TYPE_CHECKING:
@@ -26,6 +27,25 @@ if TYPE_CHECKING:
 _HEADER_BYTES = 1 << 20
 _SEVERAL = 100  # splats: of fewer, all values may be in a narrow range
 _DEGREES = {0: 0, 9: 1, 24: 2, 45: 3}  # by the number of f_rest properties
+_NEEDED = (
+    *("x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity"),
+    *("scale_0", "scale_1", "rot_0", "rot_1", "rot_2", "rot_3"),
+)
+_THIRD_SCALE = "scale_2"  # missing in files of 2DGS, whose splats are flat
+_FILTER = "filter_3D"  # Mip-Splatting: standard deviation of the filter in space, merged into scales and opacities
+_KNOWN = re.compile(r"f_rest_\d+|packed_(position|rotation|scale|color)")
+_HARMLESS = re.compile(r"n[xyz]{1,2}|red|green|blue|alpha")  # normals, and colors for viewers of points
+_CONVERT = "Export them as 3D Gaussians, if the program can."
+_OTHERS = {
+    "motion, or a time of their own": (
+        r"(motion|omega|trbf|velocity|vel|rot_r|f_t|time|lifespan|duration)(_.*)?|t|scale_t|v_?[xyz]",
+        "Export each moment as a PLY file of its own.",
+    ),
+    "anchors of a network": (r"f_offset.*|f_anchor.*", _CONVERT),
+    "another model of color": (r"(sg|asg|f_asg|sb|beta)(_.*)?", _CONVERT),
+    "another profile than a Gaussian": (r"(shape|nu|kernel|sharpness|gamma|negative)(_.*)?", _CONVERT),
+    "more values of shape, opacity or color": (r"(scale|scaling|rot|rotation|quat|f_dc|opacity|filter).*", _CONVERT),
+}
 
 
 def write(path: Path, gaussians: Gaussians, offset: np.ndarray | None = None) -> None:
@@ -65,8 +85,23 @@ def size(path: Path) -> tuple[int, int]:
 
 
 def said_up(path: Path) -> tuple[float, float, float] | None:
-    """Direction that points up, if a comment says so: Nerfstudio writes `Vertical Axis: z`."""
-    return up_in_comments(_opened(path).comments)
+    """Direction that points up, if a comment says so: `Vertical Axis: z` (Nerfstudio), or `Vertical axis: 0 1 0`. A
+    plain y is not one: Brush writes it into files with y down."""
+    for comment in _opened(path).comments:
+        found = re.match(r"\s*(?:vertical|up)[ _-]?axis\s*[:=]?\s*(.*)", comment, re.IGNORECASE)
+        if found is None:
+            continue
+        axis = re.match(r"([+-]?)([xyz])\b", found[1], re.IGNORECASE)
+        if axis is not None and (axis[1] or axis[2].lower() != "y"):
+            sign = -1.0 if axis[1] == "-" else 1.0
+            x, y, z = (sign if letter == axis[2].lower() else 0.0 for letter in "xyz")
+            return x, y, z
+        numbers = re.findall(r"[-+]?\d+(?:\.\d*)?", found[1])
+        if axis is None and len(numbers) == 3 and any(float(number) for number in numbers):
+            x, y, z = map(float, numbers)
+            length = (x * x + y * y + z * z) ** 0.5
+            return x / length, y / length, z / length
+    return None
 
 
 def read(path: Path, note: Note) -> Gaussians:
@@ -77,7 +112,7 @@ def read(path: Path, note: Note) -> Gaussians:
     if others:
         note(f"elements that splats do not have are ignored: {', '.join(others)}")
     if is_compressed(ply):
-        check_properties(path, [prop.name for prop in ply["vertex"].properties], note)
+        _check_properties(path, [prop.name for prop in ply["vertex"].properties], note)
         return read_compressed(path, ply)
     element = _vertices(path, ply, note)
     names = [prop.name for prop in element.properties]
@@ -93,8 +128,8 @@ def read(path: Path, note: Note) -> Gaussians:
     if rest:
         channels = stacked([f"f_rest_{index}" for index in range(3 * rest)]).reshape(element.count, 3, rest)
         sh[:, 1:] = channels.transpose(0, 2, 1)
-    log_scales = stacked([name for name in ("scale_0", "scale_1", THIRD_SCALE) if name in names])
-    if THIRD_SCALE not in names:
+    log_scales = stacked([name for name in ("scale_0", "scale_1", _THIRD_SCALE) if name in names])
+    if _THIRD_SCALE not in names:
         note("two scales a splat, as in 2DGS: the splats are flat")
         log_scales = np.pad(log_scales, ((0, 0), (0, 1)), constant_values=np.log(LEAST_SCALE))
     opacities = np.asarray(data["opacity"], np.float32)
@@ -102,9 +137,9 @@ def read(path: Path, note: Note) -> Gaussians:
         note("all scales are above one unit, as if they were not stored as logarithms")
     if len(opacities) >= _SEVERAL and opacities.min() >= 0 and opacities.max() <= 1:
         note("all opacities are from 0 to 1, as if they were not stored as logits")
-    if FILTER in names:
-        note(f"{FILTER} of Mip-Splatting is merged into scales and opacities")
-        log_scales, opacities = _filtered(log_scales, opacities, np.asarray(data[FILTER], np.float64))
+    if _FILTER in names:
+        note(f"{_FILTER} of Mip-Splatting is merged into scales and opacities")
+        log_scales, opacities = _filtered(log_scales, opacities, np.asarray(data[_FILTER], np.float64))
     doubles = any(np.asarray(data[name]).dtype.itemsize > 4 for name in "xyz")
     return from_arrays(
         {
@@ -153,20 +188,38 @@ def _vertices(path: Path, ply: PlyData, note: Note) -> PlyElement:
         fix = "Choose a file with splats."
         raise StudioError("splat_file.not_splats", problem, file=path, fix=fix, missing="vertex")
     element = ply["vertex"]
-    check_properties(path, [prop.name for prop in element.properties], note)
+    _check_properties(path, [prop.name for prop in element.properties], note)
     scalar = {prop.name for prop in element.properties if not isinstance(prop, PlyListProperty)}
-    missing = [name for name in NEEDED if name not in scalar]
+    missing = [name for name in _NEEDED if name not in scalar]
     if missing:
         problem = f"the PLY file has no property '{missing[0]}', so it does not contain plain 3D splats"
         fix = "Choose a file written by 3DGS or a compatible tool."
         raise StudioError("splat_file.not_splats", problem, file=path, fix=fix, missing=missing[0])
-    whole = [prop.name for prop in element.properties if prop.name in NEEDED and prop.dtype()[-2] in "iu"]
+    whole = [prop.name for prop in element.properties if prop.name in _NEEDED and prop.dtype()[-2] in "iu"]
     if whole:
         problem = f"the property '{whole[0]}' has integers, so it is not that of 3D splats"
         fix = "Export the file again as a PLY of 3D Gaussians."
         raise StudioError("splat_file.integers", problem, file=path, value=whole[0], fix=fix)
     check_count(path, element.count)
     return element
+
+
+def _check_properties(path: Path, names: Iterable[str], note: Note) -> None:
+    """Refuse properties that change what the others mean, and note those that are ignored."""
+    unknown = [
+        name
+        for name in names
+        if name not in (*_NEEDED, _THIRD_SCALE, _FILTER)
+        and not _KNOWN.fullmatch(name)
+        and not _HARMLESS.fullmatch(name)
+    ]
+    for what, (pattern, fix) in _OTHERS.items():
+        found = [name for name in unknown if re.fullmatch(pattern, name)]
+        if found:
+            problem = f"its splats have {what} ({', '.join(found)}), which would be lost"
+            raise StudioError("splat_file.other_splats", problem, file=path, value=found, fix=fix)
+    if unknown:
+        note(f"properties that Gaussians do not have are ignored: {', '.join(unknown)}")
 
 
 def _degree(path: Path, element: PlyElement) -> int:

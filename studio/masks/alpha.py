@@ -16,13 +16,10 @@ class AlphaMaskSource:
     def mask(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
         """See `MaskSource`. Raises StudioError `mask.alpha_missing`."""
         if image.shape[2] != 4:
+            problem = f"Frame {frame} of camera '{camera}' has no alpha channel"
+            fix = "Choose another source of masks in capture.masks."
             raise StudioError(
-                "mask.alpha_missing",
-                f"Frame {frame} of camera '{camera}' has no alpha channel",
-                fix="Choose another source of masks in capture.masks.",
-                camera=camera,
-                frame=frame,
-                setting="capture.masks",
+                "mask.alpha_missing", problem, fix=fix, camera=camera, frame=frame, setting="capture.masks"
             )
         return np.ascontiguousarray(image[:, :, 3])
 
@@ -39,13 +36,9 @@ def open_alpha(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | N
         return AlphaMaskSource(), f"alpha channel of the images{warning}"
     if not required:
         return None
-    raise StudioError(
-        "mask.alpha_missing",
-        f"capture.masks is alpha, but the images of camera '{bare}' have no alpha channel",
-        fix="Choose another source of masks in capture.masks.",
-        camera=bare,
-        setting="capture.masks",
-    )
+    problem = f"capture.masks is alpha, but the images of camera '{bare}' have no alpha channel"
+    fix = "Choose another source of masks in capture.masks."
+    raise StudioError("mask.alpha_missing", problem, fix=fix, camera=bare, setting="capture.masks")
 
 
 def _is_opaque(inputs: MaskInputs) -> bool:

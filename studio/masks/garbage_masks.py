@@ -95,12 +95,9 @@ def _drawn(spec: CaptureSettings, named: str, names: tuple[str, ...]) -> DrawnGa
     unknown = [camera for camera in found.polygons if camera not in names]
     if unknown and not (spec.cameras and len(unknown) < len(found.polygons)):  # the others may be left out on purpose
         near = difflib.get_close_matches(unknown[0], names, n=1, cutoff=0.5)
+        problem = f"the footage has no camera '{unknown[0]}'"
+        fix = (f"Did you mean '{near[0]}'? " if near else "") + f"Cameras: {', '.join(names)}."
         raise StudioError(
-            "mask.garbage_file",
-            f"the footage has no camera '{unknown[0]}'",
-            file=path,
-            value=unknown[0],
-            fix=(f"Did you mean '{near[0]}'? " if near else "") + f"Cameras: {', '.join(names)}.",
-            setting="capture.garbage_masks",
+            "mask.garbage_file", problem, file=path, value=unknown[0], fix=fix, setting="capture.garbage_masks"
         )
     return found

@@ -21,14 +21,12 @@ def open_imported(inputs: MaskInputs) -> tuple[MaskSource, str]:
     name, _, attribute = path.partition(":")
     found = getattr(_module(name, path), attribute, None)
     if isinstance(found, type) or not isinstance(found, MaskSource):
-        raise StudioError(
-            "mask.not_a_source",
-            f"capture.masks is {path}, but {attribute} in the module {name} is not a source of masks",
-            value=path,
-            fix="Write @v3studio.FunctionMaskSource above the function, or name an object with the methods of "
-            "v3studio.MaskSource.",
-            setting="capture.masks",
+        problem = f"capture.masks is {path}, but {attribute} in the module {name} is not a source of masks"
+        fix = (
+            "Write @v3studio.FunctionMaskSource above the function, or name an object with the methods of "
+            "v3studio.MaskSource."
         )
+        raise StudioError("mask.not_a_source", problem, value=path, fix=fix, setting="capture.masks")
     return found, path
 
 
@@ -44,13 +42,9 @@ def _module(name: str, path: str) -> ModuleType:
         with _LOCK, _without_working_directory():
             return importlib.import_module(name)
     except ImportError as error:
-        raise StudioError(
-            "mask.cannot_import",
-            f"capture.masks is {path}, but the module {name} cannot be imported ({error})",
-            value=path,
-            fix="Install it, or set PYTHONPATH to its folder.",
-            setting="capture.masks",
-        ) from None
+        problem = f"capture.masks is {path}, but the module {name} cannot be imported ({error})"
+        fix = "Install it, or set PYTHONPATH to its folder."
+        raise StudioError("mask.cannot_import", problem, value=path, fix=fix, setting="capture.masks") from None
 
 
 @contextmanager

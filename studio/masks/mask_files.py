@@ -185,13 +185,10 @@ def open_files(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | N
     values = source.sampled
     wanted, known = inputs.spec.mask_labels, sorted({label for found in values.values() for label in found.labels})
     if wanted not in ((), INVERTED) and known and not set(wanted) & set(known):
+        problem = f"capture.mask_labels is {inline_yaml(list(wanted))}, but the masks have {', '.join(map(str, known))}"
+        fix = "Choose from these."
         raise StudioError(
-            "mask.no_label",
-            f"capture.mask_labels is {inline_yaml(list(wanted))}, but the masks have {', '.join(map(str, known))}",
-            file=inputs.spec.root,
-            value=wanted,
-            fix="Choose from these.",
-            setting="capture.mask_labels",
+            "mask.no_label", problem, file=inputs.spec.root, value=wanted, fix=fix, setting="capture.mask_labels"
         )
     return source, f"files '{pattern}'{_described(values)}"
 
@@ -211,24 +208,15 @@ def find_files_of(
     if wanted != "auto":
         matches = [match for match in find_files(root, wanted) if match.camera in inputs.sources]
         if not matches:
-            raise StudioError(
-                code,
-                f"no {what} of the footage's cameras matches the pattern '{wanted}'",
-                file=root,
-                value=wanted,
-                fix=f"Check capture.{setting}.",
-                setting=f"capture.{setting}",
-            )
+            problem = f"no {what} of the footage's cameras matches the pattern '{wanted}'"
+            fix = f"Check capture.{setting}."
+            raise StudioError(code, problem, file=root, value=wanted, fix=fix, setting=f"capture.{setting}")
         return wanted, matches
     found = find_beside(root, folders, inputs.sources)
     if found is None and required:
-        raise StudioError(
-            code,
-            f"no {what}s found" if what != "mask" else "no mask files found",
-            file=root,
-            fix=f"Set capture.{setting}, for example '{example}'.",
-            setting=f"capture.{setting}",
-        )
+        problem = f"no {what}s found" if what != "mask" else "no mask files found"
+        fix = f"Set capture.{setting}, for example '{example}'."
+        raise StudioError(code, problem, file=root, fix=fix, setting=f"capture.{setting}")
     return found
 
 
@@ -278,15 +266,12 @@ def _file_mask_source(
     for name in names:
         missing = mask_source.missing(name, frames) if name not in without else []
         if missing:
-            raise StudioError(
-                "mask.missing",
+            problem = (
                 f"Camera '{name}' has no {what} for {plural('frame', len(missing))} {number_ranges(missing)}, but for "
-                f"{number_ranges(list(mask_source.frames(name)))}",
-                fix="Add the missing files, or rename them to the numbers of the images.",
-                camera=name,
-                frames=tuple(missing),
-                kind=what,
+                f"{number_ranges(list(mask_source.frames(name)))}"
             )
+            fix = "Add the missing files, or rename them to the numbers of the images."
+            raise StudioError("mask.missing", problem, fix=fix, camera=name, frames=tuple(missing), kind=what)
     return mask_source
 
 
@@ -310,13 +295,10 @@ def exact_masks(
         return None, ""
     matches = [match for match in find_files(spec.root, pattern) if match.camera in names]
     if not matches:
+        problem = f"no evaluation mask matches the pattern '{pattern}'"
+        fix = "Check evaluate.exact_masks."
         raise StudioError(
-            "mask.not_found",
-            f"no evaluation mask matches the pattern '{pattern}'",
-            file=spec.root,
-            value=pattern,
-            fix="Check evaluate.exact_masks.",
-            setting="evaluate.exact_masks",
+            "mask.not_found", problem, file=spec.root, value=pattern, fix=fix, setting="evaluate.exact_masks"
         )
     mask_source = _file_mask_source(matches, spec, names, frames, DecoderPool(len(names)), "evaluation mask")
     return mask_source, f"Evaluation within the exact masks '{pattern}'."

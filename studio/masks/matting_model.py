@@ -65,22 +65,14 @@ class MattingModel:
         self.device, self.threads, self._given = device, threads, path
         self.kind = KINDS[kind]
         if not path.is_file():
-            raise StudioError(
-                "mask.model_missing",
-                "matting model not found",
-                file=path,
-                fix="Set capture.mask_model to the file of a model.",
-                setting="capture.mask_model",
-            )
+            problem = "matting model not found"
+            fix = "Set capture.mask_model to the file of a model."
+            raise StudioError("mask.model_missing", problem, file=path, fix=fix, setting="capture.mask_model")
         self._lite = path.suffix == ".tflite"
         if not self._lite and importlib.util.find_spec("onnxruntime") is None:
-            raise StudioError(
-                "mask.runtime_missing",
-                "matting models need onnxruntime, which is not installed",
-                file=path,
-                fix="Run: pip install onnxruntime (with an NVIDIA GPU: pip install onnxruntime-gpu).",
-                package="onnxruntime",
-            )
+            problem = "matting models need onnxruntime, which is not installed"
+            fix = "Run: pip install onnxruntime (with an NVIDIA GPU: pip install onnxruntime-gpu)."
+            raise StudioError("mask.runtime_missing", problem, file=path, fix=fix, package="onnxruntime")
         self.path = whole_files(self.files())[0]
         self._loaded: _Loaded | _LoadedLite | None = None
         self._lock = threading.Lock()
@@ -107,25 +99,17 @@ class MattingModel:
         mask = first_mask(outputs)
         if mask is None:
             shapes = ", ".join("x".join(map(str, output.shape)) for output in outputs)
-            raise StudioError(
-                "mask.model_outputs",
-                f"the matting model returns {shapes}, none of which is a mask (1x1xHxW)",
-                file=self.path,
-                value=shapes,
-                setting="capture.mask_model",
-            )
+            problem = f"the matting model returns {shapes}, none of which is a mask (1x1xHxW)"
+            raise StudioError("mask.model_outputs", problem, file=self.path, value=shapes, setting="capture.mask_model")
         mask = np.ascontiguousarray(mask, np.float32)
         if self.kind.logits:
             return (1.0 / (1.0 + np.exp(-np.clip(mask, -60.0, 60.0)))).astype(np.float32)
         low, high = float(mask.min()), float(mask.max())
         if not (low >= -0.01 and high <= 1.01):  # NaN too
+            problem = f"the matting model returns values from {low:.3g} to {high:.3g}, outside 0 to 1"
+            fix = "Correct the kind in capture.mask_model; birefnet if these are logits."
             raise StudioError(
-                "mask.model_values",
-                f"the matting model returns values from {low:.3g} to {high:.3g}, outside 0 to 1",
-                file=self.path,
-                value=(low, high),
-                fix="Correct the kind in capture.mask_model; birefnet if these are logits.",
-                setting="capture.mask_model",
+                "mask.model_values", problem, file=self.path, value=(low, high), fix=fix, setting="capture.mask_model"
             )
         return mask
 
@@ -174,15 +158,12 @@ class _Loaded:
         except Exception as error:  # onnxruntime's errors have no common base class
             raise _unloadable(path, error) from None
         if device.startswith("cuda") and self._session.get_providers()[0] == "CPUExecutionProvider":
-            raise StudioError(
-                "mask.no_cuda",
-                f"run.device is {device}, but onnxruntime cannot initialize CUDA for the matting model",
-                file=path,
-                value=device,
-                fix="Install the CUDA and cuDNN versions that your onnxruntime-gpu requires, or set run.device to auto "
-                "or cpu.",
-                setting="run.device",
+            problem = f"run.device is {device}, but onnxruntime cannot initialize CUDA for the matting model"
+            fix = (
+                "Install the CUDA and cuDNN versions that your onnxruntime-gpu requires, or set run.device to auto "
+                "or cpu."
             )
+            raise StudioError("mask.no_cuda", problem, file=path, value=device, fix=fix, setting="run.device")
         inputs = self._session.get_inputs()
         if len(inputs) != 1:
             names = ", ".join(one.name for one in inputs)
@@ -199,13 +180,8 @@ class _Loaded:
         is_image = len(shape) == 4 and _number(shape[1], 3) == 3 and shape[3] != 3
         if self._input.type not in ("tensor(float)", "tensor(float16)") or not is_image:
             found = f"{self._input.type} {'x'.join(map(str, shape))}"
-            raise StudioError(
-                "mask.model_inputs",
-                f"the input of the matting model is {found}; expected float, 1x3xHxW (RGB, channels first)",
-                file=path,
-                value=found,
-                setting="capture.mask_model",
-            )
+            problem = f"the input of the matting model is {found}; expected float, 1x3xHxW (RGB, channels first)"
+            raise StudioError("mask.model_inputs", problem, file=path, value=found, setting="capture.mask_model")
         self._dtype = np.float16 if self._input.type == "tensor(float16)" else np.float32
         self.fixed = (_number(shape[2]), _number(shape[3]))
 
@@ -224,13 +200,9 @@ def providers(device: str, available: Sequence[str]) -> list[Any]:
     if device == "cpu" or (device == "auto" and cuda not in available):
         return ["CPUExecutionProvider"]
     if cuda not in available:
-        raise StudioError(
-            "mask.no_cuda",
-            f"run.device is {device}, but the installed onnxruntime does not support CUDA",
-            value=device,
-            fix="Replace it with onnxruntime-gpu, or set run.device to auto or cpu.",
-            setting="run.device",
-        )
+        problem = f"run.device is {device}, but the installed onnxruntime does not support CUDA"
+        fix = "Replace it with onnxruntime-gpu, or set run.device to auto or cpu."
+        raise StudioError("mask.no_cuda", problem, value=device, fix=fix, setting="run.device")
     index = int(device.partition(":")[2] or 0) if device != "auto" else 0
     return [(cuda, {"device_id": index}), "CPUExecutionProvider"]
 
@@ -281,25 +253,16 @@ def _number(size: Any, otherwise: int | None = None) -> int | None:
 
 
 def _unloadable(path: Path, error: Exception) -> StudioError:
-    return StudioError(
-        "mask.model_unloadable",
-        f"cannot load the matting model ({_first_line(error)})",
-        file=path,
-        fix="Replace the file.",
-        setting="capture.mask_model",
-    )
+    problem = f"cannot load the matting model ({_first_line(error)})"
+    fix = "Replace the file."
+    return StudioError("mask.model_unloadable", problem, file=path, fix=fix, setting="capture.mask_model")
 
 
 def _failed(path: Path, image: np.ndarray, error: Exception) -> StudioError:
     size = (image.shape[3], image.shape[2])
-    return StudioError(
-        "mask.model_failed",
-        f"the matting model fails on an image of {size[0]}x{size[1]} ({_first_line(error)})",
-        file=path,
-        value=size,
-        fix="Check the kind in capture.mask_model.",
-        setting="capture.mask_model",
-    )
+    problem = f"the matting model fails on an image of {size[0]}x{size[1]} ({_first_line(error)})"
+    fix = "Check the kind in capture.mask_model."
+    return StudioError("mask.model_failed", problem, file=path, value=size, fix=fix, setting="capture.mask_model")
 
 
 def _first_line(error: Exception) -> str:
@@ -310,12 +273,9 @@ def load_model(inputs: MaskInputs) -> MattingModel:
     """The model of `capture.mask_model`. Raises StudioError `mask.model_not_set`, or as `MattingModel`."""
     spec, named = inputs.spec, inputs.spec.kind_and_file
     if named is None:
-        raise StudioError(
-            "mask.model_not_set",
-            "capture.masks is model, but no model is set",
-            fix="Set capture.mask_model to KIND:FILE.",
-            setting="capture.mask_model",
-        )
+        problem = "capture.masks is model, but no model is set"
+        fix = "Set capture.mask_model to KIND:FILE."
+        raise StudioError("mask.model_not_set", problem, fix=fix, setting="capture.mask_model")
     kind, file = named
     return MattingModel(spec.root / Path(file).expanduser(), kind, device=inputs.device, threads=inputs.threads)
 

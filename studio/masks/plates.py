@@ -115,12 +115,8 @@ def plates_from_files(
         from studio.capture.video import VideoReader
 
         if camera not in groups:
-            raise StudioError(
-                "mask.plate_missing",
-                f"Camera '{camera}' has no clean plate; cameras with one: {', '.join(sorted(groups)) or 'none'}",
-                camera=camera,
-                setting="capture.clean_plates",
-            )
+            problem = f"Camera '{camera}' has no clean plate; cameras with one: {', '.join(sorted(groups)) or 'none'}"
+            raise StudioError("mask.plate_missing", problem, camera=camera, setting="capture.clean_plates")
         paths = [match.path for match in groups[camera]]
         if paths[0].suffix.lower() in VIDEO_EXTENSIONS:
             reader = VideoReader(paths[0], color_matrix, transfer)
@@ -167,14 +163,9 @@ def open_median_background(inputs: MaskInputs, required: bool) -> tuple[MaskSour
     if count < (3 if required else FEW_FRAMES):
         if not required:
             return None
-        raise StudioError(
-            "mask.too_few_frames",
-            f"A median background needs at least 3 frames, but the footage has {count}",
-            value=count,
-            fix="Provide masks or clean plates.",
-            expected=3,
-            setting="capture.masks",
-        )
+        problem = f"A median background needs at least 3 frames, but the footage has {count}"
+        fix = "Provide masks or clean plates."
+        raise StudioError("mask.too_few_frames", problem, value=count, fix=fix, expected=3, setting="capture.masks")
     spec, folder = inputs.spec, inputs.cache_folder
 
     def background(camera: str) -> Background:

@@ -113,12 +113,11 @@ class Lpips:
         about 1 for unrelated ones."""
         if image.shape != target.shape or image.ndim != 3 or image.shape[-1] != 3 or min(image.shape[:2]) < SMALLEST:
             shapes = (tuple(image.shape), tuple(target.shape))
-            raise StudioError(
-                "metrics.image_shape",
+            problem = (
                 f"the images have shapes {shapes[0]} and {shapes[1]}; LPIPS needs (H, W, 3), the same size for both, "
-                f"and at least {SMALLEST}x{SMALLEST} pixels",
-                value=shapes,
+                f"and at least {SMALLEST}x{SMALLEST} pixels"
             )
+            raise StudioError("metrics.image_shape", problem, value=shapes)
         with torch.no_grad():
             pair = torch.stack([image, target]).to(self._device, torch.float32).permute(0, 3, 1, 2)
             shift, scale = (pair.new_tensor(values).view(3, 1, 1) for values in (_SHIFT, _SCALE))

@@ -60,14 +60,13 @@ def check_finite(gaussians: Gaussians) -> None:
         bad = ~torch.isfinite(tensor.detach()).reshape(len(gaussians), -1).all(-1)
         if bad.any():
             splat = int(bad.nonzero()[0, 0])
-            raise StudioError(
-                "gaussians.not_finite",
+            problem = (
                 f"{name} of splat {splat} is not finite: {tensor[splat].detach().flatten()[:4].tolist()} "
-                f"({int(bad.sum())} of {len(gaussians)} splats)",
-                fix="Lower the learning rate, or remove these splats",
-                attribute=name,
-                splat=splat,
-                count=int(bad.sum()),
+                f"({int(bad.sum())} of {len(gaussians)} splats)"
+            )
+            fix = "Lower the learning rate, or remove these splats"
+            raise StudioError(
+                "gaussians.not_finite", problem, fix=fix, attribute=name, splat=splat, count=int(bad.sum())
             )
     flat = gaussians.quats.detach().norm(dim=-1) == 0
     if flat.any():

@@ -125,13 +125,12 @@ class Store:
         if isinstance(error, _Truncated):
             text = ""
         if _CREDENTIALS.search(text):
-            return StudioError(
-                "storage.no_credentials",
-                "there are no credentials for this store, or they are incomplete",
-                file=file,
-                fix="Set them in the environment of every machine, such as AWS_ACCESS_KEY_ID and "
-                "AWS_SECRET_ACCESS_KEY for s3://.",
+            problem = "there are no credentials for this store, or they are incomplete"
+            fix = (
+                "Set them in the environment of every machine, such as AWS_ACCESS_KEY_ID and "
+                "AWS_SECRET_ACCESS_KEY for s3://."
             )
+            return StudioError("storage.no_credentials", problem, file=file, fix=fix)
         if isinstance(error, PermissionError) or _DENIED.search(text):
             fix = f"Check the credentials in the environment, and that they may {_NEEDED[what]}."
             return StudioError("storage.denied", f"the store refuses access ({reason})", file=file, fix=fix)

@@ -80,14 +80,13 @@ def component_frames(frames: Iterable[Gaussians], order: np.ndarray | None = Non
             fix = "Train the group again, or split it."
             raise StudioError("bake.mixed_frames", problem, value=found, fix=fix, frame=number, expected=shape)
         if frame.dilation != first.dilation:
-            raise StudioError(
-                "bake.mixed_dilations",
+            problem = (
                 f"frame {number} of the group has a dilation of {frame.dilation:g} square pixels, but its "
-                f"keyframe {first.dilation:g}",
-                value=frame.dilation,
-                fix="Train the group again.",
-                frame=number,
-                expected=first.dilation,
+                f"keyframe {first.dilation:g}"
+            )
+            fix = "Train the group again."
+            raise StudioError(
+                "bake.mixed_dilations", problem, value=frame.dilation, fix=fix, frame=number, expected=first.dilation
             )
         arrays = {name: tensor.numpy().astype(np.float32, copy=False) for name, tensor in frame.on_cpu().items()}
         for name, array in arrays.items():

@@ -36,20 +36,12 @@ def initial_gaussians(points: Tensor, colors: Tensor, sh_degree: int, dilation: 
     from scipy.spatial import cKDTree
 
     if len(points) < 4:
-        raise StudioError(
-            "training.too_few_points",
-            f"{len(points)} initial points; a keyframe needs at least 4",
-            value=len(points),
-            fix="Run the initialize stage again",
-        )
+        problem = f"{len(points)} initial points; a keyframe needs at least 4"
+        raise StudioError("training.too_few_points", problem, value=len(points), fix="Run the initialize stage again")
     if not bool(torch.isfinite(points).all()):
         count = int((~torch.isfinite(points)).any(-1).sum())
-        raise StudioError(
-            "training.points_not_finite",
-            f"{count} of {len(points)} initial points have a coordinate that is not finite",
-            value=count,
-            fix="Run the initialize stage again",
-        )
+        problem = f"{count} of {len(points)} initial points have a coordinate that is not finite"
+        raise StudioError("training.points_not_finite", problem, value=count, fix="Run the initialize stage again")
     array = points.cpu().double().numpy()
     distance = cKDTree(array).query(array, k=4)[0][:, 1:].mean(1)
     floor = 1e-6 * max(float(np.ptp(array, axis=0).max()), 1e-9)
@@ -203,12 +195,9 @@ class _Run:
         self._advance(gaussians)
         self._density.after_step(iteration, optimizer, self._generator)
         if len(optimizer) == 0:
-            raise StudioError(
-                "training.no_splats_left",
-                f"keyframe training removed all splats at step {iteration}",
-                fix="Check the masks and the calibration",
-                step=iteration,
-            )
+            problem = f"keyframe training removed all splats at step {iteration}"
+            fix = "Check the masks and the calibration"
+            raise StudioError("training.no_splats_left", problem, fix=fix, step=iteration)
 
     def _advance(self, gaussians: Gaussians) -> None:
         step = self._stepper(gaussians, dropout=True)
@@ -239,12 +228,9 @@ class _Run:
             self.refinement.restore(part_of(state, "refinement."))
             self._generator.set_state(state["generator"].cpu())
         except KeyError as error:
-            raise StudioError(
-                "training.checkpoint_incomplete",
-                f"the keyframe checkpoint does not contain {error}",
-                value=str(error.args[0]),
-                fix="Delete the checkpoint to train the keyframe from the start",
-            ) from None
+            problem = f"the keyframe checkpoint does not contain {error}"
+            fix = "Delete the checkpoint to train the keyframe from the start"
+            raise StudioError("training.checkpoint_incomplete", problem, value=str(error.args[0]), fix=fix) from None
 
 
 def prune(optimizer: SplatOptimizer, importance: Tensor, count: int) -> None:

@@ -50,12 +50,8 @@ def photometric_loss(image: Tensor, target: Tensor, dssim_weight: float = 0.2) -
     """
     check_image_pair(image, target)
     if not 0 <= dssim_weight <= 1:
-        raise StudioError(
-            "settings.invalid_value",
-            f"dssim_weight is {dssim_weight}; it must be between 0 and 1",
-            value=dssim_weight,
-            setting="train.dssim_weight",
-        )
+        problem = f"dssim_weight is {dssim_weight}; it must be between 0 and 1"
+        raise StudioError("settings.invalid_value", problem, value=dssim_weight, setting="train.dssim_weight")
     if image.device == target.device and image.dtype == target.dtype == torch.float32:
         if image.device.type == "cpu" and "cpu" in available_backends():
             return _Fused.apply(image, target, float(dssim_weight))

@@ -51,13 +51,9 @@ class Step:
         if number % FIGURES_EVERY:
             return {}
         if not torch.isfinite(self.loss):
-            raise StudioError(
-                "training.diverged",
-                f"{phase} training diverged: the loss is {float(self.loss)}",
-                value=float(self.loss),
-                fix="Lower the learning rates (train.rates), or check the images and masks",
-                phase=phase,
-            )
+            problem = f"{phase} training diverged: the loss is {float(self.loss)}"
+            fix = "Lower the learning rates (train.rates), or check the images and masks"
+            raise StudioError("training.diverged", problem, value=float(self.loss), fix=fix, phase=phase)
         found = float(psnr(self.image.detach(), self.target))
         return {"loss": float(self.loss.detach()), "psnr": found, "splats": splats}
 

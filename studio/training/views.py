@@ -305,12 +305,8 @@ def mask_box(mask: np.ndarray, margin: float, name: str) -> tuple[int, int, int,
     rows = np.flatnonzero((mask > 127).any(1))
     columns = np.flatnonzero((mask > 127).any(0))
     if rows.size == 0:
-        raise StudioError(
-            "mask.empty",
-            f"the mask of camera '{name}' is empty, so the view cannot be used for training",
-            fix="Fix the mask",
-            camera=name,
-        )
+        problem = f"the mask of camera '{name}' is empty, so the view cannot be used for training"
+        raise StudioError("mask.empty", problem, fix="Fix the mask", camera=name)
     pad_y = 16 + int(margin * (rows[-1] - rows[0] + 1))
     pad_x = 16 + int(margin * (columns[-1] - columns[0] + 1))
     top, bottom = max(0, rows[0] - pad_y), min(mask.shape[0], rows[-1] + 1 + pad_y)
@@ -323,12 +319,8 @@ class Shuffled:
 
     def __init__(self, views: Sequence[TrainingView], generator: torch.Generator) -> None:
         if not views:
-            raise StudioError(
-                "training.no_views",
-                "there are no training views",
-                fix="Remove at least one camera from capture.held_out",
-                setting="capture.held_out",
-            )
+            fix = "Remove at least one camera from capture.held_out"
+            raise StudioError("training.no_views", "there are no training views", fix=fix, setting="capture.held_out")
         self.views, self._generator = views, generator
         self._left: list[int] = []
 

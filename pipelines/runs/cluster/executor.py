@@ -248,12 +248,10 @@ class _Run:
         try:
             node, problem = self._ray.get(reference)
         except RayTaskError as error:
+            problem = f"group {job.group.index} failed on {self._nodes.name(job.node)}: {_last_line(error)}"
+            fix = "Check that all nodes have the same version of V3 Studio."
             raise StudioError(
-                "cluster.task_failed",
-                f"group {job.group.index} failed on {self._nodes.name(job.node)}: {_last_line(error)}",
-                fix="Check that all nodes have the same version of V3 Studio.",
-                group=job.group.index,
-                node=self._nodes.name(job.node),
+                "cluster.task_failed", problem, fix=fix, group=job.group.index, node=self._nodes.name(job.node)
             ) from None
         except OutOfMemoryError:
             self._out_of_memory(job)

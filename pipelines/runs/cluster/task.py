@@ -97,13 +97,12 @@ def _plain(message: Message) -> Message:
 def _refuse_other_versions(task: GroupTask) -> None:
     here = versions()
     if here != (task.version, task.python):
-        raise StudioError(
-            "cluster.version",
+        problem = (
             f"{socket.gethostname()} has V3 Studio {here[0]} on Python {here[1]}, but the run was started with "
-            f"{task.version} on Python {task.python}",
-            fix="Install the same versions on all nodes.",
-            node=socket.gethostname(),
+            f"{task.version} on Python {task.python}"
         )
+        fix = "Install the same versions on all nodes."
+        raise StudioError("cluster.version", problem, fix=fix, node=socket.gethostname())
 
 
 def _do_when_visible(task: GroupTask, node: str) -> None:

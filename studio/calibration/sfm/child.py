@@ -101,11 +101,8 @@ def run_reporting(
         raise StudioError("calibration.worker_failed", f"{what} failed: {failure}", value=failure)
     if not finished or child.returncode != 0:
         tail = " / ".join(line for line in errors[-3:] if line)
+        problem = f"{what} ended unexpectedly with exit code {child.returncode}: {tail or 'no error output'}"
+        fix = "If memory ran out, close other programs, or reduce calibrate.frame_count."
         raise StudioError(
-            "calibration.worker_died",
-            f"{what} ended unexpectedly with exit code {child.returncode}: {tail or 'no error output'}",
-            value=child.returncode,
-            fix="If memory ran out, close other programs, or reduce calibrate.frame_count.",
-            exit_code=child.returncode,
-            stderr=tail,
+            "calibration.worker_died", problem, value=child.returncode, fix=fix, exit_code=child.returncode, stderr=tail
         )

@@ -43,25 +43,19 @@ def write_pictures(
     sync_frames = counts[names[0]]
     for name, count in counts.items():
         if count != sync_frames:
+            problem = f"camera '{name}' has {count} images, camera '{names[0]}' has {sync_frames}"
+            fix = "Use the same sync frames for all cameras."
             raise StudioError(
-                "calibration.image_count",
-                f"camera '{name}' has {count} images, camera '{names[0]}' has {sync_frames}",
-                value=count,
-                fix="Use the same sync frames for all cameras.",
-                camera=name,
-                expected=sync_frames,
+                "calibration.image_count", problem, value=count, fix=fix, camera=name, expected=sync_frames
             )
     sizes: dict[str, tuple[int, int]] = {}
     for number, name in enumerate(names):
         own = _list(masks[name]) if name in masks else [None] * sync_frames
         if len(own) != sync_frames:
+            problem = f"camera '{name}' has {len(own)} masks for {sync_frames} images"
+            fix = "Provide one mask per image."
             raise StudioError(
-                "calibration.mask_count",
-                f"camera '{name}' has {len(own)} masks for {sync_frames} images",
-                value=len(own),
-                fix="Provide one mask per image.",
-                camera=name,
-                expected=sync_frames,
+                "calibration.mask_count", problem, value=len(own), fix=fix, camera=name, expected=sync_frames
             )
         usable = False
         for sync_frame, (picture, mask) in enumerate(zip(_list(images[name]), own, strict=True)):
@@ -89,13 +83,9 @@ def write_pictures(
             done = number * sync_frames + sync_frame + 1
             progress(round(5 * done / (len(names) * sync_frames)), 100)
         if not usable:
-            raise StudioError(
-                "calibration.mask_empty",
-                f"camera '{name}': the masks exclude all of its images",
-                fix="Fix the masks, or set calibrate.look_at to everything.",
-                camera=name,
-                setting="calibrate.look_at",
-            )
+            problem = f"camera '{name}': the masks exclude all of its images"
+            fix = "Fix the masks, or set calibrate.look_at to everything."
+            raise StudioError("calibration.mask_empty", problem, fix=fix, camera=name, setting="calibrate.look_at")
     return sizes, sync_frames
 
 

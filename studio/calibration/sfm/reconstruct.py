@@ -77,12 +77,8 @@ def calibrate_from_images(
     started = time.monotonic()
     names = list(images)
     if len(names) < 2:
-        raise StudioError(
-            "calibration.too_few_images",
-            f"structure from motion needs images of at least 2 cameras, found {len(names)}",
-            value=len(names),
-            expected=2,
-        )
+        problem = f"structure from motion needs images of at least 2 cameras, found {len(names)}"
+        raise StudioError("calibration.too_few_images", problem, value=len(names), expected=2)
     for leftover in ("images", "masks", "models", "models_global", "models_known"):
         shutil.rmtree(workdir / leftover, ignore_errors=True)
     for leftover in ("solution.json", "points.npz"):

@@ -95,13 +95,9 @@ def bake_group(
         )
     rungs = settings.rungs
     if finetuned is None and any(rung.finetuned for rung in rungs):
-        raise StudioError(
-            "bake.no_finetuning",
-            "a rung's splats are to be trained further after pruning, but there is no footage to train them on",
-            fix="Bake a take, pass finetuned, or set finetune_iterations of all rungs to 0.",
-            setting="bake.ladder",
-            group=group,
-        )
+        problem = "a rung's splats are to be trained further after pruning, but there is no footage to train them on"
+        fix = "Bake a take, pass finetuned, or set finetune_iterations of all rungs to 0."
+        raise StudioError("bake.no_finetuning", problem, fix=fix, setting="bake.ladder", group=group)
     folder = directory / f"group_{group:03d}"
     partial = temporary_path(folder)
     try:
@@ -135,19 +131,11 @@ def bake_group(
             renditions=tuple(made[rung.id] for rung in rungs),
         )
     except ValidationError as problem:
-        raise StudioError(
-            "bake.group_invalid",
-            f"group {group} cannot be represented in the format ({invalid(problem, '', '').problem})",
-            fix="Train the group again.",
-            group=group,
-        ) from None
+        problem = f"group {group} cannot be represented in the format ({invalid(problem, '', '').problem})"
+        raise StudioError("bake.group_invalid", problem, fix="Train the group again.", group=group) from None
     except OSError as problem:
-        raise StudioError(
-            "bake.write_failed",
-            f"the group cannot be written ({problem.strerror or problem})",
-            file=folder,
-            group=group,
-        ) from None
+        problem = f"the group cannot be written ({problem.strerror or problem})"
+        raise StudioError("bake.write_failed", problem, file=folder, group=group) from None
     finally:
         shutil.rmtree(partial, ignore_errors=True)
 

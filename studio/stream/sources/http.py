@@ -175,13 +175,10 @@ class HttpSource:
                 if time.monotonic() + wait > failing_since + patience:
                     if self._closed.is_set():
                         continue
+                    problem = f"{problem} ({attempts} attempts in {time.monotonic() - began:.0f} s)"
+                    fix = "Check the URL, the network and the server, then try again."
                     raise SourceUnavailable(
-                        "source.unavailable",
-                        f"{problem} ({attempts} attempts in {time.monotonic() - began:.0f} s)",
-                        file=name,
-                        fix="Check the URL, the network and the server, then try again.",
-                        reason=problem.reason,
-                        attempts=attempts,
+                        "source.unavailable", problem, file=name, fix=fix, reason=problem.reason, attempts=attempts
                     ) from None
                 self._closed.wait(wait)
 
