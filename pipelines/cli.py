@@ -139,13 +139,10 @@ def _run(known: argparse.Namespace) -> tuple[int, Message | None]:
         if error.filename is None:
             raise
         file = Path(os.fsdecode(error.filename))
+        problem = f"cannot be read or written ({reason_of(error)})"
+        fix = "Check the path and its permissions."
         return _refused(
-            StudioError(
-                "file.failed",
-                f"cannot be read or written ({reason_of(error)})",
-                file=file.parent if PARTIAL in file.name else file,
-                fix="Check the path and its permissions.",
-            )
+            StudioError("file.failed", problem, file=file.parent if PARTIAL in file.name else file, fix=fix)
         )
     return code, None
 

@@ -85,13 +85,11 @@ class SplatVideo:
         low, high = first if start is None else start, end if stop is None else stop
         chosen = [index for index in range(self.frame_count) if low <= self.number(index) < high][:: max(step, 1)]
         if not first <= low < high <= end or step < 1 or not chosen:
+            problem = f"no frames {low}:{high}:{step} in a video of the frames {first} to {end - 1}"
+            value = [low, high, step]
+            fix = f"Choose a range within {first}:{end}."
             raise StudioError(
-                "splat_video.frame_range",
-                f"no frames {low}:{high}:{step} in a video of the frames {first} to {end - 1}",
-                file=self.name,
-                value=[low, high, step],
-                fix=f"Choose a range within {first}:{end}.",
-                expected=[first, end],
+                "splat_video.frame_range", problem, file=self.name, value=value, fix=fix, expected=[first, end]
             )
         read, seconds = self.read, len(chosen) * step / self.fps
         starts = []

@@ -110,13 +110,12 @@ class PathEditor:
         """Set when a view is reached; later ones move by as much. Raises StudioError: not after the view before it."""
         least = self.keys[index - 1].time + LEAST_SECONDS if index else 0.0
         if index == 0 or not least <= seconds <= 3600:
-            raise StudioError(
-                "camera_path.times",
+            problem = (
                 "the first view is at 0 s"
                 if index == 0
-                else f"{seconds:g} s is not between {least:.1f} s, after the view before it, and 3600 s",
-                value=seconds,
+                else f"{seconds:g} s is not between {least:.1f} s, after the view before it, and 3600 s"
             )
+            raise StudioError("camera_path.times", problem, value=seconds)
         by = seconds - self.keys[index].time
         later = [replace(key, time=key.time + by) for key in self.keys[index:]]
         self._set([*self.keys[:index], *later], "times of the camera path")

@@ -116,15 +116,14 @@ def _cameras(footage: TakeFootage, protocol: EvaluationProtocol, cameras: Sequen
     for one in wanted:
         name = find_camera(one, known)
         if name is None:
-            raise StudioError(
-                "compare.no_such_camera",
+            problem = (
                 f"the footage has no camera '{one}', which protocol {protocol.name} measures"
                 if not cameras
-                else f"the footage has no camera '{one}'",
-                file=footage.take.root,
-                value=one,
-                fix=f"Name others with --cameras A,B. Cameras: {', '.join(known)}.",
-                option="--cameras",
+                else f"the footage has no camera '{one}'"
+            )
+            fix = f"Name others with --cameras A,B. Cameras: {', '.join(known)}."
+            raise StudioError(
+                "compare.no_such_camera", problem, file=footage.take.root, value=one, fix=fix, option="--cameras"
             )
         names.append(name)
     return tuple(dict.fromkeys(names))

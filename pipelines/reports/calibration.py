@@ -79,17 +79,16 @@ def calibration_warnings(report: CalibrationReport) -> list[Message]:
         )
     for name, figures in report.cameras.items():
         if figures.usual_focal is not None:
-            found.append(
-                Message(
-                    "calibration.focal_length",
-                    f"camera '{name}' has a focal length of {figures.focal:.0f} px, the others "
-                    f"{figures.usual_focal:.0f} px; unless its zoom differs, its intrinsics are wrong",
-                    value=figures.focal,
-                    fix="Try calibrate.shared_intrinsics or calibrate.intrinsics_groups, or set its intrinsics with "
-                    "calibrate.known_cameras.",
-                    fields={"camera": name, "expected": figures.usual_focal, "setting": "calibrate.shared_intrinsics"},
-                )
+            problem = (
+                f"camera '{name}' has a focal length of {figures.focal:.0f} px, the others "
+                f"{figures.usual_focal:.0f} px; unless its zoom differs, its intrinsics are wrong"
             )
+            fix = (
+                "Try calibrate.shared_intrinsics or calibrate.intrinsics_groups, or set its intrinsics with "
+                "calibrate.known_cameras."
+            )
+            fields = {"camera": name, "expected": figures.usual_focal, "setting": "calibrate.shared_intrinsics"}
+            found.append(Message("calibration.focal_length", problem, value=figures.focal, fix=fix, fields=fields))
     poor = [name for name, figures in report.cameras.items() if figures.mean > 1]
     if poor and mean <= 1:
         problem = f"the reprojection error is more than 1 px for {', '.join(poor)}"
@@ -115,14 +114,10 @@ def calibration_warnings(report: CalibrationReport) -> list[Message]:
     }
     weak |= {n: f"{n} ({share:.0%} of its matches agree)" for n, share in report.agree.items() if share < MISPLACED}
     if weak:
-        found.append(
-            Message(
-                "calibration.weak_cameras",
-                f"these cameras are less certain than the others (1 sigma): {', '.join(weak.values())}",
-                fix="Use more frames (calibrate.frame_count), or marked points.",
-                fields={"cameras": list(weak), "setting": "calibrate.frame_count"},
-            )
-        )
+        problem = f"these cameras are less certain than the others (1 sigma): {', '.join(weak.values())}"
+        fix = "Use more frames (calibrate.frame_count), or marked points."
+        fields = {"cameras": list(weak), "setting": "calibrate.frame_count"}
+        found.append(Message("calibration.weak_cameras", problem, fix=fix, fields=fields))
     known = report.known_intrinsics
     sparse = [n for n, figures in report.cameras.items() if figures.coverage < _SPARSE and n not in known]
     if sparse:
@@ -152,27 +147,18 @@ def tie_warnings(report: CalibrationReport) -> list[Message]:
     unsure = {name: share for name, share in report.uncertain.items() if share > _UNSURE}
     if unsure:
         worst = max(unsure, key=lambda name: unsure[name])
-        found.append(
-            Message(
-                "tie_points.position_uncertainty",
-                f"the 1-sigma position uncertainty of {', '.join(unsure)} is up to {unsure[worst]:.0%} of the distance "
-                f"to the points ({worst})",
-                value=unsure[worst],
-                fix="Mark more points in these cameras, spread over the image and in depth.",
-                fields={"cameras": list(unsure), "camera": worst},
-            )
+        problem = (
+            f"the 1-sigma position uncertainty of {', '.join(unsure)} is up to {unsure[worst]:.0%} of the distance "
+            f"to the points ({worst})"
         )
+        fix = "Mark more points in these cameras, spread over the image and in depth."
+        fields = {"cameras": list(unsure), "camera": worst}
+        found.append(Message("tie_points.position_uncertainty", problem, value=unsure[worst], fix=fix, fields=fields))
     for mark in report.left_out:
         where = "behind the camera" if mark.error is None else f"{mark.error:.1f} px away"
-        found.append(
-            Message(
-                "tie_points.rejected",
-                f"point '{mark.point}' was rejected in {mark.camera}: the other marks put it {where}",
-                value=mark.error,
-                fix="Check this mark.",
-                fields={"point": mark.point, "camera": mark.camera},
-            )
-        )
+        problem = f"point '{mark.point}' was rejected in {mark.camera}: the other marks put it {where}"
+        fields = {"point": mark.point, "camera": mark.camera}
+        found.append(Message("tie_points.rejected", problem, value=mark.error, fix="Check this mark.", fields=fields))
     off = {name: point.off for name, point in report.tie_points.items() if point.off is not None}
     limit = _FAR_OFF * (report.world_accuracy or 0.0)
     far = sorted((name for name in off if off[name] > limit), key=lambda name: -off[name])

@@ -243,13 +243,10 @@ def _note_evaluation(take: Take, emit: Emit) -> None:
     try:
         note_evaluation(take)
     except (StudioError, OSError) as error:
-        problem = error.message.problem if isinstance(error, StudioError) else reason_of(error)
-        message = Message(
-            "bakes.evaluation_not_noted",
-            f"the kept bake of this stream could not be given the evaluation ({problem})",
-            take.bakes,
-            fix="Run `v3studio evaluate` again; nothing is measured again.",
-        )
+        reason = error.message.problem if isinstance(error, StudioError) else reason_of(error)
+        problem = f"the kept bake of this stream could not be given the evaluation ({reason})"
+        fix = "Run `v3studio evaluate` again; nothing is measured again."
+        message = Message("bakes.evaluation_not_noted", problem, take.bakes, fix=fix)
         emit(Warned.of(message, stage="evaluate"))
 
 

@@ -214,22 +214,15 @@ def _from_footage(inputs: Inputs, reporter: StageReporter) -> tuple[Rig, Calibra
     attempts = frames_to_try(section, footage.frames)
     names = footage.camera_names
     if section.frame_count is not None and section.frame_count > len(attempts[-1]):
-        reporter.warn(
-            Message(
-                "footage.few_frames",
-                f"calibrate.frame_count = {section.frame_count}, but only {len(attempts[-1])} frames are used",
-                value=section.frame_count,
-                fields={"setting": "calibrate.frame_count", "frames": len(attempts[-1])},
-            )
-        )
+        problem = f"calibrate.frame_count = {section.frame_count}, but only {len(attempts[-1])} frames are used"
+        fields = {"setting": "calibrate.frame_count", "frames": len(attempts[-1])}
+        reporter.warn(Message("footage.few_frames", problem, value=section.frame_count, fields=fields))
     if section.look_at != "everything" and inputs.config.capture.masks == "none":
+        problem = f"calibrate.look_at = {section.look_at} needs masks, but capture.masks is none"
+        value = section.look_at
+        fix = "Set capture.masks, or calibrate.look_at to everything."
         raise StudioError(
-            "settings.conflict",
-            f"calibrate.look_at = {section.look_at} needs masks, but capture.masks is none",
-            value=section.look_at,
-            fix="Set capture.masks, or calibrate.look_at to everything.",
-            setting="calibrate.look_at",
-            other="capture.masks",
+            "settings.conflict", problem, value=value, fix=fix, setting="calibrate.look_at", other="capture.masks"
         )
     known, of_target = _known_intrinsics(inputs, reporter)
     stop = 0.2 if section.intrinsics_images else 0.0
@@ -313,14 +306,11 @@ def _from_tie_points(inputs: Inputs, reporter: StageReporter) -> tuple[Rig, Cali
     points = read_tie_points(file)
     strange = sorted({camera for point in points for camera in point.pixels} - set(names))
     if strange and not inputs.config.capture.cameras:
+        problem = f"camera '{strange[0]}' not found in the footage"
+        value = strange[0]
+        fix = f"Cameras of the footage: {', '.join(names)}."
         raise StudioError(
-            "tie_points.unknown_camera",
-            f"camera '{strange[0]}' not found in the footage",
-            file=file,
-            value=strange[0],
-            fix=f"Cameras of the footage: {', '.join(names)}.",
-            camera=strange[0],
-            found=list(names),
+            "tie_points.unknown_camera", problem, file=file, value=value, fix=fix, camera=strange[0], found=list(names)
         )
     known, of_target = _known_intrinsics(inputs, reporter)
     result = calibrate_from_tie_points(

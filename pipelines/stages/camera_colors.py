@@ -57,14 +57,10 @@ def _fit_to_chart(inputs: Inputs, reporter: StageReporter, key: str, frame: int)
             f"{fit.after[name]:.1f} after the correction"
         )
     if fit.without:
-        reporter.warn(
-            Message(
-                "training.no_color_chart",
-                f"the colors of {', '.join(fit.without)} are not corrected: in frame {frame}, {reasons(fit.without)}",
-                fix="Choose a frame in which all cameras see the ColorChecker, or leave these cameras out.",
-                fields={"cameras": tuple(fit.without), "frame": frame, "setting": "train.camera_colors"},
-            )
-        )
+        problem = f"the colors of {', '.join(fit.without)} are not corrected: in frame {frame}, {reasons(fit.without)}"
+        fix = "Choose a frame in which all cameras see the ColorChecker, or leave these cameras out."
+        fields = {"cameras": tuple(fit.without), "frame": frame, "setting": "train.camera_colors"}
+        reporter.warn(Message("training.no_color_chart", problem, fix=fix, fields=fields))
 
 
 def _write(take: Take, key: str, frame: int, matrices: Mapping[str, Any]) -> CameraColors:

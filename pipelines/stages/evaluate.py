@@ -212,13 +212,11 @@ def _reader(inputs: Inputs) -> Iterator[StreamReader]:
         if reader.frame_count != frames:
             trim = inputs.edits.trim
             of_take = f"the take has {frames}" if trim is None else f"the take is trimmed to {frames}"
+            problem = f"the stream has {reader.frame_count} frames, but {of_take}"
+            value = reader.frame_count
+            fix = "Run `v3studio bake`."
             raise StudioError(
-                "stream.frame_count",
-                f"the stream has {reader.frame_count} frames, but {of_take}",
-                file=inputs.take.stream,
-                value=reader.frame_count,
-                fix="Run `v3studio bake`.",
-                expected=frames,
+                "stream.frame_count", problem, file=inputs.take.stream, value=value, fix=fix, expected=frames
             )
         yield reader
 

@@ -207,16 +207,14 @@ def _tell_coverage(footage: Footage, reporter: StageReporter, points: np.ndarray
         "than two cameras"
     )
     if found.outside > LARGEST_GAPS:
-        reporter.warn(
-            Message(
-                "coverage.gaps",
-                f"no training camera is near {share}% of the directions around the performer (up to "
-                f"{found.farthest:.0f} degrees away), and {unseen}% of the surface faces fewer than two cameras: "
-                "views from there will be poor, and players fade them out",
-                fix="Add cameras there, or let players show all views with bake.view_range = none.",
-                fields={"setting": "bake.view_range", "outside": found.outside, "unseen": found.unseen},
-            )
+        problem = (
+            f"no training camera is near {share}% of the directions around the performer (up to "
+            f"{found.farthest:.0f} degrees away), and {unseen}% of the surface faces fewer than two cameras: "
+            "views from there will be poor, and players fade them out"
         )
+        fix = "Add cameras there, or let players show all views with bake.view_range = none."
+        fields = {"setting": "bake.view_range", "outside": found.outside, "unseen": found.unseen}
+        reporter.warn(Message("coverage.gaps", problem, fix=fix, fields=fields))
 
 
 def _drop_leftovers(take: Take, groups: tuple[Group, ...]) -> None:

@@ -390,14 +390,12 @@ class GroupWork:
         if pixels > _MANY_PIXELS:
             scale = self.inputs.config.capture.scale
             better = max(0.01, math.floor(100 * scale * math.sqrt(_GOOD_PIXELS / pixels)) / 100)
-            self.reporter.warn(
-                Message(
-                    "training.slow",
-                    f"the performer covers {pixels / 1e6:.1f} megapixels per image and there is no GPU: training is "
-                    f"about {pixels / _GOOD_PIXELS:.0f} times slower than with capture.scale = {better:g}",
-                    fields={"setting": "capture.scale", "pixels": pixels, "suggested": better},
-                )
+            problem = (
+                f"the performer covers {pixels / 1e6:.1f} megapixels per image and there is no GPU: training is "
+                f"about {pixels / _GOOD_PIXELS:.0f} times slower than with capture.scale = {better:g}"
             )
+            fields = {"setting": "capture.scale", "pixels": pixels, "suggested": better}
+            self.reporter.warn(Message("training.slow", problem, fields=fields))
 
     def _timings(self, group: Group, finished: Set[int]) -> list[float]:
         """Training time of each frame; 0 where unknown, or not finished. Also what the keyframe showed, if finished."""

@@ -99,13 +99,11 @@ def floor_world(rig: Rig, points: np.ndarray) -> tuple[Similarity, FloorReport]:
         if count > best and (heights > -3 * within).mean() > 0.9 and ((rig.centers - a) @ normal > 0).all():
             best, found = count, (normal, a)
     if found is None or best < 0.05 * len(points):
+        problem = "no floor found: no level plane below the cameras has 5% of the sparse points"
+        value = round(best / len(points), 3)
+        fix = "Set calibrate.floor to false, or put textured mats on the floor."
         raise StudioError(
-            "calibration.no_floor",
-            "no floor found: no level plane below the cameras has 5% of the sparse points",
-            value=round(best / len(points), 3),
-            fix="Set calibrate.floor to false, or put textured mats on the floor.",
-            setting="calibrate.floor",
-            expected=0.05,
+            "calibration.no_floor", problem, value=value, fix=fix, setting="calibrate.floor", expected=0.05
         )
     on = points[np.abs((points - found[1]) @ found[0]) < within]
     middle = on.mean(0)

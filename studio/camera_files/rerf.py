@@ -26,13 +26,11 @@ def read_rerf(folder: Path) -> Rig:
     need_both(folder, (POSES, INTRINSICS), "ReRF")
     poses, intrinsics = _poses(folder / POSES), _intrinsics(folder / INTRINSICS)
     if len(poses) != len(intrinsics):
+        problem = f"the file contains {counted(len(intrinsics), 'camera')}, but {POSES} contains {len(poses)}"
+        value = len(intrinsics)
+        fix = "Copy both files again."
         raise StudioError(
-            "camera_file.camera_count",
-            f"the file contains {counted(len(intrinsics), 'camera')}, but {POSES} contains {len(poses)}",
-            file=folder / INTRINSICS,
-            value=len(intrinsics),
-            fix="Copy both files again.",
-            expected=len(poses),
+            "camera_file.camera_count", problem, file=folder / INTRINSICS, value=value, fix=fix, expected=len(poses)
         )
     cameras = []
     for index, (pose, K) in enumerate(zip(poses, intrinsics, strict=True)):

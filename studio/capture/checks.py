@@ -64,14 +64,10 @@ class ColorDrift:
             what = "brightness" if together else "color"
             channel = ("red", "green", "blue")[int(spread.argmax())]
             amount = f"up to {100 * change.max():.0f}%" + ("" if together else f" in {channel}")
-            found.append(
-                Message(
-                    "footage.color_drift",
-                    f"Camera '{camera}': the {what} of the set changes by {amount} in frames {number_ranges(far)}",
-                    fix="Film with manual exposure and white balance; splats would flicker with it.",
-                    fields={"camera": camera, "frames": tuple(far), "change": round(float(change.max()), 4)},
-                )
-            )
+            problem = f"Camera '{camera}': the {what} of the set changes by {amount} in frames {number_ranges(far)}"
+            fix = "Film with manual exposure and white balance; splats would flicker with it."
+            fields = {"camera": camera, "frames": tuple(far), "change": round(float(change.max()), 4)}
+            found.append(Message("footage.color_drift", problem, fix=fix, fields=fields))
         return found
 
 
@@ -161,14 +157,12 @@ def check_footage(
     for camera, found in zip(footage.camera_names, results, strict=True):
         problems += list({str(message): message for message in found.errors}.values())[:_MOST_ERRORS]
         if found.empty:
+            problem = f"Camera '{camera}': the mask is empty in {_frames(found.empty)}" + (
+                f" (its highest value there is {found.highest} of 255)" if found.highest else ""
+            )
+            fix = "Fix the masks, or exclude the camera or the frames."
             problems.append(
-                Message(
-                    "mask.empty",
-                    f"Camera '{camera}': the mask is empty in {_frames(found.empty)}"
-                    + (f" (its highest value there is {found.highest} of 255)" if found.highest else ""),
-                    fix="Fix the masks, or exclude the camera or the frames.",
-                    fields={"camera": camera, "frames": tuple(found.empty)},
-                )
+                Message("mask.empty", problem, fix=fix, fields={"camera": camera, "frames": tuple(found.empty)})
             )
         if found.full:
             problem = f"Camera '{camera}': the mask covers the whole image in {_frames(found.full)}"

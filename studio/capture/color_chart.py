@@ -84,12 +84,11 @@ def find_chart(image: np.ndarray) -> ChartColors:
     found = min((seen, upside_down), key=_misfit)
     misfit = _misfit(found)
     if misfit > _WRONG:
-        raise StudioError(
-            "color_chart.wrong",
-            f"24 patches are seen, but they are not those of a ColorChecker Classic (off by {255 * misfit:.0f} levels)",
-            value=round(255 * misfit, 1),
-            fix="Use a ColorChecker Classic that nothing covers.",
+        problem = (
+            f"24 patches are seen, but they are not those of a ColorChecker Classic (off by {255 * misfit:.0f} levels)"
         )
+        fix = "Use a ColorChecker Classic that nothing covers."
+        raise StudioError("color_chart.wrong", problem, value=round(255 * misfit, 1), fix=fix)
     return found
 
 

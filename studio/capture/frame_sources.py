@@ -235,15 +235,13 @@ def make_sources(
         videos = [match for match in group if match.path.suffix.lower() in VIDEO_EXTENSIONS]
         chapters = len(videos) == len(group) and all(match.chapter for match in group)
         if videos and ((len(group) > 1 and not chapters) or videos[0].frame is not None):
-            raise StudioError(
-                "footage.video_as_frame",
-                f"the file is a video, but the pattern treats it as a single frame of camera '{camera}'",
-                file=videos[0].path,
-                fix="Remove {frame} from the pattern."
+            problem = f"the file is a video, but the pattern treats it as a single frame of camera '{camera}'"
+            fix = (
+                "Remove {frame} from the pattern."
                 if len(group) == 1
-                else "Put {chapter} in the place of {frame} if the videos are parts of one recording, else name one.",
-                camera=camera,
+                else "Put {chapter} in the place of {frame} if the videos are parts of one recording, else name one."
             )
+            raise StudioError("footage.video_as_frame", problem, file=videos[0].path, fix=fix, camera=camera)
         if videos:
             parts = [VideoSource(camera, match.path, pool, color_matrix, transfer) for match in videos]
             sources[camera] = ChapteredSource(parts) if len(parts) > 1 else parts[0]

@@ -79,13 +79,11 @@ def refuse_missing(rig: Rig, names: Sequence[str]) -> None:
     """Check that the footage has all cameras of a take's rig."""
     missing = [name for name in rig.names if name not in names]
     if missing:
+        problem = f"{cameras_listed(missing, 'Camera')} of the take's cameras not found in the footage"
+        value = missing[0]
+        fix = f"Add the missing files, or set capture.cameras to {inline_yaml(list(names))}."
         raise StudioError(
-            "footage.camera_missing",
-            f"{cameras_listed(missing, 'Camera')} of the take's cameras not found in the footage",
-            value=missing[0],
-            fix=f"Add the missing files, or set capture.cameras to {inline_yaml(list(names))}.",
-            cameras=tuple(missing),
-            setting="capture.cameras",
+            "footage.camera_missing", problem, value=value, fix=fix, cameras=tuple(missing), setting="capture.cameras"
         )
 
 

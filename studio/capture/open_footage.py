@@ -263,15 +263,10 @@ def _frames(spec: CaptureSettings, sources: Mapping[str, FrameSource]) -> tuple[
             continue
         if missing == wanted[-len(missing) :] and len(missing) < len(wanted):
             last = source.frames[-1]
-            problems.append(
-                Message(
-                    "footage.camera_ends_early",
-                    f"Camera '{camera}' ends after frame {last}, but others continue to frame {wanted[-1]}",
-                    value=last,
-                    fix=f"Replace its footage{trimmed or ', or exclude the camera'}.",
-                    fields={"camera": camera, "expected": wanted[-1], "setting": "capture.frames"},
-                )
-            )
+            problem = f"Camera '{camera}' ends after frame {last}, but others continue to frame {wanted[-1]}"
+            fix = f"Replace its footage{trimmed or ', or exclude the camera'}."
+            fields = {"camera": camera, "expected": wanted[-1], "setting": "capture.frames"}
+            problems.append(Message("footage.camera_ends_early", problem, value=last, fix=fix, fields=fields))
         else:
             frames_lacking = f"{plural('frame', len(missing))} {number_ranges(missing)}"
             problem = f"Camera '{camera}' lacks {frames_lacking}, which other cameras have"
@@ -306,13 +301,11 @@ def _fps(spec: CaptureSettings, sources: Mapping[str, FrameSource]) -> tuple[flo
         return 30.0, "The files do not specify a frame rate: using 30 fps (set capture.fps)." if several else ""
     slowest, fastest = min(rates, key=lambda name: rates[name]), max(rates, key=lambda name: rates[name])
     if rates[fastest] > 1.005 * rates[slowest]:
+        problem = f"Camera '{slowest}' has {rates[slowest]:g} fps and camera '{fastest}' {rates[fastest]:g} fps"
+        value = (rates[slowest], rates[fastest])
+        fix = "Convert the footage to one frame rate, or set capture.fps if the frames do correspond."
         raise StudioError(
-            "footage.fps_mismatch",
-            f"Camera '{slowest}' has {rates[slowest]:g} fps and camera '{fastest}' {rates[fastest]:g} fps",
-            value=(rates[slowest], rates[fastest]),
-            fix="Convert the footage to one frame rate, or set capture.fps if the frames do correspond.",
-            cameras=(slowest, fastest),
-            setting="capture.fps",
+            "footage.fps_mismatch", problem, value=value, fix=fix, cameras=(slowest, fastest), setting="capture.fps"
         )
     return float(rates[fastest]), ""
 

@@ -48,15 +48,10 @@ class SyncReport:
             what = f"is {frames} {'late' if offset > 0 else 'early'}"
             if self.method == "timecode":  # what comes late in a file was filmed by a camera that started early
                 what = f"started {frames} {'earlier' if offset > 0 else 'later'} than the others"
-            found.append(
-                Message(
-                    "sync.offset",
-                    f"Camera '{name}' {what} according to its {self.method}",
-                    value=offset,
-                    fix=f"Set capture.offsets to {{{name}: {offset}}}.",
-                    fields={"camera": name, "method": self.method, "setting": "capture.offsets"},
-                )
-            )
+            problem = f"Camera '{name}' {what} according to its {self.method}"
+            fix = f"Set capture.offsets to {{{name}: {offset}}}."
+            fields = {"camera": name, "method": self.method, "setting": "capture.offsets"}
+            found.append(Message("sync.offset", problem, value=offset, fix=fix, fields=fields))
         for name in self.unsure:
             why = f"its {self.method} does not match any other camera"
             if self.method == "timecode":

@@ -179,13 +179,11 @@ def check_easing(easing: str) -> None:
 def _fitted(camera: Camera, width: int, height: int) -> Camera:
     """The camera at another size of the same aspect ratio, without lens distortion and skew, for the rasterizer."""
     if abs(camera.width / camera.height / (width / height) - 1) > 0.01:
+        problem = f"camera {camera.name} is {camera.width}x{camera.height}, another aspect ratio than {width}x{height}"
+        value = (camera.width, camera.height)
+        fix = "Choose a size with the same aspect ratio."
         raise StudioError(
-            "camera_path.aspect_ratio",
-            f"camera {camera.name} is {camera.width}x{camera.height}, another aspect ratio than {width}x{height}",
-            value=(camera.width, camera.height),
-            fix="Choose a size with the same aspect ratio.",
-            camera=camera.name,
-            expected=(width, height),
+            "camera_path.aspect_ratio", problem, value=value, fix=fix, camera=camera.name, expected=(width, height)
         )
     K = camera.K.copy()
     K[0, 1] = 0.0
@@ -200,14 +198,10 @@ def read_path_keys(path: Path, seconds: float) -> list[Key]:
         step = seconds / max(len(rig) - 1, 1)
         return [Key(index * step, camera) for index, camera in enumerate(rig)]
     if values.get("version") != VERSION:
-        raise StudioError(
-            "camera_path.unsupported_version",
-            f"the version is {values.get('version')!r}; only version {VERSION} is supported",
-            file=path,
-            value=values.get("version"),
-            fix="Update V3 Studio.",
-            expected=VERSION,
-        )
+        problem = f"the version is {values.get('version')!r}; only version {VERSION} is supported"
+        value = values.get("version")
+        fix = "Update V3 Studio."
+        raise StudioError("camera_path.unsupported_version", problem, file=path, value=value, fix=fix, expected=VERSION)
     entries = values.get("keys")
     if not isinstance(entries, list) or not entries:
         raise StudioError("camera_path.no_keys", "'keys' must be a list with at least one key", file=path)

@@ -78,13 +78,11 @@ def garbage_masks(spec: CaptureSettings, names: tuple[str, ...], pool: DecoderPo
         return _drawn(spec, spec.garbage_masks, names)
     matches = [match for match in find_files(spec.root, spec.garbage_masks) if match.camera in names]
     if not matches:
+        problem = f"no garbage mask of the footage's cameras matches the pattern '{spec.garbage_masks}'"
+        value = spec.garbage_masks
+        fix = "Check capture.garbage_masks."
         raise StudioError(
-            "mask.garbage_not_found",
-            f"no garbage mask of the footage's cameras matches the pattern '{spec.garbage_masks}'",
-            file=spec.root,
-            value=spec.garbage_masks,
-            fix="Check capture.garbage_masks.",
-            setting="capture.garbage_masks",
+            "mask.garbage_not_found", problem, file=spec.root, value=value, fix=fix, setting="capture.garbage_masks"
         )
     return GarbageImages(matches, pool, spec.offsets)
 

@@ -94,14 +94,11 @@ class FileMaskSource:
                 )
             )
         if 2 * len(inverted) > len(sampled):
+            problem = f"most of the border of the image is performer in the masks of {cameras_listed(inverted)}"
+            fix = _instead_of_inverted(sampled[inverted[0]], self._labels)
+            fields = {"cameras": tuple(inverted), "setting": "capture.mask_labels"}
             warnings.append(
-                Message(
-                    "mask.inverted",
-                    f"most of the border of the image is performer in the masks of {cameras_listed(inverted)}",
-                    file=self._sources[inverted[0]].files()[0],
-                    fix=_instead_of_inverted(sampled[inverted[0]], self._labels),
-                    fields={"cameras": tuple(inverted), "setting": "capture.mask_labels"},
-                )
+                Message("mask.inverted", problem, file=self._sources[inverted[0]].files()[0], fix=fix, fields=fields)
             )
         return warnings
 

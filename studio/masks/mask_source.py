@@ -147,13 +147,12 @@ class MissingMaskSource:
     """A `MaskSource` where none was found: what needs masks stops there, with the `reasons`, clauses."""
 
     def __init__(self, reasons: str) -> None:
-        self.message = Message(
-            "mask.no_source",
-            f"capture.masks is auto, but the capture has no masks that could be used: {reasons}",
-            fix="Add masks or clean plates, or set capture.masks: to chroma_key before a colored screen, to model with "
-            "capture.mask_model, or to none if the images show nothing but the performer.",
-            fields={"setting": "capture.masks"},
+        problem = f"capture.masks is auto, but the capture has no masks that could be used: {reasons}"
+        fix = (
+            "Add masks or clean plates, or set capture.masks: to chroma_key before a colored screen, to model with "
+            "capture.mask_model, or to none if the images show nothing but the performer."
         )
+        self.message = Message("mask.no_source", problem, fix=fix, fields={"setting": "capture.masks"})
 
     def mask(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
         """See `MaskSource`. Raises StudioError `mask.no_source`."""

@@ -167,13 +167,11 @@ class _Loaded:
         inputs = self._session.get_inputs()
         if len(inputs) != 1:
             names = ", ".join(one.name for one in inputs)
+            problem = f"the matting model has {len(inputs)} inputs ({names}); expected a single RGB image"
+            value = tuple(one.name for one in inputs)
+            fix = "Recurrent models and models that need a trimap are not supported."
             raise StudioError(
-                "mask.model_inputs",
-                f"the matting model has {len(inputs)} inputs ({names}); expected a single RGB image",
-                file=path,
-                value=tuple(one.name for one in inputs),
-                fix="Recurrent models and models that need a trimap are not supported.",
-                setting="capture.mask_model",
+                "mask.model_inputs", problem, file=path, value=value, fix=fix, setting="capture.mask_model"
             )
         (self._input,) = inputs
         shape = list(self._input.shape)

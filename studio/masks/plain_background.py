@@ -133,13 +133,11 @@ class PlainMaskSource:
             shared = self._shared
             color = shared if shared is not None and _near(image[::4, ::4], shared).mean() >= _SHARED else None
         if color is None:
-            raise StudioError(
-                "mask.not_plain",
-                f"Camera '{camera}': its first image has neither a border of one plain color nor that of most others",
-                fix="Choose another source of masks in capture.masks.",
-                camera=camera,
-                setting="capture.masks",
+            problem = (
+                f"Camera '{camera}': its first image has neither a border of one plain color nor that of most others"
             )
+            fix = "Choose another source of masks in capture.masks."
+            raise StudioError("mask.not_plain", problem, fix=fix, camera=camera, setting="capture.masks")
         return color
 
     def has_color(self, camera: str) -> bool:

@@ -58,14 +58,11 @@ class PlateMaskSource:
         behind = self.background(camera)
         if behind.plate.shape[:2] != image.shape[:2]:
             size, expected = (behind.plate.shape[1], behind.plate.shape[0]), (image.shape[1], image.shape[0])
-            raise StudioError(
-                "mask.plate_size",
-                f"The clean plate of camera '{camera}' is {size[0]}x{size[1]}, its footage {expected[0]}x{expected[1]}",
-                value=size,
-                fix="Clean plates must have the size of the footage.",
-                camera=camera,
-                expected=expected,
+            problem = (
+                f"The clean plate of camera '{camera}' is {size[0]}x{size[1]}, its footage {expected[0]}x{expected[1]}"
             )
+            fix = "Clean plates must have the size of the footage."
+            raise StudioError("mask.plate_size", problem, value=size, fix=fix, camera=camera, expected=expected)
         image = np.ascontiguousarray(image[:, :, :3])
         inside = self._garbage.inside(camera, frame, image) if self._garbage is not None else None
         if inside is not None:  # here, so that garbage does not count as a component

@@ -89,13 +89,11 @@ def find_screen(images: Sequence[np.ndarray], camera: str, key_color: Sequence[f
         tangents, along = wanted.tangents(colors[None])
         near = (np.hypot(tangents[0, :, 0], tangents[0, :, 1]) < _NEAR) & (along[0] > 20)
         if near.mean() < 0.01:
+            problem = f"Camera '{camera}': no part of the image matches key_color {_text(255 * np.asarray(key_color))}"
+            value = tuple(key_color)
+            fix = "Set capture.key_color to the screen's color in this footage, or to auto."
             raise StudioError(
-                "mask.key_color_not_found",
-                f"Camera '{camera}': no part of the image matches key_color {_text(255 * np.asarray(key_color))}",
-                value=tuple(key_color),
-                fix="Set capture.key_color to the screen's color in this footage, or to auto.",
-                camera=camera,
-                setting="capture.key_color",
+                "mask.key_color_not_found", problem, value=value, fix=fix, camera=camera, setting="capture.key_color"
             )
         chosen = colors[near]
     return _screen_of(chosen)
@@ -119,14 +117,11 @@ def _dominant(colors: np.ndarray, weight: np.ndarray, camera: str) -> np.ndarray
         share = float(weight[chosen].sum() / weight.sum())
     if share < _LEAST_SHARE:
         most = f"the most common, {_text(np.median(colors[chosen], axis=0))}, covers" if share else "they cover"
-        raise StudioError(
-            "mask.no_screen",
-            f"Camera '{camera}': no screen found; no saturated color dominates the image ({most} {100 * share:.0f}%)",
-            value=share,
-            fix="Set capture.key_color, or choose another source of masks in capture.masks.",
-            camera=camera,
-            setting="capture.key_color",
+        problem = (
+            f"Camera '{camera}': no screen found; no saturated color dominates the image ({most} {100 * share:.0f}%)"
         )
+        fix = "Set capture.key_color, or choose another source of masks in capture.masks."
+        raise StudioError("mask.no_screen", problem, value=share, fix=fix, camera=camera, setting="capture.key_color")
     return colors[chosen]
 
 

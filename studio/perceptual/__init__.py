@@ -94,15 +94,13 @@ class Lpips:
         published = _published_digest(file)
         self.remark: Message | None = None
         if not digest.startswith(published):
-            self.remark = Message(
-                "lpips.other_weights",
+            problem = (
                 f"not the file published by torchvision (SHA-256 {digest[:8]}..., expected {published}...), so LPIPS "
-                "may differ from published results",
-                file=file,
-                value=digest[:8],
-                fix="Delete the file to download it again",
-                fields={"expected": published},
+                "may differ from published results"
             )
+            fix = "Delete the file to download it again"
+            fields = {"expected": published}
+            self.remark = Message("lpips.other_weights", problem, file=file, value=digest[:8], fix=fix, fields=fields)
         self.protocol = (
             f"version 0.1 with {network.title}, weights {file.name} (SHA-256 {digest[:8]}...); lower is better; images "
             f"smaller than {SMALLEST} px are padded with the background"

@@ -54,14 +54,10 @@ def _check_head(data: bytes, name: str) -> None:
         raise StudioError("manifest.wrong_format", f"not the manifest of a {FORMAT}", file=name, fix=fix)
     version = head.get("version")
     if version != VERSION:
-        raise StudioError(
-            "manifest.wrong_version",
-            f"the stream has format version {str(version)[:20]}; this program reads version {VERSION}",
-            file=name,
-            value=version if isinstance(version, int) else None,
-            fix="Bake it again with this version of V3 Studio, or update V3 Studio.",
-            expected=VERSION,
-        )
+        problem = f"the stream has format version {str(version)[:20]}; this program reads version {VERSION}"
+        value = version if isinstance(version, int) else None
+        fix = "Bake it again with this version of V3 Studio, or update V3 Studio."
+        raise StudioError("manifest.wrong_version", problem, file=name, value=value, fix=fix, expected=VERSION)
     profile = head.get("profile")
     if not isinstance(profile, str) or profile not in PROFILES:
         shown = str(profile)[:80]

@@ -321,14 +321,10 @@ class _Run:
             self._lost(job, "out of memory")
             return
         name = self._nodes.name(job.node)
-        self._warn(
-            Message(
-                "cluster.out_of_memory",
-                f"{name} ran out of memory with {beside} groups; fewer run at once on a node from now on",
-                fix="Set run.memory_per_group to what a group takes.",
-                fields={"group": job.group.index, "setting": "run.memory_per_group"},
-            )
-        )
+        problem = f"{name} ran out of memory with {beside} groups; fewer run at once on a node from now on"
+        fix = "Set run.memory_per_group to what a group takes."
+        fields = {"group": job.group.index, "setting": "run.memory_per_group"}
+        self._warn(Message("cluster.out_of_memory", problem, fix=fix, fields=fields))
         self._take_back()
         self._again(job, f"{name} ran out of memory")
 

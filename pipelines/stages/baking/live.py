@@ -79,14 +79,10 @@ class LiveBake:
         except Cancelled:
             pass
         except Exception as error:
-            problem = error.message.problem if isinstance(error, StudioError) else f"{type(error).__name__}: {error}"
-            self._reporter.warn(
-                Message(
-                    "bake.live_failed",
-                    f"groups are no longer published while they are trained ({problem})",
-                    fix="The stage bake will try again after training.",
-                )
-            )
+            reason = error.message.problem if isinstance(error, StudioError) else f"{type(error).__name__}: {error}"
+            problem = f"groups are no longer published while they are trained ({reason})"
+            fix = "The stage bake will try again after training."
+            self._reporter.warn(Message("bake.live_failed", problem, fix=fix))
 
     def _bake_all(self) -> None:
         from studio.stream import GroupEntry

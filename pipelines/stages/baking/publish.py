@@ -62,15 +62,11 @@ def _sound(footage: Footage, trim: Trim | None, folder: Path, reporter: StageRep
     for seconds, where in ((cut.missing_before, "begins"), (cut.missing_after, "ends")):
         if seconds > SHORT_SOUND:
             when = "after the take's beginning" if where == "begins" else "before the take's end"
+            problem = f"the sound {where} {seconds:.2f} s {when}; the rest is silent"
+            fix = "Use a longer file, or move the sound with capture.audio_offset."
+            fields = {"setting": "capture.audio_offset"}
             reporter.warn(
-                Message(
-                    "bake.short_sound",
-                    f"the sound {where} {seconds:.2f} s {when}; the rest is silent",
-                    file=footage.sound.path,
-                    value=seconds,
-                    fix="Use a longer file, or move the sound with capture.audio_offset.",
-                    fields={"setting": "capture.audio_offset"},
-                )
+                Message("bake.short_sound", problem, file=footage.sound.path, value=seconds, fix=fix, fields=fields)
             )
     return audio
 

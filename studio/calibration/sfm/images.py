@@ -98,15 +98,13 @@ def _write_picture(
     if mask is None:
         mask = np.full(image.shape[:2], 255, np.uint8)
     if mask.shape != image.shape[:2]:
-        raise StudioError(
-            "calibration.mask_size",
-            f"camera '{name}': the mask is {mask.shape[1]}x{mask.shape[0]}, "
-            f"the image {image.shape[1]}x{image.shape[0]}",
-            value=[mask.shape[1], mask.shape[0]],
-            fix="Provide masks of the image size.",
-            camera=name,
-            expected=[image.shape[1], image.shape[0]],
+        problem = (
+            f"camera '{name}': the mask is {mask.shape[1]}x{mask.shape[0]}, the image {image.shape[1]}x{image.shape[0]}"
         )
+        value = [mask.shape[1], mask.shape[0]]
+        fix = "Provide masks of the image size."
+        expected = [image.shape[1], image.shape[0]]
+        raise StudioError("calibration.mask_size", problem, value=value, fix=fix, camera=name, expected=expected)
     usable = mask >= (1 if mask.max() <= 1 else 128)
     fast = [cv2.IMWRITE_PNG_COMPRESSION, 1]
     files = {folder / "images" / file: image[:, :, ::-1]}

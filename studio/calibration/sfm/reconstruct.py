@@ -159,13 +159,11 @@ def _read(folder: Path, names: Sequence[str], sizes: Mapping[str, tuple[int, int
         )
     if missing:
         text = "; ".join(f"'{name}': {reason}" for name, reason in missing.items())
+        problem = f"structure from motion registered {len(found)} of {len(names)} cameras; not registered: {text}"
+        value = sorted(missing)
+        fix = "Use another frame (calibrate.frame), several (calibrate.frame_count), or images with more overlap."
         raise StudioError(
-            "calibration.unregistered",
-            f"structure from motion registered {len(found)} of {len(names)} cameras; not registered: {text}",
-            value=sorted(missing),
-            fix="Use another frame (calibrate.frame), several (calibrate.frame_count), or images with more overlap.",
-            unregistered=missing,
-            setting="calibrate.frame",
+            "calibration.unregistered", problem, value=value, fix=fix, unregistered=missing, setting="calibrate.frame"
         )
     rig = Rig(tuple(found[number] for number in sorted(found)))
     observations = {names[n]: seen[seen[:, 0] == n][:, 1:] for n in found}

@@ -211,13 +211,11 @@ def _result(state: TargetRig, target: CalibrationTarget, settings: CalibrateSett
     if settings.board_origin is not None:
         if settings.board_origin not in state.target_poses:
             near = min(state.target_poses, key=lambda sync_frame: abs(sync_frame - int(settings.board_origin or 0)))
+            problem = f"no camera sees the target in frame {settings.board_origin}, which defines the origin"
+            value = settings.board_origin
+            fix = f"Set calibrate.board_origin to another frame; the nearest is {near}."
             raise StudioError(
-                "target.origin",
-                f"no camera sees the target in frame {settings.board_origin}, which defines the origin",
-                value=settings.board_origin,
-                fix=f"Set calibrate.board_origin to another frame; the nearest is {near}.",
-                setting="calibrate.board_origin",
-                expected=near,
+                "target.origin", problem, value=value, fix=fix, setting="calibrate.board_origin", expected=near
             )
         world = target_world(target, state.target_poses[settings.board_origin], upright=settings.board_upright)
     else:

@@ -130,11 +130,11 @@ def bake_group(
             frame_count=len(frames),
             renditions=tuple(made[rung.id] for rung in rungs),
         )
-    except ValidationError as problem:
-        problem = f"group {group} cannot be represented in the format ({invalid(problem, '', '').problem})"
+    except ValidationError as error:
+        problem = f"group {group} cannot be represented in the format ({invalid(error, '', '').problem})"
         raise StudioError("bake.group_invalid", problem, fix="Train the group again.", group=group) from None
-    except OSError as problem:
-        problem = f"the group cannot be written ({problem.strerror or problem})"
+    except OSError as error:
+        problem = f"the group cannot be written ({error.strerror or error})"
         raise StudioError("bake.write_failed", problem, file=folder, group=group) from None
     finally:
         shutil.rmtree(partial, ignore_errors=True)

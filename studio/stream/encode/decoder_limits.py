@@ -28,12 +28,7 @@ def beyond_hardware(group: GroupEntry, fps: float, codec: str) -> list[Message]:
             problem = "QP 0 (lossless) has the profile High 4:4:4 Predictive"
             fix = "Raise the rung's qp to 1."
         if problem:
-            found.append(
-                Message(
-                    "bake.beyond_hardware",
-                    f"hardware decoders may refuse rendition {one.id} of group {group.index}: {problem}",
-                    fix=fix,
-                    fields={"rendition": one.id, "group": group.index, "size": [width, height], "fps": fps},
-                )
-            )
+            problem = f"hardware decoders may refuse rendition {one.id} of group {group.index}: {problem}"
+            fields = {"rendition": one.id, "group": group.index, "size": [width, height], "fps": fps}
+            found.append(Message("bake.beyond_hardware", problem, fix=fix, fields=fields))
     return found

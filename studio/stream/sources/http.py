@@ -166,19 +166,19 @@ class HttpSource:
             try:
                 self._attempt(url, name, partial, limit)
                 return
-            except _Temporary as problem:
+            except _Temporary as error:
                 if failing_since is None:
                     failing_since = attempt_began
-                wait = max(pause * random.uniform(0.7, 1.3), problem.retry_after)
+                wait = max(pause * random.uniform(0.7, 1.3), error.retry_after)
                 pause = min(2 * pause, _BACK_OFF[1])
                 patience = self._patience if self._answered else self._first_patience
                 if time.monotonic() + wait > failing_since + patience:
                     if self._closed.is_set():
                         continue
-                    problem = f"{problem} ({attempts} attempts in {time.monotonic() - began:.0f} s)"
+                    problem = f"{error} ({attempts} attempts in {time.monotonic() - began:.0f} s)"
                     fix = "Check the URL, the network and the server, then try again."
                     raise SourceUnavailable(
-                        "source.unavailable", problem, file=name, fix=fix, reason=problem.reason, attempts=attempts
+                        "source.unavailable", problem, file=name, fix=fix, reason=error.reason, attempts=attempts
                     ) from None
                 self._closed.wait(wait)
 
