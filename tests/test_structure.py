@@ -18,6 +18,9 @@ from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("v3studio", "gui", "pipelines", "studio")  # each may import the ones after it
+PYPROJECT = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+PROJECT = tomllib.loads(PYPROJECT)["project"]
+EXTRAS = PROJECT["optional-dependencies"]
 HEAVY = ("torch", "open3d", "pycolmap", "pymeshlab", "cv2", "av", "matplotlib", "onnxruntime")
 
 
@@ -53,30 +56,21 @@ def imported_names(path: Path) -> Iterator[tuple[int, str]]:
 
 def tracked_files() -> list[Path]:
     """What git tracks, or would track: nothing that is ignored."""
-    listing = subprocess.run(
-        ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    command = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"]
+    listing = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
     return [path for name in listing.stdout.split("\0") if name and (path := ROOT / name).is_file()]
 
 
 def test_no_folder_has_more_files_than_a_reader_can_survey() -> None:
-    listed = subprocess.run(
-        ["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True
-    ).stdout.splitlines()
-    files = [Path(name) for name in listed if name.endswith((".py", ".ts", ".cpp", ".h"))]
+    files = [path for path in tracked_files() if path.suffix in (".py", ".ts", ".cpp", ".h")]
     assert files
     assert {str(one): count for one, count in Counter(path.parent for path in files).items() if count > 25} == {}
 
 
 def test_every_imported_package_is_declared() -> None:
     """A package that is here by chance, as a dependency of another one, is missing on some other machine."""
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    extras = [text for name, texts in project["optional-dependencies"].items() if name != "docs" for text in texts]
-    declared = {canonicalize_name(Requirement(text).name) for text in (*project["dependencies"], *extras)}
+    extras = [text for name, texts in EXTRAS.items() if name != "docs" for text in texts]
+    declared = {canonicalize_name(Requirement(text).name) for text in (*PROJECT["dependencies"], *extras)}
     installed = importlib.metadata.packages_distributions() | {"open3d": ["open3d"]}  # scripts/setup.sh: open3d-cpu
     files = [path for path in tracked_files() if path.suffix == ".py" and ROOT / "docs" not in path.parents]
     own = {path.stem for path in files} | {part for path in files for part in path.relative_to(ROOT).parts[:-1]}
@@ -91,25 +85,9 @@ def test_every_imported_package_is_declared() -> None:
 
 
 PIPELINES = (
-    "cli",
-    "commands",
-    "ablation",
-    "comparison",
-    "estimate",
-    "share",
-    "review",
-    "batch",
-    "runs",
-    "new_take",
-    "inspection",
-    "stages",
-    "reports",
-    "outputs",
-    "takes",
-    "events",
-    "config",
-    "version",
-)
+    "cli", "commands", "ablation", "comparison", "estimate", "share", "review", "batch", "runs", "new_take",
+    "inspection", "stages", "reports", "outputs", "takes", "events", "config", "version",
+)  # fmt: skip
 """Of `pipelines`, top down: each may import the ones after it, and nothing before or beside it."""
 
 
@@ -170,23 +148,9 @@ def test_the_players_folders_import_downwards_and_not_in_a_circle() -> None:
 
 
 GUI = (
-    "app",
-    "window",
-    "user_input",
-    "overlays",
-    "figures",
-    "state",
-    "actions",
-    "shell",
-    "pages",
-    "widgets",
-    "models.take",
-    "models.playback",
-    "models.scene",
-    "models",
-    "drawing",
-    "platform",
-)
+    "app", "window", "user_input", "overlays", "figures", "state", "actions", "shell", "pages", "widgets",
+    "models.take", "models.playback", "models.scene", "models", "drawing", "platform",
+)  # fmt: skip
 """Of `gui`, top down: each may import the ones after it, and nothing before it."""
 
 
@@ -237,45 +201,36 @@ def test_help_imports_nothing_heavy(module: str) -> None:
         "try:\n    command.main()\nexcept SystemExit as stop:\n    assert not stop.code\n"
         f"print('LOADED', sorted(set({HEAVY!r}) & set(sys.modules)))"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=280, check=False
-    )
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=280, check=False)
     assert done.returncode == 0, done.stderr
     assert "usage:" in done.stdout
     assert "LOADED []" in done.stdout
 
 
 def test_each_dependency_says_why() -> None:
-    text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
-    project = tomllib.loads(text)["project"]
-    named = [*project["dependencies"], *(name for extra in project["optional-dependencies"].values() for name in extra)]
+    named = [*PROJECT["dependencies"], *(name for extra in EXTRAS.values() for name in extra)]
     assert len(named) > 10
     for requirement in named:
-        lines = [line for line in text.splitlines() if f'"{requirement}"' in line and not line.startswith("requires")]
+        lines = [
+            line for line in PYPROJECT.splitlines() if f'"{requirement}"' in line and not line.startswith("requires")
+        ]
         assert lines, requirement
         assert all(re.search(r",\s+# \S.{5,}", line) for line in lines), f"{requirement}: no reason given"
 
 
 # Where the import's name is not the package's. torch, numpy and so on are the same.
 MODULES = {
-    "lazy-loader": "lazy_loader",
-    "opencv-contrib-python-headless": "cv2",
-    "pillow": "PIL",
-    "ruamel.yaml": "ruamel",
-    "usd-core": "pxr",
-    "openimageio": "OpenImageIO",
-}
+    "lazy-loader": "lazy_loader", "opencv-contrib-python-headless": "cv2", "pillow": "PIL", "ruamel.yaml": "ruamel",
+    "usd-core": "pxr", "openimageio": "OpenImageIO",
+}  # fmt: skip
 NEVER_IMPORTED = {"s3fs", "gcsfs", "adlfs"}  # fsspec imports them
 FROM_TORCH = {"triton"}  # torch's CUDA builds for Linux bring the version that fits them
 
 
 def test_what_is_imported_is_declared_and_what_is_declared_is_imported() -> None:
-    from packaging.requirements import Requirement
-
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    extras = project["optional-dependencies"]
     shipped = ("matting", "usd", "film", "s3", "gs", "azure", "cluster")
-    wanted = [*project["dependencies"], *(text for name in shipped for text in extras[name])]
+    wanted = [*PROJECT["dependencies"], *(text for name in shipped for text in EXTRAS[name])]
     names = {Requirement(text).name for text in wanted} - NEVER_IMPORTED
     declared = {MODULES.get(name, name) for name in names}
     imported = {
@@ -290,9 +245,6 @@ def test_what_is_imported_is_declared_and_what_is_declared_is_imported() -> None
 
 
 def test_the_lock_pins_every_dependency_within_its_range() -> None:
-    from packaging.requirements import Requirement
-    from packaging.utils import canonicalize_name
-
     pinned = {}
     for lock in ("requirements.lock", "requirements-dev.lock", "requirements-docs.lock"):
         for line in (ROOT / lock).read_text(encoding="utf-8").splitlines():
@@ -302,9 +254,7 @@ def test_the_lock_pins_every_dependency_within_its_range() -> None:
                 # what tests and the documentation need is listed in both
                 assert pinned.get(canonicalize_name(name), version) == version, f"{lock}: {name} has two versions"
                 pinned[canonicalize_name(name)] = version
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    extras = project["optional-dependencies"]
-    for text in [*project["dependencies"], *extras["build"], *extras["dev"], *extras["docs"]]:
+    for text in [*PROJECT["dependencies"], *EXTRAS["build"], *EXTRAS["dev"], *EXTRAS["docs"]]:
         requirement = Requirement(text)
         version = pinned.get(canonicalize_name(requirement.name))
         assert version is not None, f"{requirement.name} is in no lock"
@@ -314,26 +264,11 @@ def test_the_lock_pins_every_dependency_within_its_range() -> None:
 def test_no_file_names_a_machines_folders() -> None:
     # Written in pieces, so that this file does not find itself.
     pattern = re.compile(rb"/" rb"(?:home|Users)/[a-z]|/" rb"root/|/" rb"work/(?:main|shared)|/" rb"tmp/[A-Za-z]")
-    suffixes = {
-        ".py",
-        ".md",
-        ".toml",
-        ".yaml",
-        ".yml",
-        ".json",
-        ".txt",
-        ".cpp",
-        ".h",
-        ".sh",
-        ".cfg",
-        ".lock",
-        ".html",
-        "",
-    }
+    texts = (".py", ".md", ".toml", ".yaml", ".yml", ".json", ".txt", ".cpp", ".h", ".sh", ".cfg", ".lock", ".html", "")
     wrong = [
         f"{path.relative_to(ROOT)}: {found.group().decode()}"
         for path in tracked_files()
-        if path.suffix in suffixes and (found := pattern.search(path.read_bytes()))
+        if path.suffix in texts and (found := pattern.search(path.read_bytes()))
     ]
     assert not wrong, "\n".join(wrong)
 

@@ -1,19 +1,13 @@
 """The GPU check runs all its parts on the CPU, and says which failed."""
 
-import importlib.util
 import json
 from pathlib import Path
 
 import pytest
 
-pytestmark = pytest.mark.long
+from benchmarks import gpu_check as script
 
-ROOT = Path(__file__).parents[2]
-spec = importlib.util.spec_from_file_location("gpu_check", ROOT / "benchmarks" / "gpu_check.py")
-assert spec is not None
-assert spec.loader is not None
-script = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(script)
+pytestmark = pytest.mark.long
 
 
 def test_dry_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,16 +1,14 @@
 """Runs of the pipeline on the tiny capture."""
 
-from __future__ import annotations
-
-import subprocess
+import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
 
+from pipelines.takes.take import Take
 from tests.support.shared import made_once
-from tests.support.tiny_capture import SETTINGS, environment, v3studio, write_capture, write_project
+from tests.support.tiny_capture import SETTINGS, Done, environment, v3studio, write_capture, write_project
 from tests.support.warm_python import WarmProcess, warm_python
 
 
@@ -19,6 +17,18 @@ def project(tmp_path: Path) -> Path:
     """A folder with `capture/` and `ball.yaml`."""
     write_project(tmp_path)
     return tmp_path
+
+
+@pytest.fixture
+def copied(finished: Path, tmp_path: Path) -> Path:
+    """A copy of `finished`: with `capture/`, `ball.yaml` and the finished take `take/`."""
+    return Path(shutil.copytree(finished, tmp_path / "project"))
+
+
+@pytest.fixture
+def take(copied: Path) -> Take:
+    """The finished take in that copy."""
+    return Take.open(copied / "take")
 
 
 @pytest.fixture(scope="session")
@@ -50,21 +60,8 @@ def start() -> Iterator[Callable[..., WarmProcess]]:
 
 
 @pytest.fixture
-def cli() -> Callable[..., subprocess.CompletedProcess[str]]:
+def cli() -> Callable[..., Done]:
     return v3studio
-
-
-class Done(NamedTuple):
-    """Output and exit code of a command."""
-
-    returncode: int
-    stdout: str
-    stderr: str
-
-    def ok(self) -> Done:
-        """Itself; fails unless the command succeeded."""
-        assert self.returncode == 0, self.stderr
-        return self
 
 
 @pytest.fixture

@@ -8,7 +8,6 @@ from pipelines.cli import make_parser
 from pipelines.events import Finished, StageFailed, parse_event
 from pipelines.takes.settings_file import set_settings
 from studio.stream import StreamReader
-from tests.support.events import result_of
 
 
 def test_every_command_explains_itself(here):
@@ -19,31 +18,20 @@ def test_every_command_explains_itself(here):
 
 
 def test_wrong_usage_is_2_and_a_failure_1(here, tmp_path):
-    assert here("fly").returncode == 2
-    assert here("config", "--bogus").returncode == 2
-    assert here("config", "--train.max-splats").returncode == 2
+    for arguments in (("fly",), ("config", "--bogus"), ("config", "--train.max-splats")):
+        here(*arguments).fails(code=2)
     wrong = (("play", "x", "--bogus"), ("bake", "--bake.quality"), ("export", "x"), ("train", "a.yaml", "b.yaml"))
     for arguments in wrong:
-        done = here(*arguments)
-        assert done.returncode == 2
-        assert done.stderr.startswith(f"usage: v3studio {arguments[0]} "), "its own usage, not that of all commands"
+        said = here(*arguments).fails(code=2).stderr
+        assert said.startswith(f"usage: v3studio {arguments[0]} "), "its own usage, not that of all commands"
     assert here("--bogus", "bake").stderr.startswith("usage: v3studio [-h]")
-    done = here("train", tmp_path / "gone")
-    assert (done.returncode, done.stderr.count("\n")) == (1, 1)
-    assert "--take DIR" in done.stderr
-    done = here("bake", tmp_path, "--take", tmp_path / "take")
-    assert done.returncode == 1, "a folder without footage"
-    assert not (tmp_path / "take").exists()
-    refused = here("config", "--train.max-splts", "3")
-    assert refused.returncode == 2
-    assert "train.max_splats?" in refused.stderr
-    assert here("config", "--train.max-splts", "3", "--train.dropout", "9").returncode == 2
-    nowhere = here("bake")
-    assert nowhere.returncode == 2
-    assert "--take takes/first" in nowhere.stderr
-    missing = here("run", tmp_path / "none.yaml", "--take", tmp_path / "take")
-    assert missing.returncode == 1
-    assert f"{tmp_path / 'none.yaml'}: no such file" in missing.stderr
+    assert here("train", tmp_path / "gone").fails("--take DIR").stderr.count("\n") == 1
+    here("bake", tmp_path, "--take", tmp_path / "take").fails()  # a folder without footage
+    here("config", "--train.max-splts", "3").fails("train.max_splats?", code=2)
+    here("config", "--train.max-splts", "3", "--train.dropout", "9").fails(code=2)
+    here("bake").fails("--take takes/first", code=2)
+    none = tmp_path / "none.yaml"
+    here("run", none, "--take", tmp_path / "take").fails(f"{none}: no such file")
     assert not (tmp_path / "take").exists()
 
 
@@ -77,10 +65,7 @@ def test_mistakes_get_a_sentence_and_change_nothing(here, finished, tmp_path, mo
     (tmp_path / "folder").mkdir()
     (tmp_path / "folder" / "notes.txt").write_text("mine")
     before = sorted(tmp_path.rglob("*"))
-    done = here(*words.split())
-    assert done.returncode == code
-    assert sentence in done.stderr
-    assert done.stderr.count("\n") == 1
+    assert here(*words.split()).fails(sentence, code=code).stderr.count("\n") == 1
     assert sorted(tmp_path.rglob("*")) == before
 
 
@@ -108,11 +93,8 @@ def test_a_folder_that_cannot_be_made_or_read_is_one_sentence(here, finished, mo
 
 def test_a_mistake_in_the_footage_is_one_sentence_and_one_event(here, project):
     (project / "capture" / "images" / "cam3" / "002.png").unlink()
-    done = here("run", project / "ball.yaml", "--take", project / "take")
-    assert done.returncode == 1
-    assert done.stderr.startswith("error: ")
-    assert "cam3" in done.stderr
-    assert len(done.stderr.splitlines()) == 1
+    said = here("run", project / "ball.yaml", "--take", project / "take").fails("cam3").stderr
+    assert (said[:7], said.count("\n")) == ("error: ", 1)
     done = here("run", project / "ball.yaml", "--take", project / "take", "--json")
     events = [parse_event(line) for line in done.stdout.splitlines()]
     assert isinstance(events[-1], Finished)
@@ -124,19 +106,15 @@ def test_a_mistake_in_the_footage_is_one_sentence_and_one_event(here, project):
 
 def test_status_of_a_new_and_of_a_finished_take(here, project, finished):
     here("calibrate", project / "ball.yaml", "--take", project / "take").ok()
-    states = result_of(here("status", project / "take", "--json").stdout)["stages"]
-    assert {name: state["state"] for name, state in states.items()} == {
-        "calibrate": "done", "initialize": "missing", "train": "missing", "bake": "missing", "evaluate": "missing"
-    }  # fmt: skip
-    text = here("status", finished / "take").stdout
-    assert text.count("done") == 5
+    states = here("status", project / "take", "--json").result["stages"]
+    assert [state["state"] for state in states.values()] == ["done"] + 4 * ["missing"]
+    assert here("status", finished / "take").stdout.count("done") == 5
     here("status", finished / "take", "--check").ok()
     take = shutil.copytree(finished / "take", project / "copy")
     set_settings(take / "config.yaml", {"capture.root": str(project / "gone")})
-    unchecked = here("status", take, "--check")
-    assert unchecked.returncode == 1
+    unchecked = here("status", take, "--check").fails()
     assert unchecked.stdout.count("the same") == 3, "only calibrate's reason differs"
-    assert "not a take" in here("status", project / "capture").stderr
+    here("status", project / "capture").fails("not a take")
 
 
 def test_status_answers_without_torch(finished):
@@ -150,11 +128,10 @@ def test_status_answers_without_torch(finished):
     assert done.stdout.endswith("False\n"), done.stderr
 
 
-def test_bake_to_a_target(here, finished, tmp_path):
+def test_bake_to_a_target(here, copied):
     """Levels are kept and listed; files are never above the requested kilobytes; a new target replaces the one stored
     in the take."""
-    take = tmp_path / "take"
-    shutil.copytree(finished / "take", take)
+    take = copied / "take"
 
     def baked(*options):
         here("bake", "--take", take, *options).ok()
@@ -163,7 +140,7 @@ def test_bake_to_a_target(here, finished, tmp_path):
 
     high, low = (baked("--bake.quality", goal, "--keep", name) for goal, name in (("fine", "one"), ("30.5 dB", "two")))
     assert sum(group.bytes for group in low) < sum(group.bytes for group in high)
-    listed = result_of(here("bake", "list", take, "--json").stdout)["bakes"]
+    listed = here("bake", "list", take, "--json").result["bakes"]
     for groups, promise, row in zip((high, low), (42, 30.5), listed, strict=True):
         assert row["qps"] == [group.qp for group in groups]
         assert row["psnr_to_trained"] == min(group.psnr_to_trained for group in groups) >= promise
@@ -177,8 +154,8 @@ def test_bake_to_a_target(here, finished, tmp_path):
     set_settings(take / "config.yaml", {"bake.quality": "98 dB"})  # as the window and --detach do, before the run
     assert "misses the target of 98" in here("bake", take).stderr
     assert "quality: 40" in (take / "config.yaml").read_text(), "a level that is out of reach is not stored"
-    assert result_of(here("status", take, "--json").stdout)["stages"]["bake"]["state"] == "done"
-    stages = result_of(here("bake", take, "--json").stdout)["stages"]
+    assert here("status", take, "--json").result["stages"]["bake"]["state"] == "done"
+    stages = here("bake", take, "--json").result["stages"]
     assert list(stages) == ["calibrate", "initialize", "train", "bake"], "nothing measured this bake yet"
 
 
@@ -191,12 +168,9 @@ def test_typos_are_answered_with_what_is_similar(here):
         (("export", "x", "--out", "y", "--format", "plyy"), "ply"),
         (("run", "x", "--preset", "previw"), "preview"),
     ):
-        done = here(*words)
-        assert done.returncode == 2
-        assert f"did you mean {meant}?" in done.stderr
+        here(*words).fails(f"did you mean {meant}?", code=2)
     assert "did you mean" not in here("zzzzzz").stderr
-    done = here("models")
-    assert (done.returncode, "models list and models get" in done.stderr) == (2, True)
+    here("models").fails("models list and models get", code=2)
 
 
 def test_bash_completes_commands_options_and_choices(here, tmp_path):

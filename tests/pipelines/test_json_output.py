@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from pipelines.cli import make_parser
 from pipelines.events import Finished, Log, Progress, StageFinished, parse_event
-from tests.support.events import result_of
 from tests.support.warm_python import warm_python
 
 ROOT = Path(__file__).parents[2]
@@ -65,9 +65,9 @@ def program(code: str) -> str:
     return f"{NOISE}{code}\nsys.exit(cli.main())"
 
 
-def test_a_run_whose_stage_prints_gives_events_only(take_of: Callable[[], Path]) -> None:
+def test_a_run_whose_stage_prints_gives_events_only(copied: Path) -> None:
     # a new process: the libraries are loaded after the command has claimed standard output
-    command = [sys.executable, "-c", program(NOISY_STAGE), "bake", take_of(), "--force", "--json"]
+    command = [sys.executable, "-c", program(NOISY_STAGE), "bake", copied / "take", "--force", "--json"]
     done = subprocess.run(command, capture_output=True, cwd=ROOT, timeout=280, check=False)
     assert done.returncode == 0, done.stderr
     events = [parse_event(line) for line in done.stdout.decode().splitlines()]
@@ -92,17 +92,17 @@ COMMANDS = {
     "share": ("share", "{take}", "--out", "{out}", "--json"),
     "sync": ("sync", "{long}", "--method", "motion", "--json"),
 }
-WRITTEN = {"bake keep": "take/bakes/kept", **dict.fromkeys(("compare", "export", "import", "publish", "share"), "out")}
+WRITTEN = {"bake keep": "{take}/bakes/kept"}
+WRITTEN |= dict.fromkeys(("compare", "export", "import", "publish", "share"), "{out}")
 
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_with_json_prints_json_only(
-    name: str, take_of: Callable[[], Path], tmp_path: Path, long_footage: Path, cli: Callable
+    name: str, copied: Path, tmp_path: Path, long_footage: Path, here: Callable
 ) -> None:
-    take, frame = take_of(), tmp_path / "frame.ply"
+    take, frame = copied / "take", tmp_path / "frame.ply"
     if name == "import":
-        made = cli("export", take, "--format", "ply", "--of", "trained", "--frames", "0:1", "--out", frame)
-        assert made.returncode == 0, made.stderr
+        here("export", take, "--format", "ply", "--of", "trained", "--frames", "0:1", "--out", frame).ok()
     places = {"take": take, "out": tmp_path / "out", "frame": frame, "long": long_footage}
     done = noisy(NOISY_COMMAND, *(word.format(**places) for word in COMMANDS[name]))
     assert done.returncode == 0, done.stderr
@@ -111,7 +111,7 @@ def test_every_command_with_json_prints_json_only(
     assert isinstance(last, Finished)
     assert last.outcome == "done"
     assert last.result
-    assert last.result.get("path") == (str(tmp_path / WRITTEN[name]) if name in WRITTEN else None)
+    assert last.result.get("path") == (WRITTEN[name].format(**places) if name in WRITTEN else None)
     for words in WORDS:
         assert words in done.stderr.decode("utf-8", "replace")
 
@@ -139,16 +139,13 @@ queue remove 1 --queue queue.json
 """
 
 
-def test_short_commands_have_a_result(
-    take_of: Callable[[], Path], finished: Path, here: Callable, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(take_of().parent)
-    Path("capture").symlink_to(finished / "capture")
+def test_short_commands_have_a_result(copied: Path, here: Callable, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(copied)
     results = {}
     for line in SHORT.strip().splitlines():
         done = here(*line.split(), "--json").ok()
         assert (done.stdout.count("\n"), done.stderr) == (1, ""), line
-        results[line] = result_of(done.stdout)
+        results[line] = done.result
         assert results[line], line
     assert results["edit undo take"]["trim"] is None
     assert results["edit redo take"]["trim"] == {"first": 1, "last": 3}
@@ -159,8 +156,6 @@ def test_short_commands_have_a_result(
 
 
 def test_every_command_but_the_window_takes_json() -> None:
-    from pipelines.cli import make_parser
-
     def names(name: str, parser: argparse.ArgumentParser) -> Iterator[tuple[str, bool]]:
         kinds = [kinds.choices for kinds in parser._actions if isinstance(kinds, argparse._SubParsersAction)]
         for kind, one in (kinds[0] if kinds else {}).items():
@@ -182,14 +177,6 @@ def test_a_reader_that_leaves_early_is_no_error() -> None:
     process.stderr.close()
 
 
-@pytest.fixture
-def take_of(finished: Path, tmp_path: Path) -> Callable[[], Path]:
-    """A copy of the finished take."""
-    import shutil
-
-    return lambda: Path(shutil.copytree(finished / "take", tmp_path / "take"))
-
-
 FAILURES = {
     "no such take": (("status", "none", "--json"), 1, "take.not_found"),
     "no such stream": (("export", "none", "--format", "ply", "--out", "x", "--json"), 1, "stream.not_found"),
@@ -209,9 +196,7 @@ FAILURES = {
 @pytest.mark.parametrize("name", FAILURES)
 def test_a_command_that_fails_ends_with_its_result(name: str, here: Callable) -> None:
     words, code, error = FAILURES[name]
-    done = here(*words)
-    assert done.returncode == code
-    (line,) = done.stdout.splitlines()
+    (line,) = here(*words).fails(code=code).stdout.splitlines()
     event = parse_event(line)
     assert isinstance(event, Finished)
     assert (event.outcome, event.result) == ("failed", {})

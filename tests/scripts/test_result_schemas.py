@@ -1,17 +1,11 @@
 """The published schemas are current; to update them, run scripts/result_schemas.py."""
 
-import importlib.util
 import json
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
-spec = importlib.util.spec_from_file_location("result_schemas", ROOT / "scripts" / "result_schemas.py")
-assert spec is not None
-assert spec.loader is not None
-script = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(script)
+from scripts import result_schemas as script
+from tests.support.tiny_capture import ROOT
 
 
 @pytest.mark.parametrize("name", script.MODELS)

@@ -32,19 +32,8 @@ def view_of_chart(
     noise: float = 2.0,
     size: tuple[int, int] = (WIDTH, HEIGHT),
 ) -> np.ndarray:
-    """A camera's image of the chart on a gray wall, from a direction that the seed chooses.
-
-    Args:
-        matrix: (3, 4) from the chart's sRGB (0 to 1, and 1) to the camera's.
-        seed: of the direction and the noise.
-        turned: the chart is upside down.
-        chart: (H, W, 3) float32 instead of `flat_chart()`.
-        noise: standard deviation in levels of 255.
-        size: (width, height) of the image.
-
-    Returns:
-        (H, W, 3) uint8 RGB.
-    """
+    """(H, W, 3) uint8 RGB: a camera's image of the chart on a gray wall, from a direction that the seed chooses.
+    `matrix`: (3, 4) from the chart's sRGB (0 to 1, and 1) to the camera's; `noise`: in levels of 255."""
     rng = np.random.default_rng(seed)
     chart = flat_chart() if chart is None else chart
     chart = chart[::-1, ::-1] if turned else chart

@@ -2,12 +2,16 @@
 
 import json
 import os
-import subprocess
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 
+from pipelines.config import Config, load_config, parse_override
+from pipelines.events import Event
+from pipelines.takes.take import Take
+from tests.support.events import events_in, result_of
 from tests.support.warm_python import warm_python
 
 WIDTH, HEIGHT, FRAMES = 64, 48, 5
@@ -88,9 +92,40 @@ def write_project(folder: Path) -> None:
     (folder / "ball.yaml").write_text(SETTINGS)
 
 
-def v3studio(*arguments: object, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
+class Done(NamedTuple):
+    """Output and exit code of a command."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+    def ok(self) -> "Done":
+        """Itself; fails unless the command succeeded."""
+        assert self.returncode == 0, self.stderr
+        return self
+
+    def fails(self, *words: str, code: int = 1) -> "Done":
+        """Itself; fails unless the command failed with this code, and these words in what it said."""
+        assert self.returncode == code, self.stderr
+        for part in words:
+            assert part in self.stderr
+        return self
+
+    @property
+    def result(self) -> Any:
+        """With --json."""
+        return result_of(self.stdout)
+
+    @property
+    def events(self) -> list[Event]:
+        """With --json."""
+        return events_in(self.stdout)
+
+
+def v3studio(*arguments: object) -> Done:
     """Run the command line in a separate process, as a user or the window would."""
-    return warm_python().run(("-m", "pipelines.cli", *arguments), text=True, cwd=cwd, env=environment())
+    done = warm_python().run(("-m", "pipelines.cli", *arguments), text=True, env=environment())
+    return Done(done.returncode, done.stdout, done.stderr)
 
 
 def environment() -> dict[str, str]:
@@ -104,3 +139,17 @@ def results(take: Path) -> dict[str, bytes]:
     folders = [take / name for name in ("initialize", "train", "stream")]
     files = [path for folder in folders for path in folder.rglob("*") if path.is_file() and path.name != "group.json"]
     return {path.relative_to(take).as_posix(): path.read_bytes() for path in (*files, take / "evaluation.json")}
+
+
+def settings_in(project: Path, *overrides: str) -> Config:
+    """The settings in `ball.yaml`, with others such as `bake.quality=30`."""
+    return load_config(project / "ball.yaml", [parse_override(text) for text in overrides])
+
+
+def run_take(project: Path, *overrides: str, **options: Any) -> list[Event]:
+    """Run the take `take/` of a project in this process, or begin it; its events."""
+    from pipelines.runs.runner import run
+
+    events: list[Event] = []
+    run(Take.create(project / "take"), settings_in(project, *overrides), events.append, **options)
+    return events

@@ -10,23 +10,9 @@ from contextlib import contextmanager
 def x_server(size: str = "1400x900") -> Iterator[str]:
     """Name of its display, for example ":101"; `size` in pixels."""
     read_end, write_end = os.pipe()
-    server = subprocess.Popen(
-        [
-            "Xvfb",
-            "-displayfd",
-            str(write_end),
-            "-screen",
-            "0",
-            f"{size}x24",
-            "-nolisten",
-            "tcp",
-            "-r",  # no key repeat
-            "-noreset",  # else it starts again when the window closes, and refuses xdotool meanwhile
-        ],
-        pass_fds=[write_end],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
+    # -r: no key repeat; -noreset: else it starts again when the window closes, and refuses xdotool meanwhile
+    command = ["Xvfb", "-displayfd", str(write_end), "-screen", "0", f"{size}x24", "-nolisten", "tcp", "-r", "-noreset"]
+    server = subprocess.Popen(command, pass_fds=[write_end], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     os.close(write_end)
     try:
         with os.fdopen(read_end) as pipe:

@@ -12,7 +12,6 @@ from pipelines.ablation.study import compare
 from pipelines.ablation.variants import chosen
 from pipelines.takes.frame_files import read_about
 from tests.support.errors import refuses
-from tests.support.events import result_of
 
 pytestmark = pytest.mark.long
 
@@ -46,11 +45,10 @@ def test_the_full_method_is_always_first_and_names_are_checked():
     assert caught.value.fields["expected"][:2] == ["full", "no-entropy"]
 
 
-def test_command_shares_keyframes_measures_and_goes_on(project, cli):
+def test_command_shares_keyframes_measures_and_goes_on(project, here):
     out = project / "ablation"
     arguments = ("ablate", project / "ball.yaml", "--out", out, "--variants", "no-finetune", "--qps", "10,24,34,42")
-    done = cli(*arguments, "--set", "capture.frames=:2")
-    assert done.returncode == 0, done.stderr
+    here(*arguments, "--set", "capture.frames=:2").ok()
     results = json.loads((out / "ablation.json").read_text())
     assert [entry["name"] for entry in results["variants"]] == ["full", "no-finetune"]
     assert results["protocol"]["cameras"] == ["cam4"]
@@ -71,11 +69,7 @@ def test_command_shares_keyframes_measures_and_goes_on(project, cli):
     assert "no fine-tuning" in page
 
     before = {path: path.stat().st_mtime_ns for path in out.rglob("frame_*")}
-    again = cli(*arguments, "--set", "capture.frames=:2", "--json")
-    assert again.returncode == 0, again.stderr
-    assert result_of(again.stdout) == {"path": str(out), **json.loads((out / "ablation.json").read_text())}
+    again = here(*arguments, "--set", "capture.frames=:2", "--json").ok()
+    assert again.result == {"path": str(out), **results}
     assert {path: path.stat().st_mtime_ns for path in out.rglob("frame_*")} == before
-
-    refused = cli(*arguments[:-1], "10,x")
-    assert refused.returncode == 2
-    assert "--qps '10,x' is not" in refused.stderr
+    here(*arguments[:-1], "10,x").fails("--qps '10,x' is not", code=2)

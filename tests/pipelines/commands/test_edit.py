@@ -1,7 +1,6 @@
 """`v3studio edit`, and what stages and exports make of edits."""
 
 import json
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -10,24 +9,23 @@ import pytest
 from pipelines.review import TakeReview
 from pipelines.takes.edits import read_edits
 from pipelines.takes.frame_files import read_frame
+from pipelines.takes.point_files import read_points
 from pipelines.takes.take import Take
 from pipelines.takes.videos import decoded_video, trained_video
 from studio.camera_files import read_rig
 from studio.edits import moved
 from studio.rasterizer import rasterize
 from studio.stream import StreamMetadata, StreamReader
-from tests.support.events import result_of
 from tests.support.streams import contents
 
 
 @pytest.fixture
-def take(finished, tmp_path) -> Path:
-    shutil.copytree(finished, tmp_path / "project")
-    return tmp_path / "project" / "take"
+def take(copied) -> Path:
+    return copied / "take"
 
 
 def states(here, take) -> dict[str, dict[str, str]]:
-    return result_of(here("status", take, "--json").ok().stdout)["stages"]
+    return here("status", take, "--json").ok().result["stages"]
 
 
 def test_a_take_is_trimmed_cropped_and_placed_and_as_before_when_that_is_undone(here, take) -> None:
@@ -87,8 +85,7 @@ def test_a_take_is_trimmed_cropped_and_placed_and_as_before_when_that_is_undone(
     here("edit", "remove", take, "all").ok()
     assert here("edit", "list", take).ok().stdout.startswith("no edits")
     here("bake", take).ok()
-    after = contents(take / "stream")
-    assert after == before
+    assert contents(take / "stream") == before
     here("edit", "undo", take).ok()
     assert "frames 1 to 3" in here("edit", "list", take).ok().stdout
 
@@ -138,8 +135,6 @@ def test_a_detail_is_trained_with_more_splats_and_as_before_when_that_is_undone(
 
 
 def read_points_of(take: Path) -> np.ndarray:
-    from pipelines.takes.point_files import read_points
-
     return read_points(Take.open(take).initialize_group(0) / "points.ply")[0]
 
 
@@ -170,11 +165,9 @@ def read_points_of(take: Path) -> np.ndarray:
     ],
 )
 def test_bad_input_gets_a_sentence_and_changes_nothing(here, finished, words, sentence) -> None:
-    result = here("edit", words[0], finished / "take", *words[1:])
     unknown = words[0] in ("undo", "region") or words[-1] == 5 or 9 in words  # not in this take, or not a file
-    assert result.returncode == (1 if unknown else 2)
+    result = here("edit", words[0], finished / "take", *words[1:]).fails(sentence, code=1 if unknown else 2)
     assert result.stderr.startswith("error: ")
-    assert sentence in result.stderr
     assert not (finished / "take" / "edits.json").exists()
 
 
@@ -196,6 +189,4 @@ def test_floaters_ground_and_regions(here, take, tmp_path) -> None:
     left = len(trained_video(take).read(0))
     assert f"{whole - left:,} of {whole:,} splats removed" in counted[0]
     here("edit", "ground", take, "10").ok()
-    result = here("bake", take)
-    assert result.returncode == 1
-    assert "the edits remove all splats of group 0" in result.stderr
+    here("bake", take).fails("the edits remove all splats of group 0")

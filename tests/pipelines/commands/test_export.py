@@ -25,7 +25,6 @@ from studio.formats.camera_path import Key, look_at, write_path_keys
 from studio.formats.usd import UsdFrames
 from studio.gaussians import Gaussians
 from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
-from tests.support.events import events_in
 from tests.support.splats import write_group
 
 CENTER = np.array([0.2, 0.1, 0.3])
@@ -68,9 +67,8 @@ def take(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_ply_of_the_trained_or_the_decoded_splats(here, take, tmp_path):
-    done = here(
-        "export", take, "--of", "trained", "--format", "ply", "--out", tmp_path / "trained", "--frames", "1:5:2"
-    ).ok()
+    options = ("--of", "trained", "--format", "ply", "--frames", "1:5:2")
+    done = here("export", take, *options, "--out", tmp_path / "trained").ok()
     assert done.stdout.endswith("trained: 2 frames\n")
     assert [path.name for path in sorted((tmp_path / "trained").iterdir())] == ["frame_0001.ply", "frame_0003.ply"]
     assert torch.equal(read_splats(tmp_path / "trained" / "frame_0003.ply").means, body(3, 75).means)
@@ -96,7 +94,7 @@ def test_another_dilation_is_told_since_files_cannot_say_it(here, tmp_path, dila
         assert [words in line for line in done.stdout.splitlines()] == ([False, True] if told else [not words])
     assert read_splats(tmp_path / "ply" / "frame_0001.ply").dilation == 0.3
     done = here("export", tmp_path / "s", "--format", "ply", "--out", tmp_path / "again", "--json")
-    notes = [event.message for event in events_in(done.stdout) if isinstance(event, Log)]
+    notes = [event.message for event in done.events if isinstance(event, Log)]
     assert [words in note for note in notes] == ([True] if words else [])
 
 
@@ -127,9 +125,8 @@ def test_viewer_axes(here, take, tmp_path):
 
 def test_videogs_there_and_back(here, take, tmp_path):
     here("export", take, "--format", "videogs", "--qp", "0", "--out", tmp_path / "vgs").ok()
-    done = here(
-        "import", tmp_path / "vgs", "--out", tmp_path / "back", "--fps", "12.5", "--bake.quality", "0", "--up", "0,0,2"
-    ).ok()
+    options = ("--fps", "12.5", "--bake.quality", "0", "--up", "0,0,2")
+    done = here("import", tmp_path / "vgs", "--out", tmp_path / "back", *options).ok()
     assert "back: 5 frames in 2 groups, " in done.stdout
     with StreamReader.open(tmp_path / "back") as reader:
         assert reader.fps == 12.5
@@ -143,22 +140,8 @@ def test_videogs_there_and_back(here, take, tmp_path):
 
 def test_movies(here, take, tmp_path):
     turn = tmp_path / "turn.mp4"
-    done = here(
-        "export",
-        take,
-        "--of",
-        "trained",
-        "--format",
-        "turntable",
-        "--size",
-        "96x64",
-        "--seconds",
-        "0.4",
-        "--out",
-        turn,
-        "--json",
-    ).ok()
-    *_, last, end = events_in(done.stdout)
+    options = ("--of", "trained", "--format", "turntable", "--size", "96x64", "--seconds", "0.4", "--json")
+    *_, last, end = here("export", take, *options, "--out", turn).ok().events
     assert isinstance(last, Progress)
     assert (last.label, last.figures) == ("export turntable", {"done": 5, "total": 5})
     assert isinstance(end, Finished)
@@ -171,16 +154,11 @@ def test_movies(here, take, tmp_path):
 
     keys = [Key(0, RIG["front"], 4.0), Key(1, RIG["side"], 0.0)]
     write_path_keys(keys, tmp_path / "path.json")
-    done = here(
-        "export", take / "stream", "--format", "camera-path", "--path", tmp_path / "path.json", "--size", "96x64",
-        "--fps", "4", "--background", "0,1,0", "--out", tmp_path / "path.mp4",
-    ).ok()  # fmt: skip
-    assert done.stdout.endswith("path.mp4: 4 frames of 96x64\n")
-    done = here(
-        "export", take, "--format", "camera-path", "--path", take / "calibrate" / "rig.json", "--size", "48x32",
-        "--out", tmp_path / "rig.mp4",
-    )  # fmt: skip
-    assert done.stdout.endswith("rig.mp4: 5 frames of 48x32\n"), done.stderr  # as long as the video
+    path = ("--format", "camera-path", "--size", "96x64", "--path")
+    options = (tmp_path / "path.json", "--fps", "4", "--background", "0,1,0", "--out", tmp_path / "path.mp4")
+    assert here("export", take / "stream", *path, *options).ok().stdout.endswith("path.mp4: 4 frames of 96x64\n")
+    done = here("export", take, *path, take / "calibrate" / "rig.json", "--out", tmp_path / "rig.mp4").ok()
+    assert done.stdout.endswith("rig.mp4: 5 frames of 96x64\n")  # as long as the video
 
 
 def test_plates_have_the_numbers_of_the_footage_and_the_world_of_the_usd_file(here, take, tmp_path, monkeypatch):
@@ -188,9 +166,7 @@ def test_plates_have_the_numbers_of_the_footage_and_the_world_of_the_usd_file(he
     options = ("--format", "exr", "--shutter", "180", "--shutter-samples", "2", "--json")
     done = here("export", take, *options, "--camera", "side", "--frames", "1:3", "--out", "side").ok()
     assert sorted(path.name for path in (tmp_path / "side").iterdir()) == ["plate.0001.exr", "plate.0002.exr"]
-    *_, end = events_in(done.stdout)
-    assert isinstance(end, Finished)
-    assert end.result == {"path": str(tmp_path / "side"), "format": "exr", "frames": 2}
+    assert done.result == {"path": str(tmp_path / "side"), "format": "exr", "frames": 2}
     file = OpenEXR.File(str(tmp_path / "side" / "plate.0001.exr"))
     places = np.stack([file.channels()[f"P.{axis}"].pixels for axis in "XYZ"], -1)
     here("export", take, "--format", "usd", "--out", tmp_path / "a.usda", "--start-number", "1001").ok()
@@ -207,8 +183,8 @@ def test_plates_have_the_numbers_of_the_footage_and_the_world_of_the_usd_file(he
     again = OpenEXR.File(str(tmp_path / "again" / "plate.1001.exr"))
     for name, channel in file.channels().items():
         np.testing.assert_allclose(again.channels()[name].pixels, channel.pixels, atol=2e-3, rtol=1e-3)
-    done = here("export", take, "--format", "camera-path", *path, "--out", tmp_path / "a.mp4")
-    assert done.stdout.endswith("a.mp4: 5 frames of 96x64\n"), done.stderr
+    done = here("export", take, "--format", "camera-path", *path, "--out", tmp_path / "a.mp4").ok()
+    assert done.stdout.endswith("a.mp4: 5 frames of 96x64\n")
 
 
 def test_mistakes_are_one_sentence(here, take, tmp_path):
@@ -224,32 +200,23 @@ def test_mistakes_are_one_sentence(here, take, tmp_path):
         ([take, "--format", "exr", "--camera", "top", "--out", out], "no camera named 'top'"),
         ([take / "stream", "--format", "exr", "--camera", "side", "--out", out], "--camera side needs a take"),
         ([take, "--format", "ply", "--camera", "side", "--out", out], "does not take --camera"),
-        (
-            [take, "--format", "turntable", "--out", tmp_path / "a.mp4", "--size", "big"],
-            "--size 'big' is not",
-        ),
+        ([take, "--format", "turntable", "--out", tmp_path / "a.mp4", "--size", "big"], "--size 'big' is not"),
         ([take, "--format", "exr", "--camera", "side", "--out", out, "--size", "0x64"], "--size '0x64' is not"),
-        (
-            [take, "--format", "turntable", "--out", tmp_path / "a.mp4", "--background", "red"],
-            "--background 'red' is",
-        ),
+        ([take, "--format", "turntable", "--out", tmp_path / "a.mp4", "--background", "red"], "--background 'red' is"),
         ([take, "--format", "videogs", "--axes", "viewer", "--out", out], "supports only the axes of the capture"),
         ([take, "--format", "ply", "--spz-version", "3", "--out", out], "has no --spz-version"),
         ([tmp_path / "none", "--format", "ply", "--out", out], "no such folder"),
     ]
     for arguments, message in cases:
-        done = here("export", *arguments)
-        assert done.returncode == (2 if "--" in message or "axes" in message or "one file" in message else 1)
-        assert message in done.stderr
+        usage = "--" in message or "axes" in message or "one file" in message
+        done = here("export", *arguments).fails(message, code=2 if usage else 1)
         assert done.stderr.startswith("error: ")
         assert done.stderr.count("\n") == 1
     assert [one.name for one in tmp_path.iterdir()] == ["notes.txt"]
     assert here("export", take, "--format", "obj", "--out", out).returncode == 2
     every = here("export", take, "--format", "ply", "--out", out, "--frames", "all")
-    assert (every.returncode, "'all' is not of the form A:B" in every.stderr) == (2, True)
-    done = here("import", take, "--out", out)
-    assert done.returncode == 1
-    assert "no .ply, .spz, .sog, .splat, .ksplat files" in done.stderr
+    every.fails("'all' is not of the form A:B", code=2)
+    here("import", take, "--out", out).fails("no .ply, .spz, .sog, .splat, .ksplat files")
 
 
 def test_frames_have_their_numbers_in_the_footage(here, take, tmp_path):
@@ -265,24 +232,12 @@ def test_frames_have_their_numbers_in_the_footage(here, take, tmp_path):
     video = trained_video(whole)
     assert (video.frame_count, video.number(0), video.number(1)) == (2, 64, 66)
     assert torch.equal(video.read(0).means, trained_video(take).read(2).means)
-    before = here("export", whole, "--of", "trained", *options, "--out", tmp_path / "early")
-    assert (before.returncode, "64 to 66" in before.stderr) == (1, True)
+    here("export", whole, "--of", "trained", *options, "--out", tmp_path / "early").fails("64 to 66")
 
 
 def test_ctrl_c_stops_within_two_seconds_and_leaves_nothing(start, take, tmp_path):
-    process = start(
-        "export",
-        take,
-        "--format",
-        "turntable",
-        "--size",
-        "640x480",
-        "--seconds",
-        "600",
-        "--out",
-        tmp_path / "a.mp4",
-        "--json",
-    )
+    options = ("--format", "turntable", "--size", "640x480", "--seconds", "600", "--json")
+    process = start("export", take, *options, "--out", tmp_path / "a.mp4")
     while '"done": 0' in process.stdout.readline():
         pass
     process.send_signal(signal.SIGINT)

@@ -41,9 +41,7 @@ def test_a_stream_in_one_file_plays(here, stream, tmp_path):
     here("play", out).ok()
     here("export", out, "--format", "ply", "--out", tmp_path / "plys").ok()
     assert len(list((tmp_path / "plys").iterdir())) == 4
-    refused = here("serve", out)
-    assert refused.returncode == 1
-    assert "v3studio share" in refused.stderr
+    here("serve", out).fails("v3studio share")
     with refuses("import.is_a_stream", file=out):
         open_import(out)
 
@@ -57,6 +55,4 @@ def test_a_stream_in_one_file_plays(here, stream, tmp_path):
     ],
 )
 def test_options_that_do_not_fit(here, stream, options, said):
-    done = here("export", stream, "--format", "v3", *options)
-    assert done.returncode == 2
-    assert said in done.stderr
+    here("export", stream, "--format", "v3", *options).fails(said, code=2)

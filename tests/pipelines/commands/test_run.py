@@ -11,9 +11,7 @@ from studio.yaml_text import parse_yaml
 
 
 @pytest.mark.parametrize("gpu", [False, True])
-def test_a_folder_of_footage_is_enough(
-    gpu: bool, here: Callable, project: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_footage_is_enough(gpu: bool, here: Callable, project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(presets, "has_gpu", lambda: gpu)
     take, footage = project / "take", project / "capture"
     here("calibrate", footage, "--take", take, "--capture.held_out", "cam4").ok()
@@ -27,9 +25,8 @@ def test_a_folder_of_footage_is_enough(
 
 
 def test_a_preset_comes_between_the_file_and_the_command_line(here: Callable, project: Path) -> None:
-    here(
-        "calibrate", project / "ball.yaml", "--take", project / "t", "--preset", "preview", "--train.max_splats", "7"
-    ).ok()
+    options = ("--preset", "preview", "--train.max_splats", "7")
+    here("calibrate", project / "ball.yaml", "--take", project / "t", *options).ok()
     config = load_config(project / "t" / "config.yaml")
     assert config.train.keyframe_iterations == 800
     assert config.train.max_splats == 7

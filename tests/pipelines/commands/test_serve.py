@@ -23,7 +23,6 @@ from pipelines.takes.take import TAKE_FORMAT
 from studio.playback import play_headless
 from studio.stream import BakeSettings
 from tests.support.errors import refuses
-from tests.support.events import result_of
 from tests.support.streams import bake_numbered, best_of, edit_manifest, group_files
 from tests.support.web_servers import PLAYER, ask, running
 
@@ -83,7 +82,7 @@ def test_addresses_of_folders_with_any_letters_are_quoted_and_work(stream, tmp_p
         assert urllib.parse.urlsplit(address).geturl() == address.encode("ascii").decode()
         with urllib.request.urlopen(address) as answer:
             assert answer.read() == (stream / "manifest.json").read_bytes()
-    report = result_of(here("play", addresses[str(tmp_path / names[1])], "--frames", ":2", "--json").stdout)
+    report = here("play", addresses[str(tmp_path / names[1])], "--frames", ":2", "--json").result
     assert len(report["frames"]) == 2
     here("play", f"{host}/{names[0]}", "--frames", ":2").ok()
     process.send_signal(signal.SIGINT)
@@ -208,8 +207,7 @@ def test_a_title_for_one_stream(stream, tmp_path, here):
         assert 'data-title="Walk &lt;1&gt;"' in page
     for name in "ab":
         shutil.copytree(stream, tmp_path / "several" / name, symlinks=True)
-    done = here("serve", tmp_path / "several", "--title", "Walk", "--port", "0")
-    assert (done.returncode, "--title" in done.stderr) == (2, True)
+    here("serve", tmp_path / "several", "--title", "Walk", "--port", "0").fails("--title", code=2)
 
 
 BROWSER = "text/html,application/xhtml+xml,*/*;q=0.8"
@@ -245,11 +243,9 @@ def test_browsers_get_the_player_and_others_the_list(stream, tmp_path):
 
 def test_a_port_that_is_taken(here, stream):
     with socket.create_server(("127.0.0.1", 0)) as taken:
-        done = here("serve", stream, "--port", taken.getsockname()[1])
-    assert done.returncode == 1
-    assert "is in use. Specify another one with --port." in done.stderr
-    assert here("serve", stream, "--port", "70000").returncode == 2
-    assert "cannot listen on 203.0.113.1" in here("serve", stream, "--host", "203.0.113.1").stderr
+        here("serve", stream, "--port", taken.getsockname()[1]).fails("is in use. Specify another one with --port.")
+    here("serve", stream, "--port", "70000").fails(code=2)
+    here("serve", stream, "--host", "203.0.113.1").fails("cannot listen on 203.0.113.1")
 
 
 def served(start, stream: Path, port: int = 0):
@@ -311,18 +307,14 @@ def test_the_command_line_plays_an_address(here, start, tmp_path):
     missing = {"path": f"files/{'1' * 32}.mp4", "sha256": "1" * 64}  # these groups share their files
     edit_manifest(folder, lambda values: best_of(values["groups"][0])["components"][0]["planes"][0].update(missing))
     _, address = served(start, folder)
-    done = here("play", "--json", address)
-    report = result_of(done.stdout)
+    done = here("play", "--json", address).fails()
+    report = done.result
     assert [row["frame"] for row in report["frames"]] == [*range(5, 40)]
     assert all(row["fetch_ms"] > 0 for row in report["frames"])
     assert report["skipped"][0]["frame_count"] == 5
-    assert done.returncode == 1
     assert done.stderr.startswith("warning: Group 0, frames 0 to 4, was skipped: http://127.0.0.1:")
-    done = here("check", address)
-    assert (done.returncode, done.stdout.splitlines()[0].partition(":")[0]) == (1, f"{missing['path']} (group 0)")
-    done = here("play", address + "nowhere")
-    assert done.returncode == 1
-    assert "404" in done.stderr
+    assert here("check", address).fails().stdout.startswith(f"{missing['path']} (group 0):")
+    here("play", address + "nowhere").fails("404")
 
 
 def test_json_is_compressed_for_clients_that_take_it(port, stream):

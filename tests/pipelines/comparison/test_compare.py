@@ -10,15 +10,12 @@ import numpy as np
 import pytest
 
 from pipelines.comparison.compare import compare
-from pipelines.config import load_config, parse_override
-from pipelines.runs.runner import run
 from pipelines.takes.evaluation import read_evaluation
 from pipelines.takes.take import Take
 from studio.comparison import PROTOCOLS, measure
 from tests.support.errors import refuses
-from tests.support.events import result_of
 from tests.support.streams import contents
-from tests.support.tiny_capture import environment
+from tests.support.tiny_capture import environment, run_take
 from tests.support.warm_python import warm_python
 
 
@@ -26,11 +23,10 @@ from tests.support.warm_python import warm_python
 def two(finished: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """A take, and the same one baked much more coarsely."""
     folder = tmp_path_factory.mktemp("two")
-    for name in ("fine", "coarse"):
-        shutil.copytree(finished / "take", folder / name)
-    config = load_config(finished / "ball.yaml", [parse_override("bake.quality=44")])
-    run(Take.open(folder / "coarse"), config, lambda event: None, stages=("bake",))
-    return folder / "fine", folder / "coarse"
+    shutil.copytree(finished / "take", folder / "fine")
+    shutil.copytree(finished, folder / "coarse")
+    run_take(folder / "coarse", "bake.quality=44", stages=("bake",))
+    return folder / "fine", folder / "coarse" / "take"
 
 
 def test_it_measures_what_the_evaluation_measures(two, here, tmp_path):
@@ -65,13 +61,13 @@ def test_it_measures_what_the_evaluation_measures(two, here, tmp_path):
 
 def test_an_earlier_comparison_is_replaced_and_other_images_stay(two, here, tmp_path):
     earlier = {"protocol": {"cameras": ["cam2", "left/cam4"], "frames": [1]}}
-    values = result_of(here("compare", two[0], "--frames", "::4", "--images", "1", "--json", "--out", tmp_path).stdout)
+    again = ("compare", two[0], "--frames", "::4", "--images", "1", "--out", tmp_path)
+    values = here(*again, "--json").result
     values["protocol"].update(earlier["protocol"])
     (tmp_path / "comparison.json").write_text(json.dumps(values))
     for name in ("cam2_000001.png", "left_cam4_000001.png", "poster.png", "cam9_000001.png"):
         (tmp_path / name).write_bytes(b"")
-    again = ("compare", two[0], "--frames", "::4", "--images", "1", "--out", tmp_path)
-    assert "already exists" in here(*again).stderr
+    here(*again).fails("already exists")
     assert (tmp_path / "cam2_000001.png").exists()
     here(*again, "--overwrite").ok()
     names = sorted(path.name for path in tmp_path.iterdir())
@@ -156,15 +152,9 @@ def test_frames_of_another_comparison_or_damaged_ones_are_measured_again(two, tm
 
 
 def test_mistakes_are_one_sentence(two, here, tmp_path):
-    done = here("compare", two[0], "--protocol", "hifi4g", "--out", tmp_path / "out")
-    assert done.returncode == 1
-    assert "no camera '48'" in done.stderr
-    assert "--cameras" in done.stderr
-    done = here("compare", two[0], two[0], "--out", tmp_path / "out")
-    assert done.returncode == 1
-    assert "the same take is named twice" in done.stderr
-    done = here("compare", two[0], "--frames", "::0", "--out", tmp_path / "out")
-    assert "'::0' is not of the form A:B" in done.stderr
+    out = ("--out", tmp_path / "out")
+    here("compare", two[0], "--protocol", "hifi4g", *out).fails("no camera '48'", "--cameras")
+    here("compare", two[0], two[0], *out).fails("the same take is named twice")
+    here("compare", two[0], "--frames", "::0", *out).fails("'::0' is not of the form A:B", code=2)
     assert not (tmp_path / "out").exists()
-    done = here("compare", two[0], "--out", two[1], "--overwrite")
-    assert "is not an earlier output" in done.stderr
+    here("compare", two[0], "--out", two[1], "--overwrite").fails("is not an earlier output")

@@ -1,5 +1,6 @@
-"""Presets: valid, complete, and compared with settings."""
+"""Defaults, and presets: valid, complete, and compared with settings."""
 
+import json
 from pathlib import Path
 
 from pipelines.config import Config, load_config
@@ -25,3 +26,11 @@ def test_final_has_the_defaults_and_standard_the_schedule_of_the_sample() -> Non
     assert set(differing(sample, "standard")) == {
         "initialize.resolution", "train.alpha_weight", "train.scale_reg", "train.dropout", "train.crop_margin",
     }  # fmt: skip
+
+
+def test_all_sections_have_the_recorded_defaults() -> None:
+    """A changed default changes what users get from the same configuration, and makes their takes stale: change it in
+    tests/data/default_settings.json as well, and describe it in CHANGELOG.md."""
+    recorded = json.loads((ROOT / "tests" / "data" / "default_settings.json").read_text(encoding="utf-8"))
+    for section, found in Config().model_dump(mode="json").items():
+        assert found == recorded[section], section

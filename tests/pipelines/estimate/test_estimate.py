@@ -1,41 +1,25 @@
 """Estimates: what is counted, and a rehearsal on the tiny capture."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from pipelines import cli
 from pipelines.config import presets
 from pipelines.estimate import Measured, Work, estimate, rehearsal
 from studio.training import TrainSettings
-from tests.support.events import result_of
 
 pytestmark = pytest.mark.long
 
-SETTINGS = TrainSettings.model_validate(
-    {
-        "keyframe_iterations": 1000,
-        "densify_until": 0,
-        "prune_finetune_iterations": 100,
-        "motion_iterations": 50,
-        "motion_first_iterations": 80,
-        "finetune_iterations": 200,
-        "max_splats": 7000,
-    }
-)
+SETTINGS = TrainSettings(
+    keyframe_iterations=1000, densify_until=0, prune_finetune_iterations=100, motion_iterations=50,
+    motion_first_iterations=80, finetune_iterations=200, max_splats=7000,
+)  # fmt: skip
 WORK = Work(
-    train_cameras=4,
-    held_out_cameras=2,
-    pixels=40_000,
-    groups=(5, 5, 3),
-    at_once=2,
-    threads=2,
-    points=10_000,
-    resolution=100,
-    memory_of_group=1_000_000,
-    train=SETTINGS,
-)
+    train_cameras=4, held_out_cameras=2, pixels=40_000, groups=(5, 5, 3), at_once=2, threads=2, points=10_000,
+    resolution=100, memory_of_group=1_000_000, train=SETTINGS,
+)  # fmt: skip
 
 
 def train_seconds(work: Work, measured: Measured) -> float:
@@ -67,14 +51,13 @@ def test_sizes() -> None:
     assert estimate(WORK, Measured(), None).stages[2].bytes is None
 
 
-def test_the_tiny_capture(project: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_tiny_capture(project: Path, monkeypatch: pytest.MonkeyPatch, here: Callable) -> None:
     monkeypatch.setattr(rehearsal, "SECONDS", 0.2)
     monkeypatch.setattr(rehearsal, "RESOLUTIONS", (16, 20, 28))
     small = {"preview": {"train.keyframe_iterations": 60}, "final": {"train.keyframe_iterations": 6000}}
     monkeypatch.setattr(presets, "PRESETS", small)
     before = sorted(project.rglob("*"))
-    assert cli.execute(["estimate", str(project / "ball.yaml"), "--json", "--presets"]) == 0
-    found = result_of(capsys.readouterr().out)
+    found = here("estimate", project / "ball.yaml", "--json", "--presets").ok().result
     assert [stage["stage"] for stage in found["stages"]] == ["initialize", "train", "bake", "evaluate"]
     assert all(stage["seconds"] > 0 for stage in found["stages"])
     assert found["seconds_low"] < found["seconds"] < found["seconds_high"]
@@ -85,8 +68,6 @@ def test_the_tiny_capture(project: Path, monkeypatch: pytest.MonkeyPatch, capsys
     assert sorted(project.rglob("*")) == before
 
 
-def test_cameras_must_be_known(project: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.execute(["estimate", str(project / "ball.yaml"), "--set", "capture.rig=null"]) == 1
-    error = capsys.readouterr().err
-    assert "the cameras are not known yet" in error
-    assert "v3studio calibrate" in error
+def test_cameras_must_be_known(project: Path, here: Callable) -> None:
+    done = here("estimate", project / "ball.yaml", "--set", "capture.rig=null")
+    done.fails("the cameras are not known yet", "v3studio calibrate")

@@ -9,6 +9,7 @@ from pipelines.events import MAX_TEXT, Metrics, Progress, RunStarted, parse_even
 from studio.errors import Message, StudioError
 from tests.support.errors import refuses
 
+STREAM = {"folder": "/t", "address": "http://x/"}
 EXAMPLES = [
     RunStarted(take="/t", stages=("train", "bake"), done=("calibrate",), pid=1, version="0.1"),
     events.StageStarted(stage="train", reason="never finished"),
@@ -17,14 +18,7 @@ EXAMPLES = [
     events.GroupState(stage="train", group=3, state="running", node="node1", frames=20, psnr=27.5),
     events.Preview(stage="train", path="/t/x.png", caption="frame 3", camera="cam05", iteration=500),
     events.Log(stage="train", message="hello"),
-    events.Serving(
-        streams=({"folder": "/t", "address": "http://x/"},),
-        reviews=(),
-        bases=("http://x",),
-        local=True,
-        https=False,
-        fingerprint=None,
-    ),
+    events.Serving(streams=(STREAM,), reviews=(), bases=("http://x",), local=True, https=False, fingerprint=None),
     events.Warned(stage="train", message="grün", code="training.slow", fields={"setting": "capture.scale"}),
     events.StageFailed(stage="bake", message="no", code="a.b", file="/x", value=3, fix="Do.", traceback="..."),
     events.StageFinished(stage="train", seconds=1.5, summary={"frames": 3}),

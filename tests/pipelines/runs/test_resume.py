@@ -3,34 +3,11 @@
 import json
 import signal
 
-from pipelines.events import Event, Finished, Log, Metrics, StageStarted
+from pipelines.events import Finished, Log, Metrics, StageStarted
 from pipelines.stages import train_group
 from studio.errors import Cancelled
-from tests.support.events import events_in, result_of
+from tests.support.events import frames_in, stop_when, trains_a_frame
 from tests.support.streams import contents
-
-
-def stop_when(process, condition, number) -> list:
-    """Read events until the condition holds, then send the signal."""
-    events = []
-    for line in process.stdout:
-        events += events_in(line)
-        if events and condition(events[-1]):
-            process.send_signal(number)
-            break
-    else:
-        raise AssertionError(f"the run ended before it could be stopped: {process.stderr.read()}")
-    events += events_in(process.stdout.read())
-    process.wait(timeout=120)
-    return events
-
-
-def frames_of(events: list) -> list[int]:
-    return [event.values["index"] for event in events if isinstance(event, Metrics) and event.stage == "train"]
-
-
-def is_trained_frame(event: Event) -> bool:
-    return isinstance(event, Metrics) and event.stage == "train"
 
 
 def test_stopped_and_killed_in_training_and_in_baking_gives_the_same_stream(finished, project, start, cli):
@@ -38,38 +15,32 @@ def test_stopped_and_killed_in_training_and_in_baking_gives_the_same_stream(fini
     arguments = ("run", project / "ball.yaml", "--take", take, "--json")
 
     stopped = start(*arguments)
-    events = stop_when(stopped, is_trained_frame, signal.SIGTERM)
+    events = stop_when(stopped, trains_a_frame, signal.SIGTERM)
     assert stopped.returncode == 130
     assert isinstance(events[-1], Finished)
     assert events[-1].outcome == "cancelled"
-    done = frames_of(events)
+    done = frames_in(events)
     assert done[0] == 1, "the keyframe is in the middle"
 
     # one frame more is done, others are in progress in two parallel groups
     first = start(*arguments, "--run.groups-at-once", "2")
-    events = stop_when(first, is_trained_frame, signal.SIGKILL)
+    events = stop_when(first, trains_a_frame)
     assert first.returncode == -signal.SIGKILL
     assert not (take / "stream").exists()
-    assert not set(frames_of(events)) & set(done)
-    done += frames_of(events)
+    assert not set(frames_in(events)) & set(done)
+    done += frames_in(events)
     assert len(done) < 5
 
     # during baking: the first group is done, the manifest is not written yet
     second = start(*arguments)
-    events = stop_when(
-        second,
-        lambda event: isinstance(event, Metrics) and event.stage == "bake" and event.group == 0,
-        signal.SIGKILL,
-    )
+    events = stop_when(second, lambda one: isinstance(one, Metrics) and (one.stage, one.group) == ("bake", 0))
     # a finished frame is not trained again
-    assert not set(frames_of(events)) & set(done)
+    assert not set(frames_in(events)) & set(done)
     assert not (take / "stream" / "manifest.json").exists() or second.returncode == -signal.SIGKILL
 
-    last = cli(*arguments)
-    assert last.returncode == 0, last.stderr
-    events = events_in(last.stdout)
+    events = cli(*arguments).ok().events
     assert [event.stage for event in events if isinstance(event, StageStarted)][-1] == "evaluate"
-    assert frames_of(events) == []
+    assert frames_in(events) == []
     assert contents(take / "stream") == contents(finished / "take" / "stream")
     ours, unbroken = (json.loads((folder / "evaluation.json").read_text()) for folder in (take, finished / "take"))
     assert ours == unbroken
@@ -81,30 +52,27 @@ def test_stopped_inside_a_keyframe_continues_from_its_checkpoint(project, here, 
     monkeypatch.setattr("studio.training.settings.CHECKPOINT_EVERY", 10)
 
     def run(name: str):
-        return here(
-            *("run", project / "ball.yaml", "--take", project / name),
-            *("--capture.frames", ":2", "--until", "train", "--json"),
-        )
+        options = ("--capture.frames", ":2", "--until", "train", "--json")
+        return here("run", project / "ball.yaml", "--take", project / name, *options)
 
     def stops(path, *arguments):
         write(path, *arguments)
         if path.name == "keyframe.checkpoint":
             raise Cancelled
 
-    unbroken = run("unbroken")
-    assert unbroken.returncode == 0, unbroken.stderr
+    run("unbroken").ok()
     checkpoint = project / "stopped" / "train" / "group_000" / "keyframe.checkpoint"
     with monkeypatch.context() as patched:
         write = train_group.write_tensors
         patched.setattr(train_group, "write_tensors", stops)
         assert run("stopped").returncode == 130
     assert checkpoint.exists()
-    stages = result_of(here("status", project / "stopped", "--json").stdout)["stages"]
+    stages = here("status", project / "stopped", "--json").result["stages"]
     assert stages["train"]["state"] == "partial", "it is neither missing nor done"
     frames = [project / name / "train" / "group_000" / "frame_000001.safetensors" for name in ("unbroken", "stopped")]
     assert not frames[1].exists()
     again = run("stopped")
-    messages = [event.message for event in events_in(again.stdout) if isinstance(event, Log)]
+    messages = [event.message for event in again.events if isinstance(event, Log)]
     assert any("resuming the keyframe at step 10" in message for message in messages), messages
     assert frames[0].read_bytes() == frames[1].read_bytes()
     assert not checkpoint.exists()
@@ -117,22 +85,17 @@ def test_killed_between_frames_continues_on_the_side_of_the_keyframe(project, st
     def run(name: str) -> tuple:
         return ("run", project / "ball.yaml", "--take", project / name, "--json", *one_group)
 
-    unbroken = cli(*run("unbroken"))
-    assert unbroken.returncode == 0, unbroken.stderr
+    cli(*run("unbroken")).ok()
     for attempt in range(5):  # on a busy machine the kill may come too late
         killed = f"killed{attempt}"
         process = start(*run(killed))
-        events = stop_when(
-            process, lambda event: is_trained_frame(event) and event.values["index"] == 1, signal.SIGKILL
-        )
+        events = stop_when(process, lambda event: frames_in([event]) == [1])
         frames = [project / name / "train" / "group_000" / "frame_000000.safetensors" for name in ("unbroken", killed)]
         if not frames[1].exists():
             break
     assert not frames[1].exists(), "it was killed too late for this test to mean anything"
-    assert frames_of(events) == [2, 3, 4, 1]
-    again = cli(*run(killed))
-    assert again.returncode == 0, again.stderr
-    assert frames_of(events_in(again.stdout)) == [0]
+    assert frames_in(events) == [2, 3, 4, 1]
+    assert frames_in(cli(*run(killed)).ok().events) == [0]
     assert frames[0].read_bytes() == frames[1].read_bytes()
 
 
@@ -146,8 +109,8 @@ def test_stopped_in_joint_training_continues_from_its_checkpoint(project, here, 
             *("run", project / "ball.yaml", "--take", project / name, "--capture.frames", ":3", "--until", "train"),
             *("--train.joint_iterations", str(iterations), "--json"),
         )
-        messages = [event.message for event in events_in(done.stdout) if isinstance(event, Log)]
-        return done.returncode, frames_of(events_in(done.stdout)), messages
+        messages = [event.message for event in done.events if isinstance(event, Log)]
+        return done.returncode, frames_in(done.events), messages
 
     def bytes_of(name: str) -> list[bytes]:
         return [(project / name / "train" / "group_000" / frame).read_bytes() for frame in frames]
@@ -179,7 +142,7 @@ def test_stopped_in_joint_training_continues_from_its_checkpoint(project, here, 
     assert (code, trained) == (130, [])
     assert any("resuming joint training at step 10" in message for message in messages), messages
     worker = here("work", project / "stopped", "--stage", "train", "--group", "0", "--json")
-    assert (worker.returncode, frames_of(events_in(worker.stdout))) == (0, [])
+    assert (worker.returncode, frames_in(worker.events)) == (0, [])
     assert bytes_of("stopped") == bytes_of("unbroken") != bytes_of("plain")
     assert not list((project / "stopped").rglob("*.checkpoint"))
 

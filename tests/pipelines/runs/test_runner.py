@@ -7,18 +7,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pipelines.config import load_config, parse_override
-from pipelines.events import (
-    Event,
-    Finished,
-    Log,
-    Metrics,
-    Preview,
-    Progress,
-    RunStarted,
-    StageFinished,
-    StageStarted,
-)
+from pipelines.config import load_config
+from pipelines.events import Event, Finished, Log, Metrics, Preview, Progress, RunStarted, StageFinished, StageStarted
 from pipelines.events.cancellation import Cancellation
 from pipelines.runs.runner import run, status
 from pipelines.stages import STAGE_NAMES, stage_named
@@ -29,6 +19,8 @@ from pipelines.takes.point_files import read_points
 from pipelines.takes.take import Take
 from studio.errors import Cancelled, StudioError
 from tests.support.errors import refuses
+from tests.support.events import frames_in, warnings_in
+from tests.support.tiny_capture import settings_in
 
 
 class Project:
@@ -39,7 +31,7 @@ class Project:
         self.take = Take.open(folder / "take")
 
     def run(self, *overrides: str, **options: Any) -> list[Event]:
-        config = load_config(self.folder / "ball.yaml", [parse_override(text) for text in overrides])
+        config = settings_in(self.folder, *overrides)
         events: list[Event] = []
         try:
             run(self.take, config, events.append, **options)
@@ -49,8 +41,7 @@ class Project:
         return events
 
     def states(self, *overrides: str) -> dict[str, str]:
-        config = load_config(self.folder / "ball.yaml", [parse_override(text) for text in overrides])
-        self.found = status(self.take, config)
+        self.found = status(self.take, settings_in(self.folder, *overrides))
         return {name: found.state for name, found in self.found.items()}
 
     def bytes_of(self, *names: str) -> dict[str, bytes]:
@@ -62,17 +53,12 @@ class Project:
 
 
 @pytest.fixture
-def project(finished: Path, tmp_path: Path) -> Project:
-    shutil.copytree(finished, tmp_path / "copy")
-    return Project(tmp_path / "copy")
+def project(copied: Path) -> Project:
+    return Project(copied)
 
 
 def ran(events: list[Event]) -> list[str]:
     return [event.stage for event in events if isinstance(event, StageStarted)]
-
-
-def trained(events: list[Event]) -> list[int]:
-    return [event.values["index"] for event in events if isinstance(event, Metrics) and event.stage == "train"]
 
 
 def test_a_run_leaves_every_result_in_its_place(project):
@@ -223,7 +209,7 @@ def test_a_deleted_frame_alone_is_trained_again_and_comes_out_the_same(project, 
     assert project.states()["train"] == "partial"
     assert (project.found["train"].units_done, project.found["train"].units) == (4, 5)
     events = project.run()
-    assert trained(events) == [place[1]]
+    assert frames_in(events) == [place[1]]
     assert ran(events) == ["train"]  # the same result as before, so nothing after it is stale
     assert {name: data for name, data in project.bytes_of("train", "stream").items() if "json" not in name} == {
         name: data for name, data in before.items() if "json" not in name
@@ -238,15 +224,14 @@ def test_a_longer_take_keeps_what_the_shorter_one_trained(project):
     times = project.written("train")
     assert len(times) == 3
     events = project.run(stages=stages)
-    assert trained(events) == [4, 3]
+    assert frames_in(events) == [4, 3]
     after = project.written("train")
     assert {name: after[name] for name in times} == times
 
 
 @pytest.mark.parametrize("name", STAGE_NAMES)
 def test_force_makes_all_results_of_a_stage_again_and_gives_the_same(project, name):
-    config = load_config(project.folder / "ball.yaml", [])
-    paths = stage_named(name).code.results(Inputs(project.take, config))
+    paths = stage_named(name).code.results(Inputs(project.take, settings_in(project.folder)))
     before = {path: (path.read_bytes(), path.stat().st_mtime_ns) for path in paths}
     assert before
     events = project.run(stages=(name,), force=True)
@@ -255,14 +240,14 @@ def test_force_makes_all_results_of_a_stage_again_and_gives_the_same(project, na
         assert path.stat().st_mtime_ns > written, path
         assert name == "evaluate" or path.read_bytes() == data, path  # reports hold times
     if name == "train":
-        assert trained(events) == [1, 2, 0, 4, 3]
+        assert frames_in(events) == [1, 2, 0, 4, 3]
 
 
 def test_another_seed_trains_again_with_progress_and_previews(project):
     before = project.bytes_of("train")
     overrides = ("run.seed=7", "run.preview_seconds=0.001")
     events = project.run(*overrides, stages=("initialize", "train"))
-    assert trained(events) == [1, 2, 0, 4, 3]
+    assert frames_in(events) == [1, 2, 0, 4, 3]
     after = project.bytes_of("train")
     assert all(after[name] != before[name] for name in before if name.endswith("safetensors"))
 
@@ -287,7 +272,7 @@ def test_without_held_out_cameras_the_evaluation_says_so(project):
     protocol = json.loads(project.take.evaluation.read_text())["protocol"]
     assert protocol["held_out"] is False
     assert len(protocol["cameras"]) == 6
-    assert any(getattr(event, "code", "") == "evaluation.no_held_out" for event in events)
+    assert warnings_in(events, "evaluation.no_held_out")
     assert "these are the training cameras" in project.take.report.read_text()
 
 
@@ -311,7 +296,7 @@ def test_cameras_without_masks_are_called_so_by_every_stage(project, tmp_path, m
     unused = [event for event in events if isinstance(event, Log) and "'cam5'" in event.message]
     assert {event.stage for event in unused} == {"calibrate", "initialize"}
     assert all("masks" in event.message for event in unused)
-    (warning,) = (event for event in events if getattr(event, "code", "") == "evaluation.no_held_out")
+    (warning,) = warnings_in(events, "evaluation.no_held_out")
     assert "cam4" in warning.message
     protocol = json.loads(project.take.evaluation.read_text())["protocol"]
     assert "cam4" in protocol["note"]
@@ -326,7 +311,7 @@ def test_an_empty_mask_in_a_later_frame_ends_training(project):
     project.take.forget("train")
     with pytest.raises(StudioError, match=r"Camera 'cam2': the mask is empty in frame 4"):
         project.run("run.seed=3", "train.keyframe_iterations=1000000")  # hours, if it were not ended
-    assert trained(project.events) == []
+    assert frames_in(project.events) == []
     assert project.states("run.seed=3")["train"] == "failed"
     assert project.found["train"].reason.startswith("last attempt: ")
 
@@ -334,7 +319,7 @@ def test_an_empty_mask_in_a_later_frame_ends_training(project):
 def test_a_damaged_trained_frame_is_trained_again(project):
     path = project.take.trained_frame(0, 1)
     path.write_bytes(path.read_bytes()[:100])
-    assert trained(project.run(stages=("train",))) == [1, 2, 0]
+    assert frames_in(project.run(stages=("train",))) == [1, 2, 0]
 
 
 def test_a_damaged_stream_is_noticed_and_baked_again(project):
@@ -360,9 +345,9 @@ def test_cancelled_from_another_thread(project):
         run(project.take, config, emit, cancellation=flag)
     assert isinstance(events[-1], Finished)
     assert events[-1].outcome == "cancelled"
-    assert trained(events) == [1]
+    assert frames_in(events) == [1]
     assert not any(isinstance(event, StageFinished) and event.stage == "train" for event in events)
-    assert trained(project.run("run.seed=5", stages=("train",))) == [2, 0, 4, 3]
+    assert frames_in(project.run("run.seed=5", stages=("train",))) == [2, 0, 4, 3]
 
 
 def test_a_stage_may_be_named_alone_and_an_unknown_one_is_refused(project):

@@ -7,55 +7,41 @@ import subprocess
 
 import pytest
 
-from pipelines.events import Metrics, StageFinished, StageStarted
-from tests.support.events import events_in
+from pipelines.events import StageFinished, StageStarted
+from tests.support.events import events_in, frames_in, stop_when, trains_a_frame
 from tests.support.tiny_capture import results
 
 pytestmark = pytest.mark.long
 
 
-def trained(output: str) -> list[int]:
-    """Indices of the frames that were trained or measured, from the events."""
-    events = events_in(output)
-    return [event.values["index"] for event in events if isinstance(event, Metrics) and event.frame is not None]
-
-
 def test_groups_done_in_any_process_give_the_take_of_a_local_run(finished, project, start, cli, here):
     take = project / "take"
-    done = cli("calibrate", project / "ball.yaml", "--take", take)
-    assert done.returncode == 0, done.stderr
+    here("calibrate", project / "ball.yaml", "--take", take).ok()
     missing = here("work", take, "--stage", "train", "--group", "1")
-    assert missing.returncode == 1
-    assert "group 1 has no results of the stage initialize" in missing.stderr
+    missing.fails("group 1 has no results of the stage initialize")
 
     # two workers with the same group, and a third that is killed after the first frame of another one
     same = [start("work", take, "--group", "0", "--json") for _ in range(2)]
     killed = start("work", take, "--group", "1", "--json")
-    for line in killed.stdout:
-        if trained(line):
-            killed.send_signal(signal.SIGKILL)
-            break
-    killed.communicate()
+    stop_when(killed, trains_a_frame)
     assert killed.returncode == -signal.SIGKILL
     outputs = [process.communicate() for process in same]
     assert [process.returncode for process in same] == [0, 0], outputs
-    assert sorted(trained("".join(out for out, _ in outputs))) == [0, 1, 2], "each frame is trained once"
-    again = cli("work", take, "--group", "1", "--json")
-    assert again.returncode == 0, again.stderr
-    assert trained(again.stdout) == [3], "the frame that was finished before the kill is kept"
+    trained = frames_in(events_in("".join(out for out, _ in outputs)))
+    assert sorted(trained) == [0, 1, 2], "each frame is trained once"
+    again = here("work", take, "--group", "1", "--json").ok()
+    assert frames_in(again.events) == [3], "the frame that was finished before the kill is kept"
 
     up_to_date = here("work", take, "--group", "1", "--json")
-    assert [e.summary["done"] for e in events_in(up_to_date.stdout) if isinstance(e, StageFinished)] == ["before"] * 3
+    assert [e.summary["done"] for e in up_to_date.events if isinstance(e, StageFinished)] == ["before"] * 3
     assert here("work", take, "--print-commands").stdout == ""
 
-    baked = cli("run", take, "--until", "bake", "--json")
-    assert baked.returncode == 0, baked.stderr
-    evaluated = [here("work", take, "--stage", "evaluate", "--group", group) for group in (0, 1)]
-    assert [one.returncode for one in evaluated] == [0, 0], evaluated
-    last = cli("run", take, "--json")
-    assert last.returncode == 0, last.stderr
-    assert [event.stage for event in events_in(last.stdout) if isinstance(event, StageStarted)] == ["evaluate"]
-    assert trained(last.stdout) == []
+    here("run", take, "--until", "bake").ok()
+    for group in (0, 1):
+        here("work", take, "--stage", "evaluate", "--group", group).ok()
+    events = cli("run", take, "--json").ok().events
+    assert [event.stage for event in events if isinstance(event, StageStarted)] == ["evaluate"]
+    assert frames_in(events, "train", "evaluate") == []
     assert results(take) == results(finished / "take")
     assert not list(take.rglob("*.partial*"))
     assert not (take / ".v3studio" / "work" / "evaluate").exists()
@@ -71,8 +57,7 @@ def test_commands_are_printed_for_each_kind_of_queue(project, here, tmp_path):
     assert "--run.threads 1" in plain[0]
     lines = here("work", take, "--print-commands", "--format", "deadline").stdout.splitlines()
     assert lines == [line.replace(f"'{take}'", f'"{take}"') for line in plain], "Deadline knows no single quotes"
-    refused = here("work", take, "--print-commands", "--format", "deadline", "--set", "capture.held_out=['cam\\1']")
-    assert refused.returncode == 1
+    here("work", take, "--print-commands", "--format", "deadline", "--set", "capture.held_out=['cam\\1']").fails()
     batch = here("work", take, "--stage", "train", "--print-commands", "--format", "sbatch").stdout
     assert "#SBATCH --array=0-1\n" in batch
     assert "#SBATCH --cpus-per-task=1\n" in batch
@@ -119,10 +104,7 @@ def test_what_cannot_be_done_is_refused(project, here):
         (): "specify either --group or --print-commands",
         ("--stage", "evaluate", "--group", "0"): "the stage evaluate needs train, which is missing",
     }.items():
-        done = here("work", take, *arguments)
-        assert done.returncode == (2 if arguments == () else 1)
-        assert expected in done.stderr
+        here("work", take, *arguments).fails(expected, code=1 if arguments else 2)
     (take / "calibrate" / "rig.json").unlink()
-    done = here("work", take, "--group", "0", "--json")
-    assert done.returncode == 1
+    done = here("work", take, "--group", "0", "--json").fails()
     assert json.loads(done.stdout.splitlines()[-1])["code"] == "stage.dependency"

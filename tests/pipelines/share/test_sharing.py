@@ -9,7 +9,6 @@ import subprocess
 import sys
 from html.parser import HTMLParser
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -19,7 +18,7 @@ import torch
 from pipelines.events import Progress
 from pipelines.share import sharing
 from pipelines.share.page import PageText, first_files, read_intro, read_view
-from pipelines.share.sharing import Shared, share, share_size
+from pipelines.share.sharing import share, share_size
 from pipelines.takes.take import TAKE_FORMAT
 from studio.cameras import Camera
 from studio.errors import Cancelled
@@ -28,16 +27,11 @@ from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize
 from studio.stream import BakeSettings, Rung, StreamReader, bake_group, write_manifest
 from tests.support.errors import refuses
-from tests.support.events import events_in, result_of
 from tests.support.streams import bake_numbered, contents
 
 TEXT = PageText('A <walk> & "more"', "Jane Doe's studio", "CC BY 4.0 </script>", "https://example.org/walk")
 
 NUKE = "Camera3 {\n inputs 0\n translate {{curve x0 1 2 3 4} 0 30}\n name %s\n}\n"
-
-
-def share_page(source: str, out: Path, text: PageText | None = None, **options: Any) -> Shared:
-    return share(source, out, text, **options)
 
 
 def camera() -> Camera:
@@ -136,7 +130,7 @@ def test_a_folder_holds_all_that_its_page_names_and_the_same_stream(stream, tmp_
 
 
 def test_the_poster_is_the_first_frame_from_the_suggested_camera(stream, tmp_path):
-    shared = share(str(stream), tmp_path / "site")
+    shared = share(stream, tmp_path / "site")
     (poster,) = shared.path.glob("poster.*.jpg")
     image = cv2.imread(str(poster))[:, :, ::-1].astype(float)
     with StreamReader.open(stream) as reader:
@@ -149,28 +143,28 @@ def test_the_poster_is_the_first_frame_from_the_suggested_camera(stream, tmp_pat
 def test_an_earlier_share_is_replaced_and_nothing_else(stream, tmp_path):
     out = tmp_path / "site"
     out.mkdir()
-    first = share(str(stream), out, PageText(title="One")).path
+    first = share(stream, out, PageText(title="One")).path
     old = contents(first)
     with refuses("output.exists", file=out):
-        share(str(stream), out, PageText(title="Two"))
+        share(stream, out, PageText(title="Two"))
     assert contents(first) == old
-    second = share(str(stream), out, PageText(title="Two"), overwrite=True).path
+    second = share(stream, out, PageText(title="Two"), overwrite=True).path
     assert contents(second).keys() == old.keys()
     assert b"Two" in (second / "index.html").read_bytes()
     (out / "stream" / "notes.txt").write_text("mine")
     with refuses("output.not_ours", file=out, value="stream/notes.txt"):
-        share(str(stream), out, overwrite=True)
+        share(stream, out, overwrite=True)
     (out / "stream" / "notes.txt").unlink()
     (out / "share.json").write_text("{}")
     with refuses("output.not_ours", file=out):
-        share(str(stream), out, overwrite=True)
+        share(stream, out, overwrite=True)
     with refuses("output.not_ours", file=stream):
-        share(str(stream), stream, overwrite=True)
+        share(stream, stream, overwrite=True)
     (tmp_path / "file").write_text("mine")
     (tmp_path / "link").symlink_to(tmp_path / "elsewhere")
     for name in ("file", "link"):
         with refuses("output.not_ours", file=tmp_path / name):
-            share(str(stream), tmp_path / name, overwrite=True)
+            share(stream, tmp_path / name, overwrite=True)
     assert b"Two" in (out / "index.html").read_bytes()
 
 
@@ -180,8 +174,8 @@ def test_what_is_damaged_or_cancelled_leaves_the_earlier_share_as_it_was(stream,
     killed.wait()
     (tmp_path / "out" / f".site.{killed.pid}.partial").mkdir(parents=True)
     (tmp_path / "out" / f".a.{killed.pid}.partial.html").write_text("half")
-    share(str(copy), out)
-    share_page(str(copy), page)
+    share(copy, out)
+    share(copy, page)
     before = contents(out.parent)
     out.rename(out.with_name(f".site.{killed.pid}.old.partial"))  # as if killed while it was replaced
 
@@ -190,17 +184,14 @@ def test_what_is_damaged_or_cancelled_leaves_the_earlier_share_as_it_was(stream,
             raise Cancelled
 
     with pytest.raises(Cancelled):
-        share(str(copy), out, overwrite=True, progress=stop)
+        share(copy, out, overwrite=True, progress=stop)
     with pytest.raises(Cancelled):
-        share_page(str(copy), page, overwrite=True, progress=stop)
+        share(copy, page, overwrite=True, progress=stop)
     last = sorted(copy.rglob("*.mp4"))[-1]
     data = bytearray(last.read_bytes())
     data[-1] ^= 1
     last.write_bytes(data)
-    for attempt in (
-        lambda: share(str(copy), out, overwrite=True),
-        lambda: share_page(str(copy), page, overwrite=True),
-    ):
+    for attempt in (lambda: share(copy, out, overwrite=True), lambda: share(copy, page, overwrite=True)):
         with refuses("stream.wrong_checksum", file=str(last)):
             attempt()
     assert contents(out.parent) == before
@@ -208,7 +199,7 @@ def test_what_is_damaged_or_cancelled_leaves_the_earlier_share_as_it_was(stream,
 
 
 def test_a_single_file_holds_the_stream_as_it_is(stream, tmp_path):
-    shared = share_page(str(stream), tmp_path / "take.html", TEXT)
+    shared = share(stream, tmp_path / "take.html", TEXT)
     page = Page(shared.path)
     held = {
         str(attributes["data-v3-file"]): base64.b64decode(text)
@@ -224,7 +215,7 @@ def test_a_single_file_holds_the_stream_as_it_is(stream, tmp_path):
     assert shared.total_bytes == shared.path.stat().st_size
     assert shared.files == 1
     assert shared.stream_bytes == sum(map(len, held.values()))
-    share_page(str(stream), shared.path, PageText(title="Two"), overwrite=True)
+    share(stream, shared.path, PageText(title="Two"), overwrite=True)
     assert b"<title>Two</title>" in shared.path.read_bytes()
 
 
@@ -232,13 +223,13 @@ def test_a_single_file_is_not_written_over_others_nor_for_long_streams(stream, t
     mine = tmp_path / "mine.html"
     mine.write_text("<p>mine")
     with refuses("output.not_ours", file=mine):
-        share_page(str(stream), mine, overwrite=True)
+        share(stream, mine, overwrite=True)
     size = sum(map(len, contents(stream).values()))
     monkeypatch.setattr(sharing, "MAX_SINGLE_FILE_BYTES", size)
-    share_page(str(stream), tmp_path / "just.html")
+    share(stream, tmp_path / "just.html")
     monkeypatch.setattr(sharing, "MAX_SINGLE_FILE_BYTES", size - 1)
     with refuses("share.too_large", value=size, file=str(stream)):
-        share_page(str(stream), tmp_path / "more.html")
+        share(stream, tmp_path / "more.html")
     assert not (tmp_path / "more.html").exists()
     assert mine.read_text() == "<p>mine"
 
@@ -268,7 +259,7 @@ def test_without_the_player_or_a_stream(stream, tmp_path, monkeypatch):
     with refuses("stream.not_found", file=str(tmp_path / "none")):
         share(str(tmp_path / "none"), tmp_path / "site")
     with refuses("source.file_missing", file=tmp_path / "manifest.json"):
-        share_page(str(tmp_path), tmp_path / "take.html")
+        share(tmp_path, tmp_path / "take.html")
     (tmp_path / "take").mkdir()
     (tmp_path / "take" / "take.json").write_text(json.dumps({"format": TAKE_FORMAT}))
     with refuses("take.no_stream", file=str(tmp_path / "take")):
@@ -279,7 +270,7 @@ def test_without_the_player_or_a_stream(stream, tmp_path, monkeypatch):
 
     monkeypatch.setattr("pipelines.share.player_files.player_folder", missing)
     with refuses("share.no_player"):
-        share(str(stream), tmp_path / "site")
+        share(stream, tmp_path / "site")
     assert not (tmp_path / "site").exists()
 
 
@@ -301,18 +292,16 @@ def test_the_command_says_what_it_wrote(here, stream, tmp_path):
     assert [key["time"] for key in intro["keys"]] == [0.0, 1.5]
     assert intro["keys"][0]["camera"]["world_to_camera"] == camera().world_to_camera.tolist()
     done = here("share", stream, "--out", tmp_path / "take.html", "--json")
-    last = result_of(done.stdout)
-    assert last["form"] == "single-file"
-    assert last["total_bytes"] == (tmp_path / "take.html").stat().st_size
-    assert all(isinstance(event, Progress) for event in events_in(done.stdout)[:-1])
+    assert done.result["form"] == "single-file"
+    assert done.result["total_bytes"] == (tmp_path / "take.html").stat().st_size
+    assert all(isinstance(event, Progress) for event in done.events[:-1])
     done = here("share", stream, "--out", tmp_path / "site2", "--address", 'https://example.org/"walk"/')
     assert '<iframe src="https://example.org/&quot;walk&quot;/"' in done.stdout
     for address in ("example.org", "ftp://example.org/", "https://example.org/?a=1"):
-        done = here("share", stream, "--out", tmp_path / "b", "--address", address, "--json")
-        assert done.returncode == 2
+        done = here("share", stream, "--out", tmp_path / "b", "--address", address, "--json").fails(code=2)
         assert json.loads(done.stdout.splitlines()[-1])["code"] == "command.invalid_option"
-    assert here("share", tmp_path / "none", "--out", tmp_path / "b").returncode == 1
-    assert here("share", stream, "--out", stream).returncode == 1
+    here("share", tmp_path / "none", "--out", tmp_path / "b").fails()
+    here("share", stream, "--out", stream).fails()
 
 
 def test_files_with_which_playback_begins(tmp_path):
@@ -330,9 +319,9 @@ def test_files_with_which_playback_begins(tmp_path):
 def test_a_stream_is_shared_with_all_its_renditions(tmp_path: Path) -> None:
     settings = BakeSettings(preset="ultrafast", ladder=(Rung(qp=10), Rung(qp=40)))
     source = bake_numbered(tmp_path / "ladder", (2, 3), 12.0, settings=settings)
-    share(str(source), tmp_path / "site")
+    share(source, tmp_path / "site")
     assert contents(tmp_path / "site" / "stream") == contents(source)
-    single = share_page(str(source), tmp_path / "one.html")
+    single = share(source, tmp_path / "one.html")
     embedded = {script["data-v3-file"] for script in Page(single.path).named("script") if "data-v3-file" in script}
     assert embedded == set(contents(source))
     early = Page(tmp_path / "site" / "index.html").texts[1]

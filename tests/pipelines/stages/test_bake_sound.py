@@ -1,29 +1,9 @@
 """The bake stage with sound: only the sound is made again when only the sound has changed."""
 
-import json
-import shutil
-
 import pytest
 
 from studio.stream import StreamReader
-from tests.support.events import result_of
 from tests.support.sounds import click_times, clicks, write_wav
-
-
-@pytest.fixture
-def take(finished, tmp_path):
-    shutil.copytree(finished, tmp_path / "project")
-    write_wav(wav(tmp_path / "project" / "take"), clicks(0.3, [0.08]))
-    return tmp_path / "project" / "take"
-
-
-def wav(take):
-    return take.parent / "take.wav"
-
-
-def done(result):
-    assert result.returncode == 0, result.stderr
-    return result
 
 
 def heard(take):
@@ -41,25 +21,25 @@ def inodes(take):
     return {name: inode for name, inode in names.items() if not name.endswith(".m4a")}
 
 
-def test_only_the_sound_is_baked_again(here, take):
-    done(here("bake", take, "--capture.audio", wav(take)))
+def test_only_the_sound_is_baked_again(here, copied):
+    take, wav = copied / "take", copied / "take.wav"
+    write_wav(wav, clicks(0.3, [0.08]))
+    here("bake", take, "--capture.audio", wav).ok()
     assert heard(take) == pytest.approx([0.08], abs=0.0005)
     frames = inodes(take)
-    result = done(here("bake", take, "--capture.audio_offset", "0.04", "--json"))
+    result = here("bake", take, "--capture.audio_offset", "0.04", "--json").ok()
     assert heard(take) == pytest.approx([0.12], abs=0.0005)
     assert inodes(take) == frames
-    events = [json.loads(line) for line in result.stdout.splitlines()]
-    warned = [event for event in events if event.get("code") == "bake.short_sound"]
-    assert not warned  # 0.04 s of silence are not worth a warning
-    stages = result_of(done(here("status", take, "--json")).stdout)["stages"]
+    assert "bake.short_sound" not in result.stdout, "0.04 s of silence are not worth a warning"
+    stages = here("status", take, "--json").ok().result["stages"]
     assert {stages[name]["state"] for name in ("calibrate", "initialize", "train", "bake")} == {"done"}
 
-    assert "up to date" in done(here("bake", take)).stdout.lower()
-    write_wav(wav(take), clicks(0.1, [0.05]))
-    result = done(here("bake", take, "--capture.audio_offset", "0", "--json"))
+    assert "up to date" in here("bake", take).ok().stdout.lower()
+    write_wav(wav, clicks(0.1, [0.05]))
+    result = here("bake", take, "--capture.audio_offset", "0", "--json").ok()
     assert heard(take) == pytest.approx([0.05], abs=0.0005)
     assert "bake.short_sound" in result.stdout
-    done(here("bake", take, "--capture.audio", "null"))
+    here("bake", take, "--capture.audio", "null").ok()
     with StreamReader.open(take / "stream") as reader:
         assert reader.audio is None
     assert inodes(take) == frames

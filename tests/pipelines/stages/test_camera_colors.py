@@ -1,6 +1,5 @@
 """The colors of cameras in a take: fitted once, the same from any worker."""
 
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -8,10 +7,9 @@ import cv2
 import numpy as np
 import pytest
 
-from pipelines.config import load_config, parse_override
-from pipelines.events import Warned
+from pipelines.events import Event, Warned
 from pipelines.events.cancellation import Cancellation
-from pipelines.runs.runner import run, status
+from pipelines.runs.runner import status
 from pipelines.stages.camera_colors import ensure_camera_colors
 from pipelines.stages.inputs import Inputs
 from pipelines.stages.reporter import StageReporter
@@ -20,10 +18,14 @@ from pipelines.takes.atomic_files import read_json
 from pipelines.takes.take import Take
 from tests.support.color_charts import matrices, view_of_chart
 from tests.support.errors import refuses
+from tests.support.events import warnings_in
+from tests.support.tiny_capture import run_take, settings_in
 
 pytestmark = pytest.mark.long
 
-OPTIONS = ("train.camera_colors=splats",)
+FEW = ("train.keyframe_iterations=15", "train.motion_iterations=2", "train.finetune_iterations=3")
+COLORS = "train.camera_colors=splats"
+INITIALIZED = ("calibrate", "initialize")
 
 
 @pytest.fixture(autouse=True)
@@ -33,23 +35,18 @@ def few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def uneven(finished: Path, tmp_path: Path) -> Path:
+def uneven(copied: Path) -> Path:
     """The tiny capture with one camera that is much darker than the others, and its take up to the initial points."""
-    shutil.copytree(finished, tmp_path / "project")
-    for path in (tmp_path / "project" / "capture" / "images" / "cam1").iterdir():
+    for path in (copied / "capture" / "images" / "cam1").iterdir():
         image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
         image[..., :3] = (image[..., :3] * 0.6).astype(np.uint8)
         cv2.imwrite(str(path), image)
-    train(tmp_path / "project", until="initialize")
-    return tmp_path / "project"
+    run_take(copied, stages=INITIALIZED)
+    return copied
 
 
-def train(project: Path, *overrides: str, until: str = "train") -> list:
-    events: list = []
-    config = load_config(project / "ball.yaml", [parse_override(text) for text in overrides])
-    stages = ("calibrate", "initialize", "train")
-    run(Take.open(project / "take"), config, events.append, stages=stages[: stages.index(until) + 1])
-    return events
+def train(project: Path, *overrides: str) -> list[Event]:
+    return run_take(project, *FEW, *overrides, stages=(*INITIALIZED, "train"))
 
 
 def frames_of(take: Take) -> dict[str, bytes]:
@@ -59,7 +56,7 @@ def frames_of(take: Take) -> dict[str, bytes]:
 
 def test_they_are_kept_in_the_take_and_come_back_bit_for_bit(uneven: Path) -> None:
     take = Take.open(uneven / "take")
-    events = train(uneven, *OPTIONS)
+    events = train(uneven, COLORS)
     assert not [event for event in events if isinstance(event, Warned)]
     matrices = {name: np.array(one) for name, one in read_json(take.camera_colors)["cameras"].items()}
     assert set(matrices) == {"cam0", "cam1", "cam2", "cam3", "cam5"}, "no held-out camera"
@@ -73,40 +70,36 @@ def test_they_are_kept_in_the_take_and_come_back_bit_for_bit(uneven: Path) -> No
     take.camera_colors.unlink()
     for path in take.train_group(1).glob("*.safetensors"):
         path.unlink()
-    train(uneven, *OPTIONS)
+    train(uneven, COLORS)
     assert frames_of(take) == first
 
     # without them, other frames, and nothing of them is left
     train(uneven)
     assert not take.camera_colors.exists()
     assert (take.trained_frame(0, 0)).read_bytes() != first["frame_000000.safetensors"]
-    config = load_config(uneven / "ball.yaml", [parse_override(text) for text in OPTIONS])
-    assert status(take, config)["train"].state == "stale"
+    assert status(take, settings_in(uneven, *FEW, COLORS))["train"].state == "stale"
 
 
-def test_a_camera_that_is_not_corrected_is_named(finished: Path, tmp_path: Path) -> None:
-    shutil.copytree(finished, tmp_path / "project")
-    path = tmp_path / "project" / "capture" / "images" / "cam1" / "001.png"  # of the keyframe, the middle of its group
+def test_a_camera_that_is_not_corrected_is_named(copied: Path) -> None:
+    path = copied / "capture" / "images" / "cam1" / "001.png"  # of the keyframe, the middle of its group
     image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     image[..., 3] = 0
     cv2.imwrite(str(path), image)
-    train(tmp_path / "project", until="initialize")
-    config = load_config(tmp_path / "project" / "ball.yaml", [parse_override(text) for text in OPTIONS])
-    events: list = []
-    context = Inputs(Take.open(tmp_path / "project" / "take"), config)
+    run_take(copied, stages=INITIALIZED)
+    events: list[Event] = []
+    context = Inputs(Take.open(copied / "take"), settings_in(copied, COLORS))
     ensure_camera_colors(context, StageReporter("train", events.append), "key", Cancellation())
-    (warning,) = [one for one in events if isinstance(one, Warned) and one.code == "training.no_camera_color"]
+    (warning,) = warnings_in(events, "training.no_camera_color")
     assert "the colors of cam1 are not corrected" in warning.message
 
 
 @pytest.fixture
-def charted(finished: Path, tmp_path: Path) -> tuple[Path, np.ndarray]:
+def charted(copied: Path) -> tuple[Path, np.ndarray]:
     """The tiny capture at ten times its size, used at its own, with a chart in frame 5, and the cameras' matrices. cam3
     does not see the chart."""
-    shutil.copytree(finished, tmp_path / "project")
     truth = matrices(4)
     chosen = dict(zip(("cam0", "cam1", "cam2", "cam5"), truth, strict=True))
-    for folder in sorted((tmp_path / "project" / "capture" / "images").iterdir()):
+    for folder in sorted((copied / "capture" / "images").iterdir()):
         for path in folder.iterdir():
             image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
             cv2.imwrite(str(path), cv2.resize(image, None, fx=10, fy=10, interpolation=cv2.INTER_NEAREST))
@@ -115,7 +108,7 @@ def charted(finished: Path, tmp_path: Path) -> tuple[Path, np.ndarray]:
         if folder.name in chosen:
             chart = view_of_chart(chosen[folder.name], int(folder.name[3:]), size=(width, height))
         cv2.imwrite(str(folder / "005.png"), np.dstack([chart[..., ::-1], np.zeros((height, width), np.uint8)]))
-    return tmp_path / "project", truth
+    return copied, truth
 
 
 CHART = ("capture.scale=0.1", "capture.frames=:5", "train.camera_colors=5")
@@ -123,7 +116,7 @@ CHART = ("capture.scale=0.1", "capture.frames=:5", "train.camera_colors=5")
 
 def test_they_come_from_a_chart_outside_of_the_take(charted: tuple[Path, np.ndarray]) -> None:
     project, truth = charted
-    train(project, *CHART[:2], until="initialize")
+    run_take(project, *CHART[:2], stages=INITIALIZED)
     with refuses("color_chart.too_few", frame=0):
         train(project, *CHART[:2], "train.camera_colors=0")
     events = train(project, *CHART)
@@ -133,13 +126,12 @@ def test_they_come_from_a_chart_outside_of_the_take(charted: tuple[Path, np.ndar
     assert set(stored["cameras"]) == {"cam0", "cam1", "cam2", "cam5"}
     found = np.stack([stored["cameras"][name] for name in ("cam0", "cam1", "cam2", "cam5")])
     assert np.abs(found @ [0.3, 0.5, 0.7, 1] - truth @ [0.3, 0.5, 0.7, 1]).max() < 0.01
-    (warning,) = [one for one in events if isinstance(one, Warned) and one.code == "training.no_color_chart"]
+    (warning,) = warnings_in(events, "training.no_color_chart")
     assert "in frame 5, cam3: no ColorChecker" in warning.message
 
     views = {}
     for options in (CHART[:2], CHART):
-        config = load_config(project / "ball.yaml", [parse_override(text) for text in options])
-        context = Inputs(take, config)
+        context = Inputs(take, settings_in(project, *options))
         seen = training_views(context, StageReporter("train", events.append), 0, lambda number, images: None)
         views[len(options)] = {view.camera.name: view.color for view in seen}
     assert all(color is None for color in views[len(CHART) - 1].values())
@@ -155,6 +147,4 @@ def test_the_command_shows_what_is_found(charted: tuple[Path, np.ndarray], here:
     before, after = (float(word) for word in lines[0].split() if word[0].isdigit() and "." in word)
     assert after < 1 < before
     assert lines[-1] == "train: {camera_colors: 5}"
-    done = here("colors", project / "ball.yaml", "--chart-frame", 9)
-    assert done.returncode == 1
-    assert "frames 0 to 5" in done.stderr
+    here("colors", project / "ball.yaml", "--chart-frame", 9).fails("frames 0 to 5")

@@ -1,26 +1,25 @@
 """The refined cameras of a take: made once, used by all frames, the same from any worker."""
 
 import json
-import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pipelines.config import load_config, parse_override
-from pipelines.events import Log
+from pipelines.events import Event, Log
 from pipelines.runs.runner import run, status
 from pipelines.stages.inputs import Inputs
 from pipelines.takes.atomic_files import read_model
 from pipelines.takes.stage_files import CameraRefinement
 from pipelines.takes.take import Take
 from studio.camera_files import read_rig
+from tests.support.tiny_capture import run_take, settings_in
 
 pytestmark = pytest.mark.long
 
-SCHEDULE = "train.keyframe_iterations=50"
-ALWAYS = ("train.refine_cameras=always", SCHEDULE)
+SCHEDULE = ("train.keyframe_iterations=50", "train.motion_iterations=2", "train.finetune_iterations=3")
+ALWAYS = ("train.refine_cameras=always", *SCHEDULE)
 
 
 @pytest.fixture(autouse=True)
@@ -29,24 +28,20 @@ def few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def turned(finished: Path, tmp_path: Path) -> Path:
+def turned(copied: Path) -> Path:
     """The tiny capture, where the file says that cam1 looks 5 pixels to the side."""
-    shutil.copytree(finished, tmp_path / "project")
-    path = tmp_path / "project" / "capture" / "cameras.json"
+    path = copied / "capture" / "cameras.json"
     rig = json.loads(path.read_text())
     for camera in rig["cameras"]:
         if camera["name"] == "cam1":
             turn = Rotation.from_rotvec([0, 0.07, 0]).as_matrix()
             camera["R"], camera["t"] = (turn @ camera["R"]).tolist(), (turn @ camera["t"]).tolist()
     path.write_text(json.dumps(rig))
-    return tmp_path / "project"
+    return copied
 
 
-def train(project: Path, *overrides: str) -> list:
-    events: list = []
-    config = load_config(project / "ball.yaml", [parse_override(text) for text in overrides])
-    run(Take.open(project / "take"), config, events.append, stages=("calibrate", "initialize", "train"))
-    return events
+def train(project: Path, *overrides: str) -> list[Event]:
+    return run_take(project, *overrides, stages=("calibrate", "initialize", "train"))
 
 
 def files_of(take: Take) -> dict[str, bytes]:
@@ -56,7 +51,7 @@ def files_of(take: Take) -> dict[str, bytes]:
 
 def test_they_are_kept_in_the_take_and_come_back_bit_for_bit(turned: Path) -> None:
     take = Take.open(turned / "take")
-    train(turned, SCHEDULE)
+    train(turned, *SCHEDULE)
     assert not take.refined_rig.exists(), "cameras from a file stay as they are"
     plain = take.trained_frame(0, 0).read_bytes()
 
@@ -66,7 +61,7 @@ def test_they_are_kept_in_the_take_and_come_back_bit_for_bit(turned: Path) -> No
     assert report.after > report.before + 0.1
     assert set(report.cameras) == {f"cam{number}" for number in range(6)}, "held-out cameras are aligned"
     assert any(report.sentence in event.message for event in events if isinstance(event, Log))
-    config = load_config(turned / "ball.yaml", [parse_override(text) for text in ALWAYS])
+    config = settings_in(turned, *ALWAYS)
     footage = Inputs(take, config).footage
     assert np.allclose(footage.trained.rig["cam1"].K, read_rig(take.refined_rig)["cam1"].K)
     assert not np.allclose(footage.trained.rig["cam1"].center, footage.calibrated.rig["cam1"].center)
@@ -87,7 +82,7 @@ def test_they_are_kept_in_the_take_and_come_back_bit_for_bit(turned: Path) -> No
     assert not take.refined_rig.exists()
     path.write_text(given)
 
-    train(turned, SCHEDULE)
+    train(turned, *SCHEDULE)
     assert not take.refined_rig.exists()
     assert not take.camera_refinement.exists()
     assert take.trained_frame(0, 0).read_bytes() == plain

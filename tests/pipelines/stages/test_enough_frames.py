@@ -38,9 +38,7 @@ class Solver:
         return CalibrationResult(cameras, points, colors, reprojection_report(cameras, points, seen))
 
 
-def test_until_all_are_registered_have_points_and_are_not_wrong(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_until_all_are_registered_and_right(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     solver = Solver({1: "calibration.unregistered", 3: 50, 6: 400, 12: 500})
     verdicts = iter([WRONG, GOOD])
     monkeypatch.setattr("studio.calibration.calibrate_from_images", solver, raising=False)

@@ -1,6 +1,5 @@
 """Groups in parallel: how threads are distributed, what happens if one fails, and that the stream stays the same."""
 
-import shutil
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -8,10 +7,7 @@ from typing import Any
 
 import pytest
 
-from pipelines.config import load_config, parse_override
-from pipelines.events import Event, Metrics
 from pipelines.events.cancellation import Cancellation
-from pipelines.runs.runner import run
 from pipelines.runs.work import work
 from pipelines.stages import group_scheduler
 from pipelines.stages.group_scheduler import (
@@ -24,6 +20,8 @@ from pipelines.stages.group_scheduler import (
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 from tests.support.errors import refuses
+from tests.support.events import frames_in
+from tests.support.tiny_capture import run_take, settings_in
 
 
 @pytest.mark.parametrize(
@@ -44,10 +42,9 @@ def test_all_threads_are_shared_out(groups: int, at_once: int, threads: int, exp
 def planned(asked: int | None = None, joint: int = 0) -> Any:
     """A context of eight groups on a CPU with eight threads: ten cameras of 4 megapixels."""
     cameras = {f"cam{number}": SimpleNamespace(width=2000, height=2000) for number in range(10)}
+    run, train = SimpleNamespace(groups_at_once=asked, device="cpu"), SimpleNamespace(joint_iterations=joint)
     return SimpleNamespace(
-        config=SimpleNamespace(
-            run=SimpleNamespace(groups_at_once=asked, device="cpu"), train=SimpleNamespace(joint_iterations=joint)
-        ),
+        config=SimpleNamespace(run=run, train=train),
         device="cpu",
         threads=8,
         groups=[SimpleNamespace(frames=range(3))] * 8,
@@ -66,25 +63,19 @@ def test_both_sides_of_a_keyframe_need_threads_and_memory(monkeypatch: pytest.Mo
 
 def test_both_sides_of_a_keyframe_at_once_give_the_same_frames_again(project: Path) -> None:
     settings = ("run.threads=2", "train.group_size=5", "train.keyframe_iterations=10")
-    config = load_config(project / "ball.yaml", [parse_override(one) for one in settings])
-    take = Take.create(project / "sides")
-    metrics: list[Any] = []
+    take = Take(project / "take")
 
-    def listen(event: Event) -> None:
-        if isinstance(event, Metrics) and event.stage == "train":
-            metrics.append(event.values["index"])
+    def trained() -> tuple[list[int], list[bytes]]:
+        events = run_take(project, *settings, stages=("calibrate", "initialize", "train"))
+        return frames_in(events), [take.trained_frame(0, index).read_bytes() for index in range(5)]
 
-    def trained() -> list[bytes]:
-        run(take, config, listen, stages=("calibrate", "initialize", "train"))
-        return [take.trained_frame(0, index).read_bytes() for index in range(5)]
-
-    frames = trained()
-    assert metrics[0] == 2
+    order, frames = trained()
+    assert order[0] == 2
     take.trained_frame(0, 1).unlink()
     take.trained_frame(0, 4).unlink()
-    metrics.clear()
-    assert trained() == frames
-    assert sorted(metrics) == [0, 1, 4]
+    order, again = trained()
+    assert again == frames
+    assert sorted(order) == [0, 1, 4]
 
 
 def test_a_group_that_cannot_fit_is_refused_unless_it_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -95,22 +86,17 @@ def test_a_group_that_cannot_fit_is_refused_unless_it_is_asked_for(monkeypatch: 
     refuse_too_little_memory(planned(asked=1))
 
 
-def test_only_what_is_left_to_train_needs_memory(
-    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    shutil.copytree(finished, tmp_path / "project")
-    take, config = Take.open(tmp_path / "project" / "take"), load_config(tmp_path / "project" / "ball.yaml")
-    assert config.run.groups_at_once is None
+def test_only_what_is_left_to_train_needs_memory(copied: Path, take: Take, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert settings_in(copied).run.groups_at_once is None
     monkeypatch.setattr(group_scheduler, "memory_limit", lambda: 1)
     take.forget("train")
-    run(take, config, lambda event: None, stages=("train",))
+    run_take(copied, stages=("train",))
     take.trained_frame(1, 3).unlink()
     with refuses("train.too_little_memory"):
-        work(take, config, ("train",), 1, lambda event: None)
+        work(take, settings_in(copied), ("train",), 1, lambda event: None)
     # before the colors of the cameras are fitted, which is training too
-    colored = load_config(tmp_path / "project" / "ball.yaml", [parse_override("train.camera_colors=splats")])
     with refuses("train.too_little_memory"):
-        run(take, colored, lambda event: None, stages=("train",))
+        run_take(copied, "train.camera_colors=splats", stages=("train",))
     assert not take.camera_colors.exists()
 
 

@@ -72,10 +72,8 @@ def test_a_camera_file_of_another_shape_is_told_by_calibrate(tmp_path: Path) -> 
         calibrate.run(fresh, StageReporter("calibrate"), None)
         return read_rig(made.take.rig)
 
-    with pytest.raises(StudioError) as caught:
+    with pytest.raises(StudioError, match=r"Camera 'a': the aspect ratio of the footage, 80x60.*capture\.size_rule"):
         calibrated(88)
-    assert str(caught.value).startswith(f"{file}: Camera 'a': the aspect ratio of the footage, 80x60, differs from")
-    assert "capture.size_rule" in str(caught.value)
     assert calibrated(88, size_rule="crop")["a"].width == 88
     assert calibrated(80)["b"].width == 80
 

@@ -6,14 +6,13 @@ import shutil
 import pytest
 
 from pipelines.config import load_config
-from pipelines.events import Warned
 from pipelines.stages.baking import live as live_bake
 from pipelines.stages.baking.live import LiveBake
 from pipelines.stages.inputs import Inputs
 from pipelines.stages.reporter import StageReporter
-from pipelines.takes.take import Take
 from studio.errors import Cancelled, StudioError
 from studio.stream import StreamReader
+from tests.support.events import warnings_in
 from tests.support.streams import contents
 from tests.support.waiting import wait_until
 
@@ -21,11 +20,10 @@ FAST = [("run.live", True), ("bake.preset", "ultrafast")]
 
 
 @pytest.fixture
-def take(finished, tmp_path):
+def take(take):
     """A trained take with groups of 3 and 2 frames, without a stream."""
-    shutil.copytree(finished, tmp_path / "project")
-    shutil.rmtree(tmp_path / "project" / "take" / "stream")
-    return Take.open(tmp_path / "project" / "take")
+    shutil.rmtree(take.stream)
+    return take
 
 
 def groups_of(take):
@@ -53,9 +51,8 @@ def published(monkeypatch, take):
 
 def live(take, finished, events=None, **settings):
     config = load_config(take.config, [*FAST, *((f"bake.{name}", value) for name, value in settings.items())])
-    return LiveBake(
-        Inputs(take, config), StageReporter("train", (events if events is not None else []).append), finished
-    )
+    reporter = StageReporter("train", ([] if events is None else events).append)
+    return LiveBake(Inputs(take, config), reporter, finished)
 
 
 def interrupted(baking, when):
@@ -101,7 +98,7 @@ def test_training_outlives_a_failure(take, published, monkeypatch):
     events = []
     with live(take, {0, 1}, events):
         pass
-    assert [event.code for event in events if isinstance(event, Warned)] == ["bake.live_failed"]
+    assert len(warnings_in(events, "bake.live_failed")) == 1
 
 
 @pytest.mark.parametrize("joint", [0, 2])

@@ -1,7 +1,6 @@
 """LPIPS in evaluation, report, table and ablation, with a substitute for the network."""
 
 import json
-import shutil
 from pathlib import Path
 from typing import ClassVar
 
@@ -9,9 +8,8 @@ import numpy as np
 import pytest
 import torch
 
-from pipelines.config import load_config, parse_override
 from pipelines.events import StageStarted, Warned
-from pipelines.runs.runner import run
+from pipelines.reports.tables import print_evaluation
 from pipelines.stages import evaluate
 from pipelines.stages.evaluate import loaded_lpips
 from pipelines.stages.inputs import Inputs
@@ -19,6 +17,7 @@ from pipelines.stages.reporter import StageReporter
 from pipelines.takes.take import Take
 from studio.perceptual import SMALLEST
 from tests.support.errors import refuses
+from tests.support.tiny_capture import run_take, settings_in
 
 
 class StandIn:
@@ -37,24 +36,14 @@ class StandIn:
         return float((image - target).abs().mean())
 
 
-@pytest.fixture
-def take(finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Take:
-    """A finished take that was measured without LPIPS."""
-    shutil.copytree(finished, tmp_path / "copy")
+@pytest.fixture(autouse=True)
+def _stand_in(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("studio.perceptual.Lpips", StandIn)
     monkeypatch.setattr(StandIn, "made", [])
     loaded_lpips.cache_clear()
-    return Take.open(tmp_path / "copy" / "take")
 
 
-def measured(take: Take, *overrides: str, **options) -> list:
-    events: list = []
-    config = load_config(take.root.parent / "ball.yaml", [parse_override(text) for text in overrides])
-    run(take, config, events.append, **options)
-    return events
-
-
-def test_a_run_on_other_machines_needs_no_gpu_for_it(take: Take, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_on_other_machines_needs_no_gpu_for_it(copied: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The machine of the run reads what the others measured."""
 
     class Elsewhere(Exception):
@@ -65,8 +54,7 @@ def test_a_run_on_other_machines_needs_no_gpu_for_it(take: Take, monkeypatch: py
             raise Elsewhere
 
     monkeypatch.setattr("torch.cuda.is_available", lambda: False)
-    changes = [("evaluate.lpips", "alex"), ("run.device", "cuda")]
-    inputs = Inputs(take, load_config(take.root.parent / "ball.yaml", changes))
+    inputs = Inputs(Take.open(copied / "take"), settings_in(copied, "evaluate.lpips=alex", "run.device=cuda"))
     with pytest.raises(Elsewhere):
         evaluate.run(inputs, StageReporter("evaluate"), Cluster())
     assert StandIn.made == [("alex", "cpu")]
@@ -75,10 +63,10 @@ def test_a_run_on_other_machines_needs_no_gpu_for_it(take: Take, monkeypatch: py
 
 
 def test_it_is_measured_as_psnr_is_and_stands_everywhere(
-    take: Take, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    copied: Path, take: Take, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = json.loads(take.evaluation.read_text())
-    events = measured(take, "evaluate.lpips=vgg")
+    events = run_take(copied, "evaluate.lpips=vgg")
     assert [event.stage for event in events if isinstance(event, StageStarted)] == ["evaluate"]
     assert StandIn.made == [("vgg", "cpu")], "loaded once, before anything runs"
     assert [event.message for event in events if isinstance(event, Warned)] == [StandIn.remark]
@@ -102,8 +90,6 @@ def test_it_is_measured_as_psnr_is_and_stands_everywhere(
     assert f"LPIPS decoded<b>{after['summary']['lpips_decoded']:.4f}</b>" in report
     assert report.count("<th>LPIPS trained</th>") == 2
     assert '<td>lpips</td><td class="text">a stand-in</td>' in report
-    from pipelines.reports.tables import print_evaluation
-
     monkeypatch.setenv("COLUMNS", "200")  # narrow terminals break titles
     print_evaluation(take)
     table = capsys.readouterr().out

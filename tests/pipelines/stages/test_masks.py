@@ -42,12 +42,9 @@ def test_a_take_with_a_matting_model(project: Path, here: Callable[..., Any]) ->
     model = project / "capture" / "models" / "one.onnx"
     model.parent.mkdir()
     shutil.copy(MODELS / "free.onnx", model)
-    settings = [
-        ("masks", "model"),
-        ("mask-model", "plain:models/one.onnx"),
-    ]
-    given = [word for name, value in settings for word in (f"--capture.{name}", value)]
-    here("run", project / "ball.yaml", "--take", project / "take", "--until", "initialize", *given).ok()
+    command = ("run", project / "ball.yaml", "--take", project / "take", "--until", "initialize")
+    command += ("--capture.masks", "model", "--capture.mask-model", "plain:models/one.onnx")
+    here(*command).ok()
     assert np.median(radii(project / "take")) == pytest.approx(RADIUS, abs=0.05)
     take = Take.open(project / "take")
     kept = {path: path.stat().st_mtime_ns for path in (take.footage_cache / "masks").iterdir()}
@@ -56,6 +53,6 @@ def test_a_take_with_a_matting_model(project: Path, here: Callable[..., Any]) ->
     assert status(take, config)["initialize"].state == "done"
     shutil.copy(MODELS / "fixed.onnx", model)  # another file of the same name
     assert status(take, config)["initialize"].state == "stale"
-    here("run", project / "ball.yaml", "--take", project / "take", "--until", "initialize", *given).ok()
+    here(*command).ok()
     assert len(list((take.footage_cache / "masks").iterdir())) == 2 * len(kept)
     assert all(path.stat().st_mtime_ns == time for path, time in kept.items())

@@ -4,6 +4,7 @@ import json
 import shutil
 from pathlib import Path
 
+import av
 import numpy as np
 from plyfile import PlyData
 
@@ -47,10 +48,8 @@ def test_a_take_far_away_in_other_units(here, finished, tmp_path):
     assert np.abs(box.center).max() < 1  # in the take's own frame
     assert "box of 1800 x 1800 x 1800" in here("edit", "list", take).stdout
     path = tmp_path / "movie.mp4"
-    here("export", take, "--format", "camera-path", "--path", take / "calibrate" / "rig.json", "--out", path,
-                 "--size", "64x48", "--seconds", "0.2").ok()  # fmt: skip
-    import av
-
+    options = ("--format", "camera-path", "--size", "64x48", "--seconds", "0.2")
+    here("export", take, *options, "--path", take / "calibrate" / "rig.json", "--out", path).ok()
     with av.open(str(path)) as container:
         image = next(container.decode(video=0)).to_ndarray(format="rgb24")
     assert image.std() > 5  # the ball is seen

@@ -16,17 +16,11 @@ def test_a_take_is_calibrated_from_tie_points(project: Path) -> None:
     truth = read_rig(project / "capture" / "cameras.json")
     positions = np.random.default_rng(0).uniform(-0.6, 0.6, (20, 3))
     points = {
-        f"p{number:02d}": {
-            "pixels": {camera.name: camera.project(position[None])[0][0].tolist() for camera in truth},
-        }
+        f"p{number:02d}": {"pixels": {camera.name: camera.project(position[None])[0][0].tolist() for camera in truth}}
         for number, position in enumerate(positions)
     }
     (project / "capture" / "points.yaml").write_text(json.dumps({"points": points}))
-    overrides = {
-        "capture.rig": None,
-        "calibrate.tie_points": "points.yaml",
-        "calibrate.known_cameras": "cameras.json",
-    }
+    overrides = {"capture.rig": None, "calibrate.tie_points": "points.yaml", "calibrate.known_cameras": "cameras.json"}
     config = load_config(project / "ball.yaml", overrides.items())
     take = Take.create(project / "take")
     run(take, config, lambda event: None, stages=("calibrate",))

@@ -1,12 +1,13 @@
-"""Views of a frame for training, with details at the size of the footage."""
+"""Views of a frame for training: details at the size of the footage, and clean plates."""
 
-import shutil
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
-from pipelines.config import load_config, parse_override
+from pipelines.config import Config
 from pipelines.stages.inputs import Inputs
 from pipelines.stages.reporter import StageReporter
 from pipelines.stages.training_views import training_views
@@ -14,31 +15,23 @@ from pipelines.takes.edits import change_edits
 from pipelines.takes.take import Take
 from studio.edits import DetailMark, EditList
 from studio.training import TrainingView
+from tests.support.rigs import camera_at
+from tests.support.tiny_capture import settings_in
 
 
-@pytest.fixture
-def project(finished: Path, tmp_path: Path) -> Path:
-    shutil.copytree(finished, tmp_path / "project")
-    return tmp_path / "project"
-
-
-def views_of(
-    project: Path, *options: str, details: int = 1, colored: bool = True, detailed: bool = True
-) -> list[TrainingView]:
+def views_of(project: Path, *options: str) -> list[TrainingView]:
     take = Take.open(project / "take")
     mark = DetailMark(radius=0.1, path=((0, (0.0, 0.0, 0.0)),))
-    change_edits(take.edits, EditList(details=(mark,) * details), "details")
-    context = Inputs(take, load_config(project / "ball.yaml", [parse_override(one) for one in options]))
-    return training_views(
-        context, StageReporter("train"), 0, lambda number, images: None, colored=colored, detailed=detailed
-    )
+    change_edits(take.edits, EditList(details=(mark,)), "details")
+    context = Inputs(take, settings_in(project, *options))
+    return training_views(context, StageReporter("train"), 0, lambda number, images: None)
 
 
 HALF = "capture.scale=0.5"
 
 
-def test_details_are_also_seen_at_full_size(project: Path) -> None:
-    found = views_of(project, HALF)
+def test_details_are_also_seen_at_full_size(copied: Path) -> None:
+    found = views_of(copied, HALF)
     assert len(found) == 5
     for view in found:
         (closer,) = view.closer
@@ -51,10 +44,32 @@ def test_details_are_also_seen_at_full_size(project: Path) -> None:
         assert closer.camera.width == pytest.approx(2 * reach, abs=4)
 
 
-def test_they_show_what_was_filmed(project: Path) -> None:
-    for filmed, view in zip(views_of(project, "train.crop_margin=10"), views_of(project, HALF), strict=True):
+def test_they_show_what_was_filmed(copied: Path) -> None:
+    for filmed, view in zip(views_of(copied, "train.crop_margin=10"), views_of(copied, HALF), strict=True):
         (closer,) = view.closer
         left, top = (round(float(filmed.camera.K[axis, 2] - closer.camera.K[axis, 2])) for axis in (0, 1))
         rows, columns = slice(top, top + closer.camera.height), slice(left, left + closer.camera.width)
         assert np.array_equal(closer.image.numpy(), filmed.image.numpy()[rows, columns])
         assert np.array_equal(closer.mask.numpy(), filmed.mask.numpy()[rows, columns])
+
+
+@pytest.mark.parametrize("use_plates", [True, False])
+def test_clean_plates_are_used_where_the_setting_says_so(use_plates: bool) -> None:
+    camera = camera_at("cam0", (3.0, 0.0, 0.0))
+    shape = (camera.height, camera.width)
+    mask = np.zeros(shape, np.uint8)
+    mask[10:20, 10:20] = 255
+    plate = np.full((*shape, 3), 40, np.uint8)
+    view = SimpleNamespace(camera=camera, image=plate + 20, mask=mask, plate=plate)
+    footage = SimpleNamespace(train_cameras=("cam0",), view=lambda name, frame: view, chroma=lambda name: None)
+    config = Config()
+    config = config.model_copy(update={"train": config.train.model_copy(update={"use_plates": use_plates})})
+    context = SimpleNamespace(
+        config=config,
+        footage=SimpleNamespace(trained=footage, raw=SimpleNamespace(frames=range(1))),
+        edits=EditList(),
+        training_box=None,
+        device="cpu",
+    )
+    (found,) = training_views(cast(Any, context), StageReporter("train"), 0, lambda number, images: None)
+    assert (found.plate is not None) == use_plates

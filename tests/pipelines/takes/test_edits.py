@@ -4,15 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from pipelines.takes.edits import (
-    MOST_STEPS,
-    change_edits,
-    describe,
-    read_edits,
-    read_edits_file,
-    redo_edit,
-    undo_edit,
-)
+from pipelines.takes.edits import MOST_STEPS, change_edits, describe, read_edits, read_edits_file, redo_edit, undo_edit
 from studio.edits.edit_list import CropBox, DetailMark, EditList, Ground, Trim, World
 from tests.support.errors import refuses
 

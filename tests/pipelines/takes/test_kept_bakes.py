@@ -2,7 +2,6 @@
 
 import json
 import os
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,18 +14,12 @@ from pipelines.takes.kept_bakes import choose_bake, keep_bake, kept_bakes
 from pipelines.takes.take import Take
 from studio.stream import StreamReader
 from tests.support.errors import refuses
-from tests.support.events import result_of
 from tests.support.streams import contents
 
 
 def states(here: Callable, root: Path) -> dict[str, str]:
-    stages = result_of(here("status", root, "--json").stdout)["stages"]
+    stages = here("status", root, "--json").result["stages"]
     return {stage: found["state"] for stage, found in stages.items()}
-
-
-@pytest.fixture
-def take(finished: Path, tmp_path: Path) -> Take:
-    return Take.open(Path(shutil.copytree(finished / "take", tmp_path / "take")))
 
 
 def replace_file(path: Path, data: bytes) -> None:
@@ -44,11 +37,9 @@ def test_two_bakes_are_kept_and_compared(finished: Path, take: Take, here: Calla
     second = contents(take.stream)
     assert second != first
     assert contents(take.bakes / "fine" / "stream") == first, "baking again leaves what is kept"
-    listed = {row["name"]: row for row in result_of(here("bake", "list", take.root, "--json").stdout)["bakes"]}
-    assert {name: (row["settings"]["bake.quality"], row["is_stream"]) for name, row in listed.items()} == {
-        "fine": (22, False),
-        "coarse": (40, True),
-    }
+    listed = {row["name"]: row for row in here("bake", "list", take.root, "--json").result["bakes"]}
+    found = {name: (row["settings"]["bake.quality"], row["is_stream"]) for name, row in listed.items()}
+    assert found == {"fine": (22, False), "coarse": (40, True)}
     with StreamReader.open(Path(listed["coarse"]["folder"]) / "stream") as reader:
         assert listed["coarse"]["bytes_per_frame"] == round(reader.bytes_per_frame)
     assert listed["coarse"]["bytes"] == sum(map(len, second.values())) < listed["fine"]["bytes"]
@@ -57,7 +48,7 @@ def test_two_bakes_are_kept_and_compared(finished: Path, take: Take, here: Calla
     kept = [take.bakes / name for name in ("fine", "coarse")]
     assert [load_config(folder / "config.yaml").bake.quality for folder in kept] == [22, 40]
     compared = here("compare", *kept, "--frames", "::5", "--images", 0, "--out", tmp_path / "compared", "--json").ok()
-    fine, coarse = result_of(compared.stdout)["takes"]
+    fine, coarse = compared.result["takes"]
     assert fine["psnr"] > coarse["psnr"]
 
     assert check_take(take, STAGE_NAMES).damage == ()
@@ -102,18 +93,15 @@ def test_check_names_damage_of_a_kept_bake(take: Take, here: Callable) -> None:
     path = next((take.bakes / "fine" / "stream" / "files").iterdir())
     data = path.read_bytes()
     replace_file(path, data[:-5])
-    done = here("check", take.root, "--remove")
-    assert done.returncode == 1
-    assert f"changed: {path.relative_to(take.root)}" in done.stdout
-    assert f"rm -r {take.bakes / 'fine'}" in done.stdout
+    said = here("check", take.root, "--remove").fails().stdout
+    assert f"changed: {path.relative_to(take.root)}" in said
+    assert f"rm -r {take.bakes / 'fine'}" in said
     assert path.is_file()
     assert set(states(here, take.root).values()) == {"done"}, "no run makes it again, so no stage is forgotten"
     record = Take(take.bakes / "fine").record("bake")
     replace_file(record, b"{")
     assert kept_bakes(take) == []
-    done = here("check", take.root)
-    assert done.returncode == 1
-    assert f"damaged: {record.relative_to(take.root)} (" in done.stdout
+    assert f"damaged: {record.relative_to(take.root)} (" in here("check", take.root).fails().stdout
 
 
 def test_a_kept_bake_is_chosen_and_removed(take: Take, here: Callable) -> None:
@@ -121,14 +109,14 @@ def test_a_kept_bake_is_chosen_and_removed(take: Take, here: Callable) -> None:
     here("bake", "keep", take.root, "fine").ok()
     here("run", take.root, "--bake.quality", "40").ok()
     assert contents(take.stream) != first
-    assert here("bake", "choose", take.root, "fin").returncode == 1
+    here("bake", "choose", take.root, "fin").fails()
     here("bake", "choose", take.root, "fine").ok()
     assert contents(take.stream) == first
     assert take.evaluation.read_bytes() == evaluation
     assert load_config(take.config).bake.quality == 22
     assert set(states(here, take.root).values()) == {"done"}, "nothing runs again"
     assert check_take(take, STAGE_NAMES).damage == ()
-    assert here("bake", "remove", take.root, "fine", "other").returncode == 1
+    here("bake", "remove", take.root, "fine", "other").fails()
     assert [kept.name for kept in kept_bakes(take)] == ["fine"]
     here("bake", "remove", take.root, "fine").ok()
     assert kept_bakes(take) == []

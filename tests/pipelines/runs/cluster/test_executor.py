@@ -2,6 +2,7 @@
 
 import itertools
 import shutil
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -22,9 +23,9 @@ from pipelines.takes.take import Take
 from studio.errors import Cancelled, Message, StudioError
 from tests.support.errors import refuses
 
-exceptions = pytest.importorskip("ray.exceptions", reason="Ray is not installed (extra cluster)")
 GB = 1 << 30
 Outcome = Message | Exception | None
+Behavior = Callable[[GroupTask, str], Outcome]
 
 
 class Reference:
@@ -35,7 +36,7 @@ class Reference:
 class FakeRay:
     """One task at a time: `behave` says what becomes of it."""
 
-    def __init__(self, behave: Callable[[GroupTask, str], Outcome], nodes: int = 2, cpus: int = 1) -> None:
+    def __init__(self, behave: Behavior, nodes: int = 2, cpus: int = 1) -> None:
         self.behave = behave
         self.ids = [f"{number + 1}" * 56 for number in range(nodes)]  # as long as those of Ray
         self._cpus = cpus
@@ -46,10 +47,8 @@ class FakeRay:
 
     def nodes(self) -> list[dict[str, Any]]:
         resources = {"CPU": self._cpus, "memory": 8.0 * GB}
-        return [
-            {"NodeID": key, "Alive": True, "NodeManagerHostname": f"node{key[0]}", "Resources": resources}
-            for key in self.ids
-        ]
+        about = {"Alive": True, "Resources": resources}
+        return [{"NodeID": key, "NodeManagerHostname": f"node{key[0]}", **about} for key in self.ids]
 
     def get_runtime_context(self) -> Any:
         return SimpleNamespace(get_node_id=lambda: self.ids[0])
@@ -104,9 +103,11 @@ class Bake:
 
 
 @pytest.fixture(autouse=True)
-def _take(tmp_path, monkeypatch):
+def exceptions(tmp_path, monkeypatch):
+    """Those of Ray, whose import would take a second of each process that collects tests."""
     monkeypatch.setattr(Run, "take", Take(tmp_path), raising=False)
     monkeypatch.setattr(module, "RETRIES", 1)
+    return pytest.importorskip("ray.exceptions", reason="Ray is not installed (extra cluster)")
 
 
 class Run:
@@ -114,9 +115,7 @@ class Run:
 
     take: Take
 
-    def __init__(
-        self, behave: Callable[[GroupTask, str], Outcome], nodes: int = 2, cpus: int = 1, **settings: Any
-    ) -> None:
+    def __init__(self, behave: Behavior, nodes: int = 2, cpus: int = 1, **settings: Any) -> None:
         self.ray, self.settings = FakeRay(behave, nodes, cpus), {"groups_at_once": 1, **settings}
         self.events: list[Any] = []
         self.stage, self.cancellation = Bake(), Cancellation()
@@ -126,12 +125,8 @@ class Run:
         self.ray.events = self.take.group_events
         self.take.private.mkdir(exist_ok=True)
         groups = cut_into_groups(tuple(range(6)), 2)
-        inputs: Any = SimpleNamespace(
-            take=self.take,
-            config=Config.model_validate({"capture": {"root": "/footage"}, "run": self.settings}),
-            threads=1,
-            groups=groups,
-        )
+        config = Config.model_validate({"capture": {"root": "/footage"}, "run": self.settings})
+        inputs: Any = SimpleNamespace(take=self.take, config=config, threads=1, groups=groups)
         reporter = StageReporter("bake", self.events.append, self.cancellation, itertools.count().__next__)
         executor = RayExecutor(self.ray)
         stage: Any = self.stage
@@ -154,7 +149,7 @@ def test_groups_are_queued_run_and_done():
     assert run.warnings() == []
 
 
-def test_a_lost_worker_is_replaced():
+def test_a_lost_worker_is_replaced(exceptions):
     lost = []
 
     def behave(task: GroupTask, node: str) -> Outcome:
@@ -171,7 +166,7 @@ def test_a_lost_worker_is_replaced():
     assert run.warnings() == ["cluster.worker_lost"]
 
 
-def test_a_group_that_loses_every_worker_ends_the_run(monkeypatch):
+def test_a_group_that_loses_every_worker_ends_the_run(exceptions, monkeypatch):
     run = Run(lambda task, node: exceptions.WorkerCrashedError() if task.group == 0 else None)
     with refuses("cluster.worker_lost", group=0) as caught:
         run.go()
@@ -197,10 +192,10 @@ def test_a_node_that_does_not_see_the_footage_gets_nothing_more():
         Run(behave, nodes=1).go()
 
 
-@pytest.mark.parametrize("error", [exceptions.RaySystemError("raylet is gone"), ConnectionError("shutting down")])
-def test_a_lost_cluster_is_one_sentence(monkeypatch, error):
+@pytest.mark.parametrize("of_ray", [True, False])
+def test_a_lost_cluster_is_one_sentence(exceptions, monkeypatch, of_ray):
     def wait(*_: Any, **__: Any) -> Any:
-        raise error
+        raise exceptions.RaySystemError("raylet is gone") if of_ray else ConnectionError("shutting down")
 
     run = Run(lambda task, node: None)
     monkeypatch.setattr(run.ray, "wait", wait)
@@ -242,7 +237,7 @@ def test_groups_that_fit_no_node_are_told_once(monkeypatch):
     assert run.warnings() == [], "a larger node may be starting"
 
 
-def test_out_of_memory_means_fewer_groups_on_a_node():
+def test_out_of_memory_means_fewer_groups_on_a_node(exceptions):
     def behave(task: GroupTask, node: str) -> Outcome:
         return exceptions.OutOfMemoryError("full") if (task.group, task.attempt) == (0, 1) else None
 
@@ -350,21 +345,11 @@ def test_a_node_waits_for_what_another_one_wrote(monkeypatch, code):
     assert len(looks) == 3
 
 
-@pytest.fixture
-def _environment(monkeypatch):
+def test_a_cluster_that_cannot_be_reached_is_one_sentence(project, here, monkeypatch):
     for name in ("RAY_AUTH_MODE", "RAY_USAGE_STATS_ENABLED", "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"):
         monkeypatch.setenv(name, "0")
-
-
-@pytest.mark.usefixtures("_environment")
-def test_a_cluster_that_cannot_be_reached_is_one_sentence(project, here, monkeypatch):
     arguments = ("run", project / "ball.yaml", "--take", project / "take", "--run.executor", "ray")
-    done = here(*arguments, "--run.address", "127.0.0.1:9")
-    assert done.returncode == 1
-    assert "127.0.0.1:9 (Connection refused)" in done.stderr
-    done = here(*arguments, "--run.address", "somewhere")
-    assert "'somewhere' is not" in done.stderr
-    monkeypatch.setitem(__import__("sys").modules, "ray", None)
-    done = here(*arguments)
-    assert done.returncode == 1
-    assert "pip install 'ray[client]==" in done.stderr
+    here(*arguments, "--run.address", "127.0.0.1:9").fails("127.0.0.1:9 (Connection refused)")
+    here(*arguments, "--run.address", "somewhere").fails("'somewhere' is not")
+    monkeypatch.setitem(sys.modules, "ray", None)
+    here(*arguments).fails("pip install 'ray[client]==")

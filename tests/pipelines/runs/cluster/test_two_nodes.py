@@ -1,19 +1,13 @@
 """A run on a Ray cluster of two nodes, one of which is killed: the take of a local run."""
 
-import os
-import subprocess
-import sys
-
 import pytest
 
 from pipelines.events import GroupState, Metrics, StageFinished, Warned
 from tests.support.tiny_capture import environment, results, v3studio
 from tests.support.two_nodes import SETTINGS, two_nodes
+from tests.support.warm_python import warm_python
 
 pytestmark = pytest.mark.long
-
-pytest.importorskip("ray", reason="Ray is not installed (extra cluster)")
-
 
 HELD = """
 import sys, ray
@@ -28,8 +22,8 @@ print(nodes.holders(Wanted(cpus=1, gpus=0.0, memory=1)))
 
 def assert_names_what_holds_a_node(cluster):
     """At first, an actor holds the CPU of the first node, and that of the second is free."""
-    command = [sys.executable, "-c", HELD, cluster.address, cluster.second]
-    done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, **environment(), **SETTINGS})
+    command = ("-c", HELD, cluster.address, cluster.second)
+    done = warm_python().run(command, text=True, env=environment() | SETTINGS)
     assert done.returncode == 0, done.stderr
     room, held = done.stdout.splitlines()
     assert room == "", "the second node has room"
@@ -44,24 +38,18 @@ def run_and_kill(project, take):
     """The events of a run whose second node is killed when it has trained a frame, and the nodes that trained."""
     with two_nodes() as cluster:
         assert_names_what_holds_a_node(cluster)
-        command = [sys.executable, "-m", "pipelines.cli", "run", project / "ball.yaml", "--take", take, "--json", *SLOW]
-        command += ["--run.executor", "ray", "--run.address", cluster.address]
-        with (project / "errors").open("w") as errors:
-            process = subprocess.Popen(
-                list(map(str, command)),
-                stdout=subprocess.PIPE,
-                stderr=errors,
-                text=True,
-                env={**os.environ, **environment(), **SETTINGS},
-            )
-        assert process.stdout is not None
+        command = ("-m", "pipelines.cli", "run", project / "ball.yaml", "--take", take, "--json", *SLOW)
+        command += ("--run.executor", "ray", "--run.address", cluster.address)
+        process = warm_python().popen(command, text=True, env=environment() | SETTINGS)
         events = list(cluster.events_while_second_is_killed(process.stdout))
-        assert process.wait() == 0, (project / "errors").read_text()
+        _, errors = process.communicate()
+        assert process.returncode == 0, errors
     return events, {event.node for event in events if isinstance(event, GroupState) and event.state == "running"}
 
 
 @pytest.mark.timeout(1200)
 def test_a_node_is_killed_and_the_take_is_that_of_a_local_run(project):
+    pytest.importorskip("ray", reason="Ray is not installed (extra cluster)")
     for attempt in range(3):
         take = project / f"take{attempt}"
         events, nodes = run_and_kill(project, take)
@@ -79,6 +67,5 @@ def test_a_node_is_killed_and_the_take_is_that_of_a_local_run(project):
     assert [e.stage for e in events if isinstance(e, StageFinished)] == [
         "calibrate", "initialize", "train", "bake", "evaluate"
     ]  # fmt: skip
-    local = v3studio("run", project / "ball.yaml", "--take", project / "local", *SLOW)
-    assert local.returncode == 0, local.stderr
+    v3studio("run", project / "ball.yaml", "--take", project / "local", *SLOW).ok()
     assert results(take) == results(project / "local")
