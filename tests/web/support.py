@@ -19,9 +19,9 @@ from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize
 from studio.stream import BakeSettings, Rung, StreamReader, bake_group, bake_sound, write_manifest
 from studio.stream.decoders.motion import MotionFrame
-from studio.stream.decoders.planes import PlanesFrame
 from studio.stream.encode import write_manifest as manifest_writer
 from studio.stream.manifest import MotionRendition
+from studio.stream.morton import deinterleave, square_scan
 from studio.stream.motion_state import Side
 from studio.stream.reader import fetch_group
 from studio.stream.sources.open_source import open_source
@@ -125,35 +125,24 @@ def bake(
     return folder
 
 
-class PythonFrames:
-    """A stream as Python reads it."""
+def decoded(folder: Path, *frames: int) -> list[Gaussians]:
+    """Frames of a stream as Python decodes them."""
+    with StreamReader.open(folder, threads=1) as reader:
+        return [reader.gaussians(frame) for frame in frames]
 
-    def __init__(self, folder: Path) -> None:
-        self.reader = StreamReader.open(folder, threads=1)
 
-    def gaussians(self, frame: int) -> Gaussians:
-        return self.reader.gaussians(frame)
-
-    def luma(self, group_index: int) -> list[np.ndarray]:
-        """Pictures of a group of the profile `motion`, (H, W) uint8 each; of `planes`, (P, side, side)."""
-        group = self.reader.groups[group_index]
-        decoder = self.reader.open_group(group)
-        pictures = []
-        for _ in range(group.frame_count):
-            frame = decoder.read()
-            assert isinstance(frame, MotionFrame | PlanesFrame)
-            pictures.append(frame.picture if isinstance(frame, MotionFrame) else frame.planes)
+def luma(folder: Path, group_index: int) -> list[np.ndarray]:
+    """Pictures of a group of the profile `motion`, (H, W) uint8 each; of `planes`, (P, side, side)."""
+    with StreamReader.open(folder, threads=1) as reader:
+        group = reader.groups[group_index]
+        decoder = reader.open_group(group)
+        frames = [decoder.read() for _ in range(group.frame_count)]
         decoder.close()
-        return pictures
-
-    def close(self) -> None:
-        self.reader.close()
+    return [frame.picture if isinstance(frame, MotionFrame) else frame.planes for frame in frames]
 
 
 def side_arrays(folder: Path, group_index: int) -> dict[str, Any]:
     """Contents of a group's side file as Python parses it, and the pixels of splats in its tile; JSON-ready."""
-    from studio.stream.morton import deinterleave, square_scan
-
     with StreamReader.open(folder) as reader:
         group = reader.groups[group_index]
         assert isinstance(group, MotionRendition)
@@ -168,21 +157,13 @@ def side_arrays(folder: Path, group_index: int) -> dict[str, Any]:
         "motions": side.affine.reshape(-1).tolist(),
         "turns": side.rotation.reshape(-1).tolist(),
         "escapes": [
-            [
-                int(side.escapes.frame[i]),
-                int(side.escapes.splat[i]),
-                int(side.escapes.channel[i]),
-                int(side.escapes.code[i]),
-            ]
-            for i in order
+            [int(getattr(side.escapes, name)[i]) for name in ("frame", "splat", "channel", "code")] for i in order
         ],
         "pixels": square_scan(group.tile, group.splats).tolist(),
     }
 
 
 def morton_pixels(tile: int, count: int) -> list[int]:
-    from studio.stream.morton import square_scan
-
     result: list[int] = square_scan(tile, count).tolist()
     return result
 

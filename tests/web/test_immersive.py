@@ -99,9 +99,8 @@ def eyes(page, head, place, viewer, height):
         matrix[:3, :3] = np.diag([1.0, -1.0, -1.0]) @ head[1].T @ to_room
         matrix[:3, 3] = -matrix[:3, :3] @ center
         focal = rows / 2  # 90 degrees
-        cameras.append(
-            Camera("eye", width, rows, np.array([[focal, 0, width / 2], [0, focal, rows / 2], [0, 0, 1.0]]), matrix)
-        )
+        K = np.array([[focal, 0, width / 2], [0, focal, rows / 2], [0, 0, 1.0]])
+        cameras.append(Camera("eye", width, rows, K, matrix))
     return cameras
 
 
@@ -118,9 +117,7 @@ def test_each_eye_sees_what_the_rasterizer_renders_in_vr(page, baked):
     start(page, "vr")
     # The emulated head stands at 1.6 m and looks along -z: the figure stands 2 m ahead, life-size (it is 1.4 m high).
     head = pose(page, (0.5, 1.3, -0.4), (20.0, -20.0, 5.0))
-    python = support.PythonFrames(baked())
-    gaussians = python.gaussians(3)
-    python.close()
+    (gaussians,) = support.decoded(baked(), 3)
     box = page.evaluate("() => document.querySelector('v3-player').engine.info.box")
     height = box["max"][1] - box["min"][1]
     drawn = [support.draw(gaussians, eye) for eye in eyes(page, head, (0.0, 0.0, -2.0), (0.0, 0.0, 0.0), height)]
@@ -146,9 +143,8 @@ def test_a_tap_places_it_on_the_table_in_ar(page, baked):
     page.wait("player.immersive.placed")
     # It stays where it is while the head moves.
     viewer, head = head[0], pose(page, (0.3, 1.4, -0.3), (25.0, -50.0, 0.0))
-    python = support.PythonFrames(baked())
-    drawn = [support.draw(python.gaussians(0), eye) for eye in eyes(page, head, place, viewer, 0.5)]
-    python.close()
+    (gaussians,) = support.decoded(baked(), 0)
+    drawn = [support.draw(gaussians, eye) for eye in eyes(page, head, place, viewer, 0.5)]
     seen = halves(page)
     assert min(psnr(a[..., :3], b) for a, b in zip(seen, drawn, strict=True)) >= PSNR
     assert seen[0][0, 0, 3] == 0  # the room shows through

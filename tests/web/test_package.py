@@ -144,9 +144,7 @@ def test_a_worker_decodes_what_python_decodes(package_site, baked, open_page, pr
     page = open_page(address=f"{root}stream/manifest.json", wait=False)
     got = page.evaluate(_IN_WORKER, root)
     assert "error" not in got, got
-    python = support.PythonFrames(package_site.stream)
-    for frame, arrays in zip((0, 2, 6), got["found"], strict=True):
-        want = python.gaussians(frame)
+    for want, arrays in zip(support.decoded(package_site.stream, 0, 2, 6), got["found"], strict=True):
         means, quats, scales, opacities, sh = (np.asarray(array, np.float32) for array in arrays)
         assert np.allclose(means, want.means.numpy().reshape(-1), rtol=0, atol=1e-6)
         assert np.allclose(opacities, want.opacities.numpy(), atol=1e-5)
@@ -156,7 +154,6 @@ def test_a_worker_decodes_what_python_decodes(package_site, baked, open_page, pr
         theirs = _covariances(want.quats.numpy(), want.scales.numpy())
         size = np.trace(theirs, axis1=1, axis2=2)[:, None, None]
         assert (np.abs(mine - theirs) / size).max() < 3e-5
-    python.close()
     assert got["late"][-1] == 8  # the newest call is answered
     assert "no frame 9" in got["refused"]
     assert 'no rendition "none"' in got["missing"]
@@ -253,11 +250,9 @@ def test_an_engine_shows_the_performer_among_meshes(package_site, open_page, eng
         page.evaluate("(frame) => example.performer.playback.seekFrame(frame)", frame)
         page.handle.wait_for_function("(frame) => example.performer.playback.frame === frame", arg=frame)
         shot()
-    python = support.PythonFrames(package_site.stream)
-    splats = [python.gaussians(6), python.gaussians(8), python.gaussians(6)]
-    splats[2] = splats[2].with_sh_degree(splats[2].sh_degree - 1)
+    splats = support.decoded(package_site.stream, 6, 8)
+    splats.append(splats[0].with_sh_degree(splats[0].sh_degree - 1))
     want, other, less = (support.draw(one, view) for one in splats)
-    python.close()
     found, deadline = 0.0, time.monotonic() + 120
     while found <= 36 and time.monotonic() < deadline:  # engines sort in a worker, which a busy machine delays
         alone = shot()
@@ -281,13 +276,8 @@ def test_an_engine_shows_the_performer_among_meshes(package_site, open_page, eng
 
 def test_a_cast_has_performers_in_their_places_with_shadows(package_site, installed, open_page, tmp_path, monkeypatch):
     monkeypatch.setattr("pipelines.share.cast.player_folder", lambda: installed.parent / "player")
-    ball = Gaussians(
-        torch.zeros(1, 3),
-        torch.tensor([[1.0, 0, 0, 0]]),
-        torch.full((1, 3), -2.5),
-        torch.tensor([6.0]),
-        torch.tensor([[[1.77, -1.77, -1.77]]]),
-    )
+    center, turn, size = torch.zeros(1, 3), torch.tensor([[1.0, 0, 0, 0]]), torch.full((1, 3), -2.5)
+    ball = Gaussians(center, turn, size, torch.tensor([6.0]), torch.tensor([[[1.77, -1.77, -1.77]]]))
     ply.write(tmp_path / "ball.ply", ball)
     red_post(tmp_path / "post.glb")
     stream = str(package_site.stream)
@@ -338,9 +328,8 @@ def test_a_cast_has_performers_in_their_places_with_shadows(package_site, instal
     cast = CastFrames(tmp_path / "cast.json")
     window = cast.ground(page.evaluate(f"() => {frames}[0]"))
     assert window is not None
-    pixels, depth = window.seen(
-        Camera.look_at((0, 1, 4), (0, 0.5, 0), (0, 1, 0), width=400, height=300, field_of_view=40)
-    )
+    seen_from = Camera.look_at((0, 1, 4), (0, 0.5, 0), (0, 1, 0), width=400, height=300, field_of_view=40)
+    pixels, depth = window.seen(seen_from)
     cast.close()
     off = np.abs(pixels.astype(int) - hidden)[:240][np.isfinite(depth)[:240]]  # above the button
     assert np.quantile(off, 0.99) < 10

@@ -38,29 +38,27 @@ _TAP = """() => {
 def test_every_luma_byte_and_what_cameras_see(site, baked, open_page, decoder, degree, b_frames):
     shutil.copytree(baked(degree=degree, b_frames=b_frames), site.stream)
     page = open_page(f"?decoder={decoder}&t=0", setup=lambda handle: handle.add_init_script(f"({_TAP})()"))
-    python = support.PythonFrames(site.stream)
-    want = [picture for group in range(2) for picture in python.luma(group)]
+    frames = support.decoded(site.stream, *range(9))
+    want = [picture for group in range(2) for picture in support.luma(site.stream, group)]
     seen, drawn = [], []
     for frame in range(9):
         page.seek_frame(frame)
         if frame % 2 == 0:
             number = frame // 2
-            view = support.camera(
-                72.0 * number, elevation=-20 + 14 * number, distance=1.2 + 0.4 * number, size=(240, 300)
-            )
+            place = {"elevation": -20 + 14 * number, "distance": 1.2 + 0.4 * number}
+            view = support.camera(72.0 * number, **place, size=(240, 300))
             background = [(0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (0.2, 0.5, 0.8)][number % 3]
             seen.append(page.picture(support.camera_values(view), background))
-            drawn.append(support.draw(python.gaussians(frame), view, background))
+            drawn.append(support.draw(frames[frame], view, background))
     assert min(map(psnr, seen, drawn)) >= PSNR
     # the test can tell pictures apart: the previous frame differs
-    assert psnr(support.draw(python.gaussians(7), view, background), drawn[-1]) < 40
+    assert psnr(support.draw(frames[7], view, background), drawn[-1]) < 40
     got = {entry["frame"]: entry for entry in page.evaluate("() => window.pictures")}
     assert sorted(got) == list(range(9))
     for frame, picture in enumerate(want):
         luma = np.frombuffer(base64.b64decode(got[frame]["luma"]), np.uint8)
         assert np.array_equal(luma, picture.reshape(-1)), f"frame {frame}"
-    come_back_to_front(got[3]["order"], python.gaussians(3))
-    python.close()
+    come_back_to_front(got[3]["order"], frames[3])
 
 
 def come_back_to_front(order, gaussians):
@@ -81,15 +79,13 @@ def test_each_group_is_rendered_with_its_dilation(site, baked, open_page, profil
     shutil.copytree(baked(profile=profile, dilations=(0.05, 0.9)), site.stream)
     page = open_page("?t=0")
     view = support.camera(70, distance=2.6, size=(64, 80))
-    python = support.PythonFrames(site.stream)
     for frame, dilation in ((2, 0.05), (6, 0.9), (3, 0.05)):
-        gaussians = python.gaussians(frame)
+        (gaussians,) = support.decoded(site.stream, frame)
         assert gaussians.dilation == dilation
         page.seek_frame(frame)
         found = page.picture(support.camera_values(view))
         assert psnr(found, support.draw(gaussians, view)) >= PSNR
         assert psnr(found, support.draw(replace(gaussians, dilation=0.3), view)) < PSNR - 10  # it would be seen
-    python.close()
 
 
 def test_planes_without_webcodecs_say_why_not(site, baked, open_page):

@@ -149,15 +149,3 @@ def test_twenty_loops_need_no_more_memory(page):
     page.call("play")
     before = used_after(10)  # measured in the same way after everything has been compiled and cached
     assert used_after(20) < before + 1_000_000
-
-
-def test_without_webcodecs_on_an_insecure_page(site, stream, open_page):
-    """On a LAN address over plain HTTP there is neither WebCodecs nor crypto.subtle."""
-    page = open_page("?t=0", host="player.test")
-    engine = page.evaluate(
-        """() => { const e = document.querySelector("v3-player").engine;
-          return [isSecureContext, e.stream.path, e.info.checksums]; }"""
-    )
-    assert engine == [False, "video", False]
-    page.call("play")
-    page.wait("(seen.looped ?? []).length >= 1")

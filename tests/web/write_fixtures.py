@@ -69,13 +69,11 @@ def main(folder: Path) -> None:
         stream = support.bake(Path(temporary) / "stream", lengths=(5, 3), splats=700, degree=1, qp=4)
         planes = support.bake(Path(temporary) / "planes", lengths=(2,), splats=300, profile="planes", qp=0)
         for name, place in (("motion", stream), ("planes", planes)):
-            python = support.PythonFrames(place)
-            group = python.reader.groups[0]
             (folder / f"{name}.json").write_bytes((place / "manifest.json").read_bytes())
-            np.stack(python.luma(0)).tofile(folder / f"{name}.luma")
-            positions = np.stack([python.gaussians(frame).means.numpy() for frame in range(group.frame_count)])
+            luma = support.luma(place, 0)
+            np.stack(luma).tofile(folder / f"{name}.luma")
+            positions = np.stack([one.means.numpy() for one in support.decoded(place, *range(len(luma)))])
             positions.astype(np.float32).tofile(folder / f"{name}.positions")
-            python.close()
         write_videos(folder, Path(temporary))
         side = json.loads((stream / "manifest.json").read_bytes())["groups"][0]["renditions"][0]["side"]
         (folder / "motion.bin").write_bytes((stream / side["path"]).read_bytes())
@@ -86,9 +84,7 @@ def main(folder: Path) -> None:
         manifest = (ladder / "manifest.json").read_bytes()
         (folder / "ladder.json").write_bytes(manifest)
         (folder / "page.json").write_bytes((ladder / json.loads(manifest)["pages"][0]["path"]).read_bytes())
-        python = support.PythonFrames(ladder)
-        np.stack(python.luma(0)).tofile(folder / "ladder.luma")
-        python.close()
+        np.stack(support.luma(ladder, 0)).tofile(folder / "ladder.luma")
     (folder / "rule.json").write_text(json.dumps(rule_steps()))
     tiles = [(16, 256), (16, 7), (48, 2304), (80, 6001), (176, 30976), (1040, 1_081_600)]
     orders = {f"{tile} {count}": support.morton_pixels(tile, count) for tile, count in tiles}
