@@ -345,7 +345,11 @@ def open_agreed(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | 
         return AgreedMaskSource(inputs, None, plates, model), words
     recipe = _recipe(inputs, plates, model)
     source = AgreedMaskSource(inputs, inputs.cameras(), plates, model, clean is None, recipe)
-    return source, f"agreed by {voters} cameras, from the {phrase}{' and a matting model' if model else ''}"
+    if model:
+        phrase += " and a matting model"
+    elif clean is None:
+        phrase += " (people get better masks with a model: see `v3studio models list`)"
+    return source, f"agreed by {voters} cameras, from the {phrase}"
 
 
 def _recipe(inputs: MaskInputs, plates: PlateMaskSource, model: MattingModel | None) -> tuple[str, Path] | None:

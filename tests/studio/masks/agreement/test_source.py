@@ -74,6 +74,7 @@ def test_cameras_agree_on_better_masks_than_each_of_them_has(capture: Path, rig:
     agreed = open_footage(spec, rig, cache_folder=tmp_path, threads=1)
     alone = opened(capture, rig, masks="median_background")
     assert "agreed by 8 cameras" in agreed.description
+    assert "better masks with a model" in agreed.description
     together = {camera.name: overlap(agreed, camera, 7) for camera in rig}
     apart = {camera.name: overlap(alone, camera, 7) for camera in rig}
     assert np.mean(list(together.values())) > max(0.85, np.mean(list(apart.values())))
@@ -95,6 +96,8 @@ def test_a_model_sees_squares_around_people_and_counts(
 
     model = opened(capture, rig, masks="agreed", mask_model=f"selfie:{LITE}")
     assert LITE in model.files()
+    assert "a matting model" in model.description
+    assert "better masks" not in model.description
     camera = next(iter(rig))
     before = overlap(model, camera, 7)
     monkeypatch.setattr(MattingModel, "__call__", nobody)
