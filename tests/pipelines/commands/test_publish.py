@@ -5,24 +5,21 @@ import re
 import pytest
 
 from studio.formats.sequence import open_import
-from studio.stream import BakeSettings, Rung, StreamReader, bake_group, write_manifest
-from tests.studio.stream.conftest import turned_bodies
+from studio.stream import BakeSettings, Rung, StreamReader
 from tests.support.errors import refuses
+from tests.support.streams import bake_numbered, contents
 
 
 @pytest.fixture
 def stream(tmp_path):
     """A stream of two groups."""
-    folder = tmp_path / "stream"
     settings = BakeSettings(ladder=(Rung(qp=24), Rung(qp=34)), preset="ultrafast")
-    entries = [bake_group(turned_bodies(2, 60), folder, g, 2 * g, settings) for g in range(2)]
-    write_manifest(folder, entries, 25, settings)
-    return folder
+    return bake_numbered(tmp_path / "stream", (2, 2), 25, 60, settings)
 
 
 def test_publish_copies_what_is_missing(here, stream, tmp_path):
     done = here("publish", stream, tmp_path / "web").ok()
-    assert "4 files copied" in done.stdout
+    assert f"{len(contents(stream)) - 1} files copied" in done.stdout  # and the manifest
     again = here("publish", stream, tmp_path / "web", "--page", "--title", "A <walk>")
     assert "0 files copied" in again.stdout, again.stderr
     page = (tmp_path / "web" / "index.html").read_text()

@@ -1,5 +1,6 @@
-"""Views of a frame for training: details at the size of the footage, and clean plates."""
+"""Views of a frame for training: details at the size of the footage, and clean plates; never without initial points."""
 
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -12,6 +13,7 @@ from pipelines.stages.inputs import Inputs
 from pipelines.stages.reporter import StageReporter
 from pipelines.stages.training_views import training_views
 from pipelines.takes.edits import change_edits
+from pipelines.takes.frame_files import read_about
 from pipelines.takes.take import Take
 from studio.edits import DetailMark, EditList
 from studio.training import TrainingView
@@ -73,3 +75,16 @@ def test_clean_plates_are_used_where_the_setting_says_so(use_plates: bool) -> No
     )
     (found,) = training_views(cast(Any, context), StageReporter("train"), 0, lambda number, images: None)
     assert (found.plate is not None) == use_plates
+
+
+def test_a_report_that_is_not_there_stops_training(take: Take, here: Callable[..., Any], tmp_path: Path) -> None:
+    away = tmp_path / "report.json"
+    frame, report = take.trained_frame(0, 0), take.initialize_group(0) / "report.json"
+    key = read_about(frame).key  # type: ignore[union-attr]
+    frame.unlink()
+    report.rename(away)  # as another machine sees it that a network file system has not told of it yet
+    here("train", take.root).fails("report.json: ")
+    assert not frame.exists()
+    away.rename(report)
+    here("train", take.root).ok()
+    assert read_about(frame).key == key  # type: ignore[union-attr]

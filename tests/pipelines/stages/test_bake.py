@@ -1,0 +1,87 @@
+"""The stage bake with ladders and with sound: only what changed is baked again."""
+
+import json
+
+import pytest
+
+from studio.stream import StreamReader
+from tests.support.sounds import click_times, clicks, write_wav
+from tests.support.streams import contents
+
+
+def manifest_of(take):
+    return json.loads((take / "stream" / "manifest.json").read_bytes())
+
+
+def test_a_take_is_baked_as_a_ladder(here, copied):
+    take = copied / "take"
+    rungs = "[{qp: 20}, {qp: 34}, {qp: 30, splats: 0.5, sh_degree: 0, finetune_iterations: 10}]"
+    here("bake", take, "--bake.ladder", rungs).ok()
+    manifest = manifest_of(take)
+    assert manifest["version"] == 4
+    assert [one["id"] for one in manifest["renditions"]] == ["qp20", "qp34", "qp30-splats50-sh0"]
+    best, coarse, phone = manifest["renditions"]
+    assert best["psnr_to_trained"] > coarse["psnr_to_trained"] > 10
+    assert phone["psnr_to_trained"] > 10
+    assert phone["splats"] < best["splats"]
+    assert [one["pruning"] for one in manifest["renditions"]] == ["none", "none", "fine-tuned"]
+    assert all(name == "manifest.json" or name.startswith("files/") for name in contents(take / "stream"))
+    with StreamReader.open(take / "stream") as reader:
+        reader.verify()
+        assert len(list(reader.iterate())) == 5
+
+    ladder = inodes(take)
+    tuned = {path: path.stat().st_mtime_ns for path in take.glob("train/*/offsets_*")}
+    assert sorted(path.name for path in tuned) == ["offsets_splats50-sh0-10.safetensors"] * 2
+    assert "up to date" in here("bake", take).ok().stdout.lower()
+    here("bake", take, "--bake.ladder", rungs.replace("34", "36").replace("30", "32")).ok()
+    assert {path: path.stat().st_mtime_ns for path in tuned} == tuned
+    kept = {f"files/{name}" for name, _ in inodes(take).items() & ladder.items()}
+    best = [group["renditions"][0] for group in manifest_of(take)["groups"]]
+    assert {one[kind]["path"] for one in best for kind in ("side", "video")} <= kept
+    assert len(inodes(take)) <= 12
+
+    here("evaluate", take).ok()
+    figures = json.loads((take / "evaluation.json").read_bytes())
+    with StreamReader.open(take / "stream") as reader:
+        assert figures["summary"]["bytes_per_frame"] == round(reader.played_bytes / 5, 1)
+
+
+def heard(take):
+    with StreamReader.open(take / "stream") as reader:
+        reader.verify()
+        sound = reader.sound()
+        assert sound.samples == 5 * 48_000 // 25
+        times = click_times(sound.read(0, sound.samples))
+        sound.close()
+    return times
+
+
+def inodes(take):
+    names = {path.name: path.stat().st_ino for path in (take / "stream" / "files").iterdir()}
+    return {name: inode for name, inode in names.items() if not name.endswith(".m4a")}
+
+
+def test_only_the_sound_is_baked_again(here, copied):
+    take, wav = copied / "take", copied / "take.wav"
+    write_wav(wav, clicks(0.3, [0.08]))
+    here("bake", take, "--capture.audio", wav).ok()
+    assert heard(take) == pytest.approx([0.08], abs=0.0005)
+    frames = inodes(take)
+    result = here("bake", take, "--capture.audio_offset", "0.04", "--json").ok()
+    assert heard(take) == pytest.approx([0.12], abs=0.0005)
+    assert inodes(take) == frames
+    assert "bake.short_sound" not in result.stdout, "0.04 s of silence are not worth a warning"
+    stages = here("status", take, "--json").ok().result["stages"]
+    assert {stages[name]["state"] for name in ("calibrate", "initialize", "train", "bake")} == {"done"}
+
+    assert "up to date" in here("bake", take).ok().stdout.lower()
+    write_wav(wav, clicks(0.1, [0.05]))
+    result = here("bake", take, "--capture.audio_offset", "0", "--json").ok()
+    assert heard(take) == pytest.approx([0.05], abs=0.0005)
+    assert "bake.short_sound" in result.stdout
+    here("bake", take, "--capture.audio", "null").ok()
+    with StreamReader.open(take / "stream") as reader:
+        assert reader.audio is None
+    assert inodes(take) == frames
+    assert not list((take / "stream" / "files").glob("*.m4a"))
