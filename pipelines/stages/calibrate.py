@@ -171,27 +171,21 @@ def frames_to_try(section: CalibrateSettings, frames: Sequence[int]) -> list[lis
         counts = _MORE_FRAMES if section.frame_count is None else (section.frame_count,)
         fewer = sorted({min(count, len(frames)) for count in counts})
         return [_spread(frames, count) for count in fewer]
-    if (section.frame_count or 1) > 1:
+    frame, count, setting = section.frame, section.frame_count or 1, "calibrate.frame"
+    if count > 1:
+        problem = f"calibrate.frame = {frame} selects one frame, but calibrate.frame_count = {count} requests several"
+        fix = "Set only one of them."
         raise StudioError(
-            "settings.conflict",
-            f"calibrate.frame = {section.frame} selects one frame, but calibrate.frame_count = {section.frame_count} "
-            "requests several",
-            value=section.frame,
-            fix="Set only one of them.",
-            setting="calibrate.frame",
-            other="calibrate.frame_count",
+            "settings.conflict", problem, value=frame, fix=fix, setting=setting, other="calibrate.frame_count"
         )
-    if section.frame not in frames:
+    if frame not in frames:
+        first, last = int(frames[0]), int(frames[-1])
+        problem = f"calibrate.frame = {frame} is not among the used frames"
+        fix = f"Used frames are {first} to {last}."
         raise StudioError(
-            "settings.unknown_frame",
-            f"calibrate.frame = {section.frame} is not among the used frames",
-            value=section.frame,
-            fix=f"Used frames are {frames[0]} to {frames[-1]}.",
-            setting="calibrate.frame",
-            first=int(frames[0]),
-            last=int(frames[-1]),
+            "settings.unknown_frame", problem, value=frame, fix=fix, setting=setting, first=first, last=last
         )
-    return [[section.frame]]
+    return [[frame]]
 
 
 def _spread(frames: Sequence[int], count: int) -> list[int]:
@@ -354,14 +348,12 @@ def _given(inputs: Inputs) -> Path | None:
 def _intrinsics_files(inputs: Inputs) -> Params:
     """Digests of the files that known intrinsics are read from (see `_known_intrinsics`)."""
     section = inputs.config.calibrate
-    return {
-        **(
-            {"known": _digest(named_file(section, "known_cameras", inputs.footage.capture.root))}
-            if section.known_cameras
-            else {}
-        ),
-        **({"board footage": target_digest(inputs)} if section.intrinsics_images else {}),
-    }
+    found: Params = {}
+    if section.known_cameras:
+        found["known"] = _digest(named_file(section, "known_cameras", inputs.footage.capture.root))
+    if section.intrinsics_images:
+        found["board footage"] = target_digest(inputs)
+    return found
 
 
 def _keep_points(take: Take, points: np.ndarray, colors: np.ndarray) -> None:

@@ -5,13 +5,12 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from pipelines.events.cancellation import Cancellation
-from pipelines.stages.camera_fit import check_first_points, ensure_fitted
+from pipelines.stages.camera_fit import check_first_points, ensure_fitted, initial_points
 from pipelines.stages.inputs import Inputs
 from pipelines.stages.params import derived_seed
 from pipelines.stages.reporter import StageReporter
 from pipelines.stages.training_views import training_views
 from pipelines.takes.atomic_files import write_model
-from pipelines.takes.point_files import read_points
 from pipelines.takes.stage_files import CameraColors
 from pipelines.takes.take import Take
 from studio.counts import counted
@@ -72,11 +71,9 @@ def _write(take: Take, key: str, frame: int, matrices: Mapping[str, Any]) -> Cam
 
 
 def _fit_to_splats(inputs: Inputs, reporter: StageReporter, key: str) -> None:
-    import torch
-
     from studio.training import fit_camera_colors
 
-    group, settings, device = inputs.groups[0], inputs.config.train, inputs.device
+    group, footage = inputs.groups[0], inputs.footage.calibrated
 
     def reading(number: int, images: int) -> None:
         reporter.progress(0.0, f"colors of cameras: image {number} of {images}")
@@ -85,28 +82,14 @@ def _fit_to_splats(inputs: Inputs, reporter: StageReporter, key: str) -> None:
         reporter.progress(0.0, f"colors of cameras: step {done} of {total}", **figures)
 
     views: list[TrainingView] = training_views(
-        inputs,
-        reporter,
-        group.keyframe,
-        reading,
-        inputs.threads,
-        footage=inputs.footage.calibrated,
-        colored=False,
-        detailed=False,
+        inputs, reporter, group.keyframe, reading, inputs.threads, footage=footage, colored=False, detailed=False
     )
-    points, points_colors = read_points(inputs.take.initialize_group(group.index) / "points.ply")
-    found = fit_camera_colors(
-        views,
-        torch.from_numpy(points).to(device),
-        torch.from_numpy(points_colors).to(device),
-        settings,
-        seed=derived_seed(inputs.config.run.seed, "camera colors"),
-        progress=tell,
-    )
+    seed = derived_seed(inputs.config.run.seed, "camera colors")
+    found = fit_camera_colors(views, *initial_points(inputs, group), inputs.config.train, seed=seed, progress=tell)
     names = [view.camera.name for view in views]
     colors = _write(inputs.take, key, group.keyframe, dict(zip(names, found, strict=True)))
     _log_differences(reporter, colors)
-    without = [name for name in inputs.footage.calibrated.train_cameras if name not in names]
+    without = [name for name in footage.train_cameras if name not in names]
     if without:
         reporter.warn(
             Message(

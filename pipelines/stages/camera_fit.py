@@ -1,8 +1,10 @@
 """What is fitted to all cameras once, with the first group, before groups are trained: colors, refined cameras."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pipelines.events.cancellation import Cancellation
 from pipelines.stages.group_scheduler import run_groups, threads_of_groups
@@ -11,10 +13,14 @@ from pipelines.stages.params import Params, key_of
 from pipelines.stages.reporter import StageReporter
 from pipelines.takes.atomic_files import read_model
 from pipelines.takes.groups import Group
+from pipelines.takes.point_files import read_points
 from pipelines.takes.records import result_of
 from pipelines.takes.stage_files import CameraColors, CameraRefinement, InitialPointsReport
 from pipelines.takes.take import Take
 from studio.errors import StudioError
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 _Fitted = CameraColors | CameraRefinement
 
@@ -29,6 +35,14 @@ def initial_files(take: Take, group: Group) -> Any:
     """Digests of a group's initial points, from their report; None if there are none."""
     report = take.initialize_group(group.index) / "report.json"
     return read_model(report, InitialPointsReport).files if report.is_file() else None
+
+
+def initial_points(inputs: Inputs, group: Group) -> tuple[Tensor, Tensor]:
+    """(N, 3) means and colors of a group's initial points, on the device of the run."""
+    import torch
+
+    points, colors = read_points(inputs.take.initialize_group(group.index) / "points.ply")
+    return torch.from_numpy(points).to(inputs.device), torch.from_numpy(colors).to(inputs.device)
 
 
 def check_first_points(take: Take, what: str) -> None:

@@ -11,13 +11,12 @@ import numpy as np
 from pipelines.events.cancellation import Cancellation
 from pipelines.reports.calibration import write_calibration_page
 from pipelines.stages.calibrate import has_camera_file
-from pipelines.stages.camera_fit import check_first_points, ensure_fitted
+from pipelines.stages.camera_fit import check_first_points, ensure_fitted, initial_points
 from pipelines.stages.inputs import Inputs
 from pipelines.stages.params import derived_seed
 from pipelines.stages.reporter import StageReporter
 from pipelines.stages.training_views import training_views
 from pipelines.takes.atomic_files import atomic_path, remove, write_model
-from pipelines.takes.point_files import read_points
 from pipelines.takes.stage_files import CameraChange, CameraRefinement
 
 if TYPE_CHECKING:
@@ -51,14 +50,12 @@ def drop_refined_cameras(inputs: Inputs) -> None:
 
 
 def _refine(inputs: Inputs, reporter: StageReporter, key: str) -> None:
-    import torch
-
     from studio.camera_files import read_rig, write_rig
     from studio.training import refine_cameras
     from studio.training.camera_refinement import WORTH
 
     drop_refined_cameras(inputs)
-    group, device, footage = inputs.groups[0], inputs.device, inputs.footage.calibrated
+    group, footage = inputs.groups[0], inputs.footage.calibrated
 
     def reading(number: int, images: int) -> None:
         reporter.progress(0.0, f"refining cameras: image {number} of {images}")
@@ -75,16 +72,8 @@ def _refine(inputs: Inputs, reporter: StageReporter, key: str) -> None:
         )
 
     trained, held_out = views(footage.train_cameras), views(footage.measured_cameras)
-    points, colors = read_points(inputs.take.initialize_group(group.index) / "points.ply")
-    found = refine_cameras(
-        trained,
-        torch.from_numpy(points).to(device),
-        torch.from_numpy(colors).to(device),
-        inputs.config.train,
-        held_out=held_out,
-        seed=derived_seed(inputs.config.run.seed, "camera refinement"),
-        progress=show,
-    )
+    points, seed = initial_points(inputs, group), derived_seed(inputs.config.run.seed, "camera refinement")
+    found = refine_cameras(trained, *points, inputs.config.train, held_out=held_out, seed=seed, progress=show)
     used = found.gain >= WORTH
     names = [view.camera.name for view in (*trained, *held_out)]
     corrections = dict(zip(names, (*found.corrections, *found.held_out), strict=True))

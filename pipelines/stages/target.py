@@ -53,13 +53,9 @@ def calibrate_with_target(inputs: Inputs, reporter: StageReporter) -> Calibratio
         alone = min([sync_frame for sync_frame, _ in views] or [0]) - 1
         for number, ((_, name), view) in enumerate(own.items()):
             views[alone - number, name] = view
+    solving = reporter.part("solving", 0.8, 1.0)
     result = calibrate_from_target(
-        section.board,
-        views,
-        sizes,
-        settings=section,
-        threads=inputs.threads,
-        progress=reporter.part("solving", 0.8, 1.0),
+        section.board, views, sizes, settings=section, threads=inputs.threads, progress=solving
     )
     target = result.report.target
     assert target is not None

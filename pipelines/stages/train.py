@@ -211,16 +211,9 @@ def frame_keys(inputs: Inputs, group: Group, recipe: Params | None = None) -> li
     """Key of each frame of the group, in order; `recipe` is what `_keyframe_recipe` returns, if it is known."""
     later = settings_affecting(inputs.config, "later_frames")
     recipe = _keyframe_recipe(inputs) if recipe is None else recipe
-    start = key_of(
-        STAGE.name,
-        STAGE.version,
-        recipe,
-        result_of(inputs.take, "calibrate"),
-        initial_files(inputs.take, group),
-        group.index,
-        *_cameras_keys(inputs, recipe),
-        *details_at(inputs.edits, group.keyframe),
-    )
+    calibrated, points = result_of(inputs.take, "calibrate"), initial_files(inputs.take, group)
+    more = (*_cameras_keys(inputs, recipe), *details_at(inputs.edits, group.keyframe))
+    start = key_of(STAGE.name, STAGE.version, recipe, calibrated, points, group.index, *more)
     keys = {group.middle: key_of(STAGE.name, STAGE.version, start, group.keyframe)}
     for position in chain(*group.sides):
         frame, before = group.frames[position], group.trained_before(position)[-1]

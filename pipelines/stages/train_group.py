@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Literal
 
 from pipelines.events.cancellation import Cancellation
 from pipelines.reports.images import render, write_image
+from pipelines.stages.camera_fit import initial_points
 from pipelines.stages.group_scheduler import run_groups, sides_at_once
 from pipelines.stages.inputs import Inputs
 from pipelines.stages.params import derived_seed
@@ -23,7 +24,6 @@ from pipelines.stages.training_views import training_views
 from pipelines.takes.atomic_files import read_model, remove, write_model
 from pipelines.takes.frame_files import FrameMetadata, has_key, read_frame, read_tensors, write_frame, write_tensors
 from pipelines.takes.groups import Group
-from pipelines.takes.point_files import read_points
 from pipelines.takes.stage_files import TrainedGroup
 from pipelines.takes.take import Take
 from studio.errors import Message
@@ -305,12 +305,9 @@ class GroupWork:
         self, group: Group, views: list[TrainingView], key: str, seed: int, snapshot: Callable[[int, Gaussians], None]
     ) -> Gaussians:
         """Train the keyframe, from a checkpoint with the same key if there is one."""
-        import torch
-
         from studio.training import train_keyframe
 
-        take, device = self.inputs.take, self.inputs.device
-        path = take.keyframe_checkpoint(group.index)
+        path = self.inputs.take.keyframe_checkpoint(group.index)
 
         def keep(step: int, state: dict[str, Tensor]) -> None:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -319,11 +316,9 @@ class GroupWork:
         resume = read_tensors(path, key)
         if resume is not None:
             self.reporter.log(f"group {group.index}: resuming the keyframe at step {int(resume['done'])}")
-        points, colors = read_points(take.initialize_group(group.index) / "points.ply")
         gaussians = train_keyframe(
             views,
-            torch.from_numpy(points).to(device),
-            torch.from_numpy(colors).to(device),
+            *initial_points(self.inputs, group),
             self.settings,
             seed=seed,
             progress=self._progress(group, group.middle),

@@ -172,14 +172,9 @@ def fit_chart_colors(
     mean = np.mean(list(colors.values()), axis=0)
     matrices = {name: _matrix(mean, one) for name, one in colors.items()}
     base = np.column_stack([mean, np.ones(len(mean))])
-    return ChartFit(
-        frame,
-        matrices,
-        {name: _levels(one - mean) for name, one in colors.items()},
-        {name: _levels(one - base @ matrices[name].T) for name, one in colors.items()},
-        without,
-        int(usable.sum()),
-    )
+    before = {name: _levels(one - mean) for name, one in colors.items()}
+    after = {name: _levels(one - base @ matrices[name].T) for name, one in colors.items()}
+    return ChartFit(frame, matrices, before, after, without, int(usable.sum()))
 
 
 def reasons(without: Mapping[str, StudioError]) -> str:

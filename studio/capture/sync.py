@@ -166,12 +166,8 @@ def check_sync(footage: Footage, *, method: str = "auto", seconds: float = 1.0) 
         lags, best = offsets_of(signals, min(round(seconds * footage.fps), len(footage.frames) // 3))
         used = "motion"
     unsure = tuple(name for name in names if not np.isfinite(lags[name]))
-    return SyncReport(
-        used,
-        {name: round(lag, 3) for name, lag in lags.items() if np.isfinite(lag)},
-        {name: round(value, 3) for name, value in best.items()},
-        unsure,
-    )
+    found = {name: round(lag, 3) for name, lag in lags.items() if np.isfinite(lag)}
+    return SyncReport(used, found, {name: round(value, 3) for name, value in best.items()}, unsure)
 
 
 def _by_timecode(footage: Footage) -> SyncReport:
@@ -199,13 +195,8 @@ def _by_timecode(footage: Footage) -> SyncReport:
         )
         fix = "Leave one of them out with capture.cameras, or synchronize by sound or motion."
         raise StudioError("sync.no_overlap", problem, fix=fix, cameras=(first, last))
-    return SyncReport(
-        "timecode",
-        {name: float(lag) for name, lag in offsets.items()},
-        {},
-        without,
-        {name: timecode.text for name, timecode in found.items()},
-    )
+    lags, texts = {name: float(lag) for name, lag in offsets.items()}, {name: one.text for name, one in found.items()}
+    return SyncReport("timecode", lags, {}, without, texts)
 
 
 def motion_signals(footage: Footage) -> dict[str, np.ndarray]:

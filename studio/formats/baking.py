@@ -62,13 +62,8 @@ def bake_video(
         StudioError: a frame cannot be read or baked, or the folder exists or cannot be written.
     """
     folder = Path(folder)
-    up = video.up
-    metadata = StreamMetadata(
-        suggested_camera=video.view,
-        background=video.background,
-        up=None if up is None else (float(up[0]), float(up[1]), float(up[2])),
-        original=video.original,
-    )
+    up = None if video.up is None else (float(video.up[0]), float(video.up[1]), float(video.up[2]))
+    metadata = StreamMetadata(suggested_camera=video.view, background=video.background, up=up, original=video.original)
     with new_folder(folder) as temporary:
         entries = []
         for number, group in enumerate(cut(video, group_size)):
@@ -76,16 +71,8 @@ def bake_video(
             def report(done: int, total: int, start: int = group.start, **figures: Any) -> None:
                 progress(start + done, video.frame_count, **figures)
 
+            frames, start = _Frames(video, group), group.start
             entries.append(
-                bake_group(
-                    _Frames(video, group),
-                    temporary,
-                    number,
-                    group.start,
-                    settings,
-                    report,
-                    threads=threads,
-                    fps=video.fps,
-                )
+                bake_group(frames, temporary, number, start, settings, report, threads=threads, fps=video.fps)
             )
         return write_manifest(temporary, entries, video.fps, settings, metadata.to_json())

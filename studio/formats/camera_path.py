@@ -80,10 +80,8 @@ class CameraPath:
         self._times = np.array([key.time for key in keys], np.float64)
         if not np.isfinite(self._times).all() or (np.diff(self._times) <= 0).any():
             times = self._times.tolist()
-            problem, fix = (
-                f"times must be ascending; found {times}",
-                "Give each key a later time than the one before it.",
-            )
+            problem = f"times must be ascending; found {times}"
+            fix = "Give each key a later time than the one before it."
             raise StudioError("camera_path.times", problem, value=times, fix=fix)
         frames = [key.frame for key in keys if key.frame is not None]
         if frames and len(frames) < len(keys):
@@ -226,16 +224,11 @@ def read_film_keys(
     cameras = found[name or next(iter(found))]
     if len(cameras) == 1:
         return [Key(0.0, next(iter(cameras.values())))]
-    if max(cameras) < numbers[0] or min(cameras) > numbers[-1]:
-        raise StudioError(
-            "camera_path.other_frames",
-            f"the camera moves in frames {min(cameras)} to {max(cameras)}; the footage has {numbers[0]} to "
-            f"{numbers[-1]}",
-            file=path,
-            value=[min(cameras), max(cameras)],
-            fix="Say with --start-number which number the first frame has in the film tool.",
-            expected=[numbers[0], numbers[-1]],
-        )
+    moves, filmed = [min(cameras), max(cameras)], [numbers[0], numbers[-1]]
+    if moves[1] < filmed[0] or moves[0] > filmed[1]:
+        problem = f"the camera moves in frames {moves[0]} to {moves[1]}; the footage has {filmed[0]} to {filmed[1]}"
+        fix = "Say with --start-number which number the first frame has in the film tool."
+        raise StudioError("camera_path.other_frames", problem, file=path, value=moves, fix=fix, expected=filmed)
     step = numbers[1] - numbers[0] if len(numbers) > 1 else 1
     frames = [number for number in sorted(cameras) if (number - numbers[0]) % step == 0]
     indices = {number: (number - numbers[0]) // step for number in frames}

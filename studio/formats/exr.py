@@ -21,16 +21,12 @@ from studio.rasterizer.deep_samples import DeepSamples
 from studio.similarity import Similarity
 from studio.splat_video import SplatVideo
 
-CONFIG = "ocio://cg-config-v1.0.0_aces-v1.3_ocio-v2.1"
-"""The configuration that converts colors; every OpenColorIO since 2.2 contains it."""
-
-COLOR_SPACES = {
+CONFIG = "ocio://cg-config-v1.0.0_aces-v1.3_ocio-v2.1"  # converts colors; in every OpenColorIO since 2.2
+COLOR_SPACES = {  # by name: space in `CONFIG`, its `colorInteropID`, chromaticities of its primaries and white
     "acescg": ("ACEScg", "lin_ap1_scene", (0.713, 0.293, 0.165, 0.83, 0.128, 0.044, 0.32168, 0.33767)),
     "rec709": ("Linear Rec.709 (sRGB)", "lin_rec709_scene", (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)),
     "srgb": ("sRGB - Texture", "srgb_rec709_scene", (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)),
 }
-"""By name: the space in `CONFIG`, its `colorInteropID`, and the chromaticities of its primaries and white."""
-
 MAX_SIDE = 16384
 MAX_SAMPLES = 256
 MAX_PERFORMERS = 16

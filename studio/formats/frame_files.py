@@ -137,14 +137,10 @@ def frame_numbers(folder: Path, names: list[str]) -> list[int]:
     for order in orders[:-1]:
         if order != orders[-1]:
             first = next(position for position, index in enumerate(order) if index != orders[-1][position])
-            raise StudioError(
-                "import.ambiguous_order",
-                f"the names have several numbers, and they say different orders: {names[order[first]]} or "
-                f"{names[orders[-1][first]]} comes first",
-                file=folder,
-                value=[names[order[first]], names[orders[-1][first]]],
-                fix="Write 'frame' before the number of the frame, as in frame0001.",
-            )
+            either = [names[order[first]], names[orders[-1][first]]]
+            problem = f"the names have several numbers, which say different orders: {' or '.join(either)} comes first"
+            fix = "Write 'frame' before the number of the frame, as in frame0001."
+            raise StudioError("import.ambiguous_order", problem, file=folder, value=either, fix=fix)
     return columns[chosen[-1]]
 
 

@@ -103,14 +103,9 @@ class _Node:
             raise self._error("it may be connected to an Axis node, whose transform would be missing", "inputs")
 
     def _error(self, problem: str, knob: str) -> StudioError:
-        return StudioError(
-            "nuke.unsupported",
-            f"camera {self._name}: {problem}",
-            file=self._path,
-            fix="Bake the camera in Nuke: a copy without inputs, with a key on every frame.",
-            camera=self._name,
-            knob=knob,
-        )
+        problem = f"camera {self._name}: {problem}"
+        fix = "Bake the camera in Nuke: a copy without inputs, with a key on every frame."
+        return StudioError("nuke.unsupported", problem, file=self._path, fix=fix, camera=self._name, knob=knob)
 
     def cameras(self, width: int, height: int) -> dict[int, Camera]:
         for knob in _UNSUPPORTED:

@@ -24,12 +24,8 @@ def turned(gaussians: Gaussians, rotation: np.ndarray) -> Gaussians:
     turn = torch.from_numpy(matrices_to_quats(rotation * np.sign(np.linalg.det(rotation))))[None]
     quats = quat_multiply(turn, gaussians.unit_quats.detach().cpu().double())
     sh = _sh_rotation(matrix, gaussians.sh_degree) @ gaussians.sh.detach().cpu().double()
-    return replace(
-        gaussians,
-        means=(gaussians.means.detach().cpu().double() @ matrix.T).to(device, dtype),
-        quats=quats.to(device, dtype),
-        sh=sh.to(device, dtype),
-    )
+    means = gaussians.means.detach().cpu().double() @ matrix.T
+    return replace(gaussians, means=means.to(device, dtype), quats=quats.to(device, dtype), sh=sh.to(device, dtype))
 
 
 def scaled(gaussians: Gaussians, factor: float) -> Gaussians:

@@ -221,15 +221,9 @@ def open_videogs(folder: Path, fps: float = DEFAULT_FPS) -> SplatVideo:
     for frame_range, _ in groups:  # a new group starts where the number of splats changes within a group
         first = frame_range.start
         starts += [index for index in frame_range if index == first or frames[index].count != frames[index - 1].count]
+    up, notes = np.array([0.0, -1.0, 0.0]), tuple(filter(None, [frame_sentence(place, "stream", "splats")]))
     return SplatVideo(
-        str(folder),
-        fps,
-        len(frames),
-        tuple(starts),
-        decoder.read,
-        up=np.array([0.0, -1.0, 0.0]),
-        notes=tuple(filter(None, [frame_sentence(place, "stream", "splats")])),
-        original=place.inverse,
+        str(folder), fps, len(frames), tuple(starts), decoder.read, up=up, notes=notes, original=place.inverse
     )
 
 
@@ -350,14 +344,8 @@ def _pictures(path: Path) -> Iterator[np.ndarray]:
 def _gaussians(frame: _Frame, planes: list[np.ndarray], folder: Path, index: int) -> Gaussians:
     for channel, plane in enumerate(planes):
         if plane.size < frame.count:
-            raise damaged(
-                "videogs.picture_too_small",
-                f"frame {index} has {plane.size} pixels for {frame.count} splats",
-                folder / f"{channel}.mp4",
-                plane.size,
-                frame=index,
-                expected=frame.count,
-            )
+            problem, path = f"frame {index} has {plane.size} pixels for {frame.count} splats", folder / f"{channel}.mp4"
+            raise damaged("videogs.picture_too_small", problem, path, plane.size, frame=index, expected=frame.count)
     codes = [plane[: frame.count].astype(np.float64) for plane in planes]
     levels = [(codes[2 * axis] + 256 * codes[2 * axis + 1]) / 65535 for axis in range(3)]
     levels += [code / 255 for code in codes[6:]]

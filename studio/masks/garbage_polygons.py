@@ -123,11 +123,6 @@ def _pair(path: Path, camera: str, value: Any) -> tuple[float, float]:
 
 
 def _refuse(path: Path, problem: str, value: object = None) -> NoReturn:
-    raise StudioError(
-        "mask.garbage_file",
-        f"the file of the garbage masks {problem}" if not problem.startswith("camera") else problem,
-        file=path,
-        value=value,
-        fix="Write it as in docs/guides/masks.md: cam01: {remove: [[[0, 0], [1920, 0], [1920, 200]]]}.",
-        setting="capture.garbage_masks",
-    )
+    problem = f"the file of the garbage masks {problem}" if not problem.startswith("camera") else problem
+    fix = "Write it as in docs/guides/masks.md: cam01: {remove: [[[0, 0], [1920, 0], [1920, 200]]]}."
+    raise StudioError("mask.garbage_file", problem, file=path, value=value, fix=fix, setting="capture.garbage_masks")

@@ -98,20 +98,17 @@ class FunctionMaskSource:
         return self._files + (self._garbage.files() if self._garbage is not None else [])
 
     def _compute(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
+        where, file = f"{self._name}, camera '{camera}', frame {frame}", self._files[0] if self._files else None
         try:
             values = np.asarray(self._function(image, camera, frame))
         except (StudioError, Cancelled, MemoryError):
             raise
         except Exception as error:
             place = traceback.extract_tb(error.__traceback__)[-1]
+            problem = f"{where}: {type(error).__name__}: {error} ({Path(place.filename).name}, line {place.lineno})"
+            fix = "Correct the function."
             raise StudioError(
-                "mask.function_failed",
-                f"{self._name}, camera '{camera}', frame {frame}: {type(error).__name__}: {error} "
-                f"({Path(place.filename).name}, line {place.lineno})",
-                file=self._files[0] if self._files else None,
-                fix="Correct the function.",
-                camera=camera,
-                frame=frame,
+                "mask.function_failed", problem, file=file, fix=fix, camera=camera, frame=frame
             ) from error
         problem = ""
         found: object = None
@@ -128,14 +125,8 @@ class FunctionMaskSource:
             found = (low, high)
             problem = f"returned values from {low:.3g} to {high:.3g}; expected 0 to 1"
         if problem:
-            raise StudioError(
-                "mask.function_output",
-                f"{self._name}, camera '{camera}', frame {frame}: {problem}",
-                file=self._files[0] if self._files else None,
-                value=found,
-                camera=camera,
-                frame=frame,
-            )
+            problem = f"{where}: {problem}"
+            raise StudioError("mask.function_output", problem, file=file, value=found, camera=camera, frame=frame)
         return values if values.dtype == np.uint8 else np.rint(255 * np.clip(values, 0.0, 1.0)).astype(np.uint8)
 
 

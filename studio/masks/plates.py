@@ -140,14 +140,11 @@ def open_clean_plate(inputs: MaskInputs, required: bool) -> tuple[MaskSource, st
     pattern, matches = found
     without = sorted(set(inputs.names) - {match.camera for match in matches}, key=natural_key)
     if without:
+        camera, setting = without[0], "capture.clean_plates"
+        problem = f"camera '{camera}' has no clean plate that matches '{pattern}'"
+        fix = "Add it, or exclude the camera."
         raise StudioError(
-            "mask.plate_missing",
-            f"camera '{without[0]}' has no clean plate that matches '{pattern}'",
-            file=spec.root,
-            value=pattern,
-            fix="Add it, or exclude the camera.",
-            camera=without[0],
-            setting="capture.clean_plates",
+            "mask.plate_missing", problem, file=spec.root, value=pattern, fix=fix, camera=camera, setting=setting
         )
     load = plates_from_files(matches, spec.color_matrix, spec.transfer)
     source = PlateMaskSource(load, [match.path for match in matches], spec, inputs.garbage)

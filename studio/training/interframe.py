@@ -92,21 +92,16 @@ def train_interframe(
         if snapshot is not None and step % snapshot_every == 0:
             snapshot(step, gaussians.detach())
 
+    def snapshot_later(step: int, gaussians: Gaussians) -> None:
+        snapshot_at(motion_steps + step, gaussians)
+
     previous = previous.detach()
     warped = previous.clone()
     if motion_steps:
         start = predicted_means(previous, before_previous, third_last, settings.motion_acceleration)
         warped = _move(previous, start, views, settings, motion_steps, generator, report(0, "motion"), snapshot_at)
-    tuned = _fine_tune(
-        previous,
-        warped,
-        views,
-        settings,
-        keyframe_off,
-        generator,
-        report(motion_steps, "fine-tune"),
-        lambda step, gaussians: snapshot_at(motion_steps + step, gaussians),
-    )
+    tuning = report(motion_steps, "fine-tune")
+    tuned = _fine_tune(previous, warped, views, settings, keyframe_off, generator, tuning, snapshot_later)
     return InterframeResult(tuned, warped)
 
 
@@ -169,14 +164,8 @@ def _fine_tune(
     refinement = Refinement(stepper, settings, keyframe_off or 0.0)
     coding = PlanesCoding(previous)
     before = coding.coded_values(previous).detach()
-    coded = CodedLoss(
-        before,
-        coding.quantizer(before)[1],
-        coding.attributes,
-        coding.pixels,
-        settings.entropy_weight,
-        settings.temporal_weight,
-    )
+    weights = settings.entropy_weight, settings.temporal_weight
+    coded = CodedLoss(before, coding.quantizer(before)[1], coding.attributes, coding.pixels, *weights)
     entropy_adam = Adam([ParameterGroup(list(coded.parameters()), _ENTROPY_RATE)])
     for iteration in range(1, settings.finetune_iterations + 1):
         gaussians = optimizer.gaussians

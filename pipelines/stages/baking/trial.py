@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 from pipelines.stages.baking.measures import RenderedError, rendered_contribution
@@ -39,19 +40,11 @@ def measure(context: Inputs, part: Part, settings: BakeSettings) -> Trial:
     from studio.stream import bake_group
 
     frames = EditedFrames(EditedGroup(context.take, part.trained, context.edits), part.indices)
-    cameras, background = stream_cameras(context), context.config.evaluate.background
+    cameras, fps = stream_cameras(context), float(context.footage.raw.fps)
+    quality = RenderedError(frames, cameras, context.config.evaluate.background, context.device)
+    seen = partial(rendered_contribution, frames, cameras, context.device, lambda: None)
     with tempfile.TemporaryDirectory() as name:
-        entry = bake_group(
-            frames,
-            name,
-            0,
-            0,
-            settings,
-            quality=RenderedError(frames, cameras, background, context.device),
-            threads=1,
-            fps=float(context.footage.raw.fps),
-            contribution=lambda: rendered_contribution(frames, cameras, context.device, lambda: None),
-        )
+        entry = bake_group(frames, name, 0, 0, settings, quality=quality, threads=1, fps=fps, contribution=seen)
     psnr = entry.best.psnr_to_trained
     assert psnr is not None
     return Trial(entry.best.bytes / entry.frame_count, min(psnr, HIGHEST_PSNR))

@@ -138,18 +138,13 @@ def _extract(path: Path, folder: Path, job: SfmJob) -> None:
     options.max_image_size = job.max_image_size
     options.sift.max_num_features = job.max_features
     names = [file_name(number, sync_frame) for number in range(len(job.names)) for sync_frame in range(job.sync_frames)]
-    count = "SELECT COUNT(*) FROM keypoints"
+    images, cpu, count = folder / "images", pycolmap.Device.cpu, "SELECT COUNT(*) FROM keypoints"
     with polled("features", len(names), lambda: count_rows(path, count, written=True)):
         # Once, on a busy machine, COLMAP left an image out silently. A second call continues with those that
         # are missing; an image without any feature is not missing.
         for _ in range(2):
             pycolmap.extract_features(
-                path,
-                folder / "images",
-                image_names=names,
-                reader_options=reader,
-                extraction_options=options,
-                device=pycolmap.Device.cpu,
+                path, images, image_names=names, reader_options=reader, extraction_options=options, device=cpu
             )
             if count_rows(path, count) >= len(names):
                 break
@@ -191,14 +186,9 @@ def _match_images(
     pairing = pycolmap.ImportedPairingOptions()
     pairing.match_list_path = listed
     verified = "SELECT COUNT(*) FROM two_view_geometries"
+    options = {"matching_options": matching, "pairing_options": pairing, "verification_options": verification}
     with polled(step, len(pairs), lambda: count_rows(path, verified, written=True)):
-        pycolmap.match_image_pairs(
-            path,
-            matching_options=matching,
-            pairing_options=pairing,
-            verification_options=verification,
-            device=pycolmap.Device.cpu,
-        )
+        pycolmap.match_image_pairs(path, **options, device=pycolmap.Device.cpu)
 
 
 def _verification(job: SfmJob, fewest: int | None = None) -> Any:

@@ -50,21 +50,13 @@ class Mapper:
     """Solves one database. `database`: image n + 1 belongs to camera n."""
 
     def __init__(self, folder: Path, database: Path, job: SfmJob) -> None:
-        self.folder = folder
-        self.database = database
-        self.sync_frames = folder / "sync_frames.db"
-        """The features of each sync frame, which `features.find_matches` wrote."""
-        self.job = job
-        self.threads = job.threads
-        self.seed = job.seed
-        self.sharing: list[SharedIntrinsicsTest] = []
-        """Results of the tests for shared intrinsics."""
-        self.recentered = False
-        """Whether principal points were estimated."""
-        self.aspect = 1.0
-        """See `shared_intrinsics.stretched`, of the databases and the solution."""
-        self.held: set[int] = set()
-        """Camera ids whose intrinsics are temporarily fixed."""
+        self.folder, self.database = folder, database
+        self.sync_frames = folder / "sync_frames.db"  # features of each sync frame, from `features.find_matches`
+        self.job, self.threads, self.seed = job, job.threads, job.seed
+        self.sharing: list[SharedIntrinsicsTest] = []  # results of the tests for shared intrinsics
+        self.recentered = False  # whether principal points were estimated
+        self.aspect = 1.0  # see `shared_intrinsics.stretched`, of the databases and the solution
+        self.held: set[int] = set()  # camera ids whose intrinsics are temporarily fixed
 
     def solve(self) -> tuple[Any, str]:
         """The best model of the allowed attempts (None if all fail), and the name of its attempt.
