@@ -9,7 +9,6 @@ import hashlib
 import json
 import random
 import zlib
-from pathlib import Path
 from typing import Any
 
 from studio.errors import StudioError
@@ -25,11 +24,6 @@ VALUES: list[Any] = [
     *(None, True, False, 0, -1, 1, 7, 255, 65536, 2**31, 2**53, 1e300, -1e9, 1e-300),
     *("", "x", "../x", [], {}, [[]]),
 ]
-
-
-def read_stream(folder: Path) -> Files:
-    """All files of a stream in a folder."""
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 def signed(values: Any, files: Files) -> bytes:
@@ -79,7 +73,8 @@ def _changed_bytes(rng: random.Random, data: bytes) -> bytes:
     return bytes(changed)
 
 
-def _changed_manifest(rng: random.Random, data: bytes) -> Any:
+def changed_manifest(rng: random.Random, data: bytes) -> Any:
+    """The values of a manifest, or of a page of the index, with another value in one place."""
     values = at = json.loads(data)
     for _ in range(rng.randint(1, 6)):
         key = rng.choice(list(at) if isinstance(at, dict) else list(range(len(at))))
@@ -98,7 +93,7 @@ def mutate(files: Files, number: int) -> tuple[str, Files]:
     if kind == "nonsense" and rng.random() < 0.8:
         kind = "manifest"
     if kind == "manifest":
-        return kind, {**files, MANIFEST: signed(_changed_manifest(rng, files[MANIFEST]), files)}
+        return kind, {**files, MANIFEST: signed(changed_manifest(rng, files[MANIFEST]), files)}
     if kind == "nonsense":
         deep = rng.choice([b"[", b'{"format":'])
         return kind, {**files, MANIFEST: deep * rng.randint(1, 100_000)}

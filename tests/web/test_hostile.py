@@ -7,8 +7,8 @@ import shutil
 import pytest
 
 from studio.stream.sidefile import deflate
-from tests.support.hostile_streams import mutate, read_stream
-from tests.support.streams import best_of, edit_manifest, group_files, replace_file
+from tests.support.hostile_streams import mutate
+from tests.support.streams import best_of, contents, edit_manifest, group_files, replace_file
 
 pytestmark = pytest.mark.web
 
@@ -49,7 +49,7 @@ PLAY = """async ([url, patience]) => {
 
 def test_mutated_streams(site, baked, browser):
     """In one page: each is played or rejected with a sentence."""
-    files = read_stream(baked())
+    files = contents(baked())
     (site.folder / "hostile.html").write_text(PAGE)
     page = browser.new_page()
     errors: list[str] = []

@@ -13,10 +13,9 @@ from studio.audio import SoundFile, cut_sound
 from studio.gaussians import Gaussians
 from studio.stream import BakeSettings, Rung, bake_group, bake_sound, write_manifest
 from studio.stream.encode import write_manifest as manifest_writer
-from tests.support import sounds, streams
+from tests.support import sounds
 from tests.support.shared import made_once
 
-MakeFrames = Callable[..., list[Gaussians]]
 LADDER = (Rung(qp=24), Rung(qp=34), Rung(qp=34, splats=0.5, sh_degree=0, finetune_iterations=0))
 KINDS: dict[str, dict[str, Any]] = {
     "motion": {"lengths": (4, 3), "ladder": (), "quality": 24},
@@ -24,24 +23,6 @@ KINDS: dict[str, dict[str, Any]] = {
     "ladder": {"lengths": (3, 2, 2), "clicks": [0.1], "paged": True},
 }
 """Streams of 80 splats that tests share: one with several renditions, sound, and two groups in a page of the index."""
-
-
-@pytest.fixture
-def make_frames() -> MakeFrames:
-    """`make_frames(frames, splats, degree, seed)`: a rotating, drifting cloud; all attributes vary over time."""
-    return clouds
-
-
-@pytest.fixture
-def turning_bodies() -> MakeFrames:
-    """`turning_bodies(frames, splats, degree)`: see below."""
-    return turned_bodies
-
-
-@pytest.fixture
-def edit_manifest() -> Callable[[Path, Callable[[dict[str, Any]], Any]], None]:
-    """`edit_manifest(folder, change)`: change the manifest's JSON, then update its size and checksum."""
-    return streams.edit_manifest
 
 
 @pytest.fixture(scope="session")
@@ -61,26 +42,6 @@ def intact(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
 def copy_of(intact: Callable[[str], Path], tmp_path: Path) -> Callable[[str], Path]:
     """`copy_of(kind)`: a copy of one of `KINDS`, to change."""
     return lambda kind: Path(shutil.copytree(intact(kind), tmp_path / kind))
-
-
-@pytest.fixture
-def make_stream(tmp_path: Path) -> Callable[..., tuple[Path, list[list[Gaussians]]]]:
-    """`make_stream(lengths, ...)`: a stream of groups of these lengths, its folder and the frames of each group."""
-
-    def make(
-        lengths: tuple[int, ...] = (4, 3), splats: int = 200, degree: int = 0, settings: BakeSettings | None = None
-    ) -> tuple[Path, list[list[Gaussians]]]:
-        settings = settings or BakeSettings(profile="planes", quality=0)
-        folder = tmp_path / "stream"
-        groups = [clouds(length, splats + 5 * g, degree, seed=g) for g, length in enumerate(lengths)]
-        entries, first = [], 0
-        for g, frames in enumerate(groups):
-            entries.append(bake_group(frames, folder, g, first, settings))
-            first += len(frames)
-        write_manifest(folder, entries, 25.0, settings, {"title": "test"})
-        return folder, groups
-
-    return make
 
 
 @pytest.fixture
@@ -123,7 +84,7 @@ def write_stream(
 
 
 def clouds(frames: int = 4, splats: int = 200, degree: int = 0, seed: int = 0) -> list[Gaussians]:
-    """See `make_frames`."""
+    """A rotating, drifting cloud; all attributes vary over time."""
     generator = torch.Generator().manual_seed(seed)
 
     def noise(*shape: int) -> torch.Tensor:
@@ -161,9 +122,6 @@ def turned_bodies(frames: int, splats: int, degree: int = 0) -> list[Gaussians]:
         moved = torch.from_numpy(start.numpy() @ turn.as_matrix().T).float()
         turned = (turn * Rotation.from_quat(quats.numpy()[:, [1, 2, 3, 0]])).as_quat()[:, [3, 0, 1, 2]]
         means = torch.where(second[:, None], moved, start + torch.tensor([0.05 * t, 0.0, 0.0]))
-        result.append(
-            Gaussians(
-                means, torch.where(second[:, None], torch.from_numpy(turned).float(), quats), log_scales, logits, sh
-            )
-        )
+        turns = torch.where(second[:, None], torch.from_numpy(turned).float(), quats)
+        result.append(Gaussians(means, turns, log_scales, logits, sh))
     return result

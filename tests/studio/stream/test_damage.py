@@ -10,6 +10,7 @@ from studio.errors import StudioError
 from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
 from studio.stream.encode.bake import luma_checks
 from studio.stream.sidefile import deflate, inflate
+from tests.studio.stream.conftest import turned_bodies
 from tests.support.errors import refuses
 from tests.support.splats import assert_drawable
 from tests.support.streams import best_of, damage, edit_manifest, group_files, put_file, set_at
@@ -79,14 +80,14 @@ def test_damaged_files_leave_the_other_group(copy_of, tmp_path, kind, name):
 
 
 @pytest.mark.parametrize("kind", ["motion", "planes"])
-def test_videos_that_are_not_those_of_the_manifest(copy_of, tmp_path, turning_bodies, kind):
+def test_videos_that_are_not_those_of_the_manifest(copy_of, tmp_path, kind):
     stream = copy_of(kind)
     name, degree = ("video", 1) if kind == "motion" else ("opacity", 0)
     chosen = BakeSettings(profile=kind, quality=24 if kind == "motion" else 0, preset="ultrafast")
 
     def other(frames, splats):
         folder = tmp_path / f"{frames}-{splats}"
-        group = bake_group(turning_bodies(frames, splats, degree), folder, 0, 0, chosen)
+        group = bake_group(turned_bodies(frames, splats, degree), folder, 0, 0, chosen)
         return (folder / entry_of({"groups": [group.to_dict()]}, 0, name)["path"]).read_bytes()
 
     with StreamReader.open(stream) as reader:
@@ -129,20 +130,19 @@ def test_a_bomb_is_not_unpacked(copy_of):
         tracemalloc.stop()
 
 
-def test_motion_without_bounds_is_refused(tmp_path, turning_bodies):
+def test_motion_without_bounds_is_refused(copy_of):
     """Motion that exceeds all bounds is detected when the group is opened."""
-    baking = BakeSettings(preset="ultrafast")
-    write_manifest(tmp_path, [bake_group(turning_bodies(3, 200), tmp_path, 0, 0, baking)], 25, baking)
-    edit_manifest(tmp_path, set_at((*FIRST, "blocks", "step"), 1e9))
-    file = group_files(tmp_path, 0)[0]
-    with StreamReader.open(tmp_path) as reader, refuses("stream.side_file_damaged", file=file) as caught:
+    stream = copy_of("motion")
+    edit_manifest(stream, set_at((*FIRST, "blocks", "step"), 1e9))
+    file = group_files(stream, 0)[0]
+    with StreamReader.open(stream) as reader, refuses("stream.side_file_damaged", file=file) as caught:
         reader.gaussians(0)
     assert "a block moves by more than 1e+09" in str(caught.value)
 
 
-def test_escapes_without_bounds_are_refused(tmp_path, turning_bodies):
+def test_escapes_without_bounds_are_refused(tmp_path):
     """The codes of escapes have 32 bits: a step that suits the pixels can take them anywhere."""
-    frames = turning_bodies(3, 200)
+    frames = turned_bodies(3, 200)
     for frame in frames:
         frame.sh[9, 0, :] = 2000.0
     baking = BakeSettings(preset="ultrafast")

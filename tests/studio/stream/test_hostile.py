@@ -6,8 +6,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from studio.stream import BakeSettings
-from tests.support.hostile_streams import Files, mutate, mutate_sound, read_all, read_stream
-from tests.support.streams import bake_numbered
+from tests.support.hostile_streams import Files, mutate, mutate_sound, read_all
+from tests.support.streams import bake_numbered, contents
 
 NUMBERS = st.integers(0, 2**32)
 quick = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -17,7 +17,7 @@ quick = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCh
 def files(tmp_path_factory: pytest.TempPathFactory) -> Files:
     folder = tmp_path_factory.mktemp("hostile")
     sound = np.sin(np.arange(9600) / 20).astype(np.float32)[:, None] / 4
-    return read_stream(bake_numbered(folder / "stream", (3, 2), 25, 40, BakeSettings(preset="ultrafast"), sound))
+    return contents(bake_numbered(folder / "stream", (3, 2), 25, 40, BakeSettings(preset="ultrafast"), sound))
 
 
 def test_the_stream_itself_is_read(files: Files) -> None:

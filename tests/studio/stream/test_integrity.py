@@ -56,9 +56,7 @@ def test_the_command_checks_a_folder_a_file_and_refuses_to_remove(ladder, tmp_pa
     assert execute(["check", str(ladder)]) == 0
     assert execute(["check", str(tmp_path / "one.v3s")]) == 0
     video = sorted(path for path in (ladder / "files").iterdir() if path.suffix == ".mp4")[0]
-    data = (tmp_path / "one.v3s").read_bytes()
-    place = data.index(video.read_bytes())
-    (tmp_path / "one.v3s").write_bytes(data[: place + 9] + bytes([data[place + 9] ^ 1]) + data[place + 10 :])
+    flip(tmp_path / "one.v3s", (tmp_path / "one.v3s").read_bytes().index(video.read_bytes()) + 9)
     flip(video)
     for place in (ladder, tmp_path / "one.v3s"):
         capsys.readouterr()

@@ -23,9 +23,8 @@ def test_what_is_written_is_read() -> None:
 
 
 def test_malformed_entries_count_as_not_given() -> None:
-    found = StreamMetadata.from_json(
-        {"suggested_camera": 7, "background": [1, 2], "up": [0, float("nan"), 1], "title": "x"}
-    )
+    values = {"suggested_camera": 7, "background": [1, 2], "up": [0, float("nan"), 1], "title": "x"}
+    found = StreamMetadata.from_json(values)
     assert (found.suggested_camera, found.background, found.up) == (None, None, None)
     assert StreamMetadata.from_json({"up": [0, 0, 0]}).up is None, "no direction"
     with refuses("camera.missing_key"):
@@ -44,8 +43,5 @@ def test_malformed_entries_count_as_not_given() -> None:
 )
 def test_shown_texts_are_plain(text: str, plain: str) -> None:
     assert plain_text(text) == plain
-    assert with_plain_texts({"title": text, "credits": 7, "other": text}) == {
-        "title": plain,
-        "credits": 7,
-        "other": text,
-    }
+    values = {"title": text, "credits": 7, "other": text}
+    assert with_plain_texts(values) == values | {"title": plain}

@@ -24,15 +24,11 @@ def test_constant_range():
     assert dequantize(codes, 3.25, 3.25, LEVELS_8).tolist() == [3.25] * 7
 
 
-def test_plain_split_is_the_paper_s():
-    high, low = split_bytes(np.array([0x12FE], dtype=np.uint16), mirrored=False)
-    assert (high[0], low[0]) == (0x12, 0xFE)
-
-
-def test_the_low_byte_is_mirrored_where_the_high_byte_is_odd():
-    """`low_mirrored` of docs/STREAM.md."""
-    high, low = split_bytes(np.array([0x12FE, 0x13FE], dtype=np.uint16), mirrored=True)
-    assert (high.tolist(), low.tolist()) == ([0x12, 0x13], [0xFE, 0x01])
+@pytest.mark.parametrize(("mirrored", "lows"), [(False, [0xFE, 0xFE]), (True, [0xFE, 0x01])])
+def test_the_low_byte_is_mirrored_where_the_high_byte_is_odd(mirrored, lows):
+    """The paper's split, and `low_mirrored` of docs/STREAM.md."""
+    high, low = split_bytes(np.array([0x12FE, 0x13FE], dtype=np.uint16), mirrored)
+    assert (high.tolist(), low.tolist()) == ([0x12, 0x13], lows)
     assert join_bytes(np.array([2, 3], np.uint8), np.array([7, 7], np.uint8), mirrored=True).tolist() == [519, 1016]
 
 

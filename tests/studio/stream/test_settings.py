@@ -3,18 +3,15 @@ import pytest
 from studio.stream import BakeSettings
 from tests.support.settings import refuses_setting
 
-
-def test_above_22_color_scale_and_rotation_stay():
-    settings = BakeSettings(profile="planes", quality=30)
-    assert [settings.attribute_qp(a) for a in ("sh", "scales", "quats")] == [22, 22, 22]
-    assert [settings.attribute_qp(a) for a in ("means_low", "opacities")] == [30, 30]
-    assert settings.attribute_qp("means_high") == 0
+ATTRIBUTES = ("sh", "scales", "quats", "means_low", "opacities", "means_high")
 
 
-def test_override_wins():
-    settings = BakeSettings(profile="planes", quality=30, attribute_qps={"sh": 35, "means_low": 5})
-    assert settings.attribute_qp("sh") == 35
-    assert settings.attribute_qp("means_low") == 5
+@pytest.mark.parametrize(
+    ("given", "qps"), [({}, [22, 22, 22, 30, 30, 0]), ({"sh": 35, "means_low": 5}, [35, 22, 22, 5, 30, 0])]
+)
+def test_above_22_color_scale_and_rotation_stay_unless_they_are_set(given, qps):
+    settings = BakeSettings(profile="planes", quality=30, attribute_qps=given)
+    assert [settings.attribute_qp(name) for name in ATTRIBUTES] == qps
 
 
 @pytest.mark.parametrize(
@@ -52,8 +49,17 @@ def test_a_quality_is_one_of_three_choices(given, stored, goals):
     assert BakeSettings.model_validate(found.model_dump(mode="json")) == found
 
 
-def test_contradictions_are_refused():
-    with refuses_setting("codec", "profile"):
-        BakeSettings(profile="planes", codec="av1")
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"codec": "av1", "profile": "planes"},
+        {"b_frames": 2, "codec": "av1"},
+        {"b_frames": 2, "profile": "planes"},
+        {"smooth_paths": True, "profile": "planes"},
+    ],
+)
+def test_contradictions_are_refused(given):
+    with refuses_setting(*given):
+        BakeSettings(**given)
     with refuses_setting("codec", "quality"):
         BakeSettings(codec="av1").at_qp(0)

@@ -82,9 +82,8 @@ def test_damaged_files_are_found(stream):
                 read()
 
 
-def test_streams_without_sound(make_stream):
-    folder, _ = make_stream((2,), splats=20)
-    with StreamReader.open(folder) as reader:
+def test_streams_without_sound(intact):
+    with StreamReader.open(intact("motion")) as reader:
         assert reader.audio is None
         assert reader.sound() is None
         with refuses("stream.no_sound"):

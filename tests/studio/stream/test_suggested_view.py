@@ -5,8 +5,8 @@ import pytest
 import torch
 
 from studio.cameras import Camera, look_at_pose
-from studio.gaussians import Gaussians
 from studio.stream.suggested_view import eye_level_view, seen_box, suggested_view
+from tests.support.splats import round_splats
 
 UP = np.array([0.0, 0.0, 2.0])
 LOW, HIGH = (-0.5, -0.3, 0.0), (0.7, 0.4, 1.8)
@@ -19,13 +19,16 @@ def camera(eye, target=(0.0, 0.0, 0.5), size=(640, 360)):
 
 
 def edges(view):
-    """Pixels of the middles of the box's edges."""
+    """Places of the middles of the box's edges in the image, 0 to 1; all are in it."""
     points = [[x, y, 0.9] for x in (-0.5, 0.7) for y in (-0.3, 0.4)]
     points += [[x, 0.05, z] for x in (-0.5, 0.7) for z in (0.0, 1.8)]
     points += [[0.1, y, z] for y in (-0.3, 0.4) for z in (0.0, 1.8)]
     pixels, depths = view.project(np.array(points))
     assert (depths > 0).all()
-    return pixels
+    parts = pixels / (view.width, view.height)
+    assert parts.min() > 0
+    assert parts.max() < 1
+    return parts
 
 
 @pytest.mark.parametrize("size", [(640, 360), (360, 640)])
@@ -34,11 +37,8 @@ def test_the_box_fills_the_picture_from_the_cameras_place(size):
     view = suggested_view(given, LOW, HIGH, UP)
     np.testing.assert_allclose(view.center, given.center, atol=1e-9)
     assert (view.width, view.height) == size
-    parts = edges(view) / size
-    assert parts.min() > 0
-    assert parts.max() < 1
     # One direction is full but for the margin, and what is up is up.
-    assert np.ptp(parts, axis=0).max() > 0.85
+    assert np.ptp(edges(view), axis=0).max() > 0.85
     assert abs((view.rotation @ [0, 0, 1])[0]) < 1e-9
     assert (view.rotation @ [0, 0, 1])[1] < 0
 
@@ -51,16 +51,8 @@ def test_inside_or_above_it_is_the_camera_itself(eye):
     assert len(view.distortion) == 0
 
 
-def splats(means, opacities):
-    n = len(means)
-    quats = torch.tensor([1.0, 0, 0, 0]).repeat(n, 1)
-    return Gaussians.from_activated(
-        torch.as_tensor(means, dtype=torch.float32), quats, torch.full((n, 3), 0.01), opacities, torch.zeros(n, 1, 3)
-    )
-
-
 def test_where_nothing_can_be_seen_there_is_no_box():
-    assert seen_box([splats(np.zeros((5, 3)), torch.full((5,), 0.001))]) is None
+    assert seen_box([round_splats(torch.zeros(5, 3), opacity=0.001)]) is None
 
 
 def test_a_view_from_the_ceiling_is_lowered_to_eye_level():
@@ -71,6 +63,4 @@ def test_a_view_from_the_ceiling_is_lowered_to_eye_level():
     assert np.degrees(np.arcsin(-view.rotation[2, 2])) == pytest.approx(10)
     middle = (np.array(LOW) + HIGH) / 2
     assert np.linalg.norm(view.center - middle) == pytest.approx(np.linalg.norm(high.center - middle))
-    parts = edges(view) / (view.width, view.height)
-    assert parts.min() > 0
-    assert parts.max() < 1
+    assert edges(view).shape == (12, 2)

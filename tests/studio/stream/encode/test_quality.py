@@ -7,6 +7,7 @@ import torch
 from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
 from studio.stream.encode.quality import highest_qp
 from studio.stream.settings import LEVELS
+from tests.studio.stream.conftest import turned_bodies
 from tests.support.errors import refuses
 
 
@@ -25,25 +26,24 @@ def test_the_search_finds_the_last_qp_that_is_good_enough_in_few_calls(steepness
 
 
 @pytest.mark.parametrize(("quality", "qp"), [("0.001 KB", 51), ("100 dB", 1)])
-def test_targets_out_of_reach_are_said(tmp_path, turning_bodies, quality, qp):
+def test_targets_out_of_reach_are_said(tmp_path, quality, qp):
     with refuses("bake.target_missed", qp=qp, setting="bake.quality", group=3):
-        bake_group(
-            turning_bodies(2, 200), tmp_path, 3, 0, BakeSettings(quality=quality), quality=lambda index, decoded: 1e-3
-        )
+        error = lambda index, decoded: 1e-3  # noqa: E731
+        bake_group(turned_bodies(2, 200), tmp_path, 3, 0, BakeSettings(quality=quality), quality=error)
 
 
-def test_kilobytes(tmp_path, turning_bodies):
-    frames = turning_bodies(3, 400)
-    sizes = {}
-    for qp in (10, 40):
-        settings = BakeSettings(quality=qp, preset="ultrafast")
-        sizes[qp] = bake_group(frames, tmp_path / str(qp), 0, 0, settings).best.bytes / 3000
-    target = (sizes[10] + sizes[40]) / 2
-    settings = BakeSettings(quality=f"{target:.3f} KB", preset="ultrafast")
+def test_kilobytes(tmp_path):
+    frames = turned_bodies(3, 400)
     rendered = []
-    entry = bake_group(
-        frames, tmp_path / "t", 0, 0, settings, quality=lambda index, decoded: rendered.append(index) or 1e-4
-    )
+
+    def baked(quality):
+        rendered.clear()
+        settings = BakeSettings(quality=quality, preset="ultrafast")
+        error = lambda index, decoded: rendered.append(index) or 1e-4  # noqa: E731
+        return bake_group(frames, tmp_path / "t", 0, 0, settings, quality=error), settings
+
+    target = sum(baked(qp)[0].best.bytes / 3000 for qp in (10, 40)) / 2
+    entry, settings = baked(f"{target:.3f} KB")
     assert rendered == [0, 1, 2], "only the last encoding's frames"
     assert entry.best.psnr_to_trained == pytest.approx(40)
     assert 0.85 * target < entry.best.bytes / 3000 < target + 1e-3
@@ -54,9 +54,9 @@ def test_kilobytes(tmp_path, turning_bodies):
 
 
 @pytest.mark.parametrize("level", [*LEVELS, "40.5 dB"])
-def test_levels_are_kept_by_the_highest_qp_that_does(tmp_path, turning_bodies, level):
+def test_levels_are_kept_by_the_highest_qp_that_does(tmp_path, level):
     """With opacities in place of images."""
-    frames = turning_bodies(20, 400)
+    frames = turned_bodies(20, 400)
     wanted = [np.sort(frame.opacities.numpy()) for frame in frames]
     asked = set()
 
@@ -79,8 +79,8 @@ def test_levels_are_kept_by_the_highest_qp_that_does(tmp_path, turning_bodies, l
     assert baked(best.qp + 1)[0].psnr_to_trained < promised
 
 
-def test_a_group_that_smoothing_keeps_from_its_level_is_not_smoothed(tmp_path, turning_bodies):
-    frames = turning_bodies(6, 300)
+def test_a_group_that_smoothing_keeps_from_its_level_is_not_smoothed(tmp_path):
+    frames = turned_bodies(6, 300)
     noise = np.random.default_rng(0)
     for frame in frames:
         frame.means += torch.from_numpy(noise.normal(0, 1e-3, frame.means.shape)).float()
@@ -104,6 +104,6 @@ def test_a_group_that_smoothing_keeps_from_its_level_is_not_smoothed(tmp_path, t
         baked(goal, smooth=True)
 
 
-def test_a_level_needs_images(tmp_path, turning_bodies):
+def test_a_level_needs_images(tmp_path):
     with refuses("bake.no_renderer", setting="bake.quality"):
-        bake_group(turning_bodies(2, 100), tmp_path, 0, 0, BakeSettings(quality="good"))
+        bake_group(turned_bodies(2, 100), tmp_path, 0, 0, BakeSettings(quality="good"))

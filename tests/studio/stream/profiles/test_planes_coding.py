@@ -1,5 +1,7 @@
 """What the profile `planes` codes, as the losses see it, against the baker's own arrays."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -9,24 +11,18 @@ from studio.stream.attributes import components
 from studio.stream.layout import component_frames
 from studio.stream.profiles.planes import PlanesCoding
 from studio.stream.quantize import LEVELS_8, dequantize, quantize
+from tests.studio.rasterizer.conftest import make_splats
 
 
-def random_gaussians(count: int, degree: int = 1, seed: int = 0) -> Gaussians:
-    generator = torch.Generator().manual_seed(seed)
-
-    def noise(*shape: int) -> torch.Tensor:
-        return torch.randn(*shape, generator=generator)
-
-    return Gaussians(
-        noise(count, 3), noise(count, 4), noise(count, 3), noise(count), noise(count, (degree + 1) ** 2, 3)
-    )
+def random_gaussians(count: int, seed: int = 0, dtype: torch.dtype = torch.float32) -> Gaussians:
+    return make_splats(count, degree=1, seed=seed).to(dtype)
 
 
 def test_columns_are_the_bakers_components() -> None:
     before, now = random_gaussians(20, seed=1), random_gaussians(20, seed=2)
     # the baker's sign of the first frame is w >= 0; ours follows the previous frame, so start from that sign
     signed = torch.where(before.quats[:, :1] < 0, -before.quats, before.quats)
-    coding = PlanesCoding(Gaussians(before.means, signed, before.log_scales, before.logit_opacities, before.sh))
+    coding = PlanesCoding(replace(before, quats=signed))
     values = coding.coded_values(now).numpy().T
     baked = list(component_frames([before, now]))[1]
     names = [component.name for component in components(1)]
@@ -42,10 +38,10 @@ def test_columns_are_the_bakers_components() -> None:
 @pytest.mark.parametrize(("dtype", "error"), [(torch.float64, 1e-12), (torch.float32, 2e-6)])
 @pytest.mark.parametrize("count", [1, 1029])
 def test_the_kernel_equals_the_definition(count: int, dtype: torch.dtype, error: float) -> None:
-    coding = PlanesCoding(random_gaussians(count, seed=1).map(lambda tensor: tensor.to(dtype)))
+    coding = PlanesCoding(random_gaussians(count, 1, dtype))
     results = []
     for function in (coding.coded_values, coding.coded_values_torch):
-        leaves = random_gaussians(count).map(lambda tensor: tensor.to(dtype).requires_grad_())
+        leaves = random_gaussians(count, 0, dtype).map(lambda tensor: tensor.requires_grad_())
         values = function(leaves)
         upstream = torch.randn(values.shape, generator=torch.Generator().manual_seed(2), dtype=torch.float64).to(dtype)
         inputs = (leaves.quats, leaves.log_scales, leaves.logit_opacities, leaves.sh)

@@ -1,17 +1,15 @@
 """One-file streams: written, read locally and by ranges, and refused where they are cut."""
 
-import functools
-import http.server
-import threading
 import zipfile
 
 import pytest
-import torch
 
 from studio.errors import StudioError
 from studio.stream import StreamReader
 from studio.stream.write_archive import write_archive
 from tests.support.errors import refuses
+from tests.support.splats import same_splats
+from tests.support.streams import contents
 
 
 @pytest.fixture(scope="module")
@@ -24,77 +22,31 @@ def archive(intact, tmp_path_factory):
     return file, folder
 
 
-class Ranges(http.server.BaseHTTPRequestHandler):
-    """Answers range requests of one file, or refuses to."""
-
-    protocol_version = "HTTP/1.1"
-
-    def __init__(self, data, ranges, asked, *args):
-        self.data, self.ranges, self.asked = data, ranges, asked
-        super().__init__(*args)
-
-    def do_GET(self):
-        wanted = self.headers.get("Range")
-        self.asked.append((self.path, wanted))
-        part, status = self.data, 200
-        if wanted is not None and self.ranges:
-            first, last = (int(text) for text in wanted.removeprefix("bytes=").split("-"))
-            part, status = self.data[first : last + 1], 206
-        self.send_response(status)
-        if status == 206:
-            self.send_header("Content-Range", f"bytes {first}-{first + len(part) - 1}/{len(self.data)}")
-        self.send_header("Content-Length", str(len(part)))
-        self.end_headers()
-        self.wfile.write(part)
-
-    def log_message(self, *args):
-        pass
-
-
-@pytest.fixture
-def serve():
-    servers = []
-
-    def start(data, ranges=True):
-        asked = []
-        server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Ranges, data, ranges, asked))
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        servers.append(server)
-        return f"http://127.0.0.1:{server.server_port}/a/stream.v3s?token=x", asked
-
-    yield start
-    for server in servers:
-        server.shutdown()
-        server.server_close()
-
-
 def test_it_is_a_zip_archive_of_stored_files(archive):
     path, folder = archive
     with zipfile.ZipFile(path) as opened:
         assert opened.testzip() is None
-        names = opened.namelist()
-        assert names[0] == "manifest.json"
-        assert set(names) == {str(file.relative_to(folder)) for file in folder.rglob("*") if file.is_file()}
+        assert opened.namelist()[0] == "manifest.json"
         assert {entry.compress_type for entry in opened.infolist()} == {zipfile.ZIP_STORED}
-        for name in names:
-            assert opened.read(name) == (folder / name).read_bytes()
+        assert {name: opened.read(name) for name in opened.namelist()} == contents(folder)
 
 
-def test_local_and_by_ranges_it_is_the_same_stream(archive, serve):
+def test_local_and_by_ranges_it_is_the_same_stream(archive, server):
     path, folder = archive
-    address, asked = serve(path.read_bytes())
+    server.files["/s/stream.v3s"] = path.read_bytes()
+    address = f"{server.url}/stream.v3s?token=x"
     with StreamReader.open(folder) as plain, StreamReader.open(path) as local, StreamReader.open(address) as web:
         local.verify()
         for one, two, three in zip(plain.iterate(), local.iterate(), web.iterate(), strict=True):
-            assert torch.equal(one.means, two.means)
-            assert torch.equal(one.means, three.means)
-    assert all(wanted is not None and place.endswith("?token=x") for place, wanted in asked)
+            assert same_splats(one, two)
+            assert same_splats(one, three)
+    assert all(wanted is not None and place.endswith("?token=x") for place, wanted in server.requests)
 
 
-def test_servers_without_ranges_are_refused(archive, serve):
-    address, _ = serve(archive[0].read_bytes(), ranges=False)
+def test_servers_without_ranges_are_refused(archive, server):
+    server.files["/s/stream.v3s"], server.ranges = archive[0].read_bytes(), False
     with refuses("source.no_ranges"):
-        StreamReader.open(address)
+        StreamReader.open(f"{server.url}/stream.v3s")
 
 
 def test_cut_anywhere(archive, tmp_path):

@@ -2,116 +2,21 @@
 
 import contextlib
 import hashlib
-import threading
-from collections.abc import Callable
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
-import torch
 
 from studio.stream import SourceUnavailable, StreamReader
 from studio.stream.sources.http import HttpSource
+from tests.studio.stream.sources.conftest import CONTENT, respond
 from tests.support.errors import refuses
-
-CONTENT = bytes(range(256)) * 800  # 204,800 bytes
-
-
-def respond(handler: BaseHTTPRequestHandler, status: int, body: bytes = b"", **headers: str) -> None:
-    """Send a status, headers and the beginning of a body."""
-    handler.send_response(status)
-    for name, value in headers.items():
-        handler.send_header(name.replace("_", "-"), value)
-    handler.end_headers()
-    handler.wfile.write(body)
-
-
-class Server:
-    """Serves `files`. A function of handler and bytes in `faults` replaces the response for its path.
-
-    Attributes:
-        requests: (path, Range header or None), in order.
-    """
-
-    def __init__(self, port: int = 0) -> None:
-        self.files: dict[str, bytes] = {"/s/file": CONTENT}
-        self.faults: dict[str, Callable] = {}
-        self.requests: list[tuple[str, str | None]] = []
-        self.etag = True
-        self.stop_stalling = threading.Event()
-        outer = self
-
-        class Handler(BaseHTTPRequestHandler):
-            protocol_version = "HTTP/1.1"
-
-            def do_GET(self) -> None:
-                path = self.path.split("?")[0]
-                outer.requests.append((self.path, self.headers.get("Range")))
-                data = outer.files.get(path)
-                fault = outer.faults.get(path)
-                if fault is not None:
-                    fault(self, data)
-                elif data is None:
-                    self.send_error(404)
-                else:
-                    self.answer(data)
-
-            def answer(self, data: bytes, say: int | None = None, send: int | None = None) -> None:
-                """The file or the requested range; declare the length `say`, send only `send` bytes and close."""
-                start = 0
-                tag = f'"{hashlib.sha256(data).hexdigest()[:16]}"'
-                asked = self.headers.get("Range")
-                if asked == f"bytes={len(data)}-":
-                    return self.send_error(416)
-                if asked is not None and self.headers.get("If-Range") in (None, tag):
-                    start = int(asked.removeprefix("bytes=").removesuffix("-"))
-                    self.send_response(206)
-                    self.send_header("Content-Range", f"bytes {start}-{len(data) - 1}/{len(data)}")
-                else:
-                    self.send_response(200)
-                body = data[start:]
-                self.send_header("Content-Length", str(len(body) if say is None else say))
-                if outer.etag:
-                    self.send_header("ETag", tag)
-                self.end_headers()
-                self.wfile.write(body[:send])
-                if send is not None or say is not None:
-                    self.close_connection = True
-                return None
-
-            def log_message(self, *arguments: object) -> None:
-                pass
-
-        self.server = ThreadingHTTPServer(("127.0.0.1", port), Handler)
-        self.server.daemon_threads = True
-        self.port = self.server.server_address[1]
-        self.url = f"http://127.0.0.1:{self.port}/s"
-        threading.Thread(target=self.server.serve_forever, args=(0.01,), daemon=True).start()
-
-    def close(self) -> None:
-        self.stop_stalling.set()
-        self.server.shutdown()
-        self.server.server_close()
-
-
-@pytest.fixture
-def server():
-    server = Server()
-    yield server
-    server.close()
+from tests.support.splats import same_splats
+from tests.support.streams import contents
 
 
 @pytest.fixture
 def source(server):
     """It waits for as long as a busy machine may take."""
     source = HttpSource(server.url, stall=60, patience=60, first_patience=60)
-    yield source
-    source.close()
-
-
-@pytest.fixture
-def hasty(server):
-    """For servers that never answer."""
-    source = HttpSource(server.url, stall=0.3, patience=1.5, first_patience=0.5)
     yield source
     source.close()
 
@@ -125,14 +30,9 @@ def test_the_addresses_forms(server, tail):
 
 
 def test_name_and_password_go_into_a_header_only(server):
-    seen = []
-    server.faults["/s/file"] = lambda handler, data: (
-        seen.append(handler.headers["Authorization"]),
-        handler.answer(data),
-    )
+    server.faults["/s/file"] = lambda handler, _: handler.answer(handler.headers["Authorization"].encode())
     source = HttpSource(server.url.replace("http://", "http://me:se%3Acret@"))
-    assert source.read("file", 10**6) == CONTENT
-    assert seen == ["Basic bWU6c2U6Y3JldA=="]
+    assert source.read("file", 10**6) == b"Basic bWU6c2U6Y3JldA=="
     assert "secret" not in source.name
     assert "se%3Acret" not in source.name
 
@@ -182,32 +82,6 @@ def test_a_file_that_shrinks_meanwhile_is_read_again(server, source):
     assert [asked for _, asked in server.requests] == [None, "bytes=70000-", None]
 
 
-def test_a_stalling_server(server, hasty):
-    def stall(handler, data):
-        respond(handler, 200, data[:1000], Content_Length=str(len(data)))
-        server.stop_stalling.wait(60)
-
-    server.faults["/s/file"] = stall
-    with refuses("source.unavailable", file=f"{server.url}/file", reason="read_timeout"):
-        hasty.read("file", len(CONTENT))
-
-
-def test_a_trickle_is_no_stream(server):
-    def trickle(handler, data):
-        respond(handler, 200, Content_Length=str(len(data)))
-        for byte in range(2000):
-            if server.stop_stalling.wait(0.05):
-                return
-            handler.wfile.write(data[byte : byte + 1])
-
-    server.faults["/s/file"] = trickle
-    with (
-        contextlib.closing(HttpSource(server.url, stall=3, patience=1.5)) as source,
-        refuses("source.unavailable", reason="too_slow"),
-    ):
-        source.read("file", len(CONTENT))
-
-
 def test_a_length_above_the_limit_is_refused_before_anything_is_read(server, source):
     server.faults["/s/file"] = lambda handler, data: handler.answer(data, say=10**12)
     with refuses("source.file_too_long", file=f"{server.url}/file", value=10**12, expected=5):
@@ -231,9 +105,10 @@ def test_more_than_the_limit_without_a_length(server, source):
     assert server.stop_stalling.wait(60)
 
 
-def test_a_length_that_is_too_long_or_too_short(server, source, hasty):
+def test_a_length_that_is_too_long_or_too_short(server, source):
     server.faults["/s/file"] = lambda handler, data: handler.answer(data, say=len(data) + 5)
-    with pytest.raises(SourceUnavailable) as caught:
+    hasty = HttpSource(server.url, stall=0.3, patience=1.5, first_patience=0.5)
+    with contextlib.closing(hasty), pytest.raises(SourceUnavailable) as caught:
         hasty.read("file", len(CONTENT) + 5)
     assert caught.value.fields["reason"] in ("connection_closed", "connection_broken", "file_changed", "read_timeout")
     server.faults["/s/file"] = lambda handler, data: handler.answer(data, say=len(data) - 5)
@@ -242,16 +117,11 @@ def test_a_length_that_is_too_long_or_too_short(server, source, hasty):
 
 @pytest.mark.parametrize(
     ("status", "code"),
-    [
-        (404, "source.file_missing"),
-        (403, "source.access_denied"),
-        (400, "source.http_status"),
-        (304, "source.http_status"),
-    ],
+    [(404, "file_missing"), (403, "access_denied"), (400, "http_status"), (304, "http_status")],
 )
 def test_answers_that_do_not_pass(server, source, status, code):
     server.faults["/s/file"] = lambda handler, data: handler.send_error(status)
-    with refuses(code, file=f"{server.url}/file", status=status):
+    with refuses(f"source.{code}", file=f"{server.url}/file", status=status):
         source.read("file", 10)
     assert len(server.requests) == 1
 
@@ -293,19 +163,12 @@ def test_nobody_there(server):
         HttpSource(server.url, first_patience=0.4).read("file", 10)
 
 
-def upload(server, folder) -> None:
-    for path in folder.rglob("*"):
-        if path.is_file():
-            server.files["/s/" + path.relative_to(folder).as_posix()] = path.read_bytes()
-
-
 def test_a_stream_is_the_same_as_from_its_folder(server, intact):
     folder = intact("ladder")
-    upload(server, folder)
+    server.files.update({f"/s/{name}": data for name, data in contents(folder).items()})
     with StreamReader.open(folder) as local, StreamReader.open(server.url) as remote:
         assert remote.manifest == local.manifest
-        for mine, theirs in zip(local.iterate(), remote.iterate(), strict=True):
-            assert all(torch.equal(a, b) for (_, a), (_, b) in zip(mine.items(), theirs.items(), strict=True))
+        assert all(same_splats(*pair) for pair in zip(local.iterate(), remote.iterate(), strict=True))
         remote.verify()
 
 
