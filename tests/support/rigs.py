@@ -73,3 +73,28 @@ def ring(
             camera_at(name.format(index), eye, target, K=K, focal=focal, size=size, up=up, distortion=distortion)
         )
     return Rig(tuple(cameras))
+
+
+def bent_rig(*distortions: Sequence[float]) -> Rig:
+    """cam00, cam01, ... around the origin, with these distortions and an off-center principal point."""
+    cameras = []
+    for index, distortion in enumerate(distortions):
+        K = np.array([[510.0 + index, 0, 331.25], [0, 505.5, 177.75 - index], [0, 0, 1]])
+        eye = on_circle(0.4 + index * 1.3, 3.0, 0.4 * index)
+        cameras.append(camera_at(f"cam{index:02d}", eye, K=K, size=(640, 360), distortion=distortion))
+    return Rig(tuple(cameras))
+
+
+BENT = bent_rig([], [-0.1, 0.05, 0.001, -0.002], [-0.2, 0.1, 0.001, 0.002, -0.03])
+STRAIGHT = bent_rig([], [], [])
+POINTS = np.random.default_rng(3).uniform(-0.5, 0.5, (50, 3))
+
+
+def assert_same_images(found: Rig, wanted: Rig) -> None:
+    """Assert that the cameras have the same names, and each projects every point to the same pixel and depth."""
+    assert set(found.names) == set(wanted.names)
+    for camera in wanted:
+        twin = found[camera.name]
+        assert (twin.width, twin.height) == (camera.width, camera.height)
+        for values, expected in zip(twin.project(POINTS), camera.project(POINTS), strict=True):
+            np.testing.assert_allclose(values, expected, atol=1e-6)

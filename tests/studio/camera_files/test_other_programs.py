@@ -2,8 +2,8 @@
 
 import json
 import re
-import struct
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -12,37 +12,9 @@ import pytest
 from PIL import Image
 
 from studio.camera_files import read_rig, write_rig
-from studio.cameras import Camera, Rig
+from studio.cameras import Rig
 from tests.support.errors import refuses
-from tests.support.rigs import on_circle, pose
-
-POINTS = np.random.default_rng(3).uniform(-0.5, 0.5, (50, 3))
-
-
-def looking_at_origin(angle: float, height: float) -> np.ndarray:
-    return pose(on_circle(angle, 3.0, height))
-
-
-def rig_with(*distortions: list[float]) -> Rig:
-    cameras = []
-    for index, distortion in enumerate(distortions):
-        K = np.array([[510.0 + index, 0, 331.25], [0, 505.5, 177.75 - index], [0, 0, 1]])
-        world_to_camera = looking_at_origin(0.4 + index * 1.3, 0.4 * index)
-        cameras.append(Camera(f"cam{index:02d}", 640, 360, K, world_to_camera, np.array(distortion)))
-    return Rig(tuple(cameras))
-
-
-BENT = rig_with([], [-0.1, 0.05, 0.001, -0.002], [-0.2, 0.1, 0.001, 0.002, -0.03])
-STRAIGHT = rig_with([], [], [])
-
-
-def assert_same_images(found: Rig, wanted: Rig, within: float = 1e-6) -> None:
-    assert set(found.names) == set(wanted.names)
-    for camera in wanted:
-        twin = found[camera.name]
-        assert (twin.width, twin.height) == (camera.width, camera.height)
-        np.testing.assert_allclose(twin.project(POINTS)[0], camera.project(POINTS)[0], atol=within)
-
+from tests.support.rigs import BENT, POINTS, STRAIGHT, assert_same_images, on_circle, pose
 
 # What the programs themselves compute ---------------------------------------------------------------------------------
 
@@ -50,9 +22,9 @@ def assert_same_images(found: Rig, wanted: Rig, within: float = 1e-6) -> None:
 def easymocap(folder: Path) -> dict[str, np.ndarray]:
     """Files written with OpenCV's FileStorage, as in EasyMocap, and cv2.projectPoints's result in OpenCV's pixels."""
     intrinsics = cv2.FileStorage(str(folder / "intri.yml"), cv2.FILE_STORAGE_WRITE)
-    pose = cv2.FileStorage(str(folder / "extri.yml"), cv2.FILE_STORAGE_WRITE)
+    extrinsics = cv2.FileStorage(str(folder / "extri.yml"), cv2.FILE_STORAGE_WRITE)
     expected = {}
-    for storage in (intrinsics, pose):
+    for storage in (intrinsics, extrinsics):
         storage.startWriteStruct("names", cv2.FileNode_SEQ)
         for name in ("01", "cam_b"):
             storage.write("", name)
@@ -60,18 +32,18 @@ def easymocap(folder: Path) -> dict[str, np.ndarray]:
     for index, name in enumerate(("01", "cam_b")):
         K = np.array([[900.0 + index, 0, 311.5], [0, 905.0, 170.25], [0, 0, 1]])
         distortion = np.array([[-0.2, 0.1, 0.001, 0.002, -0.03]]) * index
-        world = looking_at_origin(1.0 + index, 0.3)
+        world = pose(on_circle(1.0 + index, 3.0, 0.3))
         vector = cv2.Rodrigues(world[:3, :3])[0]
         intrinsics.write(f"K_{name}", K)
         intrinsics.write(f"dist_{name}", distortion)
-        pose.write(f"R_{name}", vector)
-        pose.write(f"Rot_{name}", world[:3, :3])
-        pose.write(f"T_{name}", world[:3, 3:])
+        extrinsics.write(f"R_{name}", vector)
+        extrinsics.write(f"Rot_{name}", world[:3, :3])
+        extrinsics.write(f"T_{name}", world[:3, 3:])
         expected[name] = cv2.projectPoints(POINTS, vector, world[:3, 3], K, distortion)[0].reshape(-1, 2) + 0.5
         (folder / "images" / name).mkdir(parents=True)
         Image.new("RGB", (640, 360)).save(folder / "images" / name / "000000.jpg")
     intrinsics.release()
-    pose.release()
+    extrinsics.release()
     return expected
 
 
@@ -88,15 +60,11 @@ def test_easymocap_as_opencv_writes_it(tmp_path: Path) -> None:
 def test_what_we_write_opencv_reads(tmp_path: Path) -> None:
     write_rig(BENT, tmp_path / "intri.yml")
     intrinsics = cv2.FileStorage(str(tmp_path / "intri.yml"), cv2.FILE_STORAGE_READ)
-    pose = cv2.FileStorage(str(tmp_path / "extri.yml"), cv2.FILE_STORAGE_READ)
+    extrinsics = cv2.FileStorage(str(tmp_path / "extri.yml"), cv2.FILE_STORAGE_READ)
     for camera in BENT:
-        pixels, _ = cv2.projectPoints(
-            POINTS,
-            pose.getNode(f"R_{camera.name}").mat(),
-            pose.getNode(f"T_{camera.name}").mat(),
-            intrinsics.getNode(f"K_{camera.name}").mat(),
-            intrinsics.getNode(f"dist_{camera.name}").mat(),
-        )
+        found = [extrinsics.getNode(f"{key}_{camera.name}").mat() for key in "RT"]
+        found += [intrinsics.getNode(f"{key}_{camera.name}").mat() for key in ("K", "dist")]
+        pixels, _ = cv2.projectPoints(POINTS, *found)
         np.testing.assert_allclose(pixels.reshape(-1, 2) + 0.5, camera.project(POINTS)[0], atol=1e-6)
 
 
@@ -282,48 +250,15 @@ def test_metashape(tmp_path: Path, k4: float) -> None:
     np.testing.assert_allclose(camera.project(world)[0], expected, atol=0.2 if k4 else 5e-4)
 
 
-def test_actorshq(tmp_path: Path) -> None:
-    """The data set's equations: camera to world as a rotation vector, intrinsics as fractions of width and height."""
-    text = "name,w,h,rx,ry,rz,tx,ty,tz,fx,fy,px,py\n"
-    expected = {}
-    for index in range(2):
-        pose = np.linalg.inv(looking_at_origin(0.7 + index, 0.2))
-        vector = cv2.Rodrigues(pose[:3, :3])[0].ravel().tolist()
-        values = [*vector, *pose[:3, 3].tolist(), 1.25, 0.9, 0.51, 0.48]
-        text += ",".join([f"Cam{index:03d}", "3008", "4096", *map(repr, values)]) + "\n"
-        matrix = np.array([[1.25 * 3008, 0, 0.51 * 3008], [0, 0.9 * 4096, 0.48 * 4096], [0, 0, 1]])
-        homogeneous = (POINTS - pose[:3, 3]) @ pose[:3, :3] @ matrix.T
-        expected[f"Cam{index:03d}"] = homogeneous[:, :2] / homogeneous[:, 2:]
-    (tmp_path / "calibration.csv").write_text(text)
-    rig = read_rig(tmp_path / "calibration.csv")
-    for camera in rig:
-        np.testing.assert_allclose(camera.project(POINTS)[0], expected[camera.name], atol=1e-6)
-
-
-def rerf(folder: Path) -> dict[str, np.ndarray]:
-    poses, intrinsics, expected = "", "", {}
+def rerf(folder: Path) -> None:
     (folder / "image" / "0").mkdir(parents=True)
+    poses = ""
     for index in range(3):
-        pose = np.linalg.inv(looking_at_origin(0.5 + index, 0.3))
-        poses += " ".join(repr(float(v)) for v in (*pose[:3, 2], *pose[:3, 0], *pose[:3, 1], *pose[:3, 3])) + "\n"
-        intrinsics += f"{index}\n500.5 0 320.25\n0 510.5 178.5\n0 0 1\n\n"
-        local = (POINTS - pose[:3, 3]) @ pose[:3, :3]
-        pixels = np.column_stack(
-            [500.5 * local[:, 0] / local[:, 2] + 320.25, 510.5 * local[:, 1] / local[:, 2] + 178.5]
-        )
-        expected[f"{index:04d}"] = pixels + 0.5
+        back = np.linalg.inv(pose(on_circle(0.5 + index, 3.0, 0.3)))
+        poses += " ".join(repr(float(v)) for v in (*back[:3, 2], *back[:3, 0], *back[:3, 1], *back[:3, 3])) + "\n"
         Image.new("RGB", (640, 360)).save(folder / "image" / "0" / f"img_{index:04d}.png")
     (folder / "CamPose.inf").write_text(poses)
-    (folder / "Intrinsic.inf").write_text(intrinsics)
-    return expected
-
-
-def test_rerf(tmp_path: Path) -> None:
-    expected = rerf(tmp_path)
-    rig = read_rig(tmp_path)
-    assert set(rig.names) == set(expected)
-    for camera in rig:
-        np.testing.assert_allclose(camera.project(POINTS)[0], expected[camera.name], atol=1e-6)
+    (folder / "Intrinsic.inf").write_text("".join(f"{n}\n500.5 0 320.25\n0 510.5 178.5\n0 0 1\n\n" for n in range(3)))
 
 
 def test_folders_of_frames_with_transforms(tmp_path: Path) -> None:
@@ -335,7 +270,15 @@ def test_folders_of_frames_with_transforms(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "rig"),
-    [("Calib_scene.toml", BENT), ("camera_array.toml", BENT), ("intri.yml", BENT), ("calibration.csv", STRAIGHT)],
+    [
+        ("Calib_scene.toml", BENT),
+        ("camera_array.toml", BENT),
+        ("intri.yml", BENT),
+        ("calibration.csv", STRAIGHT),
+        ("rig.json", BENT),
+        ("transforms.json", BENT),
+        ("sparse", BENT),
+    ],
 )
 def test_what_is_written_is_read_again(tmp_path: Path, name: str, rig: Rig) -> None:
     write_rig(rig, tmp_path / name)
@@ -350,6 +293,80 @@ def test_actorshq_cannot_express_distortion(tmp_path: Path) -> None:
     assert not path.exists()
 
 
+def test_transforms_json_by_hand(tmp_path: Path) -> None:
+    """A camera at (0, 0, 2) whose OpenGL axes equal the world axes looks along -z; the field of view is 90 degrees."""
+    matrix = np.eye(4)
+    matrix[2, 3] = 2.0
+    frame = {"file_path": "images/a.png", "transform_matrix": matrix.tolist()}
+    path = tmp_path / "transforms.json"
+    path.write_text(json.dumps({"camera_angle_x": np.pi / 2, "w": 200, "h": 100, "frames": [frame]}))
+    camera = read_rig(path)["a"]
+    pixels, depth = camera.project(np.array([[0.0, 0, 0], [0.5, 0.25, 0]]))
+    # right is +x; up is +y, toward smaller rows; 45 degrees correspond to half the width
+    np.testing.assert_allclose(pixels, [[100, 50], [125, 37.5]], atol=1e-9)
+    np.testing.assert_allclose(depth, [2, 2])
+
+
+def test_transforms_json_with_opencv_axes_and_matrix(tmp_path: Path) -> None:
+    """NeuS2's flavor: from_na, and an intrinsic matrix in each frame."""
+    camera = BENT["cam00"]
+    matrix = np.eye(4)
+    matrix[:3, :3] = camera.K
+    frame = {
+        "file_path": "images/cam00.png",
+        "transform_matrix": np.linalg.inv(camera.world_to_camera).tolist(),
+        "intrinsic_matrix": matrix.tolist(),
+    }
+    path = tmp_path / "transforms.json"
+    path.write_text(json.dumps({"from_na": True, "w": 640, "h": 360, "frames": [frame]}))
+    assert_same_images(read_rig(path), BENT.subset(["cam00"]))
+
+
+def test_transforms_size_from_the_image(tmp_path: Path) -> None:
+    (tmp_path / "train").mkdir()
+    Image.new("RGB", (64, 48)).save(tmp_path / "train" / "r_0.png")
+    frame = {"file_path": "./train/r_0", "transform_matrix": np.eye(4).tolist()}
+    path = tmp_path / "transforms_train.json"
+    path.write_text(json.dumps({"camera_angle_x": 0.6, "frames": [frame]}))
+    camera = read_rig(path)["r_0"]
+    assert (camera.width, camera.height) == (64, 48)
+    assert camera.fx == pytest.approx(32 / np.tan(0.3))
+
+
+def qualisys_file(folder: Path) -> Path:
+    """Qualisys Track Manager's file of BENT: millimeters, y up, z back, units of 1/64 pixel, inclusive bounds."""
+    cameras = []
+    for camera in BENT:
+        r = np.diag([1.0, -1.0, -1.0]) @ camera.rotation
+        turn = " ".join(f'r{i + 1}{j + 1}="{r[i, j]!r}"' for i in range(3) for j in range(3))
+        turn = turn.replace("np.float64(", "").replace(")", "")
+        x, y, z = (camera.center * 1000).tolist()
+        k1, k2, p1, p2, k3 = np.pad(camera.distortion, (0, 5 - camera.distortion.size)).tolist()
+        cameras.append(
+            f'<camera active="1" model="Miqus Video" serial="{camera.name}">'
+            f'<fov_video left="0" top="0" right="{camera.width - 1}" bottom="{camera.height - 1}"/>'
+            f'<transform x="{x!r}" y="{y!r}" z="{z!r}" {turn}/>'
+            f'<intrinsic focalLengthU="{camera.fx * 64!r}" focalLengthV="{camera.fy * 64!r}" skew="0" '
+            f'centerPointU="{(camera.cx - 0.5) * 64!r}" centerPointV="{(camera.cy - 0.5) * 64!r}" '
+            f'radialDistortion1="{k1!r}" radialDistortion2="{k2!r}" radialDistortion3="{k3!r}" '
+            f'tangentalDistortion1="{p1!r}" tangentalDistortion2="{p2!r}"/></camera>'
+        )
+    marker = '<camera active="1" model="Oqus 7" serial="marker only"/>'
+    text = f'<?xml version="1.0"?><calibration><cameras>{"".join(cameras)}{marker}</cameras></calibration>'
+    (folder / "Calib.qca.txt").write_text(text)
+    return folder / "Calib.qca.txt"
+
+
+def test_qualisys(tmp_path: Path) -> None:
+    assert_same_images(read_rig(qualisys_file(tmp_path)), BENT)
+
+
+def test_distortion_of_nerfstudio_in_a_list(tmp_path: Path) -> None:
+    top = {"distortion_params": [0.1, 0.02, 0.003, 0.0, 0.004, 0.005]}
+    rig = read_rig(transforms_entries(tmp_path, "transforms.json", {"cam00": ["cam00.png"]}, **top))
+    np.testing.assert_allclose(rig["cam00"].distortion, [0.1, 0.02, 0.004, 0.005, 0.003])
+
+
 # Broken files ---------------------------------------------------------------------------------------------------------
 
 
@@ -359,21 +376,8 @@ def metashape_file(folder: Path) -> Path:
 
 
 def realityscan_file(folder: Path) -> Path:
-    values = {
-        "c0": 0.5,
-        "c1": 1.5,
-        "c2": 2.5,
-        "heading": 7.5,
-        "pitch": 8.5,
-        "roll": 9.5,
-        "f": 24.5,
-        "px": 0.5,
-        "py": 0.25,
-        "k1": 0.125,
-        "k2": 0.0,
-        "k3": 0.0,
-        "k4": 0.0,
-    }
+    values = {"c0": 0.5, "c1": 1.5, "c2": 2.5, "heading": 7.5, "pitch": 8.5, "roll": 9.5, "f": 24.5, "px": 0.5}
+    values |= {"py": 0.25, "k1": 0.125, "k2": 0.0, "k3": 0.0, "k4": 0.0}
     (folder / "export.csv").write_text(REALITYSCAN.format(**values))
     Image.new("RGB", (80, 60)).save(folder / "a.jpg")
     return folder / "export.csv"
@@ -417,8 +421,16 @@ def written(name: str, rig: Rig) -> Callable[[Path], Path]:
          {"camera": "cam00"}),
         (written("calibration.csv", STRAIGHT), ",640,", ",many,", "calibration.csv", "camera.not_a_number",
          {"camera": "cam00", "key": "w", "value": "many"}),
+        *((written("transforms.json", BENT), f'"{key}"', '"_x"', "transforms.json", "camera.missing_key", {"key": key})
+          for key in ("transform_matrix", "fl_x", "file_path")),
+        *((qualisys_file, key, "_x", "Calib.qca.txt", "camera.missing_key", {"key": key})
+          for key in ("transform", "focalLengthV", "r23")),
+        *((written(name, BENT), "cam01", "cam00", name, "camera.duplicate_name", {"value": "cam00"})
+          for name in ("rig.json", "transforms.json")),
+        (qualisys_file, "cam01", "cam00", "Calib.qca.txt", "camera.duplicate_name", {"value": "cam00"}),
         (metashape_file, "3705.4728792737214", "nan", "cameras.xml", "camera.not_finite",
          {"camera": "000001-01_00001", "key": "f"}),
+        (metashape_file, "<p1>", "<k5>0.1</k5><p1>", "cameras.xml", "camera.unknown_key", {"key": "k5"}),
         (metashape_file, "<cx>11.6738523909</cx>", "<cx/>", "cameras.xml", "camera.missing_key", {"key": "cx"}),
         (metashape_file, "7.04224697", "", "cameras.xml", "camera.wrong_shape",
          {"key": "transform", "value": [15], "expected": [[16]]}),
@@ -444,7 +456,6 @@ def test_broken_files_name_file_camera_and_value(
     path.write_text(text.replace(old, new, 1))
     with refuses(code, file=tmp_path / file, **fields) as caught:
         read_rig(path)
-    assert str(caught.value).startswith(f"{tmp_path / file}: ")
     assert "\n" not in str(caught.value)
 
 
@@ -482,40 +493,6 @@ def test_broken_rerf(tmp_path: Path) -> None:
 # Variants that other programs and people write ------------------------------------------------------------------------
 
 
-def colmap_text(folder: Path, between: str, count: int = 4) -> Path:
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "cameras.txt").write_text("1 PINHOLE 640 360 500 500 320 180\n")
-    lines = [f"{index + 1} 1 0 0 0 {index} 0 0 1 cam{index}.png" for index in range(count)]
-    (folder / "images.txt").write_text("# images\n" + between.join(lines) + between)
-    (folder / "points3D.txt").write_text("")
-    return folder
-
-
-@pytest.mark.parametrize("between", ["\n\n", "\n\n\n", "\n1.5 2.5 -1 3 4 7\n", "\n\n# a comment\n"])
-def test_lines_of_images_txt_as_colmap_reads_them(tmp_path: Path, between: str) -> None:
-    pycolmap = pytest.importorskip("pycolmap")
-    folder = colmap_text(tmp_path, between)
-    wanted = {image.name.removesuffix(".png") for image in pycolmap.Reconstruction(folder).images.values()}
-    assert set(read_rig(folder).names) == wanted
-    assert len(wanted) == 4
-
-
-@pytest.mark.parametrize("between", ["\n", "\n1 2\n", "\n1 2 x\n", "\n1 2 1e400\n"])
-def test_images_txt_without_lines_of_points(tmp_path: Path, between: str) -> None:
-    with refuses("camera_file.no_points_line", file=tmp_path / "images.txt", line=3):
-        read_rig(colmap_text(tmp_path, between))
-
-
-def test_the_largest_model_of_colmap_is_used(tmp_path: Path) -> None:
-    colmap_text(tmp_path / "sparse" / "0", "\n\n", 2)
-    colmap_text(tmp_path / "sparse" / "1", "\n\n", 4)
-    for path in (tmp_path, tmp_path / "sparse"):
-        rig = read_rig(path)
-        assert len(rig) == 4
-        assert any("2 models" in note for note in rig.notes)
-    assert len(read_rig(tmp_path / "sparse" / "0")) == 2
-
-
 def test_metashape_slaves_are_placed_from_their_master(tmp_path: Path) -> None:
     """The offset is in the master's axes and in units of the chunk, whose scale is 12.35; dots are no extensions."""
     turn = cv2.Rodrigues(np.array([0.1, -0.2, 0.05]))[0]
@@ -551,13 +528,6 @@ def test_metashape_with_a_disabled_camera_and_two_chunks(tmp_path: Path) -> None
         read_rig(path)
 
 
-def test_metashape_terms_that_are_not_known(tmp_path: Path) -> None:
-    path = tmp_path / "cameras.xml"
-    path.write_text(METASHAPE.format(k4="<k5>0.1</k5>"))
-    with refuses("camera.unknown_key", file=path, key="k5"):
-        read_rig(path)
-
-
 def test_realityscan_with_semicolons_and_rows_without_images(tmp_path: Path) -> None:
     path = realityscan_file(tmp_path)
     expected = read_rig(path)
@@ -569,22 +539,6 @@ def test_realityscan_with_semicolons_and_rows_without_images(tmp_path: Path) -> 
     assert any("'missing'" in note for note in found.notes)
     path.write_text(text.replace(",", ";").replace(".", ",").replace("a,jpg", "a.jpg"))
     assert_same_images(read_rig(path), expected)
-
-
-def test_colmap_models_that_say_two_things(tmp_path: Path) -> None:
-    write_rig(STRAIGHT, tmp_path)
-    model = tmp_path / "cameras.txt"
-    (tmp_path / "cameras.bin").write_bytes(struct.pack("<QiiQQ4d", 1, 1, 1, 640, 480, 700, 700, 320, 240))
-    pose = struct.pack("<i7di", 1, 1, 0, 0, 0, 0, 0, 3, 1)
-    (tmp_path / "images.bin").write_bytes(struct.pack("<Q", 1) + pose + b"a.png\0" + struct.pack("<Q", 0))
-    rig = read_rig(tmp_path)
-    assert rig.names == ("a",)
-    assert any("images.txt" in note for note in rig.notes)
-    (tmp_path / "cameras.bin").unlink()
-    assert read_rig(tmp_path).names == STRAIGHT.names
-    model.write_text(model.read_text() + "1 PINHOLE 640 480 700 700 320 240\n")
-    with refuses("camera_file.camera_twice", file=model, value=1):
-        read_rig(tmp_path)
 
 
 @pytest.mark.parametrize("value", ["0.3", "x"])
@@ -625,9 +579,8 @@ def test_transforms_with_an_entry_per_camera_and_time(tmp_path: Path, form: str)
 
 
 def test_transforms_in_parts_for_training_and_test(tmp_path: Path) -> None:
-    path = transforms_entries(
-        tmp_path, "transforms_train.json", {name: [f"images/{name}/0"] for name in ("cam00", "cam01")}
-    )
+    train = {name: [f"images/{name}/0"] for name in ("cam00", "cam01")}
+    path = transforms_entries(tmp_path, "transforms_train.json", train)
     transforms_entries(tmp_path, "transforms_test.json", {"cam02": ["images/cam02/0"]})
     for part in (path, tmp_path, tmp_path / "transforms_test.json"):
         rig = read_rig(part)
@@ -655,7 +608,29 @@ def test_transforms_of_other_lenses_are_refused(tmp_path: Path, top: dict, code:
         read_rig(path)
 
 
-def test_distortion_of_nerfstudio_in_a_list(tmp_path: Path) -> None:
-    top = {"distortion_params": [0.1, 0.02, 0.003, 0.0, 0.004, 0.005]}
-    rig = read_rig(transforms_entries(tmp_path, "transforms.json", {"cam00": ["cam00.png"]}, **top))
-    np.testing.assert_allclose(rig["cam00"].distortion, [0.1, 0.02, 0.004, 0.005, 0.003])
+def test_unknown_things_are_refused(tmp_path: Path) -> None:
+    with refuses("camera_file.missing", file=tmp_path / "nothing.json"):
+        read_rig(tmp_path / "nothing.json")
+    with refuses("camera_file.no_model", file=tmp_path):
+        read_rig(tmp_path)
+    path = tmp_path / "x.json"
+    for text, code in (("hello", "syntax"), ("[1, 2]", "not_an_object"), ('{"a": 1}', "unknown_format")):
+        path.write_text(text)
+        with refuses(f"camera_file.{code}", file=path):
+            read_rig(path)
+    path.write_bytes(b"\xff\xfe\x00\x01")
+    with refuses("camera_file.not_text", file=path):
+        read_rig(path)
+    path.write_text(json.dumps({"format": "v3studio-rig", "version": 99, "cameras": []}))
+    with refuses("camera_file.wrong_version", file=path, value=99, expected=1):
+        read_rig(path)
+    with refuses("camera_file.unknown_extension", file=tmp_path / "rig.xyz", value=".xyz"):
+        write_rig(BENT, tmp_path / "rig.xyz")
+
+
+def test_transforms_cannot_express_the_rational_model(tmp_path: Path) -> None:
+    camera = replace(BENT["cam00"], distortion=np.array([0.1, 0.1, 0, 0, 0.1, 0.2, 0, 0]))
+    with refuses("camera_file.not_expressible", file=tmp_path / "transforms.json", value=8, camera="cam00"):
+        write_rig(Rig((camera,)), tmp_path / "transforms.json")
+    write_rig(Rig((camera,)), tmp_path / "model")
+    assert_same_images(read_rig(tmp_path / "model"), Rig((camera,)))

@@ -217,7 +217,7 @@ def test_data_sets_are_found_without_settings(
     for camera in footage.rig:
         np.testing.assert_allclose(camera.world_to_camera, POSE, atol=1e-6)
         np.testing.assert_allclose([camera.cx, camera.cy], [48, 32], atol=1e-6)
-        assert abs(camera.fx - 90) < 0.6
+        np.testing.assert_allclose([camera.fx, camera.fy], [90, 91], atol=0.6)
         assert (camera.width, camera.height) == (WIDTH, HEIGHT)
     if masks:
         assert f"'{prefix}{masks}'" in footage.description
