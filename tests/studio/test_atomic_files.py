@@ -8,14 +8,7 @@ import time
 import pytest
 
 from studio import atomic_files as module
-from studio.atomic_files import (
-    PARTIAL,
-    atomic_path,
-    is_being_written,
-    leftovers,
-    remove_leftovers,
-    temporary_path,
-)
+from studio.atomic_files import PARTIAL, atomic_path, is_being_written, leftovers, remove_leftovers, temporary_path
 from studio.errors import StudioError
 from tests.support.errors import refuses
 

@@ -28,9 +28,8 @@ def test_a_ring_covers_all_around_but_not_the_top() -> None:
     found = view_range(arc(16, 360), (0, 0, 0))
     assert found.angle == 35, "neighbors are 22.5 degrees apart: the least"
     assert found.angle_from((5, 0, 0)) == pytest.approx(0, abs=1e-4)
-    assert found.angle_from((5 * math.cos(math.radians(11.25)), 5 * math.sin(math.radians(11.25)), 0)) == pytest.approx(
-        11.25
-    )
+    between = math.radians(11.25)
+    assert found.angle_from((5 * math.cos(between), 5 * math.sin(between), 0)) == pytest.approx(11.25)
     assert found.angle_from((0, 0, 2)) == pytest.approx(90)
     measured = coverage(arc(16, 360), 0.5 * sphere(), sphere(), UP)
     assert measured.outside == 0
@@ -54,17 +53,12 @@ def test_it_is_written_and_read_and_what_is_malformed_is_none() -> None:
     assert np.allclose(again.center, (1, 2, 3))
     assert np.allclose(again.directions, found.directions, atol=1e-4)
     assert again.angle == pytest.approx(found.angle, abs=0.01)
-    for change in (
-        {"angle": 0},
-        {"angle": float("nan")},
-        {"directions": []},
-        {"directions": [[0, 0, 0]]},
-        {"directions": [[1, 0]]},
-        {"center": ["a", 0, 0]},
-        {"center": [math.inf, 0, 0]},
-        {"directions": [[1, 0, 0]] * 257},
-    ):
-        assert ViewRange.from_json({**values, **change}) is None
+    malformed = {
+        "angle": (0, math.nan), "center": (["a", 0, 0], [math.inf, 0, 0]),
+        "directions": ([], [[0, 0, 0]], [[1, 0]], [[1, 0, 0]] * 257),
+    }  # fmt: skip
+    for name, wrong in malformed.items():
+        assert [ViewRange.from_json({**values, name: value}) for value in wrong] == [None] * len(wrong), name
     assert ViewRange.from_json(None) is None
     assert view_range([], (0, 0, 0)) is None
     assert len(view_range(arc(300, 360), (0, 0, 0)).directions) <= 256

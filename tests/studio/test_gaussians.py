@@ -1,6 +1,7 @@
 """The dilation of Gaussians: every way of making splats from others keeps it, and no other one is drawn by mistake."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,16 +15,11 @@ from studio.training import LearningRates
 from studio.training.offsets import SplatOffsets
 from studio.training.splat_optimizer import SplatOptimizer
 from tests.support.errors import refuses
+from tests.support.splats import cloud
 
 
-def splats(dilation: float = 0.07, count: int = 6, degree: int = 1) -> Gaussians:
-    generator = torch.Generator().manual_seed(3)
-
-    def noise(*shape: int) -> torch.Tensor:
-        return torch.randn(*shape, generator=generator)
-
-    sh = noise(count, (degree + 1) ** 2, 3)
-    return Gaussians(noise(count, 3), noise(count, 4), noise(count, 3) - 3, noise(count), sh, dilation)
+def splats(dilation: float) -> Gaussians:
+    return replace(cloud(6, degree=1), dilation=dilation)
 
 
 def optimized(gaussians: Gaussians) -> Gaussians:

@@ -2,41 +2,32 @@
 
 import json
 import struct
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
-import torch
 from plyfile import PlyData
 from scipy.spatial import cKDTree
 
 from pipelines.takes.videos import decoded_video
-from studio.cameras import Camera, Rig
+from studio.cameras import Rig
 from studio.formats import read_splats
 from studio.formats.baking import bake_video
 from studio.formats.sequence import axes_of, export_sequence, open_import
 from studio.formats.videogs import export_videogs
-from studio.gaussians import Gaussians
 from studio.own_frame import frame_sentence, in_own_frame, own_frame, undone
 from studio.similarity import Similarity
 from studio.splat_video import SplatVideo
 from studio.stream import BakeSettings, StreamMetadata, StreamReader
+from tests.support import rigs
 from tests.support.errors import refuses
+from tests.support.splats import cloud
 
 FAR = np.array([5.0e6, -1.2e6, 300.0])
 
 
-def ring(radius: float = 3.0, middle=(0.0, 0.0, 0.0), cameras: int = 6) -> Rig:
-    """Cameras on a circle that look at its middle."""
-    found = []
-    for index in range(cameras):
-        angle = 2 * np.pi * index / cameras
-        out = np.array([np.cos(angle), np.sin(angle), 0.0])
-        rotation = np.stack([np.cross([0.0, 0.0, -1.0], -out), [0.0, 0.0, -1.0], -out])
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = rotation, -rotation @ (np.asarray(middle) + radius * out)
-        K = np.array([[500.0, 0, 320], [0, 500, 180], [0, 0, 1]])
-        found.append(Camera(f"cam{index}", 640, 360, K, pose))
-    return Rig(tuple(found))
+def ring(radius: float, middle: Sequence[float] | np.ndarray) -> Rig:
+    return rigs.ring(6, radius=radius, target=middle, focal=500.0, size=(640, 360))
 
 
 @pytest.mark.parametrize(
@@ -74,14 +65,8 @@ def test_ordinary_cameras_stay_and_others_become_ordinary(radius, middle, scaled
 
 
 def video(original: Similarity) -> SplatVideo:
-    random = torch.Generator().manual_seed(0)
-    splats = Gaussians(
-        torch.randn(200, 3, generator=random) * 0.4,
-        torch.randn(200, 4, generator=random),
-        torch.randn(200, 3, generator=random) * 0.3 - 4,
-        torch.randn(200, generator=random),
-        torch.randn(200, 1, 3, generator=random),
-    )
+    splats = cloud(200)
+    splats.log_scales.div_(2).sub_(2)
     return SplatVideo("take", 30.0, 1, (0,), lambda index: splats, up=np.array([0.0, 0.0, 1.0]), original=original)
 
 

@@ -13,24 +13,15 @@ from studio.process import NativeLines
 BARE = {name: value for name, value in os.environ.items() if name != "OMP_WAIT_POLICY"}
 
 
-def run(code: str, **environment: str) -> str:
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, env={**BARE, **environment}, check=True
-    )
-    return done.stdout.strip()
-
-
 def test_the_command_line_sets_it_but_not_over_the_users() -> None:
     code = (
         "import os, sys\nfrom pipelines import cli\nsys.argv = ['v3studio', '--version']\n"
         "try:\n    cli.main()\nexcept SystemExit:\n    pass\n"
         "print(os.environ['OMP_WAIT_POLICY'], file=sys.stderr)"
     )
-    for environment, expected in (({}, "passive"), ({"OMP_WAIT_POLICY": "active"}, "active")):
-        done = subprocess.run(
-            [sys.executable, "-c", code], capture_output=True, text=True, env={**BARE, **environment}, check=True
-        )
-        assert done.stderr.strip() == expected
+    for environment in ({}, {"OMP_WAIT_POLICY": "active"}):
+        done = run_script(code, env=environment)
+        assert done.stderr.decode().strip() == environment.get("OMP_WAIT_POLICY", "passive")
 
 
 ROOT = Path(__file__).parents[2]
@@ -47,7 +38,7 @@ print("ours: prise \\u00e9 \\u5f71")
 
 
 def run_script(code: str, **options: object) -> subprocess.CompletedProcess[bytes]:
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), **options.pop("env", {})}  # type: ignore[dict-item]
+    environment = {**BARE, "PYTHONPATH": str(ROOT), **options.pop("env", {})}  # type: ignore[dict-item]
     return subprocess.run(
         [sys.executable, "-c", code], capture_output=True, env=environment, timeout=280, check=False, **options
     )  # type: ignore[call-overload,no-any-return]

@@ -7,14 +7,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from studio.yaml_text import (
-    DuplicateKey,
-    YamlError,
-    dump_with_comments,
-    dump_yaml,
-    parse_with_comments,
-    parse_yaml,
-)
+from studio.yaml_text import DuplicateKey, YamlError, dump_with_comments, dump_yaml, parse_with_comments, parse_yaml
 
 
 @pytest.mark.parametrize(

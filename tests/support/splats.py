@@ -1,5 +1,8 @@
 """Splats of the files in tests/data/splats, checks of splats, and the file of a trained group."""
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 import torch
 
@@ -12,6 +15,23 @@ from tests.support.rigs import camera_at
 
 COUNT = 260
 """More than a chunk of compressed PLY, a bucket of .ksplat and a row of SOG's palette have."""
+
+
+def noise(seed: int) -> Callable[..., torch.Tensor]:
+    """`torch.randn` of a generator of its own."""
+    return partial(torch.randn, generator=torch.Generator().manual_seed(seed))
+
+
+def cloud(count: int = 300, degree: int = 0, seed: int = 0) -> Gaussians:
+    """A cloud about 2 units across, SH from -1 to 1."""
+    random = noise(seed)
+    return Gaussians(
+        means=random(count, 3),
+        quats=torch.nn.functional.normalize(random(count, 4), dim=1),
+        log_scales=random(count, 3) * 0.7 - 4,
+        logit_opacities=random(count) * 1.5,
+        sh=(0.3 * random(count, (degree + 1) ** 2, 3)).clamp(-0.95, 0.95),
+    )
 
 
 def converted_splats(degree: int) -> Gaussians:

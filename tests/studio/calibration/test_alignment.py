@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from studio.calibration import align_points, align_rigs, compare_rigs
 from studio.calibration.alignment import scale_to_distance, upright
@@ -14,15 +15,12 @@ RANDOM = np.random.default_rng(4)
 
 
 def turn(axis: list[float], angle: float) -> np.ndarray:
-    """Rotation about an axis (Rodrigues)."""
-    a = np.array(axis) / np.linalg.norm(axis)
-    cross = np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    return Rotation.from_rotvec(angle * np.array(axis) / np.linalg.norm(axis)).as_matrix()
 
 
-def ring(count: int = 6, radius: float = 4.0, target: tuple[float, float, float] = (0, 0, 0)) -> Rig:
+def ring(count: int = 6) -> Rig:
     intrinsics = {"focal": 500.0, "size": (640, 480), "distortion": (-0.1, 0.02, 0, 0)}
-    return rigs.ring(count, radius=radius, target=target, name="c{}", **intrinsics)
+    return rigs.ring(count, radius=4.0, name="c{}", **intrinsics)
 
 
 MOVE = Similarity(2.5, turn([1, 2, 3], 1.1), np.array([3.0, -4.0, 5.0]))
@@ -50,8 +48,7 @@ def test_comparison_measures_what_was_changed() -> None:
     back = Similarity(1.0, np.eye(3), center - spin.points(center[None])[0])
     cameras[3] = back.rig(spin.rig(Rig((cameras[3],)))).cameras[0]
     difference = compare_rigs(Rig(tuple(cameras)), rig)
-    assert difference.rotations["c3"] == pytest.approx(0.5, abs=1e-6)
-    assert difference.rotation_degrees == pytest.approx(0.5, abs=1e-6)
+    assert (difference.rotations["c3"], difference.rotation_degrees) == pytest.approx((0.5, 0.5), abs=1e-6)
     assert difference.radius == pytest.approx(4.0)
     assert difference.center_percent < 1e-6
 
@@ -80,8 +77,5 @@ def test_known_distance() -> None:
         scale_to_distance(rig, "c0", "c3", 0.0)
     with refuses("camera.unknown", value="x"):
         scale_to_distance(rig, "c0", "x", 1.0)
-
-
-def test_too_few_cameras_to_align() -> None:
     with refuses("calibration.too_few_points", value=2, expected=3):
         align_rigs(ring().subset(["c0", "c1"]), ring())

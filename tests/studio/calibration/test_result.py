@@ -1,25 +1,18 @@
 """Calibration reports compared with values computed by hand; the floor of a synthetic scene."""
 
-import json
-
 import numpy as np
 import pytest
 
 from studio.calibration import floor_world, reprojection_report
 from studio.calibration.report import CalibrationReport
 from studio.calibration.result import image_coverage
-from studio.cameras import Camera, Rig
+from studio.cameras import Rig
 from tests.support.errors import refuses
-from tests.support.rigs import pose
+from tests.support.rigs import camera_at, ring
 
 K = np.array([[100.0, 0, 40], [0, 100, 30], [0, 0, 1]])
-RIG = Rig(
-    (
-        Camera("east", 80, 60, K, pose([2, 0, 0], [0, 0, 0])),
-        Camera("north", 80, 60, K, pose([0, 2, 0], [0, 0, 0])),
-        Camera("west", 80, 60, K, pose([-1, 0, 0], [0, 0, 0])),
-    )
-)
+PLACES = {"east": [2, 0, 0], "north": [0, 2, 0], "west": [-1, 0, 0]}
+RIG = Rig(tuple(camera_at(name, place, K=K, size=(80, 60)) for name, place in PLACES.items()))
 
 
 def test_report_of_known_errors() -> None:
@@ -39,13 +32,8 @@ def test_report_of_known_errors() -> None:
     cosine = np.median([-1, (-0.19 - 0.19 + 0.01) / (1.9**2 + 0.02)])
     assert report.geometry.triangulation_angle == pytest.approx(np.degrees(np.arccos(cosine)), abs=0.01)
     grid = np.array(report.cameras["west"].coverage_map)
-    assert grid.sum() == 1
-    assert grid[4, 4] == 1  # (42, 30) of 80 x 60
-    written = json.loads(report.model_dump_json(exclude_unset=True))
-    assert CalibrationReport.model_validate(written) == report
-    assert set(written) == {
-        "reprojection", "points", "observations", "mean_track_length", "tracks", "geometry", "cameras",
-    }  # fmt: skip
+    assert np.argwhere(grid).tolist() == [[4, 4]]  # (42, 30) of 80 x 60
+    assert CalibrationReport.model_validate_json(report.model_dump_json(exclude_unset=True)) == report
 
 
 def test_coverage() -> None:
@@ -61,8 +49,7 @@ def test_the_floor_is_level_at_height_zero() -> None:
     wall = np.column_stack([rng.uniform(-2, 2, 300), np.full(300, 2.0), rng.uniform(0, 2, 300)])
     things = rng.uniform([-0.5, -0.5, 0], [0.5, 0.5, 1.8], (300, 3))
     points = (np.concatenate([floor, wall, things]) + np.array([0, 0, 0.4])) @ turn.T
-    cameras = [Camera(f"c{i}", 80, 60, K, pose([3 * np.cos(i), 3 * np.sin(i), 1.5], [0, 0, 1])) for i in range(6)]
-    rig = Rig(tuple(cameras))
+    rig = ring(6, heights=[0.5], target=(0, 0, 1), K=K, size=(80, 60))
     world, figures = floor_world(rig, points)
     moved = world.points(points)
     assert np.abs(moved[:400, 2]).max() < 0.03

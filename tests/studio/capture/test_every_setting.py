@@ -23,10 +23,6 @@ HEIGHT, WIDTH = 64, 96
 PLATES = {"masks": "clean_plate"}
 SCREEN = {"root": "screen", "masks": "chroma_key"}
 VIDEO = {"root": "video", "masks": "none"}
-MODEL = {
-    "masks": "model",
-    "mask_model": "plain:free.onnx",
-}
 
 CHANGES: dict[str, tuple[Any, dict[str, Any]]] = {
     "root": ("screen", {"masks": "none"}),
@@ -139,11 +135,9 @@ def _rig(captures: Path, patch: pytest.MonkeyPatch) -> bool:
 @observed_by("mask_model")
 def _model(captures: Path, patch: pytest.MonkeyPatch) -> bool:
     """Both models give the same masks."""
-    read = [
-        open_footage(CaptureSettings(**{**MODEL, "root": captures / "plain", "mask_model": name})).mask_source.files()
-        for name in ("plain:free.onnx", "plain:fixed.onnx")
-    ]
-    return read == [[captures / "plain" / "free.onnx"], [captures / "plain" / "fixed.onnx"]]
+    root, names = captures / "plain", ("free.onnx", "fixed.onnx")
+    specs = [CaptureSettings(root=root, masks="model", mask_model=f"plain:{name}") for name in names]
+    return [open_footage(spec).mask_source.files() for spec in specs] == [[root / name] for name in names]
 
 
 def test_there_is_a_row_for_every_setting() -> None:

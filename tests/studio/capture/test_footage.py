@@ -1,3 +1,4 @@
+import os
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 from studio.cameras import Camera, Rig
-from studio.capture import CaptureSettings, find_cameras, frame_sources, open_footage
+from studio.capture import CaptureSettings, Footage, find_cameras, open_footage
 from tests.support.errors import refuses
 from tests.support.settings import refuses_setting
 
@@ -19,7 +20,6 @@ def test_videos_are_found_and_read(three_videos: Path, make: SimpleNamespace) ->
     assert footage.frames == tuple(range(12))
     assert footage.fps == 25
     assert "videos/{camera}.mp4" in footage.description
-    assert "12 frames" in footage.description
     for frame in (11, 0, 5):
         assert make.number_of(footage.image("cam2", frame)) == frame
     assert (footage.mask("cam1", 3) == 255).all()
@@ -80,9 +80,7 @@ def centroid(image: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.5])
-def test_undistorted_pixels_are_where_the_pinhole_camera_projects(
-    tmp_path: Path, make: SimpleNamespace, scale: float
-) -> None:
+def test_undistorted_pixels_are_where_the_pinhole_camera_projects(tmp_path, make, scale) -> None:
     """Dots drawn at distorted projections must end up at the pinhole projections, within a fraction of a pixel."""
     distortion = np.array([-0.25, 0.08, 0.002, -0.003, 0.01])
     K = np.array([[300.0, 0, 172.3], [0, 296.0, 113.8], [0, 0, 1]])
@@ -119,20 +117,10 @@ def test_a_view_at_full_size_is_that_of_footage_without_a_scale(tmp_path: Path, 
     assert small.view("a", 0).image.shape == (32, 48, 3)
 
 
-@pytest.fixture
-def read(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
-    """The images that are decoded."""
-    found: list[Path] = []
-    real = frame_sources.read_image
-    monkeypatch.setattr(frame_sources, "read_image", lambda path, *rest: found.append(path) or real(path, *rest))
-    return found
-
-
 def test_calibration_is_scaled_to_half_size_footage(tmp_path: Path, make: SimpleNamespace) -> None:
     make.image(tmp_path / "images" / "a.png", make.numbered(1))
     footage = open_footage(CaptureSettings(root=tmp_path, masks="none"), Rig((make.camera("a", 192, 128),)))
-    assert footage.rig["a"].fx == 96
-    assert footage.rig["a"].cx == 48
+    assert (footage.rig["a"].fx, footage.rig["a"].cx) == (96, 48)
 
 
 def test_letterboxed_footage_is_detected_by_its_bars(tmp_path: Path, make: SimpleNamespace) -> None:
@@ -140,24 +128,19 @@ def test_letterboxed_footage_is_detected_by_its_bars(tmp_path: Path, make: Simpl
     image = np.zeros((64, 90, 3), np.uint8)
     image[2:62] = 180
     make.image(tmp_path / "images" / "a.png", image)
-    footage = open_footage(CaptureSettings(root=tmp_path, masks="none"), Rig((make.camera("a"),)))
-    camera = footage.rig["a"]
+
+    def opened(**values: str) -> Footage:
+        return open_footage(CaptureSettings(root=tmp_path, masks="none", **values), Rig((make.camera("a"),)))
+
+    camera = opened().rig["a"]
     np.testing.assert_allclose([camera.fx, camera.fy, camera.cx, camera.cy], [90, 90, 45, 32])
-    assert "black bars" in footage.description
+    assert "black bars" in opened().description
     image[:] = 180
     make.image(tmp_path / "images" / "a.png", image)
-    with refuses(
-        "footage.aspect_ratio", value=(90, 64), camera="a", expected=(96, 64), setting="capture.size_rule"
-    ) as caught:
-        open_footage(CaptureSettings(root=tmp_path, masks="none"), Rig((make.camera("a"),)))
-    assert "capture.size_rule" in str(caught.value)
-    cropped = open_footage(
-        CaptureSettings(root=tmp_path, masks="none", size_rule="crop"), Rig((make.camera("a"),))
-    ).rig["a"]
+    with refuses("footage.aspect_ratio", value=(90, 64), camera="a", expected=(96, 64), setting="capture.size_rule"):
+        opened()
+    cropped, stretched = opened(size_rule="crop").rig["a"], opened(size_rule="stretch").rig["a"]
     assert (cropped.fx, cropped.cx, cropped.cy) == (96, 45, 32)
-    stretched = open_footage(
-        CaptureSettings(root=tmp_path, masks="none", size_rule="stretch"), Rig((make.camera("a"),))
-    ).rig["a"]
     assert (stretched.fx, stretched.fy) == (90, 96)
 
 
@@ -192,9 +175,7 @@ def test_held_out_cameras(three_videos: Path) -> None:
         open_footage(CaptureSettings(root=three_videos, held_out=("cam1", "cam2", "cam10")))
 
 
-def test_many_threads_read_the_right_frames(
-    three_videos: Path, make: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_many_threads_read_the_right_frames(three_videos, make, monkeypatch) -> None:
     """With fewer decoders than cameras: they open and close while threads read."""
     monkeypatch.setattr(sys.modules["studio.capture.open_footage"], "decoder_limit", lambda width, height: 2)
     footage = open_footage(CaptureSettings(root=three_videos, masks="none"), most_cached=5 * 64 * 96 * 3)
@@ -211,8 +192,6 @@ def test_many_threads_read_the_right_frames(
 
 
 def test_digest_depends_on_names_and_contents_not_on_times(image_folders: Path, tmp_path: Path) -> None:
-    import os
-
     first = open_footage(CaptureSettings(root=image_folders)).digest()
     picture = image_folders / "images" / "left" / "000006.png"
     os.utime(picture, (1, 1))
@@ -226,23 +205,16 @@ def test_digest_depends_on_names_and_contents_not_on_times(image_folders: Path, 
     assert open_footage(CaptureSettings(root=image_folders)).digest() == first
     picture.write_bytes(picture.read_bytes()[:-1] + b"\1")  # same size, other contents
     assert open_footage(CaptureSettings(root=image_folders)).digest() != first
-    assert len(first) == 64
 
 
 def test_spec_refuses_impossible_values(tmp_path: Path) -> None:
-    for values in (
-        {"scale": 0.0},
-        {"frames": "::0"},
-        {"masks": "magic"},
-        {"mask_components": 0},
-        {"held_out": ("every 1",)},
-    ):
-        with refuses_setting(*values):
-            CaptureSettings(root=tmp_path, **values)  # type: ignore[arg-type]
-    with refuses("footage.folder_missing", file=tmp_path / "none", setting="capture.root"):
-        open_footage(CaptureSettings(root=tmp_path / "none"))
-    with refuses("footage.folder_missing", file=tmp_path / "none", setting="capture.root"):
-        find_cameras(CaptureSettings(root=tmp_path / "none"))
+    impossible = {"scale": 0.0, "frames": "::0", "masks": "magic", "mask_components": 0, "held_out": ("every 1",)}
+    for name, value in impossible.items():
+        with refuses_setting(name):
+            CaptureSettings(root=tmp_path, **{name: value})
+    for read in (open_footage, find_cameras):
+        with refuses("footage.folder_missing", file=tmp_path / "none", setting="capture.root"):
+            read(CaptureSettings(root=tmp_path / "none"))
 
 
 def test_only_selected_frames_need_masks(image_folders: Path) -> None:

@@ -1,18 +1,19 @@
 """Layouts of published data sets, each as a tiny capture: footage, masks and cameras are found without settings."""
 
 import json
+import os
 import re
-from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
+import cv2
 import numpy as np
 import pytest
 
 from pipelines.stages.camera_file import camera_file
 from studio.camera_files import read_rig, write_rig
 from studio.cameras import Rig
-from studio.capture import CaptureSettings, open_footage
+from studio.capture import CaptureSettings, match_rig, open_footage
 from tests.support.errors import refuses
 
 WIDTH, HEIGHT = 96, 64
@@ -21,8 +22,6 @@ POSE = np.array([[0.0, -0.8, 0.6, 1.0], [1.0, 0.0, 0.0, 2.0], [0.0, 0.6, 0.8, 3.
 K = np.array([[90.0, 0, 47.5], [0, 91.0, 31.5], [0, 0, 1]])  # OpenCV's pixel coordinates
 MASK = np.zeros((HEIGHT, WIDTH), np.uint8)
 MASK[20:40, 30:60] = 255
-
-Make = Callable[[Path, SimpleNamespace], None]
 
 
 def hifi4g(root: Path, make: SimpleNamespace) -> None:
@@ -38,8 +37,6 @@ def hifi4g(root: Path, make: SimpleNamespace) -> None:
 
 
 def opencv_xml(path: Path, scale: float = 1.0) -> None:
-    import cv2
-
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
     storage.write("CameraMatrix", K)
     storage.write("DistortionCoeffs", np.zeros((5, 1)))
@@ -60,8 +57,6 @@ def video_per_folder(root: Path, make: SimpleNamespace) -> None:
 
 
 def actorshq(root: Path, make: SimpleNamespace) -> None:
-    import cv2
-
     vector = cv2.Rodrigues(POSE[:3, :3].T)[0].ravel()
     center = -POSE[:3, :3].T @ POSE[:3, 3]
     rows = ["name,w,h,rx,ry,rz,tx,ty,tz,fx,fy,px,py"]
@@ -87,8 +82,6 @@ def zju_mocap(root: Path, make: SimpleNamespace) -> None:
 
 
 def easymocap(root: Path, make: SimpleNamespace) -> None:
-    import cv2
-
     for file, values in (("intri.yml", {"K": K, "dist": np.zeros((1, 5))}), ("extri.yml", {"R": None, "T": None})):
         storage = cv2.FileStorage(str(root / file), cv2.FILE_STORAGE_WRITE)
         storage.startWriteStruct("names", cv2.FileNode_SEQ)
@@ -136,8 +129,6 @@ def nhr(root: Path, make: SimpleNamespace) -> None:
 
 
 def pose2sim(root: Path, make: SimpleNamespace) -> None:
-    import cv2
-
     vector = cv2.Rodrigues(POSE[:3, :3])[0].ravel().tolist()
     text = ""
     for name in ("cam01", "cam02"):
@@ -156,9 +147,8 @@ def pku_dymvhumans(root: Path, make: SimpleNamespace) -> None:
     intrinsics = f"90.0 0.0 {WIDTH / 2}\n0.0 91.0 {HEIGHT / 2}\n0.0 0.0 1.0"
     (root / "cams").mkdir()
     for index in range(2):
-        (root / "cams" / f"{index:08d}_cam.txt").write_text(
-            f"extrinsic\n{pose}\n\nintrinsic\n{intrinsics}\n\n1 2 3 4\n"
-        )
+        text = f"extrinsic\n{pose}\n\nintrinsic\n{intrinsics}\n\n1 2 3 4\n"
+        (root / "cams" / f"{index:08d}_cam.txt").write_text(text)
         for frame in range(2):
             make.image(root / "per_view" / f"cam_{index}" / "images" / f"{frame:06d}.png", make.numbered(frame))
             make.image(root / "per_view" / f"cam_{index}" / "pha" / f"{frame:06d}.png", MASK)
@@ -193,15 +183,7 @@ def folder_per_frame(root: Path, make: SimpleNamespace) -> None:
     ],
 )
 @pytest.mark.parametrize("level", [0, 1])
-def test_data_sets_are_found_without_settings(
-    tmp_path: Path,
-    make: SimpleNamespace,
-    build: Make,
-    pattern: str,
-    masks: str,
-    cameras: tuple[str, ...] | None,
-    level: int,
-) -> None:
+def test_data_sets_are_found_without_settings(tmp_path, make, build, pattern, masks, cameras, level) -> None:
     """Also if the capture's folder is set one level too high."""
     inner = tmp_path / "take" if level else tmp_path
     inner.mkdir(exist_ok=True)
@@ -253,8 +235,6 @@ def test_a_file_of_one_camera_names_the_pattern(tmp_path: Path, make: SimpleName
 
 
 def test_pickles_run_no_code(tmp_path: Path) -> None:
-    import os
-
     class Evil:
         def __reduce__(self) -> tuple[object, tuple[str]]:
             return os.mkdir, (str(tmp_path / "made"),)
@@ -273,8 +253,6 @@ def test_rows_without_their_video_are_refused(tmp_path: Path, make: SimpleNamesp
 
 
 def test_numbers_match_names_only_if_unambiguous(make: SimpleNamespace) -> None:
-    from studio.capture import match_rig
-
     rig = Rig((make.camera("00000000"), make.camera("00000007")))
     assert match_rig(rig, ("cam_7", "cam_0"))["cam_7"].name == "cam_7"
     with refuses("calibration.camera_missing"):

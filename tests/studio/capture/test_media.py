@@ -58,13 +58,7 @@ def write_streams(
         ([((256, 256), 1, Disposition.attached_pic), (PREVIEW, 12, Disposition(0))], False),
     ],
 )
-def test_footage_is_neither_cover_art_nor_a_preview(
-    tmp_path: Path,
-    make: SimpleNamespace,
-    extension: str,
-    others: list[tuple[tuple[int, int], int, Disposition]],
-    film_first: bool,
-) -> None:
+def test_footage_is_neither_cover_art_nor_a_preview(tmp_path, make, extension, others, film_first) -> None:
     film = [(FILM, 12, Disposition(0))]
     path = write_streams(tmp_path / f"a.{extension}", make, film + others if film_first else others + film)
     reader = VideoReader(path)
@@ -81,8 +75,7 @@ def test_a_later_stream_marked_as_default_is_the_footage(tmp_path: Path, make: S
 def test_sound_and_timecode_refer_to_the_footage(tmp_path: Path, make: SimpleNamespace) -> None:
     streams = [((256, 256), 1, Disposition.attached_pic), (PREVIEW, 12, Disposition(0)), (FILM, 12, Disposition(0))]
     path = write_streams(tmp_path / "a.mkv", make, streams, start=5)
-    timecode = read_timecode(path)
-    assert timecode.frames == 25 * 3600
+    assert read_timecode(path).frames == 25 * 3600
     first, _ = next(SoundFile(path).blocks())
     assert first == pytest.approx(-48000 * 5 / 25, abs=100)  # the film begins five frames after the sound
 
@@ -94,10 +87,8 @@ def test_alpha_of_webm(tmp_path: Path, make: SimpleNamespace, codec: str, option
         alpha = np.zeros((64, 96), np.uint8)
         alpha[:, : 8 * (index + 1)] = 255
         images.append(np.dstack([make.numbered(index), alpha]))
-    path = make.video(
-        tmp_path / "a.webm", images, codec=codec, pixels="yuva420p", options={"g": "4", "crf": "8", **options},
-        source="rgba",
-    )  # fmt: skip
+    options = {"g": "4", "crf": "8", **options}
+    path = make.video(tmp_path / "a.webm", images, codec=codec, pixels="yuva420p", options=options, source="rgba")
     reader = VideoReader(path)
     assert reader.has_alpha
     for index in (0, 11, 3, 9, 1):

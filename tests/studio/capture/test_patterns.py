@@ -22,12 +22,9 @@ def test_a_folder_per_frame_and_wildcards(tmp_path: Path) -> None:
 
 def test_two_files_for_one_camera_are_refused(tmp_path: Path) -> None:
     touch(tmp_path, "videos/a.mp4", "videos/a.mov")
-    folder = tmp_path / "videos"
-    with refuses(
-        "footage.duplicate_file", file=folder / "a.mp4", other=folder / "a.mov", camera="a", frame=None
-    ) as caught:
+    files = {"file": tmp_path / "videos" / "a.mp4", "other": tmp_path / "videos" / "a.mov"}
+    with refuses("footage.duplicate_file", **files, camera="a", frame=None):
         find_files(tmp_path, "videos/{camera}.*")
-    assert str(caught.value).startswith(f"{folder / 'a.mp4'}: both this file and {folder / 'a.mov'} match camera 'a'.")
     touch(tmp_path, "i/a/1.png", "i/a/001.png")
     with refuses("footage.duplicate_file", camera="a", frame=1):
         find_files(tmp_path, "i/{camera}/{frame}.png")
@@ -45,22 +42,11 @@ def test_pattern_without_camera_or_with_unknown_parts(tmp_path: Path) -> None:
     [
         (["videos/a.mp4", "videos/b.mp4", "rgba/a/0.png"], "videos/{camera}.mp4"),
         (["images/a/0.png", "images/b/0.png", "masks/a/0.png"], "images/{camera}/{frame}.png"),
-        (
-            [
-                "rgbs/Cam001/Cam001_rgb000000.jpg", "rgbs/Cam002/Cam002_rgb000000.jpg",
-                "masks/Cam001/Cam001_mask000000.png", "calibration.csv",
-            ],
-            "rgbs/{camera}/{camera}_rgb{frame}.jpg",
-        ),
-        (
-            ["image_white/0/0.png", "image_white/0/1.png", "image_white/transforms.json"],
-            "image_white/{frame}/{camera}.png",
-        ),
+        (["image_white/0/0.png", "image_white/0/1.png", "image_white/transforms.json"],
+         "image_white/{frame}/{camera}.png"),
         (["image/000.mp4", "image/001.mp4", "mask/000.mp4", "CamPose.inf"], "image/{camera}.mp4"),
-        (
-            ["image/000.mp4", "image/0/img_0000.png", "image/0/img_0001.png", "mask/0/img_0000.png"],
-            "image/{frame}/img_{camera}.png",
-        ),
+        (["image/000.mp4", "image/0/img_0000.png", "image/0/img_0001.png", "mask/0/img_0000.png"],
+         "image/{frame}/img_{camera}.png"),
         (["0/images/0.png", "0/images/1.png", "0/transforms.json", "1/images/0.png"], "{frame}/images/{camera}.png"),
         (["0/left.png", "0/right.png", "1/left.png", "1/right.png"], "{frame}/{camera}.png"),
         (["left/0.png", "left/1.png", "right/0.png", "right/1.png"], "{camera}/{frame}.png"),

@@ -11,7 +11,6 @@ import pytest
 from studio.capture import CaptureSettings, open_footage
 from studio.capture.sync import check_sync
 from studio.capture.timecode import parse_timecode, read_timecode, timecode_offsets
-from studio.errors import StudioError
 from tests.support.errors import refuses
 
 NTSC = Fraction(30000, 1001)
@@ -57,10 +56,7 @@ def test_drop_frame_labels_are_counted(fps: int, dropped: int) -> None:
 @pytest.mark.parametrize(
     ("text", "rate"),
     [
-        ("noon", Fraction(25)),
-        ("24:00:00:00", Fraction(25)),
-        ("00:60:00:00", Fraction(25)),
-        ("00:00:00:25", Fraction(25)),
+        *((text, Fraction(25)) for text in ("noon", "24:00:00:00", "00:60:00:00", "00:00:00:25")),
         ("00:01:00;01", NTSC),  # dropped
         ("00:01:00;02", Fraction(25)),  # nothing is dropped at 25 fps
         ("00:01:00;02", Fraction(30)),
@@ -101,9 +97,7 @@ def test_cameras_that_started_at_different_times_are_aligned(tmp_path: Path, tex
     report = check_sync(open_footage(spec), method="timecode")
     assert report.whole == {"a": -3, "c": 2}, "b, in the middle, stays"
     assert report.timecodes == dict(zip("abc", texts, strict=True))
-    assert next(str(warning) for warning in report.warnings()) == (
-        "Camera 'a' started 3 frames later than the others according to its timecode. Set capture.offsets to {a: -3}."
-    )
+    assert "Set capture.offsets to {a: -3}." in str(report.warnings()[0])
     aligned = open_footage(spec.replace(offsets=report.whole))
     assert aligned.frames == tuple(range(3, 14)), "what all three filmed"
     for frame in aligned.frames:
@@ -156,7 +150,6 @@ def test_a_track_that_counts_at_another_rate_is_refused(tmp_path: Path) -> None:
     "text", ["01:00:00:" + "1" * 5000, "01:00:00:" + "\N{ARABIC-INDIC DIGIT TWO}" * 2, "\x1b" * 9000]
 )
 def test_a_hostile_tag_is_one_short_sentence(text: str) -> None:
-    with pytest.raises(StudioError) as caught:
+    with refuses("sync.timecode_invalid") as caught:
         parse_timecode(text, Fraction(25))
-    assert caught.value.code == "sync.timecode_invalid"
     assert len(caught.value.problem) < 100

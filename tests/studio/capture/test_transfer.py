@@ -9,6 +9,7 @@ from typing import Any
 import av
 import numpy as np
 import pytest
+from PIL import Image
 
 from studio.capture import CaptureSettings, open_footage
 from studio.capture.images import has_alpha, image_size, read_image
@@ -145,8 +146,6 @@ def test_damaged_files_are_refused(tmp_path: Path, name: str) -> None:
 
 def test_gray_floats_beyond_the_range_are_clipped(tmp_path: Path) -> None:
     """A TIFF of floats counts in levels of 255; what is beyond is white or black, not wrapped around."""
-    from PIL import Image
-
     values = np.array([[-3.0, 0.4, 12.6], [254.7, 255.4, 300.0]], np.float32)
     Image.fromarray(values).save(tmp_path / "gray.tif")
     found = read_image(tmp_path / "gray.tif")

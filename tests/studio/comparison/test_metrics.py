@@ -10,6 +10,8 @@ import torch
 from studio.cameras import Camera
 from studio.comparison import ViewPair, find_camera, measure, padded_box
 from studio.gaussians import Gaussians
+from studio.rasterizer import rasterize
+from tests.support.rigs import camera_at
 
 WIDTH, HEIGHT = 64, 48
 
@@ -24,18 +26,13 @@ def splats(color: tuple[float, float, float] = (0.2, 0.5, 0.7)) -> Gaussians:
 
 
 def camera() -> Camera:
-    K = np.array([[70.0, 0, WIDTH / 2], [0, 70.0, HEIGHT / 2], [0, 0, 1]])
-    pose = np.eye(4)
-    pose[2, 3] = 2.0
-    return Camera("cam", WIDTH, HEIGHT, K, pose)
+    return camera_at("cam", (0, 0, -2), focal=70.0, size=(WIDTH, HEIGHT), up=(0, -1, 0))
 
 
 def filmed(change: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Image and mask of the splats, by a camera with other colors, (3, 4)."""
-    pair = ViewPair.of(
-        splats(), camera(), np.zeros((HEIGHT, WIDTH, 3), np.uint8), np.zeros((HEIGHT, WIDTH), np.uint8), (0, 0, 0)
-    )
-    image, mask = pair.rendered, (pair.rendered.sum(-1) > 0.15).astype(np.uint8) * 255
+    image = rasterize(splats(), camera(), torch.zeros(3)).image.numpy()
+    mask = (image.sum(-1) > 0.15).astype(np.uint8) * 255
     if change is not None:
         image = image @ change[:, :3].T + change[:, 3]
     return (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8), mask
@@ -44,9 +41,8 @@ def filmed(change: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("background", [(0.0, 0.0, 0.0), (1.0, 1.0, 1.0)])
 def test_psnr_is_that_of_opencv_over_the_background(background):
     image, mask = filmed()
-    noisy = np.clip(image.astype(int) + np.random.default_rng(0).integers(-20, 20, image.shape), 0, 255).astype(
-        np.uint8
-    )
+    noise = np.random.default_rng(0).integers(-20, 20, image.shape)
+    noisy = np.clip(image.astype(int) + noise, 0, 255).astype(np.uint8)
     pair = ViewPair.of(splats(), camera(), noisy, mask, background)
     truth = np.where(mask[..., None] > 0, noisy / 255, np.array(background))
     assert np.allclose(pair.footage, truth, atol=1e-6)
@@ -54,9 +50,8 @@ def test_psnr_is_that_of_opencv_over_the_background(background):
     assert found["psnr"] == pytest.approx(cv2.PSNR(truth, pair.rendered.astype(float), 1.0), abs=1e-3)
     rows, columns = padded_box(mask, 8)
     box = measure(ViewPair.of(splats(), camera(), noisy, mask, background, (rows, columns)))
-    assert box["psnr"] == pytest.approx(
-        cv2.PSNR(truth[rows, columns], pair.rendered[rows, columns].astype(float), 1.0), abs=1e-3
-    )
+    expected = cv2.PSNR(truth[rows, columns], pair.rendered[rows, columns].astype(float), 1.0)
+    assert box["psnr"] == pytest.approx(expected, abs=1e-3)
     # outside the box all is background, so both have the same squared error in total
     ratio = WIDTH * HEIGHT / ((rows.stop - rows.start) * (columns.stop - columns.start))
     assert found["psnr"] - box["psnr"] == pytest.approx(10 * math.log10(ratio), abs=0.05)
@@ -80,8 +75,6 @@ def test_a_color_fit_finds_the_colors_of_another_camera_but_no_detail():
     assert found["psnr_color_fit"] > found["psnr"] + 3
     inside = mask > 127
     # plain least squares on the performer, by NumPy
-    from studio.rasterizer import rasterize
-
     render = rasterize(splats(), camera(), torch.zeros(3))
     base = np.concatenate([render.image.numpy(), render.alpha.numpy()[..., None]], -1)
     matrix = np.linalg.lstsq(base[inside], pair.footage[inside], rcond=None)[0]

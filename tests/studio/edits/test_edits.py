@@ -3,23 +3,13 @@
 from dataclasses import replace
 from itertools import pairwise
 
+import cv2
 import numpy as np
 import pytest
 import torch
 from pydantic import ValidationError
 
-from studio.edits import (
-    CropBox,
-    EditList,
-    Floaters,
-    Ground,
-    Paths,
-    Region,
-    RegionView,
-    moved,
-    select,
-    silhouette,
-)
+from studio.edits import CropBox, EditList, Floaters, Ground, Paths, Region, RegionView, moved, select, silhouette
 from studio.edits.selection import distance_to_path, in_polygon
 from studio.rasterizer import rasterize
 from studio.similarity import Similarity, rotation_between
@@ -54,12 +44,11 @@ def test_a_moved_camera_sees_the_same_of_moved_splats() -> None:
 
 @pytest.mark.parametrize("end", [(0, 1, 0), (1, 2, 3), (-0.3, -0.2, -1), (0.3, 0.2, 1)])
 def test_the_shortest_rotation(end) -> None:
-    rotation = rotation_between(np.array([0.3, 0.2, 1.0]), np.array(end, float))
+    start, end = np.array([0.3, 0.2, 1.0]), np.array(end, float)
+    rotation = rotation_between(start, end)
     assert np.allclose(rotation @ rotation.T, np.eye(3))
     assert np.linalg.det(rotation) == pytest.approx(1)
-    assert np.allclose(
-        rotation @ [0.3, 0.2, 1.0] / np.linalg.norm([0.3, 0.2, 1.0]), np.array(end) / np.linalg.norm(end)
-    )
+    assert np.allclose(rotation @ start / np.linalg.norm(start), end / np.linalg.norm(end))
 
 
 def test_where_a_stream_lies_in_its_take_is_read_back() -> None:
@@ -125,7 +114,6 @@ def test_splats_that_were_drawn_around_are_removed_wherever_they_move(frames: tu
 
 
 def test_polygons_and_paths_against_opencv() -> None:
-    cv2 = pytest.importorskip("cv2")
     generator = np.random.default_rng(2)
     corners, points = generator.uniform(0, 100, (7, 2)), generator.uniform(0, 100, (300, 2))
     lone = corners[:3]  # of more corners, OpenCV rounds differently at crossings

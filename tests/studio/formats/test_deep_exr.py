@@ -5,13 +5,12 @@ import OpenEXR
 import pytest
 
 from studio.cameras import Camera
-from studio.formats.exr import MAX_DEEP, export_exr
+from studio.formats.exr import export_exr
 from studio.formats.plates import Shutter
 from studio.gaussians import Gaussians
 from studio.similarity import Similarity
 from studio.splat_video import SplatVideo
 from tests.studio.formats.test_exr import CAMERA, EYE, over, splat
-from tests.support.errors import refuses
 
 
 def exported(folder, video: SplatVideo, camera: Camera, deep: int, **options):  # type: ignore[no-untyped-def]
@@ -59,9 +58,3 @@ def test_samples_are_where_the_splats_are(tmp_path):
     np.testing.assert_allclose(front[:3] / front[3], [0.8, 0.1, 0.1], atol=2e-3)
     np.testing.assert_allclose(back[:3] / back[3], [0.1, 0.8, 0.1], atol=2e-3)
     assert distances[0, 0] is None or len(distances[0, 0]) == 0
-
-
-@pytest.mark.parametrize("deep", [-1, MAX_DEEP + 1])
-def test_numbers_of_samples_out_of_range(tmp_path, make_video, deep):
-    with refuses("export.invalid_setting", name="deep"):
-        export_exr(make_video((1,)), tmp_path / "out", lambda index: CAMERA, Similarity(), deep=deep)

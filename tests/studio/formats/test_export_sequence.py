@@ -1,5 +1,7 @@
 """Numbered files, and splats rotated for viewers."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -38,8 +40,6 @@ def test_turned_splats_look_the_same_to_a_camera_that_turns_with_them(make_video
 
 
 def test_upright_brings_up_to_y_and_the_front_to_z(make_video):
-    from dataclasses import replace
-
     video = replace(make_video(), view=camera([3.0, 0.0, 1.0]))
     rotation = upright(video)
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
@@ -62,12 +62,8 @@ def test_upright_brings_up_to_y_and_the_front_to_z(make_video):
 @pytest.mark.parametrize("ending", [".ply", ".spz", ".glb"])
 def test_a_file_a_frame_numbered_for_players(tmp_path, make_video, ending):
     told = []
-    export_sequence(
-        make_video((4, 3)).part(1, 7, 2),
-        tmp_path / "out",
-        ending,
-        progress=lambda done, total: told.append((done, total)),
-    )
+    part = make_video((4, 3)).part(1, 7, 2)
+    export_sequence(part, tmp_path / "out", ending, progress=lambda done, total: told.append((done, total)))
     names = sorted(path.name for path in (tmp_path / "out").iterdir())
     assert names == [f"frame_000{number}{ending}" for number in (1, 3, 5)]
     assert told == [(0, 3), (1, 3), (2, 3), (3, 3)]

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from studio.cameras import Camera
-from studio.formats.exr import export_exr
+from studio.formats.exr import MAX_DEEP, export_exr
 from studio.formats.plates import FAR, Shutter
 from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize
@@ -106,18 +106,12 @@ def test_motion_is_in_pixels_to_the_right_and_up(tmp_path):
     video = moving((0, 0, 0), (0.1, 0.05, 0), (0.3, 0.05, 0), (0, 0, 0), groups=(0, 3))
     frames = exported(tmp_path / "out", video)
     scale = CAMERA.fx / EYE
-    expected = [
-        (0.1, 0.05),
-        (0.2, 0),
-        (0.2, 0),
-        (0, 0),
-    ]  # the last frame of a group moves on, a single one stands still
+    expected = [(0.1, 0.05), (0.2, 0), (0.2, 0), (0, 0)]  # a group's last frame moves on, a single one stands still
     for (_, layers), motion in zip(frames, expected, strict=True):
         drawn = layers["rgba"][..., 3] > 0
         assert drawn.sum() > 20
-        np.testing.assert_allclose(
-            layers["forward"][drawn], np.tile(np.multiply(motion, scale), (drawn.sum(), 1)), atol=1e-3
-        )
+        expected_here = np.broadcast_to(np.multiply(motion, scale), (drawn.sum(), 2))
+        np.testing.assert_allclose(layers["forward"][drawn], expected_here, atol=1e-3)
         assert not layers["forward"][~drawn].any()
 
 
@@ -152,12 +146,11 @@ def test_blur_is_the_mean_while_the_shutter_is_open(tmp_path):
 @pytest.mark.parametrize(
     ("name", "options"),
     [
-        ("overscan", {"overscan": -1}),
-        ("shutter", {"shutter": Shutter(400, 2)}),
-        ("samples", {"shutter": Shutter(90, 0)}),
-        ("size with overscan", {"overscan": 9000}),
+        ("overscan", {"overscan": -1}), ("shutter", {"shutter": Shutter(400, 2)}),
+        ("samples", {"shutter": Shutter(90, 0)}), ("size with overscan", {"overscan": 9000}), ("deep", {"deep": -1}),
+        ("deep", {"deep": MAX_DEEP + 1}),
     ],
-)
+)  # fmt: skip
 def test_numbers_out_of_range(tmp_path, name, options):
     with refuses("export.invalid_setting", name=name):
         export_exr(moving((0, 0, 0)), tmp_path / "out", lambda index: CAMERA, Similarity(), **options)

@@ -1,6 +1,7 @@
 """3DGS PLY: our files read by Open3D and byte by byte, and files of other programs read by us."""
 
 import struct
+from dataclasses import replace
 
 import numpy as np
 import open3d as o3d
@@ -8,7 +9,6 @@ import pytest
 import torch
 
 from studio.formats import FRAME_FILES, read_splats, splats_size, write_splats
-from studio.gaussians import Gaussians
 from tests.support.errors import refuses
 
 
@@ -53,9 +53,8 @@ def test_open3d_reads_it(tmp_path, make_splats):
     write_splats(splats, tmp_path / "a.ply")
     cloud = o3d.t.io.read_point_cloud(str(tmp_path / "a.ply"))
     np.testing.assert_array_equal(cloud.point.positions.numpy(), splats.means.numpy())
-    np.testing.assert_allclose(
-        cloud.point["scale"].numpy(), splats.scales.numpy(), rtol=1e-6
-    )  # activated, unlike opacity
+    # activated, unlike opacity
+    np.testing.assert_allclose(cloud.point["scale"].numpy(), splats.scales.numpy(), rtol=1e-6)
     np.testing.assert_array_equal(cloud.point["opacity"].numpy()[:, 0], splats.logit_opacities.numpy())
     np.testing.assert_array_equal(cloud.point["f_dc"].numpy(), splats.sh[:, 0].numpy())
     np.testing.assert_array_equal(cloud.point["f_rest"].numpy(), splats.sh[:, 1:].numpy())
@@ -78,16 +77,14 @@ def test_other_programs_files(tmp_path):
     assert torch.allclose(splats.opacities, torch.tensor([1.0, 0.0]), atol=2e-6)
 
 
-def write_raw(path, change_head=lambda head: head, body=None, count=2, **values):
+def write_raw(path, replaced=("", ""), body=None, count=2):
     names = ["x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2"]
     names += ["rot_0", "rot_1", "rot_2", "rot_3"]
     rows = np.zeros((2, len(names)), "<f4")
     rows[:, names.index("rot_0")] = 1
-    for name, value in values.items():
-        rows[1, names.index(name)] = value
     head = "ply\nformat binary_little_endian 1.0\n" + f"element vertex {count}\n"
     head += "".join(f"property float {name}\n" for name in names) + "end_header\n"
-    path.write_bytes(change_head(head).encode() + (rows.tobytes() if body is None else body))
+    path.write_bytes(head.replace(*replaced, 1).encode() + (rows.tobytes() if body is None else body))
 
 
 def test_damage_and_other_things_than_splats(tmp_path):
@@ -95,28 +92,18 @@ def test_damage_and_other_things_than_splats(tmp_path):
     write_raw(path)
     assert len(read_splats(path)) == 2
     cases = [
-        ({"change_head": lambda head: "nonsense" + head}, "splat_file.unreadable", {}),
-        (
-            {"change_head": lambda head: head.replace("float opacity", "float color")},
-            "splat_file.not_splats",
-            {"missing": "opacity"},
-        ),
-        ({"change_head": lambda head: head.replace("vertex", "point")}, "splat_file.not_splats", {"missing": "vertex"}),
-        ({"body": b"\0" * 40}, "splat_file.unreadable", {}),
-        ({"count": 10**12}, "splat_file.unreadable", {}),
-        ({"count": 0}, "splat_file.splat_count", {"value": 0}),
-        (
-            {
-                "change_head": lambda head: head.replace("float z\n", "float z\nproperty float f_rest_0\n"),
-                "body": bytes(120),
-            },
-            "splat_file.sh_properties",
-            {"value": 1},
-        ),
-    ]
+        ({"replaced": ("ply", "nonsense")}, "unreadable", {}),
+        ({"replaced": ("float opacity", "float color")}, "not_splats", {"missing": "opacity"}),
+        ({"replaced": ("vertex", "point")}, "not_splats", {"missing": "vertex"}),
+        ({"body": bytes(40)}, "unreadable", {}),
+        ({"count": 10**12}, "unreadable", {}),
+        ({"count": 0}, "splat_count", {"value": 0}),
+        ({"replaced": ("float z\n", "float z\nproperty float f_rest_0\n"), "body": bytes(120)}, "sh_properties",
+         {"value": 1}),
+    ]  # fmt: skip
     for arguments, code, fields in cases:
         write_raw(path, **arguments)
-        with refuses(code, file=path, **fields):
+        with refuses(f"splat_file.{code}", file=path, **fields):
             read_splats(path)
     with refuses("splat_file.not_found", file=tmp_path / "none.ply"):
         read_splats(tmp_path / "none.ply")
@@ -126,11 +113,10 @@ def test_damage_and_other_things_than_splats(tmp_path):
 
 def test_what_cannot_be_written(tmp_path, make_splats):
     splats = make_splats(3)
-    empty = splats[:0]
-    broken = Gaussians(**{**dict(splats.items()), "means": splats.means * torch.nan})
-    flat = Gaussians(**{**dict(splats.items()), "quats": splats.quats * torch.tensor([[1.0], [0.0], [1.0]])})
+    broken = replace(splats, means=splats.means * torch.nan)
+    flat = replace(splats, quats=splats.quats * torch.tensor([[1.0], [0.0], [1.0]]))
     for wrong, code, fields in (
-        (empty, "splat_file.no_splats", {}),
+        (splats[:0], "splat_file.no_splats", {}),
         (broken, "gaussians.not_finite", {"attribute": "means"}),
         (flat, "gaussians.zero_quaternion", {"splat": 1}),
     ):

@@ -79,9 +79,8 @@ def test_the_number_that_changes_is_that_of_the_frame(folder, names, numbers):
 def test_names_that_do_not_say_the_order_are_refused(folder):
     with refuses("import.ambiguous_order", file=folder, value=["a1_b2.ply", "a2_b1.ply"]):
         frame_numbers(folder, ["a1_b2.ply", "a2_b1.ply"])
-    with refuses("import.iterations", file=folder) as caught:
+    with refuses("import.iterations", file=folder):
         frame_numbers(folder, ["iteration_30000.ply", "iteration_7000.ply"])
-    assert caught.value.fix.endswith("iteration_30000.ply")
 
 
 def test_checkpoints_of_one_folder_per_frame(folder):
@@ -118,15 +117,14 @@ def test_a_splat_that_is_unusable_in_one_frame_is_dropped_from_its_group(folder)
 
 def write_unchecked(path: Path, splats: Gaussians) -> None:
     """A PLY file, whatever the values."""
-    plain = {f"{name}": splats.means[:, index] for index, name in enumerate("xyz")}
+    plain = {name: splats.means[:, index] for index, name in enumerate("xyz")}
     plain |= {f"f_dc_{index}": splats.sh[:, 0, index] for index in range(3)} | {"opacity": splats.logit_opacities}
     plain |= {f"scale_{index}": splats.log_scales[:, index] for index in range(3)}
     plain |= {f"rot_{index}": splats.quats[:, index] for index in range(4)}
     head = ["ply", "format binary_little_endian 1.0", f"element vertex {len(splats)}"]
     head += [f"property float {name}" for name in plain]
-    path.write_bytes(
-        "\n".join([*head, "end_header", ""]).encode() + torch.stack([*plain.values()], dim=1).numpy().tobytes()
-    )
+    rows = torch.stack([*plain.values()], dim=1).numpy().tobytes()
+    path.write_bytes("\n".join([*head, "end_header", ""]).encode() + rows)
 
 
 def decoded_errors(video: SplatVideo, stream: Path, meant: Gaussians) -> torch.Tensor:
@@ -233,15 +231,7 @@ def test_sequences_of_each_format_are_baked(folder, tmp_path, name):
 
 def test_groups_begin_where_splats_can_no_longer_be_followed(folder):
     shuffled = torch.randperm(120, generator=torch.Generator().manual_seed(5))
-    frames = [
-        body(0),
-        body(1),
-        body(2)[shuffled],
-        body(3)[shuffled],
-        body(4, splats=90),
-        body(5, splats=80),
-        body(6, splats=80),
-    ]
+    frames = [body(0), body(1), body(2)[shuffled], body(3)[shuffled], body(4, 90), body(5, 80), body(6, 80)]
     for index, frame in enumerate(frames):
         write_splats(frame, folder / f"f{index}.ply")
     told = []
@@ -258,9 +248,7 @@ def test_baked_and_played(folder, tmp_path):
         write_splats(frame, folder / f"f{index:02d}.ply")
     manifest = bake_video(open_import(folder, fps=10), tmp_path / "stream", BakeSettings(quality=0), group_size=3)
     assert [group.frame_count for group in manifest.groups] == [3, 2, 1]
-    assert manifest.sh_degree == 1
-    assert manifest.fps == 10
-    assert manifest.metadata["up"] == [0, -1, 0]
+    assert (manifest.sh_degree, manifest.fps, manifest.metadata["up"]) == (1, 10, [0, -1, 0])
     with StreamReader.open(tmp_path / "stream") as reader:
         for index, meant in enumerate(frames):
             found = reader.gaussians(index)

@@ -3,6 +3,7 @@
 import gzip
 import math
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from studio.errors import StudioError
 from studio.formats import read_splats, splats_size, write_splats
-from studio.gaussians import Gaussians
 from studio.rasterizer.spherical_harmonics import sh_basis
+from studio.torch_rotations import quats_to_matrices
 from tests.support.errors import refuses
 
 DATA = Path(__file__).parents[2] / "data" / "splats"
@@ -24,18 +25,13 @@ DATA = Path(__file__).parents[2] / "data" / "splats"
 
 @pytest.mark.parametrize(
     ("name", "z", "dc", "quat"),
-    [
-        ("minimal-raw.spz", -1, 1.1111, 0.0039),
-        ("minimal-v2.spz", -1, 1.1111, 0.0039),
-        ("minimal-v3.spz", 1, 0.5882, 0.0),
-    ],
+    [("minimal-raw", -1, 1.1111, 0.0039), ("minimal-v2", -1, 1.1111, 0.0039), ("minimal-v3", 1, 0.5882, 0.0)],
 )
 def test_files_of_other_programs(name, z, dc, quat):
     """Values as read by splat-transform 3.7 (which flips y and z to PLY axes; here they are as in the file)."""
-    assert splats_size(DATA / name) == (4, 0)
-    splats = read_splats(DATA / name)
-    expected = [[-1, 0, z], [0, 0, z], [-1, 0, 0], [0, 0, 0]]
-    assert splats.means.tolist() == expected
+    assert splats_size(DATA / f"{name}.spz") == (4, 0)
+    splats = read_splats(DATA / f"{name}.spz")
+    assert splats.means.tolist() == [[-1, 0, z], [0, 0, z], [-1, 0, 0], [0, 0, 0]]
     assert torch.allclose(splats.scales, torch.tensor(0.0990), atol=1e-4)
     assert torch.allclose(splats.opacities, torch.tensor(0.9020), atol=1e-4)
     assert torch.allclose(splats.quats, torch.tensor([1, quat, quat, quat]), atol=1e-4)
@@ -110,10 +106,8 @@ def test_what_is_written_says_what_was_meant(tmp_path, make_splats, degree, vers
         np.testing.assert_allclose(found["sh"][:, 3:], splats.sh[:, 4:], atol=8.5 / 128 + 1e-6)
     assert splats_size(path) == (120, degree)
     mine = read_splats(path)
-    np.testing.assert_allclose(mine.means, found["means"], atol=1e-6)
-    np.testing.assert_allclose(mine.quats, found["quats"], atol=1e-6)
-    np.testing.assert_allclose(mine.opacities, found["opacities"], atol=1e-6)
-    np.testing.assert_allclose(mine.log_scales, found["log_scales"], atol=1e-6)
+    for name in ("means", "quats", "opacities", "log_scales"):
+        np.testing.assert_allclose(getattr(mine, name), found[name], atol=1e-6)
     np.testing.assert_allclose(mine.sh[:, 1:], found["sh"].reshape(120, -1, 3), atol=1e-6)
 
 
@@ -127,7 +121,7 @@ def test_version_4_is_the_default_and_2_is_not_written(tmp_path, make_splats):
 @pytest.mark.parametrize("size", [1e-4, 1.0, 300.0, 1e6])
 def test_positions_of_any_size(tmp_path, make_splats, size):
     splats = make_splats(50)
-    scaled = Gaussians(**{**dict(splats.items()), "means": splats.means * size})
+    scaled = replace(splats, means=splats.means * size)
     write_splats(scaled, tmp_path / "a.spz")
     error = (read_splats(tmp_path / "a.spz").means - scaled.means).abs().max()
     farthest, extent = scaled.means.abs().max(), (scaled.means.max(0).values - scaled.means.min(0).values).max()
@@ -137,7 +131,7 @@ def test_positions_of_any_size(tmp_path, make_splats, size):
 
 def test_too_far_out(tmp_path, make_splats):
     splats = make_splats(5)
-    far = Gaussians(**{**dict(splats.items()), "means": splats.means + 1e8})
+    far = replace(splats, means=splats.means + 1e8)
     with refuses("splat_file.position_range", file=tmp_path / "a.spz"):
         write_splats(far, tmp_path / "a.spz")
 
@@ -196,11 +190,8 @@ def test_other_axes_are_turned_to_those_of_the_format(tmp_path, make_splats, num
     found = read_splats(path, notes.append)
     matrix = torch.tensor([LETTERS[letter] for letter in axes], dtype=torch.float32).T
     torch.testing.assert_close(found.means, plain.means @ matrix.T)
-    turns = [Rotation.from_quat(one.unit_quats, scalar_first=True).as_matrix() for one in (plain, found)]
-    axes_of = [
-        torch.from_numpy(turn).float() * one.scales[:, None] for turn, one in zip(turns, (plain, found), strict=True)
-    ]
-    before, after = (one @ one.transpose(1, 2) for one in axes_of)
+    axes_of = [quats_to_matrices(one.unit_quats) * one.scales[:, None] for one in (plain, found)]
+    before, after = (one @ one.mT for one in axes_of)
     torch.testing.assert_close(after, matrix @ before @ matrix.T, atol=1e-5, rtol=1e-3)
     direction = torch.nn.functional.normalize(torch.tensor([[0.3, -0.5, 0.8]]), dim=1)
     seen = [torch.einsum("k,nkc->nc", sh_basis(direction @ turn.T, 3)[0], one.sh) for turn, one in

@@ -3,12 +3,14 @@ the released code, it decodes with OpenCV to BGR pictures and converts these to 
 
 import json
 
+import av
 import cv2
 import numpy as np
 import pytest
 import torch
 from scipy.spatial import cKDTree
 
+from pipelines.takes.videos import decoded_video
 from studio.errors import Cancelled
 from studio.formats.sequence import open_import
 from studio.formats.videogs import export_videogs, open_videogs
@@ -35,8 +37,7 @@ def players_reader(folder, lossless: bool = True) -> list[dict[str, np.ndarray]]
                 good, picture = file.read()
                 assert good
                 gray = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
-                assert gray.shape[0] == gray.shape[1]
-                assert gray.shape[0] % 8 == 0
+                assert gray.shape[0] == gray.shape[1] == 8 * (gray.shape[0] // 8)
                 assert (gray.shape[0] - 8) ** 2 < count <= gray.shape[0] ** 2
                 assert not (lossless and gray.ravel()[count:].any())
                 pixels.append(gray.ravel()[:count].astype(np.float64))
@@ -49,17 +50,8 @@ def players_reader(folder, lossless: bool = True) -> list[dict[str, np.ndarray]]
                 low, high = info[2 * attribute : 2 * attribute + 2]
                 values.append(level * (high - low) + low)
             table = np.stack(values, axis=1)
-            frames.append(
-                {
-                    "position": table[:, :3],
-                    "normal": table[:, 3:6],
-                    "f_dc": table[:, 6:9],
-                    "f_rest": table[:, 9:-8],
-                    "opacity": table[:, -8],
-                    "scale": table[:, -7:-4],
-                    "rotation": table[:, -4:],
-                }
-            )
+            found = {"position": table[:, :3], "normal": table[:, 3:6], "f_dc": table[:, 6:9], "f_rest": table[:, 9:-8]}
+            frames.append({**found, "opacity": table[:, -8], "scale": table[:, -7:-4], "rotation": table[:, -4:]})
         assert not any(file.read()[0] for file in files)
     return frames
 
@@ -107,8 +99,6 @@ def test_independent_reader_agrees_with_our_decoder(tmp_path, make_video):
         for number, group in enumerate(video.groups)
     ]
     write_manifest(tmp_path / "stream", entries, 20.0, settings)
-    from pipelines.takes.videos import decoded_video
-
     with StreamReader.open(tmp_path / "stream") as reader:
         export_videogs(decoded_video(reader), tmp_path / "out", qp=0)
         decoded = list(reader.iterate())
@@ -205,8 +195,6 @@ def test_frames_called_by_their_names_as_the_released_baker_does(exported):
 
 def test_limited_range_video_is_scaled_to_the_full_one(exported):
     """Limited range, as the released baker encodes: within two levels of full range."""
-    import av
-
     before = open_videogs(exported).read(0)
     path = exported / "group0" / "12.mp4"  # opacity
     with av.open(str(path)) as file:
@@ -233,68 +221,39 @@ def test_damaged_layouts(exported, tmp_path):
         path.write_text(json.dumps(values))
         return path, good
 
+    groups, frames = "group_info.json", "viewer_min_max.json"
+    two = {"frame": "2", "name": "info"}
     cases = [
-        (
-            "group_info.json",
-            lambda v: v["1"].update(frame_index=[4, 4]),
-            "videogs.invalid_group",
-            {"group": 1, "value": (4, 4), "expected": 3},
-        ),
-        (
-            "group_info.json",
-            lambda v: v["1"].update(frame_index=[3, 10**9]),
-            "videogs.invalid_group",
-            {"group": 1, "value": (3, 10**9)},
-        ),
-        ("group_info.json", lambda v: v.pop("0"), "videogs.invalid_group", {"group": 0}),
-        ("viewer_min_max.json", lambda v: v.pop("4"), "videogs.missing_frame", {"frame": "4"}),
-        (
-            "viewer_min_max.json",
-            lambda v: v["2"].update(num=10**9),
-            "videogs.invalid_frame",
-            {"frame": "2", "name": "num", "value": 10**9},
-        ),
-        (
-            "viewer_min_max.json",
-            lambda v: v["2"]["info"].pop(),
-            "videogs.invalid_frame",
-            {"frame": "2", "name": "info", "value": None},
-        ),
-        (
-            "viewer_min_max.json",
-            lambda v: v["2"].update(info=[0, 1] * 5),
-            "videogs.invalid_frame",
-            {"frame": "2", "name": "info", "value": 10},
-        ),
-        (
-            "viewer_min_max.json",
-            lambda v: v["2"]["info"].__setitem__(0, 1e9),
-            "videogs.invalid_frame",
-            {"frame": "2", "name": "info"},
-        ),
+        (groups, lambda v: v["1"].update(frame_index=[4, 4]), "group", {"group": 1, "value": (4, 4), "expected": 3}),
+        (groups, lambda v: v["1"].update(frame_index=[3, 10**9]), "group", {"group": 1, "value": (3, 10**9)}),
+        (groups, lambda v: v.pop("0"), "group", {"group": 0}),
+        (frames, lambda v: v["2"].update(num=10**9), "frame", {"frame": "2", "name": "num", "value": 10**9}),
+        (frames, lambda v: v["2"]["info"].pop(), "frame", {**two, "value": None}),
+        (frames, lambda v: v["2"].update(info=[0, 1] * 5), "frame", {**two, "value": 10}),
+        (frames, lambda v: v["2"]["info"].__setitem__(0, 1e9), "frame", two),
     ]
-    for name, edit, code, fields in cases:
+    for name, edit, what, fields in cases:
         path, good = change(name, edit)
-        with refuses(code, file=path, **fields):
+        with refuses(f"videogs.invalid_{what}", file=path, **fields):
             list(open_videogs(exported))
         path.write_text(good)
-    path, good = change("viewer_min_max.json", lambda v: v["2"].update(num=10**6))
+    path, good = change(frames, lambda v: v.pop("4"))
+    with refuses("videogs.missing_frame", file=path, frame="4"):
+        list(open_videogs(exported))
+    path.write_text(good)
+    path, good = change(frames, lambda v: v["2"].update(num=10**6))
     with refuses("videogs.picture_too_small", file=exported / "group0" / "0.mp4", frame=2, expected=10**6):
         list(open_videogs(exported))
     path.write_text(good)
     video = exported / "group0" / "7.mp4"
     data = video.read_bytes()
-    for wrong, code in (
-        (data[:200], "videogs.video_unreadable"),
-        (b"", "videogs.video_unreadable"),
-        (None, "videogs.file_missing"),
-    ):
-        video.unlink()
-        if wrong is not None:
-            video.write_bytes(wrong)
-        with refuses(code, file=video):
+    for wrong in (data[:200], b""):
+        video.write_bytes(wrong)
+        with refuses("videogs.video_unreadable", file=video):
             open_videogs(exported).read(1)
-        video.write_bytes(b"")
+    video.unlink()
+    with refuses("videogs.file_missing", file=video):
+        open_videogs(exported).read(1)
     video.write_bytes((exported / "group1" / "7.mp4").read_bytes())  # two frames instead of three
     with refuses("videogs.video_too_short", file=video):
         open_videogs(exported).read(2)

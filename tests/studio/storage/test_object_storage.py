@@ -7,6 +7,7 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
+import s3fs
 
 from studio.capture import CaptureSettings, open_footage
 from studio.capture.digest import digest_files
@@ -26,6 +27,10 @@ def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(store, "FIRST_PAUSE", 0.01)
 
 
+def put(object_store: ObjectStore, key: str, data: bytes) -> None:
+    object_store.client.put_object(Bucket="studio", Key=f"day1/{key}", Body=data)
+
+
 def write_video(path: Path, frames: int, options: dict[str, str]) -> None:
     """Noise, so that frames take kilobytes; every eighth frame begins a GOP."""
     path.parent.mkdir(parents=True)
@@ -40,9 +45,7 @@ def write_video(path: Path, frames: int, options: dict[str, str]) -> None:
 
 
 @pytest.mark.parametrize("options", [{}, {"movflags": "+faststart"}], ids=["index_at_end", "index_at_start"])
-def test_only_the_needed_gops_of_a_video_are_fetched(
-    object_store: ObjectStore, tmp_path: Path, small_blocks: None, options: dict[str, str]
-) -> None:
+def test_only_the_needed_gops_of_a_video_are_fetched(object_store, tmp_path, small_blocks, options) -> None:
     local = tmp_path / "day1" / "videos" / "cam0.mp4"
     write_video(local, 240, options)
     object_store.upload(tmp_path / "day1", "day1")
@@ -61,13 +64,9 @@ def test_only_the_needed_gops_of_a_video_are_fetched(
     assert object_store.fetched_twice("day1") == []
 
 
-def test_requests_that_fail_or_end_early_are_repeated(
-    object_store: ObjectStore, tmp_path: Path, small_blocks: None
-) -> None:
+def test_requests_that_fail_or_end_early_are_repeated(object_store: ObjectStore, small_blocks: None) -> None:
     data = np.random.default_rng(5).bytes(200_000)
-    (tmp_path / "day1").mkdir()
-    (tmp_path / "day1" / "cam0.mp4").write_bytes(data)
-    object_store.upload(tmp_path / "day1", "day1")
+    put(object_store, "cam0.mp4", data)
     object_store.faults = Faults(failing=0.1, truncated=0.1, delay=0.002)
     video = mirrored(DAY) / "cam0.mp4"
 
@@ -83,19 +82,14 @@ def test_requests_that_fail_or_end_early_are_repeated(
     assert object_store.fetched_twice("day1") == []
 
 
-def test_the_cache_keeps_what_was_used_last(
-    object_store: ObjectStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "day1").mkdir()
+def test_the_cache_keeps_what_was_used_last(object_store, tmp_path, monkeypatch) -> None:
     for number in range(4):
-        (tmp_path / "day1" / f"cam{number}.mp4").write_bytes(bytes([number + 1]) * 40_000)
-    object_store.upload(tmp_path / "day1", "day1")
+        put(object_store, f"cam{number}.mp4", bytes([number + 1]) * 40_000)
     monkeypatch.setenv("V3STUDIO_CACHE_GIGABYTES", "100_000e-9")
     root = mirrored(DAY)
 
     def read(number: int) -> bytes:
-        found = cached_object(root / f"cam{number}.mp4")
-        return found.read()
+        return cached_object(root / f"cam{number}.mp4").read()
 
     def kept() -> list[Path]:
         return [path for path in (tmp_path / "cache" / "objects").rglob("*") if path.is_file()]
@@ -121,9 +115,8 @@ def test_a_changed_object_is_fetched_again_and_a_deleted_one_is_gone(object_stor
     before, digest = first.raw_image("cam0", 0), first.digest()
     assert open_footage(spec).digest() == digest
     image = (tmp_path / "day1" / "images" / "cam1" / "000.png").read_bytes()
-    client = object_store.client
-    client.put_object(Bucket="studio", Key="day1/images/cam0/000.png", Body=image)
-    client.delete_object(Bucket="studio", Key="day1/images/cam0/001.png")
+    put(object_store, "images/cam0/000.png", image)
+    object_store.client.delete_object(Bucket="studio", Key="day1/images/cam0/001.png")
     again = open_footage(spec, strict=False)
     assert not np.array_equal(again.raw_image("cam0", 0), before)
     np.testing.assert_array_equal(again.raw_image("cam0", 0), again.raw_image("cam1", 0))
@@ -131,11 +124,7 @@ def test_a_changed_object_is_fetched_again_and_a_deleted_one_is_gone(object_stor
     assert again.frames_of("cam0") == (0,)
 
 
-def test_each_bad_case_is_one_sentence_without_credentials(
-    object_store: ObjectStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    import s3fs
-
+def test_each_bad_case_is_one_sentence_without_credentials(object_store, tmp_path, monkeypatch) -> None:
     def refused(address: str) -> StudioError:
         s3fs.S3FileSystem.clear_instance_cache()
         with pytest.raises(StudioError) as caught:
@@ -145,14 +134,11 @@ def test_each_bad_case_is_one_sentence_without_credentials(
 
     monkeypatch.setattr(store, "FIRST_PAUSE", 0.01)
     monkeypatch.setenv("AWS_MAX_ATTEMPTS", "1")
-    assert refused("s3://no-such-bucket/day1").code == "storage.not_found"
-    assert refused(DAY).code == "storage.empty"
-    assert refused("ftp://studio/day1").code == "storage.unknown_kind"
-    assert refused("s3:///day1").code == "storage.no_bucket_named"
-    named = refused("s3://AKIA:hidden-secret@studio/day1")
-    assert named.code == "storage.credentials_in_address"
-    assert "hidden-secret" not in str(named)
-    for hidden in ("s3://AKIA:abc/hidden@studio/day1", "s3:///AKIA:hidden@studio", "az://studio/day1?sig=hidden"):
+    codes = {"s3://no-such-bucket/day1": "not_found", DAY: "empty", "ftp://studio/day1": "unknown_kind"}
+    for address, code in {**codes, "s3:///day1": "no_bucket_named"}.items():
+        assert refused(address).code == f"storage.{code}"
+    addresses = ("s3://AKIA:hidden@studio/day1", "s3://AKIA:abc/hidden@studio/day1", "s3:///AKIA:hidden@studio")
+    for hidden in (*addresses, "az://studio/day1?sig=hidden"):
         named = refused(hidden)
         assert named.code == "storage.credentials_in_address"
         assert "hidden" not in str(named.message.to_dict())
@@ -177,13 +163,9 @@ def test_messages_hide_secret_values_and_signatures(monkeypatch: pytest.MonkeyPa
     assert text == "https://a.blob.core.windows.net/x?sv=1&sig=***&se=2 with ***"
 
 
-def test_whole_files_are_copies_that_listing_again_does_not_take_away(
-    object_store: ObjectStore, tmp_path: Path
-) -> None:
-    (tmp_path / "day1").mkdir()
+def test_whole_files_are_copies_that_listing_again_does_not_take_away(object_store: ObjectStore) -> None:
     for name in ("model.onnx", "model.onnx_data"):
-        (tmp_path / "day1" / name).write_bytes(name.encode() * 1000)
-    object_store.upload(tmp_path / "day1", "day1")
+        put(object_store, name, name.encode() * 1000)
     path = mirrored(DAY) / "model.onnx"
     digest = digest_files(path.parent, [path])
     given = [path, path.with_name("model.onnx_data"), path.with_name("model.onnx.data")]
@@ -194,24 +176,21 @@ def test_whole_files_are_copies_that_listing_again_does_not_take_away(
     assert (weights.parent, weights.name) == (model.parent, "model.onnx_data")
     assert missing == given[2]
     assert digest_files(path.parent, [path]) == digest, "the same before and after"
-    object_store.client.put_object(Bucket="studio", Key="day1/model.onnx", Body=b"another")
+    put(object_store, "model.onnx", b"another")
     assert whole_file(mirrored(DAY) / "model.onnx").read_bytes() == b"another"
     assert model.read_bytes() == b"model.onnx" * 1000, "a run that has begun keeps its model"
 
 
 def test_objects_that_no_file_can_be_named_after(object_store: ObjectStore) -> None:
-    def put(key: str, data: bytes) -> None:
-        object_store.client.put_object(Bucket="studio", Key=f"day1/{key}", Body=data)
-
-    put("a", b"")
-    put("a/b.mp4", b"video")
+    put(object_store, "a", b"")
+    put(object_store, "a/b.mp4", b"video")
     assert cached_object(mirrored(DAY) / "a" / "b.mp4") is not None, "an empty object marks a folder"
-    put("a", b"text")
+    put(object_store, "a", b"text")
     with pytest.raises(StudioError, match=r"^s3://studio/day1/a: the object has the name of a folder"):
         mirrored(DAY)
     object_store.client.delete_object(Bucket="studio", Key="day1/a/b.mp4")
     assert cached_object(mirrored(DAY) / "a") is not None, "what was a folder is an object now"
     long = "x" * 300
-    put(f"{long}.mp4", b"video")
+    put(object_store, f"{long}.mp4", b"video")
     with pytest.raises(StudioError, match=rf"^s3://studio/day1/{long}.mp4: the object's name is too long"):
         mirrored(DAY)

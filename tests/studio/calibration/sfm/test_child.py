@@ -3,9 +3,11 @@
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 
 from studio.calibration.sfm.child import WorkerProgress, run_reporting
@@ -14,49 +16,32 @@ from tests.support.errors import refuses
 
 
 @pytest.fixture
-def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
-    """A function that writes code to a module and returns the name of the module."""
+def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """A function that runs code as the work of a child."""
 
-    def make(code: str) -> str:
+    def run(code: str, on_line: Callable[..., None] = lambda line: None, *arguments: str) -> None:
         (tmp_path / "some_work.py").write_text(code)
         monkeypatch.syspath_prepend(str(tmp_path))
-        return "some_work"
+        run_reporting("some_work", list(arguments), on_line, what="The work")
 
-    return make
-
-
-def alive(pid: int) -> bool:
-    """Whether a process runs (a zombie does not)."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
-    except OSError:
-        return False
+    return run
 
 
-def test_lines_arrive_and_noise_does_not(module: Any) -> None:
+def test_lines_arrive_and_noise_does_not(work: Any) -> None:
     lines: list[WorkerProgress | None] = []
-    work = module('print(\'{"step": "a", "done": 1, "total": 2}\\nnoise\\n[1]\\n{"finished": true}\')')
-    run_reporting(work, [], lines.append, what="The work")
+    work('print(\'{"step": "a", "done": 1, "total": 2}\\nnoise\\n[1]\\n{"finished": true}\')', lines.append)
     assert [line for line in lines if line] == [WorkerProgress("a", 1, 2)]
 
 
-def test_errors_are_reported(module: Any) -> None:
-    work = module('print(\'{"error": "ValueError: no"}\'); raise SystemExit(1)')
+def test_errors_and_crashes_of_native_code_are_reported(work: Any) -> None:
     with refuses("calibration.worker_failed", value="ValueError: no"):
-        run_reporting(work, [], lambda line: None, what="The work")
-
-
-def test_crashes_are_reported(module: Any) -> None:
-    """A crash in native code only ends the child."""
-    work = module('import os, sys, signal; print("last words", file=sys.stderr, flush=True)\nos.kill(os.getpid(), 11)')
+        work('print(\'{"error": "ValueError: no"}\'); raise SystemExit(1)')
     with refuses("calibration.worker_died", exit_code=-11, stderr="last words"):
-        run_reporting(work, [], lambda line: None, what="The work")
+        work('import os, sys, signal; print("last words", file=sys.stderr, flush=True)\nos.kill(os.getpid(), 11)')
 
 
-def test_stopped_at_once_though_the_child_prints_nothing(module: Any, tmp_path: Path) -> None:
-    work = module(
-        "import os, pathlib, sys, time\npathlib.Path(sys.argv[1]).write_text(str(os.getpid()))\ntime.sleep(1e6)"
-    )
+def test_stopped_at_once_though_the_child_prints_nothing(work: Any, tmp_path: Path) -> None:
+    code = "import os, pathlib, sys, time\npathlib.Path(sys.argv[1]).write_text(str(os.getpid()))\ntime.sleep(1e6)"
     pid_file = tmp_path / "pid"
 
     def stop(line: WorkerProgress | None) -> None:
@@ -64,8 +49,8 @@ def test_stopped_at_once_though_the_child_prints_nothing(module: Any, tmp_path: 
             raise Cancelled
 
     with pytest.raises(Cancelled):
-        run_reporting(work, [str(pid_file)], stop, what="The work")
-    assert not alive(int(pid_file.read_text()))
+        work(code, stop, str(pid_file))
+    assert not psutil.pid_exists(int(pid_file.read_text()))
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")

@@ -10,8 +10,8 @@ from studio.calibration import compare_rigs
 from studio.calibration.sfm import mapping
 from studio.calibration.sfm.features import image_name, merge_sync_frames, write_cameras, write_image
 from studio.calibration.sfm.guided import write_guided_matches
-from studio.calibration.sfm.job import SfmCamera, SfmJob
-from studio.cameras import Camera, Rig
+from studio.calibration.sfm.job import SfmJob
+from tests.support.sfm import job_of, rig_of
 
 pycolmap = pytest.importorskip("pycolmap")
 
@@ -29,13 +29,7 @@ def rig(tmp_path: Path) -> tuple[Any, SfmJob, dict[int, np.ndarray]]:
     options = pycolmap.SyntheticDatasetOptions(num_rigs=CAMERAS, num_cameras_per_rig=1, num_frames_per_rig=1)
     options.num_points3D = POINTS
     model = pycolmap.synthesize_dataset(options)
-    own = SfmCamera(model="SIMPLE_RADIAL", width=1024, height=768, params=(1280.0, 512.0, 384.0, 0.0), becomes="")
-    job = SfmJob(
-        names=tuple("abcdefgh"),
-        intrinsics=(own,) * CAMERAS,
-        intrinsics_of=tuple(range(CAMERAS)),
-        attempts=("incremental",),
-    )
+    job = job_of(CAMERAS, attempts=("incremental",))
     rng = np.random.default_rng(0)
     looks = rng.integers(0, 255, (POINTS // 6, 128), np.uint8)
     each = pycolmap.Database.open(tmp_path / "sync_frames.db")
@@ -61,11 +55,6 @@ def rig(tmp_path: Path) -> tuple[Any, SfmJob, dict[int, np.ndarray]]:
     (tmp_path / "images").mkdir()
     merge_sync_frames(tmp_path / "sync_frames.db", tmp_path / "database.db", job)
     return model, job, seen
-
-
-def cameras_of(model: Any) -> Rig:
-    poses = [model.images[image].cam_from_world().matrix() for image in sorted(model.images)]
-    return Rig(tuple(Camera(str(n), 1024, 768, np.diag([1280, 1280, 1.0]), pose) for n, pose in enumerate(poses)))
 
 
 def test_features_that_look_alike_are_matched_where_the_rig_tells_them_apart(tmp_path: Path, rig: Any) -> None:
@@ -105,7 +94,7 @@ def test_a_weak_camera_is_moved_by_new_matches(tmp_path: Path, rig: Any, monkeyp
 
     monkeypatch.setattr(solver, "_adjust", counted)
     again = solver._matched_again(model)
-    before, after = (compare_rigs(cameras_of(one), cameras_of(truth)) for one in (model, again))
+    before, after = (compare_rigs(rig_of(one), rig_of(truth)) for one in (model, again))
     assert after.center_percent < 0.5 < before.center_percent
     assert min(lengths) == 3
     assert not (tmp_path / "guided.db").exists()

@@ -10,34 +10,29 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
 from studio.calibration import compare_rigs
 from studio.calibration.sfm import mapping
 from studio.calibration.sfm.features import count_rows, merge_sync_frames, write_cameras, write_image
-from studio.calibration.sfm.focal_lengths import guess_focal_lengths
-from studio.calibration.sfm.job import SfmCamera, SfmJob, SfmSolution, neighbors
+from studio.calibration.sfm.focal_lengths import guess_focal_lengths, is_any_unknown
+from studio.calibration.sfm.job import SfmJob, SfmSolution, neighbors
 from studio.calibration.sfm.mapping import Mapper
 from studio.calibration.sfm.shared_intrinsics import focal_spread
 from studio.calibration.sfm.verdict import match_inlier_ratios
 from studio.calibration.sfm.worker import Worker
 from studio.camera_files.colmap_model import intrinsics
 from studio.cameras import Camera, Rig
+from tests.support import sfm
 from tests.support.rigs import ring
 
 pycolmap = pytest.importorskip("pycolmap")
 
 
-def job_of(count: int, *, becomes: str = "SIMPLE_RADIAL", focal: float = 1280.0, **settings: Any) -> SfmJob:
-    own = SfmCamera(model="SIMPLE_RADIAL", width=1024, height=768, params=(focal, 512.0, 384.0, 0.0), becomes=becomes)
-    values: dict[str, Any] = {
-        "names": [str(number) for number in range(count)],
-        "intrinsics": [own] * count,
-        "intrinsics_of": list(range(count)),
-        "attempts": ("incremental", "lenient"),
-    }
-    return SfmJob(**{**values, **settings})
+def job_of(count: int, *, becomes: str = "SIMPLE_RADIAL", **settings: Any) -> SfmJob:
+    return sfm.job_of(count, becomes=becomes, **{"attempts": ("incremental", "lenient"), **settings})
 
 
 def synthesize(
@@ -50,15 +45,13 @@ def synthesize(
     """
     pycolmap.set_random_seed(1)
     database = pycolmap.Database.open(folder / "database.db")
-    options = pycolmap.SyntheticDatasetOptions()
-    options.num_rigs, options.num_cameras_per_rig, options.num_frames_per_rig = count, 1, 1
+    options = pycolmap.SyntheticDatasetOptions(num_rigs=count, num_cameras_per_rig=1, num_frames_per_rig=1)
     options.num_points3D, options.inlier_match_ratio = points, 0.9
     if model:
         options.camera_model_id = getattr(pycolmap.CameraModelId, model)
         options.camera_params = list(terms)
     truth = pycolmap.synthesize_dataset(options, database)
-    noise = pycolmap.SyntheticNoiseOptions()
-    noise.point2D_stddev = 0.5
+    noise = pycolmap.SyntheticNoiseOptions(point2D_stddev=0.5)
     pycolmap.synthesize_noise(noise, pycolmap.Reconstruction(truth), database)
     for image in database.read_all_images():
         image.name = f"{image.image_id - 1:04d}.png"
@@ -72,14 +65,7 @@ def synthesize(
         for key, keypoints in zoomed.items():
             rows.execute("UPDATE keypoints SET data = ? WHERE image_id = ?", (keypoints.tobytes(), key))
     (folder / "images").mkdir()
-    cameras = []
-    for key in sorted(truth.images):
-        image = truth.images[key]
-        own = truth.cameras[image.camera_id]
-        K, distortion = intrinsics(own.model.name, list(own.params))
-        pose = np.asarray(image.cam_from_world().matrix())
-        cameras.append(Camera(str(key - 1), own.width, own.height, K, pose, distortion))
-    return Rig(tuple(cameras))
+    return sfm.rig_of(truth)
 
 
 def solution(folder: Path) -> tuple[Rig, SfmSolution]:
@@ -95,8 +81,7 @@ def test_synthetic_rig_of_eight(tmp_path: Path, capfd: pytest.CaptureFixture[str
     truth = synthesize(tmp_path, 8, 800)
     Worker(tmp_path, job_of(8)).solve(tmp_path / "database.db")
     rig, found = solution(tmp_path)
-    assert len(rig) == 8
-    assert found.mapper == "incremental"
+    assert (len(rig), found.mapper) == (8, "incremental")
     difference = compare_rigs(rig, truth)
     # the limit for this noise and so few points: an adjustment that starts from the ground truth ends as far from it
     assert difference.center_percent < 0.4
@@ -116,8 +101,7 @@ def test_shared_intrinsics_are_accepted(tmp_path: Path) -> None:
     Worker(tmp_path, job_of(8, find_shared=True)).solve(tmp_path / "database.db")
     rig, found = solution(tmp_path)
     (test,) = found.sharing
-    assert test.shared
-    assert test.images == tuple(range(8))
+    assert (test.shared, test.images) == (True, tuple(range(8)))
     assert 0 < test.misfit < 3  # the noise is Gaussian here: 1 is expected
     assert len({camera.fx for camera in rig}) == 1
     assert rig["0"].fx == pytest.approx(1280, rel=1e-3)
@@ -150,8 +134,7 @@ def test_focal_lengths_far_apart_are_tried_as_shared(tmp_path: Path, monkeypatch
             assert (mapper.with_shared_intrinsics(model) is one) == accepted
     polished = mapper.polished(one, joint=True)
     (test,) = mapper.sharing
-    assert test.shared
-    assert test.images == tuple(range(1, 7))
+    assert (test.shared, test.images) == (True, tuple(range(1, 7)))
     assert next(iter(polished.cameras.values())).mean_focal_length() == pytest.approx(1280, rel=2e-3)
 
 
@@ -162,8 +145,7 @@ def test_distortion_terms_are_estimated_last(tmp_path: Path) -> None:
     job = job_of(6, becomes="OPENCV", find_shared=True)
     Worker(tmp_path, job).solve(tmp_path / "database.db")
     rig, found = solution(tmp_path)
-    assert len(rig) == 6
-    assert found.sharing[0].shared
+    assert (len(rig), found.sharing[0].shared) == (6, True)
     assert {entry.model for entry in found.cameras} == {"OPENCV"}
     np.testing.assert_allclose([rig["0"].fx, rig["0"].fy], terms[:2], rtol=2e-3)
     # near the image centers, where the points are, the distortion equals that of the true lens
@@ -180,7 +162,7 @@ def test_distortion_terms_are_estimated_last(tmp_path: Path) -> None:
 @pytest.mark.parametrize("aspect", [1.003, 1.0])
 def test_pixels_that_are_not_square(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, aspect: float) -> None:
     """Their aspect ratio is estimated, and improves the cameras; square ones remain square."""
-    truth = synthesize(tmp_path, 8, 1500, zooms=[np.array([aspect, 1])] * 8)
+    truth = synthesize(tmp_path, 8, 800 if aspect == 1 else 1500, zooms=[np.array([aspect, 1])] * 8)
     database, copy = tmp_path / "database.db", tmp_path / "again.db"
     shutil.copyfile(database, copy)
     Worker(tmp_path, job_of(8, find_shared=True)).solve(database)
@@ -206,8 +188,6 @@ def test_pixels_that_are_not_square(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 def test_initial_focal_lengths_from_pairs(tmp_path: Path) -> None:
     """Six cameras that do not all look at one point, in which case fundamental matrices would be degenerate."""
-    import cv2
-
     rng = np.random.default_rng(0)
     job = job_of(6, focal=2000.0)
     database = pycolmap.Database.open(tmp_path / "database.db")
@@ -237,8 +217,6 @@ def test_an_earlier_solution_is_refined(tmp_path: Path, capfd: pytest.CaptureFix
     radius = np.linalg.norm(truth.centers - truth.centers.mean(0), axis=1).mean()
     before = []
     for camera in truth:
-        import cv2
-
         pose = camera.world_to_camera.copy()
         pose[:3, :3] = cv2.Rodrigues(np.radians(rng.normal(0, 0.15, 3)))[0] @ pose[:3, :3]
         pose[:3, 3] = -pose[:3, :3] @ (camera.center + rng.normal(0, 0.004 * radius, 3))
@@ -269,11 +247,9 @@ def test_sync_frames_become_one_image_per_camera(tmp_path: Path) -> None:
     keypoints = {}
     for number in range(2):
         local = points - [0.8 * number, 0, 0]
-        pixels = local[:, :2] / local[:, 2:] * 1280 + [512, 384]
-        for sync_frame in range(2):
+        keypoints[number] = local[:, :2] / local[:, 2:] * 1280 + [512, 384]
+        for sync_frame, part in enumerate((keypoints[number][:30], keypoints[number][30:])):
             image = write_image(each, f"{number}_{sync_frame}", *cameras_of[number])
-            part = pixels[:30] if sync_frame == 0 else pixels[30:]
-            keypoints[number, sync_frame] = part
             each.write_keypoints(image, part.astype(np.float32))
     for sync_frame, count in ((0, 30), (1, 50)):
         geometry = pycolmap.TwoViewGeometry()
@@ -285,8 +261,7 @@ def test_sync_frames_become_one_image_per_camera(tmp_path: Path) -> None:
     final = pycolmap.Database.open(tmp_path / "database.db")
     assert [image.name for image in final.read_all_images()] == ["0000.png", "0001.png"]
     for number in range(2):
-        together = np.concatenate([keypoints[number, 0], keypoints[number, 1]])
-        np.testing.assert_allclose(final.read_keypoints(number + 1)[:, :2], together, rtol=1e-6)
+        np.testing.assert_allclose(final.read_keypoints(number + 1)[:, :2], keypoints[number], rtol=1e-6)
     matches = final.read_two_view_geometry(1, 2).inlier_matches
     assert len(matches) == 80
     assert (matches[:, 0] == matches[:, 1]).all()
@@ -302,11 +277,7 @@ def test_neighbors_have_similar_viewing_directions() -> None:
     assert len(pairs) == 24
 
 
-def test_the_global_mapper_estimates_focal_lengths_only_if_unknown(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from studio.calibration.sfm.focal_lengths import is_any_unknown
-
+def test_the_global_mapper_estimates_focal_lengths_only_if_unknown(tmp_path, monkeypatch) -> None:
     synthesize(tmp_path, 8, 500)
     database, asked = tmp_path / "database.db", []
     calibrate = pycolmap.calibrate_view_graph

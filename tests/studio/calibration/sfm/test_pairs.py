@@ -9,8 +9,8 @@ import pytest
 
 from studio.calibration.sfm import features
 from studio.calibration.sfm.features import file_name, find_matches
-from studio.calibration.sfm.job import SfmCamera, SfmJob
 from studio.calibration.sfm.pairs import worthwhile
+from tests.support.sfm import job_of
 
 
 def test_enough_matches_or_the_best_there_are() -> None:
@@ -39,15 +39,7 @@ def test_the_preview_separates_images_without_overlap(tmp_path: Path, monkeypatc
         for number in range(3):
             name = file_name(3 * wall + number, 0)
             cv2.imwrite(str(tmp_path / "images" / name), picture(scene, 12 * number))
-    one = SfmCamera(model="SIMPLE_RADIAL", width=400, height=300, params=(480.0, 200.0, 150.0, 0.0))
-    job = SfmJob(
-        names=tuple(str(number) for number in range(6)),
-        intrinsics=(one,) * 6,
-        intrinsics_of=tuple(range(6)),
-        max_features=800,
-        max_image_size=400,
-    )
-
+    job = job_of(6, focal=480.0, size=(400, 300), max_features=800, max_image_size=400)
     asked: list[set[str]] = []
     real = pycolmap.match_image_pairs
 

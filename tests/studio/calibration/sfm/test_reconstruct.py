@@ -1,14 +1,16 @@
 """Structure from motion on rendered images of a textured scene with known cameras."""
 
 import contextlib
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
-from studio.calibration import CalibrateSettings, calibrate_from_images, compare_rigs
+from studio.calibration import CalibrateSettings, align_rigs, calibrate_from_images, compare_rigs
 from studio.calibration.report import CalibrationReport
 from studio.calibration.sfm import job
 from studio.cameras import Camera, Rig
@@ -19,7 +21,7 @@ from tests.support.settings import refuses_setting
 
 pytestmark = pytest.mark.long
 
-FAST = CalibrateSettings()
+Scene = tuple[dict[str, np.ndarray], Rig]
 ONE_THREAD: dict[str, int] = {"threads": 1, "seed": 7}
 SIZE = (360, 270)
 
@@ -27,13 +29,11 @@ SIZE = (360, 270)
 @pytest.fixture(autouse=True)
 def few_features(monkeypatch: pytest.MonkeyPatch) -> None:
     """A fraction of the usual number, which is enough for small images."""
-    monkeypatch.setattr(job, "MAX_FEATURES", 1500)
+    monkeypatch.setattr(job, "MAX_FEATURES", 1000)
 
 
 def texture(rng: np.random.Generator) -> np.ndarray:
     """A texture of blobs of many sizes, which gives many features."""
-    import cv2
-
     total = np.zeros((512, 512, 3))
     for sigma in (2, 4, 8, 16):
         noise = cv2.GaussianBlur(rng.normal(size=(512, 512, 3)), (0, 0), sigma)
@@ -54,8 +54,6 @@ def room(rng: np.random.Generator) -> list[tuple[np.ndarray, np.ndarray, np.ndar
 
 def render(camera: Camera, planes: list[Any]) -> np.ndarray:
     """Ray casting with four rays per pixel."""
-    import cv2
-
     width, height = 2 * camera.width, 2 * camera.height
     columns, rows = np.meshgrid((np.arange(width) + 0.5) / 2, (np.arange(height) + 0.5) / 2)
     rays = np.stack([columns, rows, np.ones_like(rows)], -1) @ np.linalg.inv(camera.K).T @ camera.rotation
@@ -68,8 +66,7 @@ def render(camera: Camera, planes: list[Any]) -> np.ndarray:
         a, b = local @ u / (u @ u), local @ v / (v @ v)
         hit = (distance > 0) & (distance < nearest) & (a >= 0) & (a < 1) & (b >= 0) & (b < 1)
         nearest[hit] = distance[hit]
-        # the texture has the same scale in meters on every plane
-        grain = 128.0
+        grain = 128.0  # the same scale in meters on every plane
         x = ((a * np.linalg.norm(u) * grain) % 511).astype(np.float32)
         y = ((b * np.linalg.norm(v) * grain) % 511).astype(np.float32)
         image[hit] = cv2.remap(picture, x, y, cv2.INTER_LINEAR)[hit]
@@ -77,7 +74,7 @@ def render(camera: Camera, planes: list[Any]) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def scene() -> tuple[dict[str, np.ndarray], Rig]:
+def scene() -> Scene:
     """Images and true cameras of an arc of six cameras."""
     cameras = []
     for index in range(6):
@@ -90,21 +87,14 @@ def scene() -> tuple[dict[str, np.ndarray], Rig]:
 
 
 @pytest.fixture(scope="module")
-def solved(scene: tuple[dict[str, np.ndarray], Rig], tmp_path_factory: pytest.TempPathFactory) -> Any:
-    """The solution with unknown intrinsics, and the progress that was reported."""
-    said: list[tuple[int, int]] = []
-    result = calibrate_from_images(
-        scene[0],
-        workdir=tmp_path_factory.mktemp("sfm"),
-        settings=FAST.replace(shared_intrinsics=True),
-        **ONE_THREAD,
-        progress=lambda done, total, **figures: said.append((done, total)),
-    )
-    return result, said
+def solved(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """The solution with unknown intrinsics."""
+    settings = CalibrateSettings(shared_intrinsics=True)
+    return calibrate_from_images(scene[0], workdir=tmp_path_factory.mktemp("sfm"), settings=settings, **ONE_THREAD)
 
 
-def test_cameras_are_found(scene: tuple[dict[str, np.ndarray], Rig], solved: Any) -> None:
-    result, _ = solved
+def test_cameras_are_found(scene: Scene, solved: Any) -> None:
+    result = solved
     assert result.rig.names == tuple(scene[0])
     difference = compare_rigs(result.rig, scene[1])
     assert difference.center_percent < 1.0
@@ -117,12 +107,9 @@ def test_cameras_are_found(scene: tuple[dict[str, np.ndarray], Rig], solved: Any
     assert CalibrationReport.model_validate_json(result.report.model_dump_json(exclude_unset=True)) == result.report
 
 
-def test_points_are_in_the_cameras_world(scene: tuple[dict[str, np.ndarray], Rig], solved: Any) -> None:
+def test_points_are_in_the_cameras_world(scene: Scene, solved: Any) -> None:
     """The sparse points are on the rendered planes."""
-    from studio.calibration import align_rigs
-
-    result, _ = solved
-    points = align_rigs(result.rig, scene[1]).points(result.points)
+    points = align_rigs(solved.rig, scene[1]).points(solved.points)
     assert len(points) > 200
     off = np.full(len(points), np.inf)
     for corner, u, v, _ in room(np.random.default_rng(0)):
@@ -131,14 +118,13 @@ def test_points_are_in_the_cameras_world(scene: tuple[dict[str, np.ndarray], Rig
     assert np.quantile(off, 0.9) < 0.03
 
 
-def test_same_seed_same_result_and_known_intrinsics(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> None:
+def test_same_seed_same_result_and_known_intrinsics(scene: Scene, tmp_path: Path) -> None:
     """Known intrinsics give a better result and do not change; it is bitwise reproducible."""
     truth = scene[1].subset(scene[1].names[:4])
     images = {name: scene[0][name] for name in truth.names}
     known = {camera.name: camera for camera in truth}
     first, second = (
-        calibrate_from_images(images, workdir=tmp_path / run, known=known, settings=FAST, **ONE_THREAD)
-        for run in ("a", "b")
+        calibrate_from_images(images, workdir=tmp_path / run, known=known, **ONE_THREAD) for run in ("a", "b")
     )
     for camera in first.rig:
         np.testing.assert_array_equal(camera.world_to_camera, second.rig[camera.name].world_to_camera)
@@ -146,10 +132,8 @@ def test_same_seed_same_result_and_known_intrinsics(scene: tuple[dict[str, np.nd
     assert compare_rigs(first.rig, truth).center_percent < 0.6
 
 
-def test_several_sync_frames_and_an_older_solution(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> None:
+def test_several_sync_frames_and_an_older_solution(scene: Scene, tmp_path: Path) -> None:
     """Two noisy sync frames, read on demand; a camera that has moved since the earlier solution is reported."""
-    from dataclasses import replace
-
     truth = scene[1].subset(scene[1].names[:4])
     images = {name: scene[0][name] for name in truth.names}
     rng = np.random.default_rng(0)
@@ -167,7 +151,6 @@ def test_several_sync_frames_and_an_older_solution(scene: tuple[dict[str, np.nda
         {name: [partial(sync_frame, name), partial(sync_frame, name)] for name in images},
         workdir=tmp_path,
         poses=Rig(tuple(before)),
-        settings=FAST,
         **ONE_THREAD,
     )
     assert result.report.sync_frames == 2
@@ -183,60 +166,57 @@ def test_several_sync_frames_and_an_older_solution(scene: tuple[dict[str, np.nda
     with refuses("calibration.image_count", value=1, camera="view 1", expected=2):
         calibrate_from_images({first: [images[first]] * 2, second: [images[second]]}, workdir=tmp_path)
     with refuses("calibration.intrinsics_groups", camera="nobody", setting="calibrate.intrinsics_groups"):
-        calibrate_from_images(
-            images, workdir=tmp_path, settings=CalibrateSettings(intrinsics_groups=((first, "nobody"),))
-        )
-    with refuses_setting("intrinsics_groups"):
-        CalibrateSettings(intrinsics_groups=((first, second), (first, "view 2")))
-    with refuses_setting("intrinsics_groups"):
-        CalibrateSettings(intrinsics_groups=((),))
+        settings = CalibrateSettings(intrinsics_groups=((first, "nobody"),))
+        calibrate_from_images(images, workdir=tmp_path, settings=settings)
+    for groups in (((first, second), (first, "view 2")), ((),)):
+        with refuses_setting("intrinsics_groups"):
+            CalibrateSettings(intrinsics_groups=groups)
 
 
-def test_a_camera_without_a_pose(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> None:
+def test_a_camera_without_a_pose(scene: Scene, tmp_path: Path) -> None:
     images = dict(list(scene[0].items())[:3])
     images["wall"] = np.full((*SIZE[::-1], 3), 90, np.uint8)
     with refuses("calibration.unregistered", value=["wall"]) as caught:
-        calibrate_from_images(images, workdir=tmp_path / "a", settings=FAST, **ONE_THREAD)
+        calibrate_from_images(images, workdir=tmp_path / "a", **ONE_THREAD)
     assert caught.value.fields["unregistered"] == {"wall": "only 0 features in its image"}
 
 
-def test_masks_keep_features_out_and_names_have_any_letters(
-    scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_masks_keep_features_out_and_names_have_any_letters(scene, tmp_path, monkeypatch) -> None:
     """Only the right half of each image may be used: there are no observations in the left half.
 
     COLMAP's C++ code interprets file names according to the locale of the worker process.
     """
     monkeypatch.setenv("LC_ALL", "C")
+    monkeypatch.setattr(job, "MAX_FEATURES", 1500)
     images = {f"caméra 影 {name}": image for name, image in list(scene[0].items())[:4]}
     masks = {name: np.zeros(image.shape[:2], np.uint8) for name, image in images.items()}
     for mask in masks.values():
         mask[:, SIZE[0] // 2 :] = 255
     work = tmp_path / "prise é 影 1"
     with contextlib.suppress(StudioError):  # half of the images are too little for some cameras
-        calibrate_from_images(images, masks, workdir=work, settings=FAST, **ONE_THREAD)
+        calibrate_from_images(images, masks, workdir=work, **ONE_THREAD)
     with np.load(work / "points.npz") as arrays:
         assert len(arrays["observations"]) > 100
         assert arrays["observations"][:, 2].min() > SIZE[0] / 2 - 2
 
 
-def test_cancel_stops_colmap(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> None:
+def test_cancel_stops_colmap(scene: Scene, tmp_path: Path) -> None:
     def stop(done: int, total: int, **figures: Any) -> None:
         if done > 5:
             raise Cancelled
 
     with pytest.raises(Cancelled):
-        calibrate_from_images(scene[0], workdir=tmp_path, settings=FAST, **ONE_THREAD, progress=stop)
+        calibrate_from_images(scene[0], workdir=tmp_path, **ONE_THREAD, progress=stop)
     assert not (tmp_path / "solution.json").exists()
 
 
 def test_hopeless_images(tmp_path: Path) -> None:
     flat = {name: np.full((60, 80, 3), 120, np.uint8) for name in ("a", "b", "c")}
     with refuses("calibration.no_solution", value=3):
-        calibrate_from_images(flat, workdir=tmp_path, settings=FAST, **ONE_THREAD)
+        calibrate_from_images(flat, workdir=tmp_path, **ONE_THREAD)
 
 
-def test_bad_input(scene: tuple[dict[str, np.ndarray], Rig], tmp_path: Path) -> None:
+def test_bad_input(scene: Scene, tmp_path: Path) -> None:
     images, truth = scene
     name = next(iter(images))
     with refuses("calibration.too_few_images", value=1, expected=2):

@@ -5,19 +5,13 @@ import pytest
 
 from studio.calibration import compare_rigs
 from studio.calibration.sfm.bundle_adjustment import adjust
-from studio.calibration.sfm.job import SfmCamera, SfmJob
 from studio.calibration.sfm.uncertainty import uncertainties
-from studio.cameras import Camera, Rig
+from tests.support.sfm import job_of, rig_of
 
 pycolmap = pytest.importorskip("pycolmap")
 
 CAMERAS, TRIALS = 8, 6
-
-
-def job_of(**more: object) -> SfmJob:
-    own = SfmCamera(model="SIMPLE_RADIAL", width=1024, height=768, params=(1280.0, 512.0, 384.0, 0.0), becomes="")
-    names, of = [str(number) for number in range(CAMERAS)], list(range(CAMERAS))
-    return SfmJob(names=names, intrinsics=[own] * CAMERAS, intrinsics_of=of, attempts=("incremental",), **more)
+JOB = job_of(CAMERAS, attempts=("incremental",))
 
 
 def solved(seed: int) -> tuple[object, object]:
@@ -28,15 +22,8 @@ def solved(seed: int) -> tuple[object, object]:
     truth = pycolmap.synthesize_dataset(options)
     model = pycolmap.Reconstruction(truth)
     pycolmap.synthesize_noise(pycolmap.SyntheticNoiseOptions(point2D_stddev=0.5), model)
-    adjust(model, job_of(), 1)
+    adjust(model, JOB, 1)
     return model, truth
-
-
-def rig_of(model: object) -> Rig:
-    poses = {str(key): np.eye(4) for key in sorted(model.images)}
-    for name, pose in poses.items():
-        pose[:3] = model.images[int(name)].cam_from_world().matrix()
-    return Rig(tuple(Camera(name, 1024, 768, np.diag([1280.0, 1280.0, 1.0]), pose) for name, pose in poses.items()))
 
 
 def test_errors_are_as_large_as_the_uncertainty_says() -> None:
@@ -47,8 +34,8 @@ def test_errors_are_as_large_as_the_uncertainty_says() -> None:
         points = np.array([point.xyz for point in truth.points3D.values()])
         distance = np.mean([np.linalg.norm(points - camera.center, axis=1).mean() for camera in rig])
         off = compare_rigs(rig_of(model), rig)
-        for image, (position, degrees) in uncertainties(model, job_of(), 1, centers=False).items():
-            name = str(image)
+        for image, (position, degrees) in uncertainties(model, JOB, 1, centers=False).items():
+            name = str(image - 1)
             ratios.append((off.centers[name] / distance / position, off.rotations[name] / degrees))
     assert len(ratios) == CAMERAS * TRIALS
     assert np.sqrt(np.mean(np.square(ratios), axis=0)) == pytest.approx([1, 1], abs=0.35)
@@ -56,14 +43,14 @@ def test_errors_are_as_large_as_the_uncertainty_says() -> None:
 
 def test_a_camera_with_few_points_is_uncertain_and_fixed_poses_are_not() -> None:
     model, _ = solved(1)
-    before = uncertainties(model, job_of(), 1, centers=False)
+    before = uncertainties(model, JOB, 1, centers=False)
     seen = [n for n, point in enumerate(model.images[3].points2D) if point.has_point3D()]
     for index in seen[30:]:
         model.delete_observation(3, index)
-    after = uncertainties(model, job_of(), 1, centers=False)
+    after = uncertainties(model, JOB, 1, centers=False)
     assert after[3][0] > 2 * before[3][0]
     assert max(after, key=lambda image: after[image][0]) == 3
-    free = uncertainties(model, job_of(), 1, centers=True)
+    free = uncertainties(model, JOB, 1, centers=True)
     assert np.mean([free[image][1] / after[image][1] for image in free]) > 1.5, "principal points trade with turns"
     poses = [camera.world_to_camera[:3].tolist() for camera in rig_of(model)]
-    assert uncertainties(model, job_of(poses=poses, fix_poses=True), 1, centers=False) == {}
+    assert uncertainties(model, JOB.model_copy(update={"poses": poses, "fix_poses": True}), 1, centers=False) == {}
