@@ -1,10 +1,11 @@
 """Small synthetic footage, and the CPU's instruction sets."""
 
+import json
 from collections.abc import Iterator
-from fractions import Fraction
 from pathlib import Path
 from types import SimpleNamespace
 
+import av
 import numpy as np
 import pytest
 from PIL import Image
@@ -16,20 +17,9 @@ SAMPLE = Path(__file__).parents[2] / "sample_captures" / "walk16"
 
 
 def write_video(
-    path: Path,
-    frames: list[np.ndarray],
-    *,
-    codec: str = "libx264",
-    pixels: str = "yuv420p",
-    options: dict[str, str] | None = None,
-    fps: int = 25,
-    rotation: int = 0,
-    shape: Fraction | None = None,
-    source: str = "rgb24",
+    path, frames, *, codec="libx264", pixels="yuv420p", options=None, fps=25, rotation=0, shape=None, source="rgb24"
 ) -> Path:
     """Encode (H, W, 3) RGB (or `source`) uint8 frames, whose pixels are `shape` times as wide as high."""
-    import av
-
     path.parent.mkdir(parents=True, exist_ok=True)
     with av.open(str(path), "w") as container:
         stream = container.add_stream(codec, rate=fps)
@@ -114,8 +104,6 @@ def image_folders(tmp_path: Path) -> Path:
 @pytest.fixture(scope="session")
 def sample_rig() -> Rig:
     """The cameras of the sample capture, read independently of the library's reader."""
-    import json
-
     cameras = []
     for entry in json.loads((SAMPLE / "cameras.json").read_text())["cameras"]:
         pose = np.eye(4)

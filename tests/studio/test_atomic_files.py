@@ -8,7 +8,7 @@ import time
 import pytest
 
 from studio import atomic_files as module
-from studio.atomic_files import PARTIAL, atomic_path, is_being_written, leftovers, remove_leftovers, temporary_path
+from studio.atomic_files import atomic_path, is_being_written, leftovers, remove_leftovers, temporary_path
 from studio.errors import StudioError
 from tests.support.errors import refuses
 
@@ -20,21 +20,27 @@ def dead_pid():
     return process.pid
 
 
-def test_only_what_ended_processes_left_is_removed(tmp_path):
-    dead, alive, target = dead_pid(), os.getppid(), tmp_path / "turn.mp4"
-    kept = {f".turn.{alive}{PARTIAL}.mp4", ".turn.x.partial.mp4"}
-    names = {*kept, f".turn.{dead}{PARTIAL}", f".other.{dead}{PARTIAL}.mp4"}
-    for name in (*names, f".turn.{dead}{PARTIAL}.mp4"):
-        (tmp_path / name).write_bytes(b"half")
-    (tmp_path / f".turn.{dead}.old{PARTIAL}.mp4").mkdir()
+def test_only_what_ended_processes_left_is_removed(tmp_path, monkeypatch):
+    target, names = tmp_path / "turn.mp4", ("turn.mp4", "turn", "other.mp4")
+    with monkeypatch.context() as patch:
+        dead = dead_pid()
+        patch.setattr(os, "getpid", lambda: dead)
+        gone, *others = (temporary_path(tmp_path / name) for name in names)
+        old = temporary_path(target, ".old")
+        patch.setattr(os, "getpid", os.getppid)
+        alive = temporary_path(target)
     mine = temporary_path(target)
-    mine.write_bytes(b"half")
-    assert leftovers(tmp_path, target, ".old") == [tmp_path / f".turn.{dead}.old{PARTIAL}.mp4"]
+    kept = {alive, mine, tmp_path / ".turn.x.partial.mp4"}
+    for path in (gone, *others, *kept):
+        path.write_bytes(b"half")
+    old.mkdir()
+    assert [is_being_written(path) for path in (gone, old, alive, mine)] == [False, False, True, False]
+    assert leftovers(tmp_path, target) == [gone]
+    assert leftovers(tmp_path, target, ".old") == [old]
     remove_leftovers(tmp_path, target)
-    assert {path.name for path in tmp_path.iterdir()} == {*names, mine.name, f".turn.{dead}.old{PARTIAL}.mp4"}
+    assert set(tmp_path.iterdir()) == {*kept, *others, old}
     remove_leftovers(tmp_path)
-    left = {path.name for path in tmp_path.iterdir()}
-    assert left == {*kept, mine.name, f".turn.{dead}.old{PARTIAL}.mp4"}
+    assert set(tmp_path.iterdir()) == {*kept, old}
     remove_leftovers(tmp_path / "nowhere", target)
 
 
@@ -57,21 +63,6 @@ def test_what_another_machine_writes_is_left_until_it_is_old(tmp_path, monkeypat
     assert not is_being_written(file)
     assert leftovers(tmp_path) == sorted([file, folder])
     assert leftovers(tmp_path, target) == [folder]
-
-
-def test_names_of_this_version_tell_whether_their_process_runs(tmp_path, monkeypatch):
-    """`what` is told apart, as are processes."""
-    dead = dead_pid()
-    monkeypatch.setattr(os, "getpid", lambda: dead)
-    new, old = temporary_path(tmp_path / "site"), temporary_path(tmp_path / "site", ".old")
-    monkeypatch.setattr(os, "getpid", os.getppid)
-    alive = temporary_path(tmp_path / "site")
-    monkeypatch.undo()
-    for path in (new, old, alive):
-        path.mkdir()
-    assert leftovers(tmp_path, tmp_path / "site") == [new]
-    assert leftovers(tmp_path, tmp_path / "site", ".old") == [old]
-    assert [is_being_written(path) for path in (new, old, alive)] == [False, False, True]
 
 
 @pytest.mark.parametrize("inside", ["", "frame_0001.spz"])

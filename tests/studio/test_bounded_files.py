@@ -21,7 +21,7 @@ from studio.camera_files import read_rig
 from studio.errors import StudioError
 from studio.formats import read_splats
 from studio.yaml_text import YamlError, parse_yaml
-from tests.support.memory import at_most
+from tests.studio.formats.test_damage import at_most
 
 VALUES = st.recursive(
     st.none() | st.booleans() | st.integers(-(10**40) + 1, 10**40 - 1) | st.floats(allow_nan=False) | st.text(),

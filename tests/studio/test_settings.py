@@ -3,13 +3,14 @@
 import ast
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
+import cv2
 import pytest
 from pydantic.fields import FieldInfo
 
 from pipelines.config import Config
 from pipelines.config.description import allowed_values
+from studio.calibration.target.pattern import _MARKERS
 from studio.errors import StudioError
 from studio.settings import RESULTS, Settings, Unbounded, affected, all_names, marker, submodel
 from studio.stream import BakeSettings
@@ -117,9 +118,7 @@ def test_what_settings_affect_is_said_at_the_field_the_section_or_the_class() ->
         (Config, {"train": {"rates": {"means": -1}}}, "settings.invalid", "train.rates.means"),
     ],
 )
-def test_bad_values_in_python_raise_the_error_of_the_library(
-    model: type[Settings], values: dict[str, Any], code: str, setting: str
-) -> None:
+def test_bad_values_in_python_raise_the_error_of_the_library(model, values, code, setting) -> None:
     with pytest.raises(StudioError) as caught:
         model(**values)
     assert (caught.value.code, caught.value.fields["setting"]) == (code, setting)
@@ -128,10 +127,6 @@ def test_bad_values_in_python_raise_the_error_of_the_library(
 
 
 def test_dictionaries_are_opencvs() -> None:
-    import cv2
-
-    from studio.calibration.target.pattern import _MARKERS
-
     theirs = {
         name: len(cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name)).bytesList)
         for name in dir(cv2.aruco)

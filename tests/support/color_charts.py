@@ -38,16 +38,12 @@ def view_of_chart(
     chart = flat_chart() if chart is None else chart
     chart = chart[::-1, ::-1] if turned else chart
     high, wide = chart.shape[:2]
-    width, height = size
     square = np.array([(0.2, 0.22), (0.8, 0.22), (0.8, 0.78), (0.2, 0.78)])
     corners = (square + rng.uniform(-0.06, 0.06, (4, 2))) * size
-    warp = cv2.getPerspectiveTransform(
-        np.array([(0, 0), (wide, 0), (wide, high), (0, high)], np.float32), corners.astype(np.float32)
-    )
-    image = np.full((height, width, 3), 0.55, np.float32)
-    cv2.warpPerspective(
-        np.ascontiguousarray(chart), warp, (width, height), image, cv2.INTER_AREA, cv2.BORDER_TRANSPARENT
-    )
+    flat = np.array([(0, 0), (wide, 0), (wide, high), (0, high)], np.float32)
+    warp = cv2.getPerspectiveTransform(flat, corners.astype(np.float32))
+    image = np.full((size[1], size[0], 3), 0.55, np.float32)
+    cv2.warpPerspective(np.ascontiguousarray(chart), warp, size, image, cv2.INTER_AREA, cv2.BORDER_TRANSPARENT)
     image = image @ matrix[:, :3].T + matrix[:, 3] + rng.normal(0, noise / 255, image.shape)
     return (image.clip(0, 1) * 255 + 0.5).astype(np.uint8)
 

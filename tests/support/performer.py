@@ -48,19 +48,14 @@ def attribute_errors(frames: Sequence[Gaussians], decoded: Sequence[Gaussians]) 
 
 def _covariances(gaussians: Gaussians) -> np.ndarray:
     """(N, 3, 3)."""
-    axes = (
-        Rotation.from_quat(gaussians.quats.numpy(), scalar_first=True).as_matrix() * gaussians.scales.numpy()[:, None]
-    )
+    turns = Rotation.from_quat(gaussians.quats.numpy(), scalar_first=True).as_matrix()
+    axes = turns * gaussians.scales.numpy()[:, None]
     return axes @ axes.transpose(0, 2, 1)
 
 
 def _looks(gaussians: Gaussians) -> np.ndarray:
     """(N, 6) what identifies a splat that was coded coarsely, in units of what coding may change."""
     sizes = gaussians.log_scales.mean(dim=1) / 0.1
-    columns = [
-        gaussians.means / 0.001,
-        gaussians.opacities[:, None] / 0.03,
-        sizes[:, None],
-        gaussians.sh[:, 0, :1] / 0.03,
-    ]
+    colors = gaussians.sh[:, 0, :1] / 0.03
+    columns = [gaussians.means / 0.001, gaussians.opacities[:, None] / 0.03, sizes[:, None], colors]
     return torch.cat(columns, dim=1).numpy()

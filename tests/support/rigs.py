@@ -1,6 +1,7 @@
 """Cameras for tests: single cameras that look at a point, and rings around it. Up is world z unless specified."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -51,27 +52,17 @@ def ring(
     target: Sequence[float] | np.ndarray = ORIGIN,
     start: float = 0.0,
     name: str = "cam{}",
-    K: np.ndarray | None = None,
-    focal: float = 200.0,
-    size: tuple[int, int] = (160, 120),
-    up: Sequence[float] = Z_UP,
-    distortion: Sequence[float] | np.ndarray = (),
+    **camera: Any,
 ) -> Rig:
-    """`count` cameras evenly around `target`, all looking at it.
+    """`count` cameras evenly around `target`, all looking at it; camera i is called `name.format(i)`.
 
-    Args:
-        count: number of cameras; camera i has the name `name.format(i)`.
-        radius: horizontal distance from the target.
-        heights: heights above the target, used in turn.
-        start: angle of the first camera in radians.
-        K, focal, size, up, distortion: of every camera, as in `camera_at`.
+    `radius` is the horizontal distance, `heights` above the target are used in turn, `start` is the angle of the first
+    camera in radians, `camera` is as in `camera_at`.
     """
     cameras = []
     for index in range(count):
         eye = on_circle(start + 2 * np.pi * index / count, radius, heights[index % len(heights)], target)
-        cameras.append(
-            camera_at(name.format(index), eye, target, K=K, focal=focal, size=size, up=up, distortion=distortion)
-        )
+        cameras.append(camera_at(name.format(index), eye, target, **camera))
     return Rig(tuple(cameras))
 
 

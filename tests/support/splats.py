@@ -10,8 +10,6 @@ from pipelines.takes.atomic_files import write_model
 from pipelines.takes.stage_files import TrainedGroup
 from pipelines.takes.take import Take
 from studio.gaussians import Gaussians
-from studio.rasterizer import rasterize
-from tests.support.rigs import camera_at
 
 COUNT = 260
 """More than a chunk of compressed PLY, a bucket of .ksplat and a row of SOG's palette have."""
@@ -68,13 +66,6 @@ class Checkpoints(dict[int, dict[str, torch.Tensor]]):
 
     def __call__(self, step: int, state: dict[str, torch.Tensor]) -> None:
         self[step] = {name: value.clone() for name, value in state.items()}
-
-
-def drawn(splats: Gaussians) -> torch.Tensor:
-    """Two pictures of `converted_splats` from different sides, stacked."""
-    eyes = ((3.0, 1.5, 2.0), (-1.0, -3.0, 1.5))
-    pictures = [rasterize(splats, camera_at("a", eye, (0.4, -0.2, 0.1)), background=(0.2, 0.4, 0.6)) for eye in eyes]
-    return torch.stack([picture.image for picture in pictures])
 
 
 def assert_drawable(splats: Gaussians) -> None:

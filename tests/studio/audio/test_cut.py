@@ -6,7 +6,7 @@ import pytest
 
 from studio.audio import SAMPLE_RATE, SoundFile, cut_sound, encode_sound
 from tests.support.errors import refuses
-from tests.support.sounds import click_times, clicks, write_video, write_wav
+from tests.support.sounds import click_times, clicks, write_wav
 
 
 def read(cut):
@@ -42,14 +42,7 @@ def test_a_sound_outside_of_the_take_is_refused(tmp_path):
             read(cut_sound(file, start, 2.0))
 
 
-def test_the_sound_of_a_video_starts_with_its_pictures(tmp_path):
-    path = write_video(tmp_path / "a.mp4", 25, 25, clicks(1.0, [0.6]))
-    assert click_times(read(cut_sound(SoundFile(path), 0.2, 0.8))) == pytest.approx([0.4], abs=0.001)
-
-
-def test_files_without_sound(tmp_path):
-    with refuses("audio.no_sound", setting="capture.audio"):
-        SoundFile(write_video(tmp_path / "a.mp4", 3, 25, None))
+def test_files_that_are_not_sounds(tmp_path):
     (tmp_path / "a.wav").write_text("not a sound")
     with refuses("audio.unreadable", file=tmp_path / "a.wav"):
         SoundFile(tmp_path / "a.wav")

@@ -1,5 +1,7 @@
 """Calibration reports compared with values computed by hand; the floor of a synthetic scene."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -33,7 +35,10 @@ def test_report_of_known_errors() -> None:
     assert report.geometry.triangulation_angle == pytest.approx(np.degrees(np.arccos(cosine)), abs=0.01)
     grid = np.array(report.cameras["west"].coverage_map)
     assert np.argwhere(grid).tolist() == [[4, 4]]  # (42, 30) of 80 x 60
-    assert CalibrationReport.model_validate_json(report.model_dump_json(exclude_unset=True)) == report
+    written = report.model_dump_json(exclude_unset=True)
+    assert CalibrationReport.model_validate_json(written) == report
+    present = {"reprojection", "points", "observations", "mean_track_length", "tracks", "geometry", "cameras"}
+    assert set(json.loads(written)) == present
 
 
 def test_coverage() -> None:

@@ -447,9 +447,7 @@ def written(name: str, rig: Rig) -> Callable[[Path], Path]:
         (realityscan_file, "0.0,0,0\n", "0.0,0.1,0\n", "export.csv", "camera.lens_model", {"value": [0.1, 0.0]}),
     ],
 )  # fmt: skip
-def test_broken_files_name_file_camera_and_value(
-    tmp_path: Path, make: Callable[[Path], Path], old: str, new: str, file: str, code: str, fields: dict
-) -> None:
+def test_broken_files_name_file_camera_and_value(tmp_path, make, old, new, file, code, fields) -> None:
     path = make(tmp_path)
     text = path.read_text()
     assert old in text

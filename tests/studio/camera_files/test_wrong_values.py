@@ -16,21 +16,17 @@ K = np.array([[200.0, 0, 81], [0, 201, 60], [0, 0, 1]])
 BENT = Rig(tuple(Camera(name, 160, 120, K, np.eye(4), np.array([0.1, 0.01, 0, 0])) for name in "ab"))
 STRAIGHT = Rig(tuple(Camera(name, 160, 120, K, np.eye(4)) for name in "ab"))
 FORMS = [
-    (BENT, "rig.json", ("rig.json",)),
-    (BENT, "transforms.json", ("transforms.json",)),
-    (STRAIGHT, "calibration.csv", ("calibration.csv",)),
-    (BENT, "camera_array.toml", ("camera_array.toml",)),
-    (BENT, "Calib.toml", ("Calib.toml",)),
-    (BENT, "intri.yml", ("intri.yml", "extri.yml")),
-    (BENT, "model", ("model/cameras.txt", "model/images.txt")),
-]
+    ("rig.json", ("rig.json",)), ("transforms.json", ("transforms.json",)), ("calibration.csv", ("calibration.csv",)),
+    ("camera_array.toml", ("camera_array.toml",)), ("Calib.toml", ("Calib.toml",)),
+    ("intri.yml", ("intri.yml", "extri.yml")), ("model", ("model/cameras.txt", "model/images.txt")),
+]  # fmt: skip
 WRONG = ("abc", '"abc"', "[]", "{}", "null", '"²"', "1e999", "")
 PYTHONS = re.compile(r"literal|convert|sequence|inhomogeneous|argument|NoneType|'(list|dict|str)'|unpack|Error")
 
 
-@pytest.mark.parametrize(("rig", "name", "files"), FORMS, ids=[name for _, name, _ in FORMS])
-def test_every_number_in_turn_replaced_by_something_else(tmp_path: Path, rig: Rig, name: str, files: tuple) -> None:
-    write_rig(rig, tmp_path / name)
+@pytest.mark.parametrize(("name", "files"), FORMS)
+def test_every_number_in_turn_replaced_by_something_else(tmp_path: Path, name: str, files: tuple[str, ...]) -> None:
+    write_rig(STRAIGHT if name == "calibration.csv" else BENT, tmp_path / name)
     refused, areas = 0, set()
     for file in (tmp_path / part for part in files):
         text = file.read_text()

@@ -12,7 +12,7 @@ import pytest
 
 from pipelines.stages.camera_file import camera_file
 from studio.camera_files import read_rig, write_rig
-from studio.cameras import Rig
+from studio.cameras import Camera, Rig
 from studio.capture import CaptureSettings, match_rig, open_footage
 from tests.support.errors import refuses
 
@@ -24,24 +24,25 @@ MASK = np.zeros((HEIGHT, WIDTH), np.uint8)
 MASK[20:40, 30:60] = 255
 
 
+def write_cameras(path: Path, *names: str) -> None:
+    """A file in a format whose reader is tested in tests/studio/camera_files."""
+    ours = K.copy()
+    ours[:2, 2] += 0.5
+    write_rig(Rig(tuple(Camera(name, WIDTH, HEIGHT, ours, POSE) for name in names)), path)
+
+
 def hifi4g(root: Path, make: SimpleNamespace) -> None:
-    camera_to_world = np.linalg.inv(POSE) @ np.diag([1.0, -1, -1, 1])
-    frames = [
-        {"file_path": f"images/{name}.png", "transform_matrix": camera_to_world.tolist(), "w": WIDTH, "h": HEIGHT,
-         "fl_x": 90, "fl_y": 91, "cx": 48, "cy": 32}
-        for name in ("0", "1", "2")
-    ]  # fmt: skip
-    (root / "transforms.json").write_text(json.dumps({"frames": frames}))
+    write_cameras(root / "transforms.json", "0", "1", "2")
     for name in ("0", "1", "2"):
         make.image(root / "example" / f"{name}.png", make.numbered(int(name)))
 
 
-def opencv_xml(path: Path, scale: float = 1.0) -> None:
+def opencv_xml(path: Path) -> None:
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
     storage.write("CameraMatrix", K)
     storage.write("DistortionCoeffs", np.zeros((5, 1)))
     storage.write("RotationValues", cv2.Rodrigues(POSE[:3, :3])[0])
-    storage.write("TranslationValues", POSE[:3, 3:] * scale)
+    storage.write("TranslationValues", POSE[:3, 3:])
     storage.release()
 
 
@@ -82,17 +83,7 @@ def zju_mocap(root: Path, make: SimpleNamespace) -> None:
 
 
 def easymocap(root: Path, make: SimpleNamespace) -> None:
-    for file, values in (("intri.yml", {"K": K, "dist": np.zeros((1, 5))}), ("extri.yml", {"R": None, "T": None})):
-        storage = cv2.FileStorage(str(root / file), cv2.FILE_STORAGE_WRITE)
-        storage.startWriteStruct("names", cv2.FileNode_SEQ)
-        for name in ("01", "02"):
-            storage.write("", name)
-        storage.endWriteStruct()
-        for name in ("01", "02"):
-            for key, value in values.items():
-                vector = cv2.Rodrigues(POSE[:3, :3])[0] if key == "R" else POSE[:3, 3:]
-                storage.write(f"{key}_{name}", value if value is not None else vector)
-        storage.release()
+    write_cameras(root / "intri.yml", "01", "02")
     for name in ("01", "02"):
         for frame in range(2):
             make.image(root / "images" / name / f"{frame:06d}.jpg", make.numbered(frame))
@@ -129,17 +120,9 @@ def nhr(root: Path, make: SimpleNamespace) -> None:
 
 
 def pose2sim(root: Path, make: SimpleNamespace) -> None:
-    vector = cv2.Rodrigues(POSE[:3, :3])[0].ravel().tolist()
-    text = ""
+    write_cameras(root / "calibration" / "Calib_scene.toml", "cam01", "cam02")
     for name in ("cam01", "cam02"):
-        text += (
-            f"[{name}]\nname = '{name}'\nsize = [{WIDTH}.0, {HEIGHT}.0]\nmatrix = {K.tolist()}\n"
-            f"distortions = [0.0, 0.0, 0.0, 0.0]\nrotation = {vector}\ntranslation = {POSE[:3, 3].tolist()}\n"
-            "fisheye = false\n"
-        )
         make.video(root / "videos" / f"{name}.mp4", [make.numbered(frame) for frame in range(2)])
-    (root / "calibration").mkdir()
-    (root / "calibration" / "Calib_scene.toml").write_text(text)
 
 
 def pku_dymvhumans(root: Path, make: SimpleNamespace) -> None:

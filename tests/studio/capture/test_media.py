@@ -15,9 +15,7 @@ from studio.capture.video import VideoReader
 FILM, PREVIEW = (96, 64), (48, 32)
 
 
-def write_streams(
-    path: Path, make: SimpleNamespace, streams: list[tuple[tuple[int, int], int, Disposition]], start: int = 0
-) -> Path:
+def write_streams(path, make, streams, start=0) -> Path:
     """Streams of a size, a number of frames (1: JPEG) and a disposition; frame k of the largest shows number k."""
     with av.open(str(path), "w") as container:
         made = []

@@ -42,6 +42,8 @@ def test_pattern_without_camera_or_with_unknown_parts(tmp_path: Path) -> None:
     [
         (["videos/a.mp4", "videos/b.mp4", "rgba/a/0.png"], "videos/{camera}.mp4"),
         (["images/a/0.png", "images/b/0.png", "masks/a/0.png"], "images/{camera}/{frame}.png"),
+        (["rgbs/C1/C1_rgb00.jpg", "rgbs/C2/C2_rgb00.jpg", "masks/C1/C1_mask00.png", "calibration.csv"],
+         "rgbs/{camera}/{camera}_rgb{frame}.jpg"),
         (["image_white/0/0.png", "image_white/0/1.png", "image_white/transforms.json"],
          "image_white/{frame}/{camera}.png"),
         (["image/000.mp4", "image/001.mp4", "mask/000.mp4", "CamPose.inf"], "image/{camera}.mp4"),

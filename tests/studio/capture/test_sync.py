@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import av
 import cv2
 import numpy as np
 import pytest
@@ -10,6 +9,7 @@ import pytest
 from studio.capture import CaptureSettings, open_footage
 from studio.capture.sync import check_sync, offsets_of, sound_signal
 from tests.support.errors import refuses
+from tests.support.sounds import write_video
 
 FPS = 20
 LATE = {"a": 0, "b": 3, "c": -2, "d": 0}
@@ -60,28 +60,15 @@ def test_offsets_from_motion_and_their_correction(tmp_path: Path) -> None:
         open_footage(CaptureSettings(root=tmp_path, masks="none", offsets={"e": 1}))
 
 
-def clap(path: Path, seconds: float, offset: float, rate: int = 16000, gain: float = 1.0) -> None:
-    """A video of a static image with noise bursts that begin `offset` seconds late, recorded with a gain."""
+def clap(path: Path, seconds: float, offset: float, rate: int = 48_000) -> None:
+    """A video of a static image with noise bursts that begin `offset` seconds late."""
     rng = np.random.default_rng(7)
     time = np.arange(int(seconds * rate)) / rate - offset
     sound = 0.003 * np.random.default_rng(int(1000 * offset) + 50).normal(size=len(time))
     for at in (0.41, 0.93, 1.38, 2.2):
         burst = (time >= at) & (time < at + 0.08)
         sound[burst] += rng.normal(0, 0.3, burst.sum()) * np.exp(-(time[burst] - at) / 0.03)
-    sound *= gain
-    with av.open(str(path), "w") as container:
-        video = container.add_stream("libx264", rate=FPS)
-        video.width, video.height, video.pix_fmt = 64, 48, "yuv420p"
-        audio = container.add_stream("aac", rate=rate)
-        audio.layout = "mono"
-        for _ in range(int(seconds * FPS)):
-            picture = av.VideoFrame.from_ndarray(np.full((48, 64, 3), 90, np.uint8), format="rgb24")
-            container.mux(video.encode(picture))
-        container.mux(video.encode())
-        frame = av.AudioFrame.from_ndarray(sound.astype(np.float32)[None], format="fltp", layout="mono")
-        frame.sample_rate = rate
-        container.mux(audio.encode(frame))
-        container.mux(audio.encode())
+    write_video(path, int(seconds * FPS), FPS, sound.astype(np.float32)[:, None])
 
 
 def test_offsets_from_sound(tmp_path: Path) -> None:
@@ -93,9 +80,7 @@ def test_offsets_from_sound(tmp_path: Path) -> None:
     assert report.method == "sound"
     assert report.offsets["b"] == pytest.approx(0.25 * FPS, abs=0.3)
     assert report.whole == {"b": 5}
-    signal = sound_signal(tmp_path / "videos" / "a.mp4")
-    assert signal is not None
-    assert abs(len(signal) / 500 - 3.0) < 0.15
+    assert abs(len(sound_signal(tmp_path / "videos" / "a.mp4")) / 500 - 3.0) < 0.15
 
 
 def test_bad_input(tmp_path: Path) -> None:

@@ -1,9 +1,12 @@
 """Damaged and hostile files of every format: one refusal, quickly, and without more memory than the file justifies."""
 
+import contextlib
 import io
 import json
 import struct
+import tracemalloc
 import zipfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +19,6 @@ from PIL import Image
 from studio.errors import StudioError
 from studio.formats import read_splats, splats_size
 from tests.support.errors import refuses
-from tests.support.memory import at_most
 
 DATA = Path(__file__).parents[2] / "data" / "splats"
 FILES = (
@@ -24,6 +26,17 @@ FILES = (
     "degree2-level2.ksplat",
 )  # fmt: skip
 REPEATED = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+
+@contextlib.contextmanager
+def at_most(peak: int) -> Iterator[None]:
+    """Assert that the block does not take more bytes at a time."""
+    tracemalloc.start()
+    try:
+        yield
+        assert tracemalloc.get_traced_memory()[1] < peak
+    finally:
+        tracemalloc.stop()
 
 
 def refused_or_sound(path: Path) -> None:

@@ -8,7 +8,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from studio.cameras import Camera
-from studio.errors import Cancelled, StudioError
+from studio.errors import StudioError
 from studio.formats import read_splats
 from studio.formats.camera_path import look_at
 from studio.formats.rigid_motion import turned, upright
@@ -79,17 +79,6 @@ def test_what_is_in_the_files(tmp_path, make_video):
         assert torch.allclose(found.means, torch.stack([-y, x, z], dim=1), atol=1e-6)
     export_frame(video.part(5, 6), tmp_path / "one.ply")
     assert torch.equal(read_splats(tmp_path / "one.ply").means, video.read(5).means)
-
-
-def test_whole_or_not_at_all(tmp_path, make_video):
-    def stop(done, total, **figures):
-        if done == 2:
-            raise Cancelled
-
-    with pytest.raises(Cancelled):
-        export_sequence(make_video(), tmp_path / "out", ".ply", progress=stop)
-    assert list(tmp_path.iterdir()) == []
-    (tmp_path / "one.ply").touch()
     with refuses("export.already_exists", file=tmp_path / "one.ply"):
         export_frame(make_video(), tmp_path / "one.ply")
 

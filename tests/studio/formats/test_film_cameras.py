@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pxr import Gf, Usd, UsdGeom
+from scipy.spatial.transform import Rotation
 
 from studio.formats import nuke_cameras, usd_cameras
 from studio.formats.camera_path import CameraPath, read_film_keys
@@ -17,13 +18,7 @@ SIZE = (640, 360)
 
 
 def turn(axis: int, degrees: float) -> np.ndarray:
-    angle = np.radians(degrees)
-    first, second = [index for index in range(3) if index != axis]
-    matrix = np.eye(3)
-    matrix[first, first] = matrix[second, second] = np.cos(angle)
-    sign = -1 if axis == 1 else 1
-    matrix[first, second], matrix[second, first] = -sign * np.sin(angle), sign * np.sin(angle)
-    return matrix
+    return Rotation.from_euler("xyz"[axis], degrees, degrees=True).as_matrix()
 
 
 def nuke(path, *knobs: str, before: str = "", kind: str = "Camera3"):  # type: ignore[no-untyped-def]

@@ -16,8 +16,7 @@ def read_glb(data: bytes):
     magic, version, length = struct.unpack_from("<4sII", data)
     assert (magic, version, length) == (b"glTF", 2, len(data))
     size, kind = struct.unpack_from("<I4s", data, 12)
-    assert kind == b"JSON"
-    assert size % 4 == 0
+    assert (kind, size % 4) == (b"JSON", 0)
     content = json.loads(data[20 : 20 + size])
     binary_size, kind = struct.unpack_from("<I4s", data, 20 + size)
     assert kind == b"BIN\0"
@@ -48,11 +47,9 @@ def test_against_the_specification(tmp_path, make_splats, degree):
     assert content["asset"]["version"] == "2.0"
     assert content["extensionsUsed"] == ["KHR_gaussian_splatting"]
     assert content["scenes"][content["scene"]]["nodes"] == [0]
-    assert content["nodes"][0]["mesh"] == 0
-    assert primitive["mode"] == 0
+    assert (content["nodes"][0]["mesh"], primitive["mode"]) == (0, 0)
     extension = primitive["extensions"]["KHR_gaussian_splatting"]
-    assert extension["kernel"] == "ellipse"
-    assert extension["colorSpace"] == "srgb_rec709_display"
+    assert (extension["kernel"], extension["colorSpace"]) == ("ellipse", "srgb_rec709_display")
     prefix = "KHR_gaussian_splatting:"
     np.testing.assert_array_equal(arrays["POSITION"], splats.means)
     accessor = content["accessors"][primitive["attributes"]["POSITION"]]

@@ -3,27 +3,26 @@
 import resource
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
 from studio.cameras import Camera
+from studio.errors import Cancelled
 from studio.formats.exr import export_exr
 from studio.formats.sequence import export_sequence
 from studio.formats.usd import export_usd
 from studio.formats.videogs import export_videogs
 from studio.similarity import Similarity
-from studio.splat_video import SplatVideo
 from tests.support.errors import refuses
 from tests.support.streams import contents
 
 CAMERA = Camera.look_at((2.0, 0, 0.2), (0, 0, 0), (0, 0, 1), width=64, height=48)
 
-WRITERS: dict[str, Callable[[SplatVideo, Path], object]] = {
+WRITERS: dict[str, Callable[..., object]] = {
     "out.usdc": export_usd,
     "out.usdz": export_usd,
-    "plates": lambda video, out: export_exr(video, out, lambda index: CAMERA, Similarity()),
-    "ply": lambda video, out: export_sequence(video, out, ".ply"),
+    "plates": lambda video, out, **more: export_exr(video, out, lambda index: CAMERA, Similarity(), **more),
+    "ply": lambda video, out, **more: export_sequence(video, out, ".ply", **more),
     "videogs": export_videogs,
 }
 
@@ -31,7 +30,7 @@ WRITERS: dict[str, Callable[[SplatVideo, Path], object]] = {
 @pytest.fixture(params=WRITERS)
 def export(request, tmp_path):
     """Exports a video to one place."""
-    return lambda video: WRITERS[request.param](video, tmp_path / request.param)
+    return lambda video, **more: WRITERS[request.param](video, tmp_path / request.param, **more)
 
 
 def test_of_two_exports_to_one_place_the_first_that_ends_wins(export, make_video, tmp_path):
@@ -55,6 +54,16 @@ def test_of_two_exports_to_one_place_the_first_that_ends_wins(export, make_video
     assert done[1]
     assert written() == done[1]
     assert len(list(tmp_path.iterdir())) == len(done[1]), "temporary files"
+
+
+def test_a_canceled_export_leaves_nothing(export, make_video, tmp_path):
+    def stop(done, total, **figures):
+        if done == 2:
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        export(make_video((3,), splats=50), progress=stop)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_full_disk_leaves_nothing(export, make_video, tmp_path):

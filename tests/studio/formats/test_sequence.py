@@ -79,8 +79,9 @@ def test_the_number_that_changes_is_that_of_the_frame(folder, names, numbers):
 def test_names_that_do_not_say_the_order_are_refused(folder):
     with refuses("import.ambiguous_order", file=folder, value=["a1_b2.ply", "a2_b1.ply"]):
         frame_numbers(folder, ["a1_b2.ply", "a2_b1.ply"])
-    with refuses("import.iterations", file=folder):
+    with refuses("import.iterations", file=folder) as caught:
         frame_numbers(folder, ["iteration_30000.ply", "iteration_7000.ply"])
+    assert caught.value.fix.endswith("iteration_30000.ply")
 
 
 def test_checkpoints_of_one_folder_per_frame(folder):

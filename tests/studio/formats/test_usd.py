@@ -199,8 +199,9 @@ def test_splats_that_cannot_be_rendered_and_unknown_attributes_are_dropped(tmp_p
 
 def test_without_usd_core_the_extra_is_named(tmp_path, make_video, monkeypatch):
     monkeypatch.setitem(sys.modules, "pxr", None)
-    with refuses("usd.missing"):
+    with refuses("usd.missing") as caught:
         export_usd(make_video(), tmp_path / "a.usdc")
+    assert "usd-core" in caught.value.fix
     with refuses("usd.missing"):
         UsdFrames(tmp_path / "a.usdc")
     assert not list(tmp_path.iterdir())

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -20,6 +21,7 @@ from studio.calibration.manual.bootstrap import Observations, TieRig
 from studio.calibration.manual.bundle_adjustment import Accuracy, Problem
 from studio.calibration.manual.covariance import check_plausible
 from studio.calibration.manual.subpixel import snap
+from studio.calibration.result import CalibrationResult
 from studio.cameras import Rig
 from studio.errors import StudioError
 from tests.support.errors import refuses
@@ -38,9 +40,7 @@ def ring(count: int, focal: float = 1600.0, k1: float = -0.05) -> Rig:
     return Rig(tuple(cameras))
 
 
-def marked(
-    rig: Rig, count: int, noise: float = 0.5, *, flat: bool = False, seen: float = 1.0, measured: int = 0
-) -> list[TiePoint]:
+def marked(rig, count, noise=0.5, *, flat=False, seen=1.0, measured=0) -> list[TiePoint]:
     """Points on the stage, with noisy marks."""
     rng = np.random.default_rng(7)
     points3d = rng.uniform([-1, -1, 0], [1, 1, 0.01 if flat else 1.6], (count, 3))
@@ -60,15 +60,18 @@ def sizes(rig: Rig) -> dict[str, tuple[int, int]]:
     return {camera.name: (camera.width, camera.height) for camera in rig}
 
 
+def solve(points: list[TiePoint], truth: Rig, known: bool = True, **options: Any) -> CalibrationResult:
+    intrinsics = {camera.name: camera for camera in truth} if known else None
+    return calibrate_from_tie_points(points, sizes(truth), known=intrinsics, **options)
+
+
 @pytest.mark.parametrize(
     ("count", "points", "options"),
     [(4, 12, {}), (4, 20, {"flat": True}), (12, 24, {"seen": 0.5}), (4, 12, {"measured": 5})],
 )
 def test_cameras_far_apart_with_known_intrinsics(count: int, points: int, options: dict) -> None:
     truth = ring(count)
-    found = calibrate_from_tie_points(
-        marked(truth, points, **options), sizes(truth), known={camera.name: camera for camera in truth}
-    )
+    found = solve(marked(truth, points, **options), truth)
     assert found.rig.names == truth.names
     difference = compare_rigs(found.rig, truth)
     assert difference.center_percent < 0.4
@@ -85,11 +88,11 @@ def test_cameras_far_apart_with_known_intrinsics(count: int, points: int, option
 
 def test_intrinsics_that_are_not_known() -> None:
     truth = ring(4, focal=1300.0)
-    found = calibrate_from_tie_points(marked(truth, 24, 0.3), sizes(truth))
+    found = solve(marked(truth, 24, 0.3), truth, known=False)
     assert found.rig.cameras[0].fx == found.rig.cameras[1].fx == pytest.approx(1300, rel=0.01)
     assert compare_rigs(found.rig, truth).center_percent < 0.6
     separate = CalibrateSettings(shared_intrinsics=False)
-    own = calibrate_from_tie_points(marked(truth, 40, 0.3), sizes(truth), settings=separate)
+    own = solve(marked(truth, 40, 0.3), truth, known=False, settings=separate)
     assert len({camera.fx for camera in own.rig}) == 4
     assert all(camera.fx == pytest.approx(1300, rel=0.02) for camera in own.rig)
 
@@ -99,7 +102,7 @@ def test_marks_that_are_mistakes_are_left_out_by_name() -> None:
     points = marked(truth, 20)
     x, y = points[3].pixels["02"]
     points[3].pixels["02"] = (x + 60, y - 20)
-    found = calibrate_from_tie_points(points, sizes(truth), known={camera.name: camera for camera in truth})
+    found = solve(points, truth)
     assert [(mark.point, mark.camera) for mark in found.report.left_out] == [("point 3", "02")]
     assert found.report.left_out[0].error > 30
     assert compare_rigs(found.rig, truth).center_percent < 0.4
@@ -108,9 +111,7 @@ def test_marks_that_are_mistakes_are_left_out_by_name() -> None:
 def test_a_known_distance_gives_the_scale() -> None:
     truth = ring(4)
     away = float(np.linalg.norm(truth["00"].center - truth["02"].center))
-    found = calibrate_from_tie_points(
-        marked(truth, 16), sizes(truth), known={c.name: c for c in truth}, distance=("00", "02", away)
-    )
+    found = solve(marked(truth, 16), truth, distance=("00", "02", away))
     assert found.report.metric
     assert np.linalg.norm(found.rig["01"].center - found.rig["03"].center) == pytest.approx(
         np.linalg.norm(truth["01"].center - truth["03"].center), rel=0.005
@@ -136,19 +137,17 @@ def test_the_derivatives_are_the_differences() -> None:
 
 def test_what_is_missing_is_said() -> None:
     truth = ring(4)
-    known = {camera.name: camera for camera in truth}
-    few = marked(truth, 5)
     with refuses("tie_points.unregistered", value=list(truth.names), marks=dict.fromkeys(truth.names, 5)):
-        calibrate_from_tie_points(few, sizes(truth), known=known)
+        solve(marked(truth, 5), truth)
     lonely = [TiePoint(p.name, {n: xy for n, xy in p.pixels.items() if n != "03"}) for p in marked(truth, 12)]
     with refuses("tie_points.unregistered", value=["03"], camera="03"):
-        calibrate_from_tie_points(lonely, sizes(truth), known=known)
+        solve(lonely, truth)
     outside = [TiePoint("edge", {"00": (2000.0, 5.0)})]
     with refuses("tie_points.outside", value=[2000, 5], point="edge", camera="00", expected=[1088, 1920]):
-        calibrate_from_tie_points(outside, sizes(truth))
+        solve(outside, truth, known=False)
     with refuses("tie_points.none", expected=list(truth.names)):
-        calibrate_from_tie_points([TiePoint("elsewhere", {"x": (1.0, 2.0)})], sizes(truth))
-    smaller = {name: camera.resized(544, 960) for name, camera in known.items()}
+        solve([TiePoint("elsewhere", {"x": (1.0, 2.0)})], truth, known=False)
+    smaller = {camera.name: camera.resized(544, 960) for camera in truth}
     with refuses("calibration.intrinsics_size", value=[544, 960], camera="00", expected=[1088, 1920]):
         calibrate_from_tie_points(marked(truth, 9), sizes(truth), known=smaller)
 
@@ -162,7 +161,7 @@ def test_points_on_a_line_are_refused(measured: int) -> None:
         pixels = {c.name: tuple((c.project(place[None])[0][0] + rng.normal(0, 0.5, 2)).tolist()) for c in truth}
         points.append(TiePoint(f"point {number}", pixels, tuple(place.tolist()) if number < measured else None))
     with pytest.raises(StudioError) as caught:
-        calibrate_from_tie_points(points, sizes(truth), known={camera.name: camera for camera in truth})
+        solve(points, truth)
     assert caught.value.code in ("tie_points.degenerate", "tie_points.contradiction")
     if caught.value.code == "tie_points.degenerate":
         assert "00" in caught.value.fields["cameras"]
@@ -177,9 +176,8 @@ def test_measured_positions_of_a_mirrored_world_are_refused(known: bool, measure
         point if point.world is None else replace(point, world=tuple((mirror * point.world).tolist()))
         for point in marked(truth, 20, measured=measured)
     ]
-    intrinsics = {camera.name: camera for camera in truth} if known else None
     with refuses("tie_points.contradiction") as caught:
-        calibrate_from_tie_points(points, sizes(truth), known=intrinsics)
+        solve(points, truth, known)
     assert "right-handed with z up" in str(caught.value)
 
 
@@ -200,18 +198,17 @@ def test_points_behind_the_cameras_are_no_solution() -> None:
 
 def test_what_is_odd_is_warned_of() -> None:
     truth = ring(4)
-    known = {camera.name: camera for camera in truth}
 
     def warnings(points: list[TiePoint]) -> list[str]:
-        report = calibrate_from_tie_points(points, sizes(truth), known=known).report
-        return [message.code for message in calibration_warnings(report)]
+        return [message.code for message in calibration_warnings(solve(points, truth).report)]
 
     points = marked(truth, 20, measured=6)
     assert warnings(points) == []
     x, y, z = points[2].world or (0, 0, 0)
     off = [*points[:2], replace(points[2], world=(x + 0.4, y, z)), *points[3:]]
-    report = calibrate_from_tie_points(off, sizes(truth), known=known).report
-    message = next(one for one in calibration_warnings(report) if one.code == "tie_points.world_error")
+    message = next(
+        one for one in calibration_warnings(solve(off, truth).report) if one.code == "tie_points.world_error"
+    )
     assert message.fields["points"][0] == "point 2", "the worst one first"
     large = [replace(p, world=p.world and tuple(1000 * value for value in p.world)) for p in points]
     assert "tie_points.unit" in warnings(large)

@@ -11,7 +11,7 @@ from studio.calibration.sfm import mapping
 from studio.calibration.sfm.features import image_name, merge_sync_frames, write_cameras, write_image
 from studio.calibration.sfm.guided import write_guided_matches
 from studio.calibration.sfm.job import SfmJob
-from tests.support.sfm import job_of, rig_of
+from tests.studio.calibration.sfm.jobs import job_of, rig_of
 
 pycolmap = pytest.importorskip("pycolmap")
 

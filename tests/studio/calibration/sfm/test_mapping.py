@@ -3,7 +3,6 @@
 import json
 import shutil
 import sqlite3
-from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import replace
 from itertools import combinations
@@ -25,19 +24,17 @@ from studio.calibration.sfm.verdict import match_inlier_ratios
 from studio.calibration.sfm.worker import Worker
 from studio.camera_files.colmap_model import intrinsics
 from studio.cameras import Camera, Rig
-from tests.support import sfm
+from tests.studio.calibration.sfm import jobs
 from tests.support.rigs import ring
 
 pycolmap = pytest.importorskip("pycolmap")
 
 
 def job_of(count: int, *, becomes: str = "SIMPLE_RADIAL", **settings: Any) -> SfmJob:
-    return sfm.job_of(count, becomes=becomes, **{"attempts": ("incremental", "lenient"), **settings})
+    return jobs.job_of(count, becomes=becomes, **{"attempts": ("incremental", "lenient"), **settings})
 
 
-def synthesize(
-    folder: Path, count: int, points: int, zooms: Sequence[Any] = (), model: str = "", terms: Sequence[float] = ()
-) -> Rig:
+def synthesize(folder, count, points, zooms=(), model="", terms=()) -> Rig:
     """A database of a rig with 0.5 pixels of noise and 10% wrong matches, and the true cameras, named by number.
 
     `zooms`: factor of each camera's focal length, or those of x and y. `model`, `terms`: COLMAP model and parameters
@@ -65,10 +62,11 @@ def synthesize(
         for key, keypoints in zoomed.items():
             rows.execute("UPDATE keypoints SET data = ? WHERE image_id = ?", (keypoints.tobytes(), key))
     (folder / "images").mkdir()
-    return sfm.rig_of(truth)
+    return jobs.rig_of(truth)
 
 
-def solution(folder: Path) -> tuple[Rig, SfmSolution]:
+def solved(folder: Path, job: SfmJob, database: str = "database.db") -> tuple[Rig, SfmSolution]:
+    Worker(folder, job).solve(folder / database)
     found = SfmSolution.model_validate_json((folder / "solution.json").read_text())
     cameras = []
     for entry in found.cameras:
@@ -79,16 +77,14 @@ def solution(folder: Path) -> tuple[Rig, SfmSolution]:
 
 def test_synthetic_rig_of_eight(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     truth = synthesize(tmp_path, 8, 800)
-    Worker(tmp_path, job_of(8)).solve(tmp_path / "database.db")
-    rig, found = solution(tmp_path)
+    rig, found = solved(tmp_path, job_of(8))
     assert (len(rig), found.mapper) == (8, "incremental")
     difference = compare_rigs(rig, truth)
     # the limit for this noise and so few points: an adjustment that starts from the ground truth ends as far from it
     assert difference.center_percent < 0.4
     assert difference.rotation_degrees < 0.1
     poses = [camera.world_to_camera[:3].tolist() for camera in truth]
-    Worker(tmp_path, job_of(8, poses=poses)).solve(tmp_path / "database.db")
-    best, found = solution(tmp_path)
+    best, found = solved(tmp_path, job_of(8, poses=poses))
     assert found.mapper == "known poses"
     assert compare_rigs(rig, best).center_percent < 0.02
     said = [json.loads(line) for line in capfd.readouterr().out.splitlines()]
@@ -98,8 +94,7 @@ def test_synthetic_rig_of_eight(tmp_path: Path, capfd: pytest.CaptureFixture[str
 
 def test_shared_intrinsics_are_accepted(tmp_path: Path) -> None:
     truth = synthesize(tmp_path, 8, 800)
-    Worker(tmp_path, job_of(8, find_shared=True)).solve(tmp_path / "database.db")
-    rig, found = solution(tmp_path)
+    rig, found = solved(tmp_path, job_of(8, find_shared=True))
     (test,) = found.sharing
     assert (test.shared, test.images) == (True, tuple(range(8)))
     assert 0 < test.misfit < 3  # the noise is Gaussian here: 1 is expected
@@ -143,8 +138,7 @@ def test_distortion_terms_are_estimated_last(tmp_path: Path) -> None:
     terms = [1300.0, 1280.0, 512.0, 384.0, -0.08, 0.03, 0.001, -0.002]
     truth = synthesize(tmp_path, 6, 800, model="OPENCV", terms=terms)
     job = job_of(6, becomes="OPENCV", find_shared=True)
-    Worker(tmp_path, job).solve(tmp_path / "database.db")
-    rig, found = solution(tmp_path)
+    rig, found = solved(tmp_path, job)
     assert (len(rig), found.sharing[0].shared) == (6, True)
     assert {entry.model for entry in found.cameras} == {"OPENCV"}
     np.testing.assert_allclose([rig["0"].fx, rig["0"].fy], terms[:2], rtol=2e-3)
@@ -163,10 +157,8 @@ def test_distortion_terms_are_estimated_last(tmp_path: Path) -> None:
 def test_pixels_that_are_not_square(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, aspect: float) -> None:
     """Their aspect ratio is estimated, and improves the cameras; square ones remain square."""
     truth = synthesize(tmp_path, 8, 800 if aspect == 1 else 1500, zooms=[np.array([aspect, 1])] * 8)
-    database, copy = tmp_path / "database.db", tmp_path / "again.db"
-    shutil.copyfile(database, copy)
-    Worker(tmp_path, job_of(8, find_shared=True)).solve(database)
-    rig, found = solution(tmp_path)
+    shutil.copyfile(tmp_path / "database.db", tmp_path / "again.db")
+    rig, found = solved(tmp_path, job_of(8, find_shared=True))
     ratios = [camera.fx / camera.fy for camera in rig]
     if aspect == 1:
         assert found.aspect == 1
@@ -181,8 +173,7 @@ def test_pixels_that_are_not_square(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     drawn = rig["0"].project(points[own[:, 1].astype(int)])[0]
     assert np.median(np.linalg.norm(drawn - own[:, 2:], axis=1)) < 0.7  # the noise
     monkeypatch.setattr(mapping, "ASPECT_LIMIT", np.inf)
-    Worker(tmp_path, job_of(8, find_shared=True)).solve(copy)
-    square, _ = solution(tmp_path)
+    square, _ = solved(tmp_path, job_of(8, find_shared=True), "again.db")
     assert compare_rigs(rig, truth).center_percent < 0.5 * compare_rigs(square, truth).center_percent
 
 
@@ -224,14 +215,12 @@ def test_an_earlier_solution_is_refined(tmp_path: Path, capfd: pytest.CaptureFix
     poses = [camera.world_to_camera[:3].tolist() for camera in before]
     off = compare_rigs(Rig(tuple(before)), truth)
     job = job_of(6, poses=poses)
-    Worker(tmp_path, job).solve(tmp_path / "database.db")
-    rig, found = solution(tmp_path)
+    rig, found = solved(tmp_path, job)
     assert found.mapper == "known poses"
     difference = compare_rigs(rig, truth)
     assert difference.center_percent < 0.3 < off.center_percent
     assert difference.rotation_degrees < 0.1 < off.rotation_degrees
-    Worker(tmp_path, job.model_copy(update={"fix_poses": True})).solve(tmp_path / "database.db")
-    kept, _ = solution(tmp_path)
+    kept, _ = solved(tmp_path, job.model_copy(update={"fix_poses": True}))
     for camera, start in zip(kept, before, strict=True):
         np.testing.assert_allclose(camera.world_to_camera, start.world_to_camera, atol=1e-9)
 

@@ -10,7 +10,7 @@ import pytest
 from studio.calibration.sfm import features
 from studio.calibration.sfm.features import file_name, find_matches
 from studio.calibration.sfm.pairs import worthwhile
-from tests.support.sfm import job_of
+from tests.studio.calibration.sfm.jobs import job_of
 
 
 def test_enough_matches_or_the_best_there_are() -> None:

@@ -6,7 +6,7 @@ import pytest
 from studio.calibration import compare_rigs
 from studio.calibration.sfm.bundle_adjustment import adjust
 from studio.calibration.sfm.uncertainty import uncertainties
-from tests.support.sfm import job_of, rig_of
+from tests.studio.calibration.sfm.jobs import job_of, rig_of
 
 pycolmap = pytest.importorskip("pycolmap")
 
