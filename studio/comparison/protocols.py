@@ -23,32 +23,22 @@ PROTOCOLS = {
     protocol.name: protocol
     for protocol in (
         EvaluationProtocol(
-            "box",
-            "held-out cameras at the take's size, bounding box of the mask padded by 8 px, over black",
-            (),
-            8,
-            (0.0, 0.0, 0.0),
-            None,
+            "box", "held-out cameras at the take's size, bounding box of the mask padded by 8 px, over black",
+            (), 8, (0.0, 0.0, 0.0), None,
         ),
         EvaluationProtocol(
             "hifi4g",
             "camera 48 at half the footage's size, full frame over white, as published for V3 and 4DGCPro on HiFi4G",
-            ("48",),
-            None,
-            (1.0, 1.0, 1.0),
-            0.5,
+            ("48",), None, (1.0, 1.0, 1.0), 0.5,
         ),
         EvaluationProtocol(
             "n3dv",
             "camera cam00 at half the footage's size, full frame, as published for Neural 3D Video; over black where "
             "the capture has masks",
-            ("cam00",),
-            None,
-            (0.0, 0.0, 0.0),
-            0.5,
+            ("cam00",), None, (0.0, 0.0, 0.0), 0.5,
         ),
     )
-}
+}  # fmt: skip
 """Presets by name. The full frame of a performer is mostly background, which everybody gets right: PSNR is higher by
 about 10 log10(frame / box) dB than in the box. Compare only figures of one protocol."""
 

@@ -82,22 +82,12 @@ class _Rasterize(torch.autograd.Function):
         image = empty([height, width, 3])
         alpha, depth = empty([height, width]), empty([height, width])
         radii = means.new_empty(means.shape[0])
+        shift = None if offsets is None else offsets.detach().contiguous()
+        behind = means.new_zeros(3) if background is None else background.detach().contiguous()
         frame = kernels.forward(
-            *splats,
-            None if offsets is None else offsets.detach().contiguous(),
-            camera_numbers(pinhole),
-            width,
-            height,
-            near,
-            alpha_max,
-            dilation,
-            means.new_zeros(3) if background is None else background.detach().contiguous(),
-            image,
-            alpha,
-            depth,
-            radii,
-            kernel_threads(),
-        )
+            *splats, shift, camera_numbers(pinhole), width, height, near, alpha_max, dilation, behind,
+            image, alpha, depth, radii, kernel_threads(),
+        )  # fmt: skip
         ctx.set_materialize_grads(False)
         ctx.mark_non_differentiable(radii)
         ctx.frame = frame
@@ -139,13 +129,8 @@ def rasterize_cpu(
     if max(pinhole.width, pinhole.height) > 32000:
         problem = f"the image is {pinhole.width}x{pinhole.height} pixels; the cpu rasterizer supports up to 32000x32000"
         raise StudioError("rasterizer.image_too_large", problem, value=(pinhole.width, pinhole.height))
+    splats = (tensor for _, tensor in gaussians.items())
     image, alpha, depth, radii = _Rasterize.apply(
-        *(tensor for _, tensor in gaussians.items()),
-        screen_offsets,
-        background,
-        pinhole,
-        near,
-        alpha_max,
-        gaussians.dilation,
+        *splats, screen_offsets, background, pinhole, near, alpha_max, gaussians.dilation
     )
     return Render(image=image, alpha=alpha, depth=depth, radii=radii)

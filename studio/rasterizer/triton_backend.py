@@ -126,19 +126,9 @@ def project_all(
             kernels.project_splats[(math.ceil(count / kernels.BLOCK), len(views.sizes))](
                 *(tensor for _, tensor in gaussians.items()),
                 table if offsets is None else offsets,  # not read without offsets
-                views.cameras,
-                views.frames,
-                table,
-                half,
-                boxes,
-                keys,
-                count,
-                near,
-                gaussians.dilation,
-                COEFFICIENTS=gaussians.sh.shape[1],
-                OFFSETS=offsets is not None,
-                num_warps=PROJECT_WARPS,
-            )
+                views.cameras, views.frames, table, half, boxes, keys, count, near, gaussians.dilation,
+                COEFFICIENTS=gaussians.sh.shape[1], OFFSETS=offsets is not None, num_warps=PROJECT_WARPS,
+            )  # fmt: skip
     return table, half, boxes, keys
 
 
@@ -162,19 +152,9 @@ class _Draw(torch.autograd.Function):
         last = torch.empty_like(depth, dtype=torch.int32)
         with torch.cuda.device_of(table):
             kernels.blend_tile[(views.tiles,)](
-                table,
-                tiles.owners,
-                tiles.starts,
-                views.frames,
-                image,
-                depth,
-                transmittance,
-                last,
-                len(views.sizes),
-                alpha_max,
-                num_warps=FORWARD_WARPS,
-                enable_fp_fusion=True,
-            )
+                table, tiles.owners, tiles.starts, views.frames, image, depth, transmittance, last,
+                len(views.sizes), alpha_max, num_warps=FORWARD_WARPS, enable_fp_fusion=True,
+            )  # fmt: skip
         ctx.views, ctx.tiles, ctx.numbers = views, tiles, (dilation, alpha_max)
         ctx.save_for_backward(*splats, table, index, transmittance, last)
         radii = half.amax(-1).view(len(views.sizes), len(gaussians))
@@ -200,38 +180,18 @@ class _Draw(torch.autograd.Function):
             ranks[index] = torch.arange(len(index), dtype=torch.int32, device=table.device)
             with torch.cuda.device_of(table):
                 kernels.blend_tile_backward[(views.tiles,)](
-                    table,
-                    tiles.owners,
-                    tiles.slots,
-                    tiles.starts,
-                    views.frames,
-                    transmittance,
-                    last,
-                    *d_outputs,
-                    d_pairs,
-                    len(views.sizes),
-                    alpha_max,
-                    num_warps=BACKWARD_WARPS,
-                    enable_fp_fusion=True,
-                )
+                    table, tiles.owners, tiles.slots, tiles.starts, views.frames, transmittance, last,
+                    *d_outputs, d_pairs, len(views.sizes), alpha_max,
+                    num_warps=BACKWARD_WARPS, enable_fp_fusion=True,
+                )  # fmt: skip
                 if len(table):
                     kernels.sum_pairs[(len(table),)](d_pairs, tiles.ends, d_table, num_warps=1, enable_fp_fusion=True)
                 of_splats.project_splats_backward[(math.ceil(count / of_splats.BLOCK),)](
-                    *splats,
-                    views.cameras,
-                    ranks,
-                    d_table,
-                    *found,
-                    d_sh,
-                    d_offsets,
-                    count,
-                    len(views.sizes),
-                    dilation,
-                    COEFFICIENTS=coefficients,
-                    PADDED=1 << (coefficients - 1).bit_length(),
-                    COLORS=colors,
+                    *splats, views.cameras, ranks, d_table, *found, d_sh, d_offsets,
+                    count, len(views.sizes), dilation,
+                    COEFFICIENTS=coefficients, PADDED=1 << (coefficients - 1).bit_length(), COLORS=colors,
                     num_warps=PROJECT_WARPS,
-                )
+                )  # fmt: skip
         by_offsets = d_offsets if ctx.needs_input_grad[4] else None
         return None, None, None, None, by_offsets, *found, d_sh if colors else None
 

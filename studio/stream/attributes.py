@@ -103,60 +103,32 @@ class Attribute:
 
 ATTRIBUTES = (
     Attribute(
-        "means",
-        "positions",
-        "means",
-        (3,),
-        ("mean_x", "mean_y", "mean_z"),
-        ("residual_x", "residual_y", "residual_z"),
-        (0.08,) * 3,
+        "means", "positions", "means", (3,),
+        ("mean_x", "mean_y", "mean_z"), ("residual_x", "residual_y", "residual_z"), (0.08,) * 3,
         bits=16,
     ),
     Attribute(
-        "quats",
-        "rotation",
-        "quats",
-        (4,),
-        ("quat_w", "quat_x", "quat_y", "quat_z"),
-        (),  # shape_xx to shape_yz have both rotation and scale
-        (),
+        "quats", "rotation", "quats", (4,),
+        ("quat_w", "quat_x", "quat_y", "quat_z"), (), (),  # shape_xx to shape_yz have both rotation and scale
         held=True,
     ),
     Attribute(
-        "scales",
-        "scale",
-        "log_scales",
-        (3,),
+        "scales", "scale", "log_scales", (3,),
         ("log_scale_0", "log_scale_1", "log_scale_2"),
-        ("shape_xx", "shape_yy", "shape_zz", "shape_xy", "shape_xz", "shape_yz"),
-        (0.011,) * 3 + (0.008,) * 3,
-        held=True,
-        largest=MAX_LOG_SCALE,
+        ("shape_xx", "shape_yy", "shape_zz", "shape_xy", "shape_xz", "shape_yz"), (0.011,) * 3 + (0.008,) * 3,
+        held=True, largest=MAX_LOG_SCALE,
     ),
     Attribute(
-        "opacities",
-        "opacity",
-        "logit_opacities",
-        (),
-        ("opacity",),
-        ("opacity",),
-        (0.0096,),
-        activate=_sigmoid,
-        inverse=_logit,
+        "opacities", "opacity", "logit_opacities", (),
+        ("opacity",), ("opacity",), (0.0096,),
+        activate=_sigmoid, inverse=_logit,
     ),
     Attribute(
-        "sh",
-        "color",
-        "sh",
-        (-1, 3),
-        ("sh_{k}_r", "sh_{k}_g", "sh_{k}_b"),
-        ("sh_{k}_y", "sh_{k}_co", "sh_{k}_cg"),
-        (0.0069, 0.0072, 0.0072),
-        held=True,
-        to_channels=to_ycocg,
-        from_channels=from_ycocg,
+        "sh", "color", "sh", (-1, 3),
+        ("sh_{k}_r", "sh_{k}_g", "sh_{k}_b"), ("sh_{k}_y", "sh_{k}_co", "sh_{k}_cg"), (0.0069, 0.0072, 0.0072),
+        held=True, to_channels=to_ycocg, from_channels=from_ycocg,
     ),
-)
+)  # fmt: skip
 """In the order of the channels, and of the values that losses act on."""
 
 BY_NAME = {attribute.name: attribute for attribute in ATTRIBUTES}

@@ -160,12 +160,8 @@ class BakeSettings(Settings):
     @model_validator(mode="after")
     def _combinations(self) -> Self:
         if self.ladder and (self.target_kb_per_frame is not None or self.target_psnr is not None):
-            raise Conflict(
-                f"each rung of the ladder has its own qp, but quality is {self.quality}",
-                "Set quality to a QP.",
-                "ladder",
-                "quality",
-            )
+            problem = f"each rung of the ladder has its own qp, but quality is {self.quality}"
+            raise Conflict(problem, "Set quality to a QP.", "ladder", "quality")
         if len({rung.id for rung in self.ladder}) < len(self.ladder):
             raise Conflict("two rungs of the ladder are the same", "Remove one of them.", "ladder")
         codec = CODECS[self.codec]
@@ -173,37 +169,25 @@ class BakeSettings(Settings):
             problem = f"qp 0 (lossless) is not available with codec {self.codec}"
             raise Conflict(problem, "Raise the rung's qp to 1.", "codec", "ladder")
         if self.b_frames and (self.profile == "planes" or not codec.takes_b_frames):
+            problem = "b_frames require profile motion with codec h264 or hevc"
             raise Conflict(
-                "b_frames require profile motion with codec h264 or hevc",
-                "Set b_frames to null.",
-                "b_frames",
-                "profile" if self.profile == "planes" else "codec",
+                problem, "Set b_frames to null.", "b_frames", "profile" if self.profile == "planes" else "codec"
             )
         if self.smooth_paths and self.profile == "planes":
             raise Conflict(
                 "smooth_paths requires profile motion", "Set smooth_paths to null.", "smooth_paths", "profile"
             )
         if self.profile == "motion" and "quats" in self.attribute_qps:
-            raise Conflict(
-                "a QP of quats requires profile planes: in motion, scales is the QP of rotation and scale together",
-                "Remove quats from attribute_qps.",
-                "attribute_qps",
-                "profile",
+            problem = (
+                "a QP of quats requires profile planes: in motion, scales is the QP of rotation and scale together"
             )
+            raise Conflict(problem, "Remove quats from attribute_qps.", "attribute_qps", "profile")
         if self.profile == "planes" and self.codec != "h264":
-            raise Conflict(
-                f"codec {self.codec} requires profile motion",
-                "Set profile to motion or codec to h264.",
-                "codec",
-                "profile",
-            )
+            problem = f"codec {self.codec} requires profile motion"
+            raise Conflict(problem, "Set profile to motion or codec to h264.", "codec", "profile")
         if codec.lossless is None and self.qp == 0:
-            raise Conflict(
-                f"quality 0 (lossless) is not available with codec {self.codec}",
-                "Set quality to 1, or codec to h264 or hevc.",
-                "codec",
-                "quality",
-            )
+            problem = f"quality 0 (lossless) is not available with codec {self.codec}"
+            raise Conflict(problem, "Set quality to 1, or codec to h264 or hevc.", "codec", "quality")
         return self
 
     @property

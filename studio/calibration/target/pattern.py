@@ -69,12 +69,8 @@ class CalibrationTarget(Settings):
         if self.kind != "charuco":
             return self
         if self.marker >= self.square:
-            raise Conflict(
-                f"marker = {self.marker:g} m is not smaller than square = {self.square:g} m",
-                "Set both as measured on the print.",
-                "marker",
-                "square",
-            )
+            problem = f"marker = {self.marker:g} m is not smaller than square = {self.square:g} m"
+            raise Conflict(problem, "Set both as measured on the print.", "marker", "square")
         available = _MARKERS.get(self.dictionary)
         if available is None:
             raise Conflict(
@@ -82,14 +78,11 @@ class CalibrationTarget(Settings):
             )
         needed = self.columns * self.rows // 2
         if needed > available:
-            raise Conflict(
+            problem = (
                 f"a board of {self.columns} x {self.rows} squares needs {needed} markers, but {self.dictionary} has "
-                f"{available}",
-                "Use a larger dictionary.",
-                "dictionary",
-                "columns",
-                "rows",
+                f"{available}"
             )
+            raise Conflict(problem, "Use a larger dictionary.", "dictionary", "columns", "rows")
         return self
 
     @property
