@@ -47,8 +47,7 @@ class Overlays:
         return changed or layout
 
     def _show_message(self) -> bool:
-        """Show the message over the view, of a long one the beginning: the log has all of it. Returns whether anything
-        changed."""
+        """Show the message, or its beginning, over the view: the log has all of it. Returns whether it changed."""
         window = self._window
         message, room = window.workspace.problem or window.views.message, MESSAGE_WIDTH * window.layout.view[2]
         if self._message_of != (message, room):

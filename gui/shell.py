@@ -37,15 +37,13 @@ from gui.widgets.timeline import STRIP, TimelinePanel
 from gui.widgets.viewport import Viewport
 
 AWAKE = 0.5
-"""Seconds after something has happened, or while an image is awaited, in which the window looks at everything at each
-tick (10 ms)."""
+"""Seconds after an event, or while an image is awaited, in which the window checks everything at each tick (10 ms)."""
 
 NARROW = 60  # width in em below which the right panel is hidden until the user shows it (I)
 LEFT, LEAST_LEFT, MOST_LEFT = 18.0, 14.0, 40.0  # width of the left panel in em: at first, the least and the most
 
 RIGHT, RIGHT_SHARE, MOST_RIGHT = 17.0, 0.2, 26.0
-"""Width of the right panel: its least in em, its share of the window, its most in em. The log is easier to read in
-wide lines."""
+"""Width of the right panel: least in em, share of the window, most in em. The log is easier to read in wide lines."""
 
 PLAIN, SPARE, MOST_TALLER = 50.0, 0.12, 6.0
 """The timeline gets this share of what the window is higher than `PLAIN`, and at most so much more, em."""

@@ -40,8 +40,7 @@ SOFTWARE_PAUSE, LONGER_PAUSE = 1 / 10, 1 / 5
 render frames. The longer one applies while rendering falls behind playback."""
 
 JOB_PAUSE, ATTENTION = 1 / 2, 2.0
-"""The same while a job runs and nobody has touched the window for some seconds (the second number): the job needs the
-CPU more."""
+"""The same while a job, which needs the CPU more, runs; seconds after the window was touched from which it applies."""
 
 REST = 0.05  # seconds between two looks at everything while nothing happens
 LOOK_EVERY = 0.5  # seconds between two looks at the file of the marks, which browsers also change

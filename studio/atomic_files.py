@@ -24,8 +24,7 @@ _NAMED = rf"(?P<pid>[0-9]{{1,9}})(-(?P<machine>[0-9a-f]{{8}})-[0-9a-f]{{8}})?(?P
 """Middle of a temporary name. Earlier versions wrote the process id only."""
 
 _ABANDONED_SECONDS = 3600.0
-"""Temporary files of other machines are leftovers if nothing was written to them for so long: whether their process
-runs cannot be known here."""
+"""Temporary files of other machines, whose processes are not known here, are leftovers if unwritten for so long."""
 
 
 @contextmanager
@@ -132,8 +131,7 @@ def remove_leftovers(folder: Path, of: Path | None = None) -> None:
 
 
 def restore_old(path: Path) -> None:
-    """Put back what a killed process set aside as `temporary_path(path, ".old")`, or delete it if `path` exists;
-    OSError if it cannot be renamed."""
+    """Put back what a killed process left as `temporary_path(path, ".old")`; delete it if `path` exists. OSError."""
     for old in leftovers(path.parent, path, ".old"):
         if os.path.lexists(path):
             remove(old)

@@ -223,8 +223,7 @@ class Camera:
         return found
 
     def unproject(self, pixels: np.ndarray, depth: float | np.ndarray = 1.0) -> np.ndarray:
-        """The (N, 3) world points that `project` maps to the given (N, 2) pixels and depths, one or (N,); NaN where the
-        pixel is."""
+        """The (N, 3) world points that `project` maps to (N, 2) pixels and depths, one or (N,); NaN if those are."""
         xy = self.normalized(pixels)
         local = np.column_stack([xy, np.ones(len(xy))]) * np.broadcast_to(depth, len(xy))[:, None]
         world: np.ndarray = (local - self.translation) @ self.rotation
@@ -270,8 +269,7 @@ class Camera:
 
     @classmethod
     def from_dict(cls, values: JsonObject) -> Camera:
-        """Inverse of `to_dict`; StudioError if a key is missing (camera.missing_key) or a value is invalid (see
-        `Camera`)."""
+        """Inverse of `to_dict`; StudioError: a key is missing (camera.missing_key), or as for an invalid `Camera`."""
         who = str(values.get("name", "?"))
         for key in ("name", "K", "world_to_camera"):
             if key not in values:

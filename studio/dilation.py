@@ -1,5 +1,4 @@
-"""The dilation of splats where they are drawn: its usual value and its bounds, which settings and manifests
-read without PyTorch."""
+"""The dilation of rendered splats: its usual value and bounds, which settings and manifests read without PyTorch."""
 
 DILATION = 0.3
 """The dilation of 3DGS, and of viewers that know no other: added to the diagonal of each 2D covariance, square pixels

@@ -170,8 +170,7 @@ class Gaussians:
 
     @classmethod
     def cat(cls, *parts: Gaussians) -> Gaussians:
-        """The splats of all parts, in order; StudioError (`gaussians.dilations_differ`) if they differ in their
-        dilation."""
+        """The splats of all parts, in order; StudioError if their dilation differs (`gaussians.dilations_differ`)."""
         return cls(
             **{name: torch.cat([getattr(p, name) for p in parts]) for name in ATTRIBUTES},
             dilation=common_dilation(parts),

@@ -102,8 +102,7 @@ MENUS: dict[str, tuple[Item | None, ...]] = {  # by title; None is a line betwee
 ITEMS = {item.key: item for items in MENUS.values() for item in items if item is not None}
 
 ROW, SEPARATOR, MARGINS, WIDER = 1.52, 0.4, 0.4, 6.6
-"""Heights in a menu, and by how much it is wider than its longest item, in font sizes, measured: the toolkit draws
-menus unasked."""
+"""Heights in a menu, and its width beyond its longest item, in font sizes, measured: the toolkit draws menus itself."""
 
 
 def boxes(em: float) -> list[tuple[float, float]]:

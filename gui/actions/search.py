@@ -40,8 +40,7 @@ class SearchActions:
             self._window.changed()
 
     def update(self) -> bool:
-        """Keep the menus and the list up to date. Call before the window is drawn; returns whether something
-        changed."""
+        """Keep the menus and the list up to date, before the window is drawn; returns whether something changed."""
         return self.dialog.tick() | self._states.update(gui.Application.instance.menubar)
 
     def why_not(self, item: Item) -> str:

@@ -156,8 +156,7 @@ class StartActions:
 
 
 def path_in(text: str) -> str:
-    """The path or URL in copied text: without spaces and quotes around it, and a `file://` URL, as file managers copy
-    it, as a path."""
+    """The path or URL in copied text, without spaces and quotes around it; a file manager's `file://` URL as a path."""
     words = text.strip().strip("'\"")
     if not words.startswith("file://"):
         return words

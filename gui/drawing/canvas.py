@@ -114,8 +114,7 @@ def wrapped(text: str, size: int, width: float) -> list[str]:
 
 
 def shortened(text: str, size: int, width: float, most: int, rest: str) -> list[str]:
-    """The lines of `wrapped`, at most `most`; `rest`, which says where the others are, is the last one if there are
-    more."""
+    """The lines of `wrapped`, at most `most`; if there are more, the last one is `rest`, which says where they are."""
     lines = wrapped(text, size, width)
     return lines if len(lines) <= most else [*lines[: most - 1], rest]
 

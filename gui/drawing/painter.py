@@ -39,8 +39,7 @@ def draw_line(
 
 
 def draw_quad(canvas: Canvas, camera: Camera, corners: np.ndarray, picture: np.ndarray, opacity: float = 1.0) -> None:
-    """Draw an image on four world points (upper left, upper right, lower right, lower left); nothing if a corner is
-    behind the camera."""
+    """Draw an image on four world points, clockwise from the upper left; nothing if one is behind the camera."""
     import cv2
 
     pixels, depth = camera.project(corners)

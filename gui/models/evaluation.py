@@ -47,8 +47,7 @@ class Evaluation:
         return cls(frames, found.cameras, found.protocol.held_out, stale=stale)
 
     def figures(self, frame: int, camera: str = "") -> tuple[Mapping[str, float], str]:
-        """PSNR, SSIM and, if measured, LPIPS of a frame, and what they refer to, as in `whose`; ({}, "") if the frame
-        was not evaluated."""
+        """PSNR, SSIM and, if measured, LPIPS of a frame, and whose they are (`whose`); ({}, "") if not evaluated."""
         quality = self.frames.get(frame)
         if quality is None:
             return {}, ""

@@ -84,8 +84,7 @@ LOOP = Loop()  # the loop of the window's thread
 
 
 def later(receiver: Callable[Arguments, object]) -> Callable[Arguments, None]:
-    """A receiver that is called at the next run of the loop: the toolkit emits while it draws, when a dialog must not
-    be opened."""
+    """A receiver called at the next run of the loop: the toolkit emits while it draws, when no dialog may be opened."""
 
     def post(*args: Arguments.args, **kwargs: Arguments.kwargs) -> None:
         LOOP.post(partial(receiver, *args, **kwargs))

@@ -19,8 +19,7 @@ MOST_FAILURES = 20  # failures that are kept; older ones are dropped
 
 @dataclass(frozen=True)
 class Notice:
-    """One message, which may have line breaks, and the file or folder that was written, if any. A later success of the
-    same topic removes it."""
+    """A message, maybe of several lines, and the file or folder written, if any. A success of its topic removes it."""
 
     text: str
     bad: bool = False

@@ -14,8 +14,7 @@ DIMMED_AFTER, FRAME_DIMMED_AFTER = 0.1, 0.5
 """Seconds after which an image of something else, or of another frame, is dimmed: not at every quick change."""
 
 SLOW_TICK = 0.25
-"""Seconds between two ticks from which on the window is so slow that a wrong image is dimmed at once: it would stay
-for another draw."""
+"""Seconds between two ticks from which on a wrong image is dimmed at once, since it would stay for another draw."""
 
 
 class NewestImage:

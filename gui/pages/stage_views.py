@@ -364,8 +364,7 @@ class StageViews:
         self.capture.camera = "" if toggle and self.capture.camera == camera else camera
 
     def leave_camera(self) -> bool:
-        """Show all cameras in Capture again; returns whether one was shown alone. A polygon that is being drawn is let
-        go first."""
+        """Show all cameras in Capture again; whether one was shown alone. A polygon being drawn is let go first."""
         if self.stage == "capture" and self.capture.garbage.leave():
             return True
         alone = self.stage == "capture" and self.capture.camera != ""

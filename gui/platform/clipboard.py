@@ -68,8 +68,7 @@ class Clipboard:
         return True
 
     def poll(self) -> str | None:
-        """Answer other programs; return the text that was asked for: "" if the clipboard has none, None if it has not
-        come."""
+        """Answer other programs; return the text asked for: "" if the clipboard has none, None if it has not come."""
         found = None
         if not self._display:
             return None

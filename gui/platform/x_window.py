@@ -54,8 +54,7 @@ class XDisplay:
             return next(self._own_windows(), None)
 
     def set_least_size(self, width: int, height: int) -> bool:
-        """Ask the window manager to keep this process's windows at least this large, pixels. Returns whether there is
-        a window."""
+        """Ask the window manager to keep this process's windows this large at least, pixels; whether there is one."""
         found = False
         with errors_ignored(self._x, self._display):  # windows of other programs come and go
             for window in self._own_windows():

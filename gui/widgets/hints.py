@@ -48,8 +48,7 @@ class Hints:
         self.listing = not self.listing and any(widget.visible and holds(widget, x, y) for widget in lists)
 
     def update(self, pointer: tuple[int, int] | None, hidden: bool) -> bool:
-        """Show the hint of what the pointer, in window pixels if it is known, rests on; returns whether anything
-        changed, which needs a layout."""
+        """Show the hint of what the pointer, in window pixels, rests on; returns whether a layout is needed."""
         found = self._at(*pointer) if pointer is not None else None
         if found is None or found[0] is not self._clicked:
             self._clicked = None

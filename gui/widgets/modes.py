@@ -14,8 +14,7 @@ from gui.widgets.picture import ImagePanel, color, holds, put
 Choice = tuple[str, str, str]  # Key, label, tooltip. An empty key is a gap
 
 BAR = 0.2
-"""Height of the bar at the bottom of a pressed button under the pointer, em. The toolkit draws every button gray there,
-with no color of its own."""
+"""Height of the bar at the bottom of a pressed button under the pointer, em: the toolkit draws all gray there."""
 
 
 class ModesPanel:

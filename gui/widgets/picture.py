@@ -49,8 +49,7 @@ def holds(widget: gui.Widget, x: int, y: int) -> bool:
 
 
 def text_room(text: str, em: float) -> float:
-    """Width of a text in a label or a menu, pixels. The toolkit's font size is the height of a line, not that of the em
-    square."""
+    """Width of a text in a label or a menu, pixels. The toolkit's font size is the height of a line, not of the em."""
     return text_width(text, 100) * em / glyph_height(100)
 
 
@@ -114,8 +113,7 @@ class ImagePanel:
             self.widget.update_image(as_image(pixels))
 
     def settle(self) -> bool:
-        """Show the exact pixels of an image of a new size. Call at each draw of the window; returns whether another
-        draw is needed."""
+        """Show the exact pixels of an image of a new size, at each draw of the window; whether to draw once more."""
         if self._exact is None:
             return False
         self._draws -= 1

@@ -92,8 +92,7 @@ HELP: Mapping[str, StageHelp] = {  # by key of `TITLES`
 
 
 def example_of(stage: str, kind: str) -> np.ndarray:
-    """(H, W, 3) uint8 RGB of a stage, a key of `HELP`, "good" or "bad"; FileNotFoundError if the installation lacks
-    it."""
+    """(H, W, 3) uint8 RGB of a stage, a key of `HELP`, "good" or "bad"; FileNotFoundError: not installed."""
     import cv2
 
     path = PICTURES / f"{stage}_{kind}.jpg"

@@ -10,8 +10,7 @@ REST = 0.7  # distance in em up to which a pointer counts as resting
 
 
 class SwapGuard:
-    """See the module. `pointer`: its position in the window, pixels; None where it is not known, and then nothing is
-    refused."""
+    """See the module. `pointer`: its position in the window, pixels; None: not known, and nothing is refused."""
 
     def __init__(self, pointer: Callable[[], tuple[int, int] | None], em: float) -> None:
         self._pointer, self._rest = pointer, REST * em

@@ -47,8 +47,7 @@ class Notice(Event):
 
     @classmethod
     def of(cls, what: Message, **own: Any) -> Self:
-        """The event of a message, JSON-ready and of bounded length; `own` are the attributes that it does not fill
-        in."""
+        """The event of a message, JSON-ready and of bounded length; `own`: the attributes that it does not fill in."""
         found = what.to_dict()
         parts = {name: found.pop(name) for name in ("message", "code", "file", "value", "fix") if name in found}
         return cls(**parts, fields=found, **own)

@@ -1,5 +1,4 @@
-"""The ground of a cast: a disk with the performers' soft contact shadows, as the page shows it
-(`web/engines/contact_shadow.ts`)."""
+"""The ground of a cast: a disk with soft contact shadows, as the page shows it (`web/engines/contact_shadow.ts`)."""
 
 from __future__ import annotations
 

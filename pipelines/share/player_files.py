@@ -19,8 +19,7 @@ class PlayerFiles:
     review: bytes
 
     def hashed(self, review: bool = False) -> dict[str, bytes]:
-        """The scripts that a page loads, by hashed names: a new version has a new name, so that caches may keep files
-        for good."""
+        """The scripts that a page loads, by hashed names: caches may keep them for good, as new ones have new names."""
         scripts = {SCRIPT_NAME: self.script} | ({REVIEW_NAME: self.review} if review else {})
         return {hashed_name(name, data): data for name, data in scripts.items()}
 

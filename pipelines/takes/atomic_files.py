@@ -81,8 +81,7 @@ def validated(path: Path, values: Any, model: type[Model]) -> Model:
 
 
 def write_model(path: Path, value: BaseModel, durable: bool = False) -> None:
-    """Write a model as indented JSON, atomically; fields that were never set are left out. `durable`: as for
-    `atomic_path`."""
+    """Write a model as indented JSON, atomically, without fields never set. `durable`: as for `atomic_path`."""
     write_json(path, value.model_dump(mode="json", exclude_unset=True), durable)
 
 

@@ -19,8 +19,7 @@ if TYPE_CHECKING:
 
 
 def followed(take: Take, frame: int | None, center: np.ndarray, radius: float, weight: float) -> DetailMark:
-    """A ball that is marked in a trained frame (its number in the footage; None: the first), with its path through all
-    of them."""
+    """A ball marked in a trained frame (its number in the footage; None: the first), with its path through all."""
     from studio.edits import follow
 
     files, starts = take.trained_files()

@@ -16,8 +16,7 @@ from pipelines.takes.take import Take
 
 @dataclass(frozen=True)
 class FrameNumbers:
-    """The numbers of a take's frames in the footage, ascending, by index in the take; none known: they are counted from
-    0."""
+    """The numbers of a take's frames in the footage, ascending, by index in the take; if unknown, counted from 0."""
 
     known: tuple[int, ...] = ()
 

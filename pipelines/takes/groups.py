@@ -20,8 +20,7 @@ the sample's 30 frames, which are best as one group, it is 0.31; in groups of 12
 
 @dataclass(frozen=True)
 class Group:
-    """Consecutive frames that share one set of splats: their number, and their first frame in the take, counted from
-    0."""
+    """Consecutive frames that share one set of splats: their number, and their first frame in the take, from 0."""
 
     index: int
     first: int

@@ -141,8 +141,7 @@ def capture_place(reader: StreamReader) -> CapturePlace:
 
 
 def stream_numbers(text: str, reader: StreamReader) -> FrameNumbers:
-    """The numbers of the frames of a stream that was opened from `text`: those in the footage for a take's, else
-    counted from 0."""
+    """The frame numbers of a stream that was opened from `text`: those in the footage for a take's, else from 0."""
     from pipelines.takes.frame_numbers import FrameNumbers, trained_numbers
 
     if not is_take(text):

@@ -34,8 +34,7 @@ class Cut:
         return self.samples / SAMPLE_RATE
 
     def blocks(self) -> Iterator[np.ndarray]:
-        """The samples in order, (n, channels) float32; StudioError if the file cannot be read, or has nothing in the
-        part (`audio.outside`)."""
+        """The samples in order, (n, channels) float32; StudioError: unreadable, or nothing there (`audio.outside`)."""
         done = 0
         for position, samples in self.file.blocks():
             low = position - self.first

@@ -107,8 +107,7 @@ def flicker(before: np.ndarray, now: np.ndarray) -> float:
 
 
 def flicker_of(before: Mapping[str, Residual], now: Mapping[str, Residual]) -> float | None:
-    """Flicker between two consecutive frames where the boxes overlap, mean over cameras, in levels of 0 to 255; None if
-    no camera has the performer in both."""
+    """Flicker between consecutive frames where boxes overlap, mean over cameras, 0 to 255; None if they never do."""
     found = []
     for camera in sorted(set(before) & set(now)):
         one, other = before[camera], now[camera]

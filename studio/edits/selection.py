@@ -43,8 +43,7 @@ class Paths:
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """(N,) bool for each kind of edit: the splats that it removes; `loose`: in a small cluster, if nothing else removes
-    them."""
+    """(N,) bool by kind of edit: the splats that it removes; `loose`: in a small cluster, and not removed otherwise."""
 
     crop: np.ndarray
     ground: np.ndarray

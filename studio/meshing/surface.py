@@ -28,8 +28,7 @@ def open3d() -> Any:
 
 @dataclass
 class Mesh:
-    """A triangle mesh: (V, 3) float64 world coordinates, and (F, 3) int32 vertex indices, counterclockwise from
-    outside."""
+    """A triangle mesh: (V, 3) float64 world coordinates, (F, 3) int32 vertex indices, counterclockwise from outside."""
 
     vertices: np.ndarray
     faces: np.ndarray

@@ -80,8 +80,7 @@ class ImageZoom:
         return pixels
 
     def inside(self, camera: Sized, width: int, height: int) -> tuple[int, int, int, int]:
-        """The camera's image in an image of this size: first column and row, and the column and row after the last,
-        pixels."""
+        """The camera's image in an image of this size: first column and row, and those after the last, pixels."""
         scale = self.scale(camera, width, height)
         x, y = self.offset(camera, width, height)
         left, right = max(round(x), 0), min(round(x + camera.width * scale), width)

@@ -108,8 +108,7 @@ class TrainedSource:
         return held
 
     def reach(self) -> np.ndarray:
-        """(N, 3): where the performer is in frames spread over the take, world coordinates; damaged ones are left
-        out."""
+        """(N, 3) world coordinates of the performer in frames spread over the take, without damaged ones."""
         found = [np.zeros((0, 3))]
         files = list(self._files.values())
         for at in sorted({round(x) for x in np.linspace(0, len(files) - 1, REACH_FRAMES)}):

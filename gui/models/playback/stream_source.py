@@ -184,8 +184,7 @@ class StreamSource:
         return first
 
     def sound(self) -> StreamSound | None:
-        """The stream's sound, fetched now, which begins with frame `first`; the caller closes it. None for a silent
-        stream. Raises StudioError."""
+        """The stream's sound from frame `first` on, fetched now, which the caller closes; None: silent. StudioError."""
         return self._reader.sound()
 
     @property

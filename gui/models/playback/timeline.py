@@ -61,8 +61,7 @@ class Timeline:
         return max(sum(1 for start in self.group_starts if start <= frame) - 1, 0)
 
     def picture(self, frame: int | None) -> np.ndarray:
-        """(height, width, 3) uint8 RGB: groups in two shades, the played part, and the current frame (None: an empty
-        track)."""
+        """(height, width, 3) uint8 RGB: groups in two shades, the played part, the current frame (None: empty)."""
         image = np.empty((self.height, self.width, 3), np.uint8)
         image[:] = BACKGROUND
         top, bottom = self.height // 4, self.height - self.height // 4

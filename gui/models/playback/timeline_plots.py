@@ -365,8 +365,7 @@ class TimelinePlots:
         self._axis(canvas, plot, y, height)
 
     def _axis(self, canvas: Canvas, plot: Plot, y: float, height: float) -> None:
-        """The lowest and the highest value of a row, to the right of it and at their heights, or side by side where
-        there is no room for that."""
+        """The lowest and the highest value of a row, at its right at their heights, or if too close, side by side."""
         assert plot.extremes is not None
         assert plot.range is not None
         size = max(round(0.68 * self.em), 8)

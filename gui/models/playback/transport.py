@@ -86,8 +86,7 @@ class Transport:
         return True
 
     def step_span(self) -> str:
-        """Set the span's beginning to the current frame; the next time its end; then clear it. Returns what was
-        done, as a sentence."""
+        """Set the span's beginning to the current frame, next its end, then clear it; a sentence on what was done."""
         frame = self.frame
         if self._span is not None:
             self.clear_span()

@@ -71,8 +71,7 @@ class Viewpoint:
 
     @property
     def reference(self) -> str:
-        """What a comparison compares with: the other bake or take if one is open, else footage in a capture camera's
-        view, else the other source."""
+        """What a comparison compares with: another open bake or take, footage in a camera's view, the other source."""
         if self.opened is not None and OTHER in self.opened.sources:
             default = self.opened.default
             return OTHER if self.what != OTHER or default is None else default.name

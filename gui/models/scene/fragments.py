@@ -146,8 +146,7 @@ class Patch:
 
 
 def image_on_quad(camera: Camera, corners: np.ndarray, image: np.ndarray) -> Patch | None:
-    """An image (h, w, 3) on four world points in a plane (upper left, upper right, lower right, lower left); None if
-    nothing can be seen of it."""
+    """An image (h, w, 3) on four world points in a plane, clockwise from the upper left; None if it is not seen."""
     import cv2
 
     pixels, depth = camera.project(corners)

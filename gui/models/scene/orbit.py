@@ -128,8 +128,7 @@ class OrbitCamera:
         return replace(self, yaw=(self.yaw - _TURN * dx) % math.tau, pitch=pitch)
 
     def pan(self, dx: float, dy: float, height: int) -> OrbitCamera:
-        """This view panned by a drag of (dx, dy) pixels in an image `height` pixels high: the target stays under the
-        pointer."""
+        """This view after a pan by (dx, dy) pixels in an image `height` high: the target stays under the pointer."""
         per_pixel = 2.0 * self.distance * math.tan(0.5 * self.fov) / max(height, 1)
         x, y, _ = self._axes()
         return replace(self, target=self.target - per_pixel * (dx * x + dy * y))
@@ -165,8 +164,7 @@ class OrbitCamera:
         return Camera("viewer", width, height, K, camera.world_to_camera)
 
     def camera(self, width: int, height: int, reduced: float = 1.0) -> Camera:
-        """The pinhole camera to render with: square pixels, principal point at the center; `reduced` below 1 shows more
-        around it."""
+        """The pinhole camera to render with: square pixels, centered; `reduced` below 1 shows more around it."""
         focal = 0.5 * height / math.tan(0.5 * self.fov) * reduced
         K = np.array([[focal, 0.0, 0.5 * width], [0.0, focal, 0.5 * height], [0.0, 0.0, 1.0]])
         pose = np.eye(4)

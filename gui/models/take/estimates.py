@@ -83,8 +83,7 @@ class Estimates:
         self.changed.emit()
 
     def show(self, take: Take | None, config: Config | None) -> bool:
-        """Read the cached figures of another take, or of other settings of the footage; returns whether they are
-        others."""
+        """Read the cached figures of another take or of other settings of the footage; whether they are others."""
         of = (take.root if take is not None else None, config)
         if of == self._of:
             return False

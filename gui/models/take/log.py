@@ -77,8 +77,7 @@ def _indent(em: float) -> float:
 
 
 def _hang(width: float, em: float) -> float:
-    """Column where the rows that continue a line begin: below its text, or below its time where there is little room
-    beside that."""
+    """Column where rows that continue a line begin: below its text, or below its time where there is little room."""
     return _indent(em) if width >= WIDE * em else 0.6 * em + HANG * em
 
 

@@ -82,8 +82,7 @@ class RunState:
     results: int = 0  # incremented when the take has new results: a frame, a group, a stage
 
     def followed(self) -> RunState:
-        """The state of the next run: empty except for the log, and for the training curves and previews, which are kept
-        until a run trains again."""
+        """The state of the next run: empty except for the log, and training curves and previews until it trains."""
         return RunState(
             lines=deque((replace(line, notice=None) for line in self.lines), maxlen=LOG_LINES),
             curves=self.curves,

@@ -340,8 +340,7 @@ class Workspace:
                 self.refused.emit(f"Cannot stop the run (process {pid}) from here. Stop it where it was started.")
 
     def pause(self) -> None:
-        """Suspend or resume the run, wherever it was started. A suspended run stays in memory; unfinished work is lost
-        if the machine is switched off."""
+        """Suspend or resume the run, wherever it was started. It stays in memory: power off loses unfinished work."""
         pid = self.pid
         if pid is None:
             return

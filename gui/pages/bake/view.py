@@ -46,8 +46,7 @@ def rest_words(sound: bool) -> str:
 
 
 def shares(reader: StreamReader) -> list[Share]:
-    """Bytes of the stream: by attribute if it has one video per plane, else by file; last the manifest, with the sound
-    if there is one."""
+    """Bytes of the stream: by attribute if it has a video per plane, else by file; last the manifest and the sound."""
     found: dict[str, tuple[int, frozenset[int]]] = {}
 
     def add(name: str, size: int, qps: frozenset[int]) -> None:

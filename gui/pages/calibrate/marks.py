@@ -13,8 +13,7 @@ LEAST = 6  # recommended minimum of marks per camera
 
 
 class TieMarks:
-    """The points of a file (StudioError if it cannot be read), in list order, saved after each change; those without
-    marks are not."""
+    """The points of a file in list order (StudioError: unreadable); those with marks are saved after each change."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

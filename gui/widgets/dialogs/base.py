@@ -184,8 +184,7 @@ class Dialogs:
             self._confirm = FRAMES_BEFORE_ENTER
 
     def key(self, event: gui.KeyEvent) -> bool:
-        """Keep a key that is pressed before the text field has the focus, to be typed once it has. Returns whether the
-        key is handled."""
+        """Keep a key pressed before the text field has the focus, to be typed then; returns whether it is handled."""
         down = event.type == gui.KeyEvent.Type.DOWN
         if event.key in (gui.KeyName.LEFT_SHIFT, gui.KeyName.RIGHT_SHIFT):
             self._shift = down
@@ -318,8 +317,7 @@ class Dialogs:
         nothing: str = "The list is empty.",
         note: str = "",
     ) -> None:
-        """Choose from a list with a note below it. Answers are placed before Close. `nothing` is shown for an empty
-        list."""
+        """Choose from a list (`nothing` is shown for an empty one) with a note below it; answers are before Close."""
         self.widgets = {}
         parts: list[gui.Widget] = []
         for number, choice in enumerate(choices):

@@ -60,8 +60,7 @@ class Form:
         self.add(attribute, label, box)
 
     def output(self, again: Callable[[], None]) -> gui.TextEdit:
-        """The field of the output path, with a button beside it that asks for the folder; `again` shows this dialog
-        afterwards."""
+        """The field of the output path, and a button that asks for the folder; `again` then shows this dialog."""
         request = self._target
         field = gui.TextEdit()
         field.text_value = request.target

@@ -17,8 +17,7 @@ def ask_numbers(
     save: Callable[[dict[str, str]], str],
     error: str = "",
 ) -> None:
-    """Ask for the texts of fields. `save` gets them by key; it returns "", or why they were refused: the dialog stays
-    and says so."""
+    """Ask for the texts of fields. `save` gets them by key; it returns "", or why they are refused: then it stays."""
     dialogs.widgets = {}
     typed = SimpleNamespace(**{key: value for key, _, value in fields})
     form = Form(dialogs, typed)

@@ -12,8 +12,7 @@ from studio.errors import StudioError
 
 NAMESPACE = "v3studio"
 ADDRESS_VARIABLE = "V3STUDIO_RAY_ADDRESS"
-"""Environment variable of a detached run: the cluster's address on the machine where it runs, used instead of
-`run.address`."""
+"""Environment variable of a detached run: the cluster's address where it runs, used instead of `run.address`."""
 
 CONNECT_SECONDS = 5.0  # how long the head node may take to accept a connection
 

@@ -125,8 +125,7 @@ class CalibrationTarget(Settings):
         return cv2.aruco.CharucoDetector(self.charuco, detectorParams=parameters)
 
     def detect(self, image: np.ndarray) -> TargetObservation | None:
-        """The corners detected in a (H, W, 3) RGB or (H, W) uint8 image; None if there are fewer than six, or all are
-        collinear."""
+        """The corners detected in a (H, W, 3) RGB or (H, W) uint8 image; None if fewer than six, or all collinear."""
         import cv2
 
         gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image
