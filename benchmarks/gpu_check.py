@@ -305,8 +305,7 @@ def machine() -> Report:
 
 @contextlib.contextmanager
 def busy() -> Iterator[Callable[[], Report]]:
-    """Within the block, read the GPU's utilization twice a second; the result gives the mean, in percent, since it was
-    last called."""
+    """Within the block, read the GPU's utilization twice a second; the result is the mean in % since its last call."""
     values: list[float] = []
     query = ["nvidia-smi", "--query-gpu=utilization.gpu", "--format=csv,noheader,nounits", "--id=0", "-lms", "500"]
     try:

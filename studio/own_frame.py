@@ -53,8 +53,7 @@ def undone(frame: Similarity, *, placed: bool) -> Similarity:
 
 
 def frame_sentence(frame: Similarity, whose: str = "take", of: str = "cameras") -> str | None:
-    """What the frame does, for logs and checks; None for the identity. Nouns: `whose` has it, `of` (plural) are far
-    away."""
+    """What the frame does, for logs and checks; None: nothing. Nouns: `whose` has it, `of` (plural) are far away."""
     if frame.is_identity:
         return None
     x, y, z = frame.inverse.translation

@@ -10,8 +10,7 @@ import numpy as np
 
 
 def quats_to_matrices(quats: np.ndarray) -> np.ndarray:
-    """Rotation matrices (..., 3, 3) float64 of quaternions (..., 4) wxyz of any norm above 0; ValueError if one is zero
-    or not finite."""
+    """Rotation matrices (..., 3, 3) float64 of quaternions (..., 4) wxyz of any norm; ValueError: 0 or not finite."""
     from scipy.spatial.transform import Rotation
 
     quats = np.asarray(quats, np.float64)

@@ -84,8 +84,7 @@ class Similarity:
 
 
 def rotation_between(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """(3, 3): the shortest rotation of one direction, (3,) of any length, onto another; of opposite ones, about any
-    axis across."""
+    """(3, 3): the shortest rotation of a direction, (3,) of any length, onto another; if opposite, about any axis."""
     start, end = (np.asarray(value, np.float64) / np.linalg.norm(value) for value in (start, end))
     cosine = float(start @ end)
     if cosine < -1 + 1e-12:

@@ -11,8 +11,7 @@ from gui.widgets.picture import ImagePanel
 
 
 class PathPanel:
-    """See the module. `act` is called with what was clicked, a key of `drawing.path_list.HINTS`, and the view's index
-    (-1: none)."""
+    """See the module. `act`: called with what was clicked, a key of `drawing.path_list.HINTS`, and the view or -1."""
 
     def __init__(
         self, em: float, editor: PathEditor, act: Callable[[str, int], None], changed: Callable[[], None]

@@ -105,8 +105,7 @@ class TakeReview:
         return self._in_stream(change_mark(self.take.marks, frame, new, old))
 
     def _in_stream(self, marks: dict[int, Mark]) -> tuple[Mark, ...]:
-        """Marks of a take, with frames and positions of its stream; those of frames that it does not have are left
-        out."""
+        """Marks of a take, with frames and positions of its stream, without those of frames that it does not have."""
         first, world, numbers = self.place.first_frame, self.place.world, trained_numbers(self.take)
         indices = {numbers.index(frame): mark for frame, mark in sorted(marks.items())}
         return tuple(

@@ -56,8 +56,7 @@ class StreamToShare:
         ).plain()
 
     def poster(self) -> Poster:
-        """The first frame as the player begins: from the suggested camera at eye level, or from the front, over the
-        stream's background."""
+        """The player's first view: from the suggested camera at eye level, or the front, over the background."""
         from pipelines.reports.images import encode, render
         from pipelines.takes.videos import decoded_video
         from studio.formats.camera_path import turntable

@@ -82,8 +82,7 @@ def keys_in_take(source: str, of: str, path: Path, camera: str | None = None) ->
 
 
 def in_export(keys: Sequence[Key], source: str, of: str, numbers: FrameNumbers) -> list[Key]:
-    """The keys, which count frames and lie as in the take, as `v3studio export` takes them; `source` and `of` as for
-    `keys_in_take`."""
+    """Keys that count frames and lie as in the take, as `v3studio export` takes them; arguments as `keys_in_take`."""
     place, count = _place_of(source, of)
     first, last = place.first_frame, place.first_frame + count - 1
     frames = [int(key.frame or 0) for key in keys]

@@ -33,8 +33,7 @@ def align_points(source: np.ndarray, target: np.ndarray) -> Similarity:
 
 
 def align_rigs(source: Rig, target: Rig) -> Similarity:
-    """The similarity from one solution to another, from the centers of their common cameras; StudioError as
-    `align_points`."""
+    """The similarity from one solution to another by their common cameras' centers; StudioError as `align_points`."""
     names = [name for name in source.names if name in target]
     return align_points(source.subset(names).centers, target.subset(names).centers)
 

@@ -135,8 +135,7 @@ def fitting(cameras: Mapping[str, Camera], pairs: Iterable[PairMatches]) -> dict
 
 
 def distances(cameras: Mapping[str, Camera], pairs: Iterable[PairMatches]) -> dict[tuple[str, str], np.ndarray]:
-    """(M,) distances of matches from the epipolar lines of two cameras, by pair of cameras; fractions of the images'
-    longer side."""
+    """(M,) distances of matches from epipolar lines by pair of cameras; fractions of the images' longer side."""
     found = {}
     for pair in pairs:
         first, second = cameras[pair.first], cameras[pair.second]

@@ -17,8 +17,7 @@ Grade = Literal["good", "usable", "wrong"]
 Cameras = Mapping[str, Camera]
 
 FITS = 0.85
-"""Fraction of the matches that a correct rig fits at least: 0.91 to 0.99 on the rigs that were tried; folded rigs have
-0.29 to 0.45."""
+"""Fraction of the matches that a correct rig fits at least: those tried have 0.91 to 0.99, folded ones 0.29 to 0.45."""
 _DOUBTFUL, _TELLING = 0.5, 5 * LEAST_MATCHES
 """A camera whose matches with the others fit less often than this is placed wrongly, if it has so many: with 73, false
 matches of two repeating panels had outweighed those of a camera in the right place."""

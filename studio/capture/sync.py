@@ -40,8 +40,7 @@ class SyncReport:
         return {name: round(offset) for name, offset in self.offsets.items() if round(offset)}
 
     def warnings(self) -> list[Message]:
-        """`sync.offset` per camera that is late or early, with the fields `camera` and `method`; `sync.unknown` per
-        camera in `unsure`."""
+        """`sync.offset` (fields `camera`, `method`) per late or early camera; `sync.unknown` per one in `unsure`."""
         found = []
         for name, offset in self.whole.items():
             frames = counted(abs(offset), "frame")

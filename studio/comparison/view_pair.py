@@ -52,8 +52,7 @@ class ViewPair:
         device: str = "cpu",
         fit: bool = False,
     ) -> ViewPair:
-        """Render a view and composite the (H, W, 3) uint8 RGB footage with its (H, W) uint8 mask over a background,
-        RGB, 0 to 1."""
+        """Render a view and composite (H, W, 3) uint8 RGB footage by its (H, W) uint8 mask over RGB in 0 to 1."""
         import torch
 
         from studio.color_fit import correct_color, fit_color

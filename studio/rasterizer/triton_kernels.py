@@ -180,8 +180,7 @@ def blend_tile_backward(
 
 @triton.jit
 def sum_pairs(d_pairs, ends, d_table):
-    """Add the rows of each splat, which are adjacent: (P, 10) float32 to (V, 10); `ends`, (V,) int64, is one past its
-    last row."""
+    """Add the adjacent rows of each splat: (P, 10) float32 to (V, 10); `ends`, (V,) int64: one past its last row."""
     splat = tl.program_id(0).to(tl.int64)
     start = tl.load(ends + splat - 1, mask=splat > 0, other=0)
     end = tl.load(ends + splat)

@@ -101,8 +101,7 @@ def _beside(path: Path) -> Path:
 
 
 def _forget(root: Path, names: set[str]) -> None:
-    """Delete what the store has no more, and leftovers of killed processes: anyone who writes here has locked the
-    mirrors."""
+    """Delete what the store has no more, and leftovers of killed processes; who writes here has locked the mirrors."""
     for folder, _, files in os.walk(root, topdown=False):
         for name in files:
             path = Path(folder, name)

@@ -38,8 +38,7 @@ class Entry:
 
 
 class Store:
-    """A folder in an object store: s3://bucket/folder, gs://... or az://...; credentials come from the environment.
-    Thread safe."""
+    """A folder in an object store (s3://bucket/folder, gs://..., az://...); credentials: environment. Thread safe."""
 
     def __init__(self, address: str | os.PathLike[str]) -> None:
         self.address = str(checked(os.fspath(address)))
@@ -76,8 +75,7 @@ class Store:
         }
 
     def read(self, path: str, start: int, stop: int) -> bytes:
-        """Bytes start to stop (exclusive) of an object; StudioError: `storage.*`, also if every attempt returns too few
-        bytes."""
+        """Bytes start to stop (exclusive) of an object; StudioError `storage.*`, also if all attempts get too few."""
 
         def get() -> bytes:
             data: bytes = self._files.cat_file(self._path(path), start=start, end=stop)

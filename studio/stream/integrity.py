@@ -22,8 +22,7 @@ class StreamDamage:
 
 @dataclass(frozen=True)
 class StreamIntegrity:
-    """What `check_stream` found: files checked, including the manifest, their size by the manifest, and the damaged
-    ones."""
+    """What `check_stream` found: files checked, with the manifest, their size by the manifest, and damaged ones."""
 
     files: int
     bytes: int

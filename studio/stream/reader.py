@@ -159,8 +159,7 @@ class StreamReader:
         return grown
 
     def fetch(self, group: Rendition) -> dict[str, bytes]:
-        """Content by path of all files of a group; StudioError as `fetch_group`, or `stream.replaced` if it was baked
-        again."""
+        """Content by path of all files of a group; StudioError as `fetch_group`, or `stream.replaced` (baked again)."""
         with self._reading():
             return fetch_group(self.source, group)
 
@@ -235,8 +234,7 @@ class StreamReader:
         return self.manifest.audio
 
     def audio_bytes(self) -> bytes:
-        """The sound's file: an MP4 with one AAC track. StudioError if there is none (`stream.no_sound`), or it is
-        damaged."""
+        """The sound's file, an MP4 with one AAC track. StudioError: none (`stream.no_sound`), or it is damaged."""
         entry = self.audio
         if entry is None:
             raise StudioError("stream.no_sound", "the stream has no sound", file=self.source.name)

@@ -12,8 +12,7 @@ _DATE = (1980, 1, 1, 0, 0, 0)  # equal streams give equal archives
 
 
 def write_archive(reader: StreamReader, out: Path, progress: ProgressFn = no_progress) -> int:
-    """Write a stream with all its renditions, verified, into the file `out`, which is replaced; returns its size in
-    bytes."""
+    """Write a stream with all its renditions, verified, into the file `out`, which is replaced; its size in bytes."""
     written = {MANIFEST_NAME}
     with zipfile.ZipFile(out, "w", zipfile.ZIP_STORED) as archive:
 

@@ -37,8 +37,7 @@ WORTH = 0.1  # gain in dB from which on refined cameras are used
 _VISITS = 75  # steps per camera in which cameras are refined; a third as many with fixed cameras come before
 ALIGN_STEPS = 150  # steps that align a camera to finished splats
 _RATE, _LAST_RATE = 1e-3, 0.05
-"""Adam's rate: each step moves the performer in the image by up to a thousandth of its size. In the second half, it
-decays to this part."""
+"""Adam's rate, so that a step moves the performer by a thousandth of its size, and what it decays to at the end."""
 _USUAL = (*[0.03] * 6, 0.02, 0.02, 0.03, 0.03)
 """Usual errors of a calibration: rotation in radians and translation as a fraction of the performer's radius (three
 each), principal point as a fraction of the focal length (two), relative focal length, radial term."""

@@ -342,8 +342,7 @@ class PlayerPresenter(Viewpoint):
 
     @property
     def scene_places(self) -> tuple[tuple[Place, ...], tuple[Place, ...]]:
-        """Name and (N, 2) pixels of the frusta in the image of the scene, and of the ends of the view axes, those in
-        front last."""
+        """Name and (N, 2) pixels of the frusta in the scene's image, and of the view axes, the front ones last."""
         return (self.picture.cameras, self.picture.ends) if self.picture is not None else ((), ())
 
     def rests(self, full: tuple[int, int]) -> bool:
@@ -372,8 +371,7 @@ class PlayerPresenter(Viewpoint):
 
     @property
     def current(self) -> bool:
-        """Whether the newest image is one of what is wanted: the same sources, comparison and camera, and when
-        paused the same frame."""
+        """Whether the newest image has the wanted sources, comparison and camera, and when paused the wanted frame."""
         request = self._request()
         if self.picture is None or request is None or self.picture.label != request.label:
             return False

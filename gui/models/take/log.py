@@ -22,8 +22,7 @@ LEVELS: dict[str, tuple[str, RGB, RGB]] = {
 """How lines of a level begin, and the colors of their dots and of their text, by kind."""
 
 WIDE, HANG = 30.0, 1.0
-"""Width of the log from which on all rows of a line begin below each other, and else the indent of those that continue
-it, em."""
+"""Width of the log from which on all rows of a line are aligned, and else the indent of those that continue it, em."""
 
 CLOCK = "00:00:00"  # A time as wide as all others
 

@@ -24,8 +24,7 @@ from studio.storage import is_address
 
 
 class PointsView(StageView):
-    """See the module. Clicks act on the layout of the last image; `magnifiers`, by camera: what is shown of its image,
-    and where."""
+    """See the module. Clicks act on the last image's layout; `magnifiers`: by camera, what is shown of it and where."""
 
     modes = ("points by hand",)
 

@@ -23,8 +23,7 @@ which the simpler intrinsics are accepted. Independent Gaussian errors give 1; S
 3 to 5. At 13 (focal lengths that differ by 0.1%), shared and separate intrinsics gave equally accurate cameras; at 35
 (0.2%), shared intrinsics had twice the error."""
 ASPECT_LIMIT = 50.0
-"""The same for the pixels' aspect ratio: a single parameter exceeds the mean of many by chance, here by 3.5 sigma at a
-misfit of 4."""
+"""The same for the pixels' aspect ratio: a single parameter exceeds the mean by chance, by 3.5 sigma at misfit 4."""
 _ASPECT_STEP = 0.0025
 _FEWEST = 3
 

@@ -19,8 +19,7 @@ class DecodedFrame(ABC):
 
 
 class GroupDecoder(ABC):
-    """Decodes the frames of one group in order; `next_frame` is the index in the stream of the one that `read`
-    returns."""
+    """Decodes the frames of one group in order; `next_frame`: index in the stream of the one that `read` returns."""
 
     def __init__(self, group: Rendition) -> None:
         self.group = group

@@ -252,8 +252,7 @@ def _stored(value: float) -> float:
 
 
 def _importance(opacity: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """(N,) relative position step, about 1: errors of faint and of large splats are less visible (exponents and bounds
-    measured)."""
+    """(N,) relative position step, about 1: errors of faint and large splats are less visible (numbers measured)."""
     faint = np.sqrt(np.median(opacity) / np.maximum(opacity, 1e-3))
     large = np.exp(0.3 * (sizes - np.median(sizes)))
     return np.clip(faint * large, 0.5, 4.0)

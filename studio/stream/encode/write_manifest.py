@@ -186,8 +186,7 @@ def _write(path: Path, data: bytes) -> None:
 
 
 def _replace_manifest(path: Path, data: bytes, files: Iterable[str]) -> None:
-    """Write the manifest, atomically, once the files that it names are on the disk: a power cut leaves the old stream
-    or the new one."""
+    """Write the manifest atomically once its files are on the disk: a power cut leaves the old stream or the new."""
     named = sorted({path.parent / name for name in files})
     try:
         for one in (*named, *sorted({one.parent for one in named} | {path.parent})):
@@ -201,8 +200,7 @@ def _replace_manifest(path: Path, data: bytes, files: Iterable[str]) -> None:
 
 
 def _live_pages(path: Path) -> set[str]:
-    """Pages of the live manifest that is replaced: players that follow may still need them, until they read the new
-    one."""
+    """Pages of the live manifest that is replaced: players that follow may need them until they read the new one."""
     try:
         with path.open("rb") as handle:
             data = handle.read(MAX_MANIFEST_BYTES)
