@@ -55,8 +55,6 @@ def test_what_has_no_sound(videos, image_folders):
     ):
         with refuses(code, setting="capture.audio"):
             open_footage(CaptureSettings(root=root, audio=audio))
-    with refuses("audio.outside", setting="capture.audio_offset"):
-        heard(videos, audio="take.wav", audio_offset=500.0)
     footage = open_footage(CaptureSettings(root=videos, masks="none", audio="take.wav"))
     with refuses("audio.uneven_frames", value=(2, 5)):
         footage.sound.cut((1, 2, 5), 1)

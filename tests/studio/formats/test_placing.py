@@ -9,6 +9,7 @@ import pytest
 from studio.cameras import Camera
 from studio.errors import Cancelled
 from studio.formats.exr import export_exr
+from studio.formats.movie import render_movie
 from studio.formats.sequence import export_sequence
 from studio.formats.usd import export_usd
 from studio.formats.videogs import export_videogs
@@ -24,6 +25,7 @@ WRITERS: dict[str, Callable[..., object]] = {
     "plates": lambda video, out, **more: export_exr(video, out, lambda index: CAMERA, Similarity(), **more),
     "ply": lambda video, out, **more: export_sequence(video, out, ".ply", **more),
     "videogs": export_videogs,
+    "a.mp4": lambda video, out, **more: render_movie(video, out, lambda time: CAMERA, lambda time: 0, 0.3, 10, **more),
 }
 
 
