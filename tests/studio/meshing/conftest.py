@@ -1,10 +1,9 @@
 """Scenes whose silhouettes are known in closed form."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pytest
 
 from studio.cameras import Camera, Rig
 from tests.support.rigs import intrinsics, ring
@@ -70,16 +69,11 @@ def cameras_around(count: int, scale: float, origin: Sequence[float]) -> Rig:
     )
 
 
-@pytest.fixture(scope="session")
-def two_balls() -> Callable[..., list[Shot]]:
+def two_balls(count: int, scale: float = 1.0, origin: Sequence[float] = (0, 0, 0)) -> list[Shot]:
     """A ball of radius 0.5 and a smaller one next to it, seen by a ring of cameras, at any scale and position."""
-
-    def make(count: int = 12, scale: float = 1.0, origin: Sequence[float] = (0, 0, 0)) -> list[Shot]:
-        middle = np.array(origin)
-        balls = [(middle, 0.5 * scale), (middle + scale * np.array([0.55, 0.1, 0.25]), 0.2 * scale)]
-        return [shoot_balls(camera, balls) for camera in cameras_around(count, scale, origin)]
-
-    return make
+    middle = np.array(origin)
+    balls = [(middle, 0.5 * scale), (middle + scale * np.array([0.55, 0.1, 0.25]), 0.2 * scale)]
+    return [shoot_balls(camera, balls) for camera in cameras_around(count, scale, origin)]
 
 
 def distance_to_balls(points: np.ndarray, scale: float = 1.0, origin: Sequence[float] = (0, 0, 0)) -> np.ndarray:

@@ -7,10 +7,11 @@ import pytest
 
 from studio.meshing.agreement import contradicting, frame_that_fits, mask_agreement
 from studio.meshing.silhouettes import Silhouettes
+from tests.studio.meshing.conftest import two_balls
 
 
 @pytest.mark.parametrize(("scale", "origin"), [(1.0, (0, 0, 0)), (0.01, (5, -3, 2))])
-def test_correct_masks_agree(two_balls, scale, origin):
+def test_correct_masks_agree(scale, origin):
     agreement = mask_agreement(Silhouettes(two_balls(9, scale, origin)), 4)
     assert len(agreement) == 9
     assert max(one.missing for one in agreement.values()) < 0.01
@@ -18,7 +19,7 @@ def test_correct_masks_agree(two_balls, scale, origin):
 
 
 @pytest.mark.parametrize("what", ["empty", "of another camera", "shifted"])
-def test_a_wrong_mask_is_named(two_balls, what):
+def test_a_wrong_mask_is_named(what):
     views = two_balls(9)
     mask = views[4].mask
     wrong = {"empty": np.zeros_like(mask), "of another camera": views[8].mask, "shifted": np.roll(mask, 40, 1)}
@@ -27,7 +28,7 @@ def test_a_wrong_mask_is_named(two_balls, what):
 
 
 @pytest.mark.parametrize("pixels", [1e9, 4000.0])
-def test_the_place_of_a_contradiction_is_named(two_balls, pixels):
+def test_the_place_of_a_contradiction_is_named(pixels):
     """In pixels of the view, also if the masks are compared at a smaller size."""
     views = two_balls(9)
     mask = views[4].mask.copy()
@@ -40,7 +41,7 @@ def test_the_place_of_a_contradiction_is_named(two_balls, pixels):
     assert np.abs(np.subtract(box, patch)).max() <= 6
 
 
-def test_a_performer_near_a_camera_does_not_contradict(two_balls):
+def test_a_performer_near_a_camera_does_not_contradict():
     """There, the points of the volume are many pixels apart."""
     views = two_balls(9)
     here = views[4].camera
@@ -60,7 +61,7 @@ def test_a_performer_near_a_camera_does_not_contradict(two_balls):
     assert not contradicting(agreement)
 
 
-def test_the_frame_of_a_late_camera_is_found(two_balls):
+def test_the_frame_of_a_late_camera_is_found():
     views = two_balls(9)
     right = views[4].mask
     views[4] = replace(views[4], mask=np.roll(right, 20, 1))

@@ -8,13 +8,14 @@ import pytest
 
 from studio.meshing import InitializeSettings, initialize_points
 from studio.settings import affected
+from tests.studio.meshing.conftest import two_balls
 
 BASE = {"points": 200, "resolution": 16, "max_faces": 400}
 CHANGES = {"points": 201, "resolution": 24, "tolerance": 0.0, "max_faces": 200}
 
 
 @pytest.fixture(scope="module")
-def views(two_balls):
+def views():
     """Of six cameras, one has a mask that lacks a part, and two see the right half of their images only."""
     shots = two_balls(6)
     broken = shots[1].mask.copy()

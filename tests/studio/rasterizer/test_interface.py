@@ -15,25 +15,17 @@ from tests.support.errors import refuses
 @pytest.mark.parametrize(
     ("options", "code", "fields"),
     [
-        ({"backend": "metal"}, "rasterizer.unknown_backend", {"value": "metal"}),
-        ({"background": torch.zeros(4)}, "rasterizer.wrong_shape", {"argument": "background", "value": (4,)}),
-        (
-            {"screen_offsets": torch.zeros(4, 2)},
-            "rasterizer.wrong_shape",
-            {"argument": "screen_offsets", "value": (4, 2), "expected": (5, 2)},
-        ),
-        ({"near": 0.0}, "rasterizer.invalid_argument", {"argument": "near", "value": 0.0}),
-        ({"near": float("nan")}, "rasterizer.invalid_argument", {"argument": "near"}),
-        ({"alpha_max": 1.5}, "rasterizer.invalid_argument", {"argument": "alpha_max", "value": 1.5}),
-        (
-            {"screen_offsets": torch.zeros(5, 2, dtype=torch.float16)},
-            "rasterizer.mixed_tensors",
-            {"argument": "screen_offsets"},
-        ),
+        ({"backend": "metal"}, "unknown_backend", {"value": "metal"}),
+        ({"background": torch.zeros(4)}, "wrong_shape", {"argument": "background", "value": (4,)}),
+        ({"screen_offsets": torch.zeros(4, 2)}, "wrong_shape", {"value": (4, 2), "expected": (5, 2)}),
+        ({"near": 0.0}, "invalid_argument", {"argument": "near", "value": 0.0}),
+        ({"near": float("nan")}, "invalid_argument", {"argument": "near"}),
+        ({"alpha_max": 1.5}, "invalid_argument", {"argument": "alpha_max", "value": 1.5}),
+        ({"screen_offsets": torch.zeros(5, 2).half()}, "mixed_tensors", {"argument": "screen_offsets"}),
     ],
 )
 def test_invalid_arguments(options, code, fields) -> None:
-    with refuses(code, **fields):
+    with refuses(f"rasterizer.{code}", **fields):
         rasterize(make_splats(5), make_camera(), **options)
 
 

@@ -154,9 +154,7 @@ def test_invalid_input(before: list[TrainingView]) -> None:
 
 
 @pytest.mark.parametrize("strategy", ["default", "mcmc"])
-def test_a_keyframe_resumes_from_each_checkpoint_bit_for_bit(
-    before: list[TrainingView], strategy: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_keyframe_resumes_from_each_checkpoint_bit_for_bit(before, strategy, monkeypatch):
     monkeypatch.setattr("studio.training.densify.RESET_EVERY", 8)
     points, colors, kept = noisy_points(), torch.full((300, 3), 0.5), Checkpoints()
     chosen = {"keyframe_iterations": 20, "densify_from": 3, "densify_until": 16, "densify_every": 5, "max_splats": 200}

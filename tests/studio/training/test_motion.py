@@ -15,9 +15,7 @@ SIZES = {
 }
 
 
-def field_and_means(
-    dtype: torch.dtype, count: int, width: int = 64, layers: int = 2, **grid: int
-) -> tuple[MotionField, torch.Tensor]:
+def field_and_means(dtype, count, width=64, layers=2, **grid) -> tuple[MotionField, torch.Tensor]:
     random = torch.Generator().manual_seed(3)
     means = torch.rand(count, 3, generator=random, dtype=torch.float64) * torch.tensor([1.0, 2.0, 0.5])
     hash_grid = HashGrid(**{"log2_size": 9, **grid}, generator=random)  # type: ignore[arg-type]

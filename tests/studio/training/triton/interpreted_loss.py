@@ -7,19 +7,14 @@ import torch
 
 from studio.training.photometric import photometric_loss_torch
 from studio.training.triton.loss import photometric_loss_triton
-
-
-def pair(height: int, width: int) -> tuple[torch.Tensor, torch.Tensor]:
-    generator = torch.Generator().manual_seed(height * 1000 + width)
-    target = torch.rand(height, width, 3, generator=generator)
-    image = target + 0.2 * torch.randn(target.shape, generator=generator)
-    image[0, 0] = target[0, 0]  # no difference: the L1 term has no gradient there
-    return image.requires_grad_(), target
+from tests.studio.training.test_photometric import pair
 
 
 @pytest.mark.parametrize(("size", "weight"), [((1, 19), 0.2), ((14, 9), 0.0), ((17, 23), 0.2)])
-def test_value_and_gradient(size, weight) -> None:  # type: ignore[no-untyped-def]
+def test_value_and_gradient(size, weight) -> None:
     image, target = pair(*size)
+    with torch.no_grad():
+        image[0, 0] = target[0, 0]  # no difference: the L1 term has no gradient there
     loss = photometric_loss_triton(image, target, weight)
     (gradient,) = torch.autograd.grad(3 * loss, image)
     exact = image.detach().double().requires_grad_()

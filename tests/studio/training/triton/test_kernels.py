@@ -80,10 +80,8 @@ class OnGpu(torch.nn.Parameter):
     ("name", "dtype"),
     [("loss", torch.float32), ("coded", torch.float32), ("field", torch.float32), ("field", torch.float64)],
 )
-def test_the_choice_on_a_gpu(
-    name: str, dtype: torch.dtype, backends: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    chosen: list[str] = []
+def test_the_choice_on_a_gpu(name, dtype, backends, monkeypatch):
+    chosen = []
     by_triton, by_torch = (lambda *_, kernel=kernel: chosen.append(kernel) for kernel in ("triton", "torch"))
     module = {"loss": photometric, "coded": coded_loss, "field": motion}[name]
     monkeypatch.setattr(module, "available_backends", lambda: backends)
