@@ -17,9 +17,8 @@ def check_output(out: Path, overwrite: bool, ours: Callable[[Path], bool]) -> No
         fix = "Choose another name, or delete it."
         raise StudioError("output.not_ours", "exists and is not an earlier output of this command", file=out, fix=fix)
     if not overwrite:
-        raise StudioError(
-            "output.exists", "already exists", file=out, fix="Choose another name, or add --overwrite to replace it."
-        )
+        fix = "Choose another name, or add --overwrite to replace it."
+        raise StudioError("output.exists", "already exists", file=out, fix=fix)
 
 
 @contextmanager

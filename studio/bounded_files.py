@@ -214,6 +214,5 @@ def need_utf8(path: Path) -> None:
         str(path).encode("utf-8")
     except UnicodeEncodeError:
         shown = str(path).encode("utf-8", "backslashreplace").decode()
-        raise StudioError(
-            "path.not_utf8", "the path is not valid UTF-8", file=shown, fix="Rename the folder."
-        ) from None
+        problem = "the path is not valid UTF-8"
+        raise StudioError("path.not_utf8", problem, file=shown, fix="Rename the folder.") from None

@@ -169,9 +169,8 @@ class PathEditor:
 
     def _write(self, keys: tuple[PathKey, ...]) -> None:
         if self.error:
-            raise StudioError(
-                "camera_path.damaged", self.error, fix="Repair or delete the file, then open the take again."
-            )
+            fix = "Repair or delete the file, then open the take again."
+            raise StudioError("camera_path.damaged", self.error, fix=fix)
         if self._file is not None:
             if keys:
                 write_path_keys([Key(key.time, key.camera, float(key.frame), key.easing) for key in keys], self._file)

@@ -16,9 +16,8 @@ class RaycastMesh:
     def __init__(self, path: Path) -> None:
         mesh = o3d.t.io.read_triangle_mesh(str(path)) if path.is_file() else None
         if mesh is None or mesh.is_empty() or "indices" not in mesh.triangle:
-            raise StudioError(
-                "mesh.unreadable", "no readable triangle mesh", file=path, fix="Run `v3studio initialize --force`."
-            )
+            problem = "no readable triangle mesh"
+            raise StudioError("mesh.unreadable", problem, file=path, fix="Run `v3studio initialize --force`.")
         mesh.compute_vertex_normals()
         self.faces = len(mesh.triangle.indices)
         self._triangles = mesh.triangle.indices.numpy()

@@ -157,9 +157,8 @@ class QueueFile:
         def again(queue: Queue) -> Queue:
             entry = _entry(queue, number)
             if entry.state not in ("done", "failed"):
-                raise StudioError(
-                    "queue.not_ended", f"take {number} is {entry.state}", value=number, fix="It needs no retry."
-                )
+                problem = f"take {number} is {entry.state}"
+                raise StudioError("queue.not_ended", problem, value=number, fix="It needs no retry.")
             rest = tuple(e for e in queue.takes if e.number != number)
             return queue.model_copy(update={"takes": (*rest, entry.having(state="waiting", message=""))})
 

@@ -24,9 +24,8 @@ def _cancel(arguments: argparse.Namespace) -> int:
     take = Take.open(arguments.take)
     holder = take.running()
     if holder is None:
-        raise StudioError(
-            "take.no_run", "no run is in progress", file=take.root, fix="`v3studio status` shows the results."
-        )
+        problem = "no run is in progress"
+        raise StudioError("take.no_run", problem, file=take.root, fix="`v3studio status` shows the results.")
     request_cancel(take)
     until = time.monotonic() + _STOP_SECONDS
     while (now := take.running()) is not None and now.get("pid") == holder.get("pid", now.get("pid")):

@@ -166,9 +166,8 @@ def _count(arguments: argparse.Namespace) -> str:
     take = _take(arguments)
     edits, groups = read_edits(take.edits), trained_groups(take)
     if not groups:
-        raise StudioError(
-            "take.not_trained", "no trained frames yet", file=take.root, fix="Run `v3studio train`.", stage="train"
-        )
+        problem = "no trained frames yet"
+        raise StudioError("take.not_trained", problem, file=take.root, fix="Run `v3studio train`.", stage="train")
     lines, rows = [], []
     for group in groups:
         found = EditedGroup(take, group, edits).selection()

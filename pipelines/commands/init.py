@@ -39,9 +39,8 @@ def _init(arguments: argparse.Namespace) -> int:
     if arguments.out is not None and arguments.out.is_dir():
         raise invalid_option("--out", f"--out {arguments.out} is a folder", f"Example: --out {arguments.out}/my.yaml.")
     if not is_footage(source):
-        raise StudioError(
-            "command.not_footage", "is not a folder of footage", file=source, fix="Specify the folder of the footage."
-        )
+        problem = "is not a folder of footage"
+        raise StudioError("command.not_footage", problem, file=source, fix="Specify the folder of the footage.")
     config = read_settings(source, arguments.overrides, arguments.preset)
     out = arguments.out or Path(f"{source.absolute().name}.yaml")
     found = inspect(config.capture).lines

@@ -136,6 +136,5 @@ def _names(folders: Sequence[Path]) -> list[str]:
         names = ["/".join(each[-count:]) for each in parts]
         if len(set(names)) == len(names):
             return names
-    raise StudioError(
-        "compare.same_take", "the same take is named twice", value=str(folders[0]), fix="Name each take once."
-    )
+    problem = "the same take is named twice"
+    raise StudioError("compare.same_take", problem, value=str(folders[0]), fix="Name each take once.")

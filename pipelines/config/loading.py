@@ -95,9 +95,8 @@ def read_yaml(path: Path) -> JsonObject:
     try:
         values, plain = parse_yaml(text), parse_yaml(text, plain=True)
     except YamlError as error:
-        raise StudioError(
-            "settings.not_yaml", str(error), file=path, fix=_quotes(text, error.line), line=error.line
-        ) from None
+        fix = _quotes(text, error.line)
+        raise StudioError("settings.not_yaml", str(error), file=path, fix=fix, line=error.line) from None
     if values is None:
         return {}
     if not isinstance(values, dict):

@@ -81,9 +81,8 @@ def _figures(evaluation: Evaluation) -> list[tuple[str, str]]:
 def update_marks(take: Take, groups: Sequence[Group]) -> bool:
     """Update the marks in the report without measuring again; returns whether it changed."""
     if not (take.report.is_file() and take.evaluation.is_file()):
-        raise StudioError(
-            "take.no_report", "no report yet", file=take.root, fix="Run `v3studio evaluate`.", stage="evaluate"
-        )
+        problem = "no report yet"
+        raise StudioError("take.no_report", problem, file=take.root, fix="Run `v3studio evaluate`.", stage="evaluate")
     text = take.report.read_text(encoding="utf-8")
     head, begin, rest = text.partition(_BEGIN)
     _, end, tail = rest.partition(_END)

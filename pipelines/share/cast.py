@@ -170,9 +170,8 @@ def _page_files() -> tuple[str, bytes, bytes]:
         page = (folder / "index.html").read_text(encoding="utf-8")
         return page, (folder / SCRIPT_NAME).read_bytes(), (folder / LICENSES_NAME).read_bytes()
     except OSError as error:
-        raise StudioError(
-            "share.no_player", "the page of a cast is not built", fix="Run `make web-package`."
-        ) from error
+        problem = "the page of a cast is not built"
+        raise StudioError("share.no_player", problem, fix="Run `make web-package`.") from error
 
 
 def beside(named: str, source: Path) -> str:

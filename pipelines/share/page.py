@@ -84,9 +84,8 @@ def player_page(
         first: files of the stream with which playback begins (`first_files`).
     """
     if any(built.count(part) != 1 for part in (_SCRIPT, _TITLE, _HEAD)) or len(_PLAYER.findall(built)) != 1:
-        raise StudioError(
-            "share.unknown_player", "the built player is from another version of the program", fix="Run `make web`."
-        )
+        problem = "the built player is from another version of the program"
+        raise StudioError("share.unknown_player", problem, fix="Run `make web`.")
     text = text.plain()
     values = {"src": stream, "poster": poster, "data-title": text.title, "data-credits": text.credits}
     values |= {"data-license": text.license, "data-description": text.description, "data-link": link}

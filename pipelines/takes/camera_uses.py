@@ -36,9 +36,8 @@ class CameraUses:
         """Settings, by dotted name, that give the cameras these uses; offsets of unused ones, which are refused, go."""
         used = [name for name, use in self.uses.items() if use != "not used"]
         if "training" not in self.uses.values():
-            raise StudioError(
-                "settings.no_training_camera", "no camera is left to train on", fix="Use at least one for it."
-            )
+            problem = "no camera is left to train on"
+            raise StudioError("settings.no_training_camera", problem, fix="Use at least one for it.")
         values: dict[str, object] = {
             "capture.cameras": [] if len(used) == len(self.uses) else used,
             "capture.held_out": [name for name, use in self.uses.items() if use == "held out"],

@@ -55,9 +55,8 @@ def read_frame(path: Path) -> Gaussians:
     try:
         return Gaussians.from_state_dict(_load(path))
     except FileNotFoundError:
-        raise StudioError(
-            "take.not_trained", "no such file", file=path, fix="Run `v3studio train`.", stage="train"
-        ) from None
+        problem = "no such file"
+        raise StudioError("take.not_trained", problem, file=path, fix="Run `v3studio train`.", stage="train") from None
     except (SafetensorError, OSError) as error:
         problem = f"cannot be read ({reason_of(error)})"
         fix = "Delete it and run `v3studio train`."

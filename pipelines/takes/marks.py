@@ -92,9 +92,8 @@ def change_mark(path: Path, frame: int, mark: Mark | None, replaces: Mark | None
         if mark is None:
             marks.pop(frame, None)
         elif frame not in marks and len(marks) >= MAX_MARKS:
-            raise StudioError(
-                "take.too_many_marks", f"there are {len(marks)} marks already", file=path, fix="Remove some."
-            )
+            problem = f"there are {len(marks)} marks already"
+            raise StudioError("take.too_many_marks", problem, file=path, fix="Remove some.")
         else:
             marks[frame] = mark
         write_model(path, found.model_copy(update={"marks": tuple(marks[one] for one in sorted(marks))}), durable=True)

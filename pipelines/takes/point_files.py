@@ -79,9 +79,8 @@ def _rows(path: Path) -> np.ndarray:
     try:
         header, _, body = read_bounded(path, _MAX_BYTES).partition(b"end_header\n")
     except OSError as error:
-        raise StudioError(
-            "take.damaged", f"cannot be read ({error.strerror})", file=path, fix=fix, stage="initialize"
-        ) from None
+        problem = f"cannot be read ({error.strerror})"
+        raise StudioError("take.damaged", problem, file=path, fix=fix, stage="initialize") from None
     found = re.search(rb"^element vertex ([0-9]{1,12})$", header, re.MULTILINE)
     count = int(found[1]) if found else -1
     kinds = _FAR_POINT if b"property double x" in header else _POINT

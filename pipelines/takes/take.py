@@ -89,9 +89,8 @@ class Take:
         root = _checked(root)
         command = f"`v3studio run CONFIG --take {shlex.quote(str(root))}`"
         if root.is_file():
-            raise StudioError(
-                "take.not_a_take", "is a file, not a take", file=root, fix="Specify the folder of a take.", lost=False
-            )
+            problem = "is a file, not a take"
+            raise StudioError("take.not_a_take", problem, file=root, fix="Specify the folder of a take.", lost=False)
         if not root.is_dir():
             raise StudioError("take.not_found", "no such folder", file=root, fix=f"Create a take with {command}.")
         if not (root / "take.json").is_file():

@@ -44,9 +44,8 @@ def trained_video(root: str | os.PathLike[str]) -> SplatVideo:
     take = Take.open(root)
     files, starts = take.trained_files()
     if not files:
-        raise StudioError(
-            "take.not_trained", "no trained frames yet", file=root, fix="Run `v3studio train`.", stage="train"
-        )
+        problem = "no trained frames yet"
+        raise StudioError("take.not_trained", problem, file=root, fix="Run `v3studio train`.", stage="train")
     config = load_config(take.config if take.config.is_file() else None)
     capture, background = config.capture, config.evaluate.background
     given = read_rig(take.rig) if take.rig.is_file() else None
@@ -161,9 +160,8 @@ def stream_place(text: str) -> Path | str:
         return folder
     if not (folder / "take.json").is_file():
         if not folder.is_dir():
-            raise StudioError(
-                "stream.not_found", "no such folder", file=text, fix="Specify the folder of a stream or of a take."
-            )
+            fix = "Specify the folder of a stream or of a take."
+            raise StudioError("stream.not_found", "no such folder", file=text, fix=fix)
         return folder
     stream = Take.open(folder).stream
     if not stream.is_dir():

@@ -21,9 +21,8 @@ def align_points(source: np.ndarray, target: np.ndarray) -> Similarity:
     a, b = source - middle_source, target - middle_target
     spread = (a * a).sum() / len(a)
     if spread < 1e-18:
-        raise StudioError(
-            "calibration.coincident", "two solutions cannot be aligned: their common cameras or points coincide"
-        )
+        problem = "two solutions cannot be aligned: their common cameras or points coincide"
+        raise StudioError("calibration.coincident", problem)
     u, d, vt = np.linalg.svd(b.T @ a / len(a))
     sign = np.ones(3)
     sign[2] = np.sign(np.linalg.det(u) * np.linalg.det(vt))

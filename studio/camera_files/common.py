@@ -33,9 +33,8 @@ def read_text(path: Path) -> str:
 
 def unreadable(path: Path, error: OSError) -> StudioError:
     """The error for a file that the operating system cannot read (camera_file.unreadable)."""
-    return StudioError(
-        "camera_file.unreadable", f"cannot be read ({error.strerror})", file=path, fix="Check the path and permissions."
-    )
+    problem = f"cannot be read ({error.strerror})"
+    return StudioError("camera_file.unreadable", problem, file=path, fix="Check the path and permissions.")
 
 
 def need_both(folder: Path, names: tuple[str, str], program: str) -> None:

@@ -38,7 +38,6 @@ def digest_files(root: Path, paths: Iterable[Path], names: Mapping[Path, str] | 
             else:
                 digest.update(str(state.st_mtime_ns).encode())
     except OSError as error:
-        raise StudioError(
-            "footage.file_unreadable", f"cannot read the file ({error.strerror})", file=error.filename
-        ) from None
+        problem = f"cannot read the file ({error.strerror})"
+        raise StudioError("footage.file_unreadable", problem, file=error.filename) from None
     return digest.hexdigest()

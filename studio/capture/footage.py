@@ -298,9 +298,8 @@ class Footage:
         if cached is None:
             raw = self._raw(camera, frame)
             if not masked_cameras(self.mask_source, (camera,)):
-                raise StudioError(
-                    "mask.missing", f"no masks of camera '{camera}'", camera=camera, frames=(frame,), kind="mask"
-                )
+                problem = f"no masks of camera '{camera}'"
+                raise StudioError("mask.missing", problem, camera=camera, frames=(frame,), kind="mask")
             mask = self.mask_source.mask(camera, frame, raw)
             inside = self._garbage.inside(camera, frame, raw) if self._garbage is not None else None
             cached = (mask if inside is None else np.where(inside, mask, 0).astype(np.uint8),)

@@ -137,9 +137,8 @@ def _open(path: Path) -> ImageFile:
         problem = f"the image has more than {2 * (MAX_IMAGE_PIXELS or 0):,} pixels"
         raise StudioError("footage.image_too_large", problem, file=path, fix="Scale the images down.") from None
     except (UnidentifiedImageError, OSError, ValueError, SyntaxError) as error:
-        raise StudioError(
-            "footage.image_unreadable", f"cannot read the image ({_reason(error)})", file=path, fix=_FIX
-        ) from None
+        problem = f"cannot read the image ({_reason(error)})"
+        raise StudioError("footage.image_unreadable", problem, file=path, fix=_FIX) from None
 
 
 def _is_transparent(image: ImageFile) -> bool:

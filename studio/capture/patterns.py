@@ -75,9 +75,8 @@ def walk(folder: Path, depth: int) -> Iterator[str]:
         try:
             entries = sorted(os.scandir(folder / relative if relative else folder), key=lambda entry: entry.name)
         except OSError as error:
-            raise StudioError(
-                "footage.folder_unreadable", f"cannot read the folder ({error.strerror})", file=folder / relative
-            ) from None
+            problem = f"cannot read the folder ({error.strerror})"
+            raise StudioError("footage.folder_unreadable", problem, file=folder / relative) from None
         for entry in entries:
             path = f"{relative}/{entry.name}" if relative else entry.name
             if entry.is_dir():

@@ -150,9 +150,8 @@ def check_sync(footage: Footage, *, method: str = "auto", seconds: float = 1.0) 
     sounds = _sounds(footage) if method in ("auto", "sound") else {}
     if method == "sound" and len(sounds) < len(names):
         silent = next(name for name in names if name not in sounds)
-        raise StudioError(
-            "sync.no_sound", f"Camera '{silent}' has no sound", fix="Use the method motion.", camera=silent
-        )
+        problem = f"Camera '{silent}' has no sound"
+        raise StudioError("sync.no_sound", problem, fix="Use the method motion.", camera=silent)
     if sounds and len(sounds) == len(names):
         lags, best = offsets_of(sounds, round(seconds * SOUND_RATE))
         lags = {name: lag / SOUND_RATE * footage.fps * footage.spec.frame_range[2] for name, lag in lags.items()}

@@ -242,9 +242,8 @@ class VideoReader:
                     if packet.is_keyframe:
                         keys.append(packet.pts)
         except (av.error.FFmpegError, OSError) as error:
-            raise StudioError(
-                "footage.video_unreadable", f"cannot read the video ({error})", file=self.path, fix=_ENCODE_AGAIN
-            ) from None
+            problem = f"cannot read the video ({error})"
+            raise StudioError("footage.video_unreadable", problem, file=self.path, fix=_ENCODE_AGAIN) from None
         if not known or len(set(times)) != len(times):
             self._seekable = False  # no usable timestamps (raw streams, some AVI): count frames from the start
             self._timestamps = []
@@ -305,9 +304,8 @@ class VideoReader:
             ) from None
         if frame.is_corrupt:
             self.close()
-            raise StudioError(
-                "footage.frame_undecodable", f"frame {at} is damaged", file=self.path, fix=_ENCODE_AGAIN, frame=at
-            )
+            problem = f"frame {at} is damaged"
+            raise StudioError("footage.frame_undecodable", problem, file=self.path, fix=_ENCODE_AGAIN, frame=at)
         self._next = at + 1
         return at, frame
 

@@ -35,9 +35,8 @@ class _Frames(Sequence[Gaussians]):
 def cut(video: SplatVideo, group_size: int) -> list[range]:
     """The groups of the video, split into groups of at most `group_size` frames."""
     if group_size < 1:
-        raise StudioError(
-            "import.invalid_group_size", f"group size is {group_size}; it must be at least 1", value=group_size
-        )
+        problem = f"group size is {group_size}; it must be at least 1"
+        raise StudioError("import.invalid_group_size", problem, value=group_size)
     return [group[start : start + group_size] for group in video.groups for start in range(0, len(group), group_size)]
 
 

@@ -85,9 +85,8 @@ class CameraPath:
             raise StudioError("camera_path.times", problem, value=times, fix=fix)
         frames = [key.frame for key in keys if key.frame is not None]
         if frames and len(frames) < len(keys):
-            raise StudioError(
-                "camera_path.frames", "only some of the keys have a frame", fix="Set frame in all keys or in none."
-            )
+            problem = "only some of the keys have a frame"
+            raise StudioError("camera_path.frames", problem, fix="Set frame in all keys or in none.")
         for key in keys:
             check_easing(key.easing)
         self._easings = [key.easing for key in keys]
@@ -301,9 +300,8 @@ def turntable(
         field_of_view: along the shorter side in degrees, 1 to 150.
     """
     if not -89 <= elevation <= 89:
-        raise StudioError(
-            "export.invalid_elevation", f"elevation is {elevation} degrees; it must be -89 to 89", value=elevation
-        )
+        problem = f"elevation is {elevation} degrees; it must be -89 to 89"
+        raise StudioError("export.invalid_elevation", problem, value=elevation)
     if not 1 <= field_of_view <= 150:
         problem = f"field of view is {field_of_view} degrees; it must be 1 to 150"
         raise StudioError("export.invalid_field_of_view", problem, value=field_of_view)

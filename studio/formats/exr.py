@@ -50,9 +50,8 @@ def openimageio() -> Any:
     try:
         import OpenImageIO
     except ImportError as error:
-        raise StudioError(
-            "exr.missing", f"EXR files need OpenImageIO ({error})", fix="Install it: pip install openimageio."
-        ) from None
+        problem = f"EXR files need OpenImageIO ({error})"
+        raise StudioError("exr.missing", problem, fix="Install it: pip install openimageio.") from None
     return OpenImageIO
 
 

@@ -11,9 +11,8 @@ from studio.errors import StudioError, reason_of
 
 def _check_target(path: Path, what: str) -> None:
     if os.path.lexists(path):
-        raise StudioError(
-            "export.already_exists", f"the {what} already exists", file=path, fix="Delete it, or choose another name."
-        )
+        problem = f"the {what} already exists"
+        raise StudioError("export.already_exists", problem, file=path, fix="Delete it, or choose another name.")
 
 
 @contextmanager

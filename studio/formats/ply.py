@@ -174,9 +174,8 @@ def _opened(path: Path) -> PlyData:
     except FileNotFoundError:
         raise StudioError("splat_file.not_found", "no such file", file=path) from None
     except (PlyParseError, OSError, ValueError, MemoryError, OverflowError) as error:
-        raise StudioError(
-            "splat_file.unreadable", f"not a readable PLY file ({error})", file=path, fix="Export or copy it again."
-        ) from None
+        problem = f"not a readable PLY file ({error})"
+        raise StudioError("splat_file.unreadable", problem, file=path, fix="Export or copy it again.") from None
 
 
 def _vertices(path: Path, ply: PlyData, note: Note) -> PlyElement:

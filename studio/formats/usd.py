@@ -50,9 +50,8 @@ def usd() -> Any:
         import pxr
         from pxr import Gf, Kind, Sdf, Tf, Usd, UsdGeom, UsdMedia, UsdUtils, UsdVol, Vt  # noqa: F401  # loads them
     except ImportError as error:
-        raise StudioError(
-            "usd.missing", f"USD files need usd-core ({error})", fix="Install it: pip install 'usd-core>=26.3'."
-        ) from None
+        problem = f"USD files need usd-core ({error})"
+        raise StudioError("usd.missing", problem, fix="Install it: pip install 'usd-core>=26.3'.") from None
     if not hasattr(UsdVol, _SCHEMA):
         release = ".".join(str(part) for part in Usd.GetVersion())
         fix = "Install a newer one: pip install 'usd-core>=26.3'."

@@ -268,9 +268,8 @@ def _read_json(path: Path) -> JsonObject:
     try:
         values = parse_json(read_bounded(path))
     except FileNotFoundError:
-        raise StudioError(
-            "videogs.file_missing", "the file is missing", file=path, fix="Specify a folder in the VideoGS layout."
-        ) from None
+        fix = "Specify a folder in the VideoGS layout."
+        raise StudioError("videogs.file_missing", "the file is missing", file=path, fix=fix) from None
     except (OSError, TextError) as error:
         raise damaged("videogs.not_json", f"not valid JSON ({error})", path) from None
     if not isinstance(values, dict):

@@ -105,9 +105,8 @@ class FileMaskSource:
     def _source(self, camera: str, frame: int) -> FrameSource:
         source = self._sources.get(camera)
         if source is None:
-            raise StudioError(
-                "mask.missing", f"Camera '{camera}' has no mask files", camera=camera, frames=(frame,), kind="mask"
-            )
+            problem = f"Camera '{camera}' has no mask files"
+            raise StudioError("mask.missing", problem, camera=camera, frames=(frame,), kind="mask")
         return source
 
     def mask(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:

@@ -88,9 +88,8 @@ class Mesh:
             raise StudioError("mesh.missing", "mesh file not found", file=path)
         mesh = cls.from_open3d(o3d.io.read_triangle_mesh(str(path)))
         if len(mesh.faces) == 0:
-            raise StudioError(
-                "mesh.unreadable", "the file contains no readable triangles", file=path, fix="Create the file again."
-            )
+            problem = "the file contains no readable triangles"
+            raise StudioError("mesh.unreadable", problem, file=path, fix="Create the file again.")
         return mesh
 
 
@@ -209,14 +208,12 @@ def sample_surface(mesh: Mesh, count: int, *, seed: int = 0) -> tuple[np.ndarray
     StudioError: `mesh.point_count`: `count` is below 1; `mesh.no_area`.
     """
     if count < 1:
-        raise StudioError(
-            "mesh.point_count", f"The number of points is {count}", value=count, fix="It must be at least 1."
-        )
+        problem = f"The number of points is {count}"
+        raise StudioError("mesh.point_count", problem, value=count, fix="It must be at least 1.")
     total = np.cumsum(mesh.areas)
     if len(total) == 0 or not total[-1] > 0:
-        raise StudioError(
-            "mesh.no_area", "The mesh has no area to sample points from", fix="Check the masks and the camera poses."
-        )
+        problem = "The mesh has no area to sample points from"
+        raise StudioError("mesh.no_area", problem, fix="Check the masks and the camera poses.")
     random = np.random.default_rng(seed)
     place = (np.arange(count) + random.random(count)) / count * total[-1]
     face = np.minimum(np.searchsorted(total, place, side="right"), len(total) - 1)

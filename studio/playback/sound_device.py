@@ -29,9 +29,8 @@ class SoundDevice:
             self._stream.start()
         except (sounddevice.PortAudioError, ValueError, OSError) as error:
             self.stop()
-            raise StudioError(
-                "sound.unavailable", f"no audio output device ({error})", fix="Connect one, then open the stream again."
-            ) from None
+            problem = f"no audio output device ({error})"
+            raise StudioError("sound.unavailable", problem, fix="Connect one, then open the stream again.") from None
 
     def stop(self) -> None:
         stream, self._stream = self._stream, None
@@ -46,11 +45,9 @@ def _sounddevice() -> Any:
     try:
         import sounddevice
     except ImportError:
-        raise StudioError(
-            "sound.unavailable", "the package sounddevice is missing", fix="Install it: pip install sounddevice."
-        ) from None
+        problem = "the package sounddevice is missing"
+        raise StudioError("sound.unavailable", problem, fix="Install it: pip install sounddevice.") from None
     except OSError:  # the package is there, the library is not
-        raise StudioError(
-            "sound.unavailable", "PortAudio is missing", fix="Install it: apt install libportaudio2."
-        ) from None
+        problem = "PortAudio is missing"
+        raise StudioError("sound.unavailable", problem, fix="Install it: apt install libportaudio2.") from None
     return sounddevice

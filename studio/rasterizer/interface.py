@@ -167,18 +167,16 @@ def rasterize_views(
     for name, tensor in gaussians.items():
         _check_alike(name, tensor, means)
     if not means.dtype.is_floating_point:
-        raise StudioError(
-            "rasterizer.dtype", f"splats must have a floating-point dtype, not {means.dtype}", value=str(means.dtype)
-        )
+        problem = f"splats must have a floating-point dtype, not {means.dtype}"
+        raise StudioError("rasterizer.dtype", problem, value=str(means.dtype))
     behind = [_background(one, pinhole, means) for one, pinhole in zip(backgrounds, pinholes, strict=True)]
     if screen_offsets is not None:
         if screen_offsets.shape != (len(gaussians), 2):
             raise _bad_shape("screen_offsets", (len(gaussians), 2), screen_offsets)
         _check_alike("screen_offsets", screen_offsets, means)
     if not near > 0:
-        raise StudioError(
-            "rasterizer.invalid_argument", f"near is {near}; it must be above 0", value=near, argument="near"
-        )
+        problem = f"near is {near}; it must be above 0"
+        raise StudioError("rasterizer.invalid_argument", problem, value=near, argument="near")
     if not 0.5 <= alpha_max <= 1.0:
         problem = f"alpha_max is {alpha_max}; it must be between 0.5 and 1"
         raise StudioError("rasterizer.invalid_argument", problem, value=alpha_max, argument="alpha_max")

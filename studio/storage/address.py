@@ -49,9 +49,8 @@ def checked(path: Path | str) -> StoreAddress:
     address = StoreAddress(str(path))
     scheme, _, rest = str(address).partition("://")
     if has_credentials(path):
-        raise StudioError(
-            "storage.credentials_in_address", f"the address ({scheme}://...) {CREDENTIALS}", fix=CREDENTIALS_FIX
-        )
+        problem = f"the address ({scheme}://...) {CREDENTIALS}"
+        raise StudioError("storage.credentials_in_address", problem, fix=CREDENTIALS_FIX)
     if str(path).partition("://")[2].startswith("/"):  # pathlib would take the first folder for the bucket
         raise _no_bucket(str(path))
     bucket = rest.partition("/")[0]

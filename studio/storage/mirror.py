@@ -90,9 +90,8 @@ def _named(store: Store, name: str) -> Iterator[None]:
 
 
 def _bad_name(store: Store, name: str, problem: str) -> StudioError:
-    return StudioError(
-        "storage.bad_name", problem, file=f"{store.address}/{name}", fix="Rename it or move it out of the footage."
-    )
+    fix = "Rename it or move it out of the footage."
+    return StudioError("storage.bad_name", problem, file=f"{store.address}/{name}", fix=fix)
 
 
 def _beside(path: Path) -> Path:

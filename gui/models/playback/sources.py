@@ -155,9 +155,8 @@ def open_path(place: Path | str, in_take: bool = False) -> Opened:
         up = np.array([0.0, 1.0, 0.0])
         return Opened(path.name, path, {cast.name: cast}, view=cast.camera, up=up, cast=cast)
     if not path.exists():
-        raise StudioError(
-            "gui.no_such_folder", "no such folder", file=path, fix="Choose the folder of a take or of a stream."
-        )
+        problem = "no such folder"
+        raise StudioError("gui.no_such_folder", problem, file=path, fix="Choose the folder of a take or of a stream.")
     problem = "neither a take (no take.json) nor a stream (no manifest.json)"
     raise StudioError("gui.not_take_or_stream", problem, file=path, fix="Choose another folder.")
 

@@ -109,9 +109,8 @@ class PointsView(StageView):
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
         marks = self.marks
         if marks is None or self.workspace.context is None:
-            raise StudioError(
-                "gui.no_points", self.problem or "no take is open", fix="" if self.problem else "Open a take."
-            )
+            problem = self.problem or "no take is open"
+            raise StudioError("gui.no_points", problem, fix="" if self.problem else "Open a take.")
         footage = self.workspace.context.footage.raw
         names = tuple(held_out_first(footage.camera_names, footage.held_out_cameras))
         self._footage = (self.workspace.context, names)

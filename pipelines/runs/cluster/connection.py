@@ -33,9 +33,8 @@ def load_ray(address: str = "local") -> Any:
     try:
         import ray
     except ImportError:
-        raise StudioError(
-            "cluster.no_ray", "run.executor is ray, but Ray is not installed", fix=_EXTRA, setting="run.executor"
-        ) from None
+        problem = "run.executor is ray, but Ray is not installed"
+        raise StudioError("cluster.no_ray", problem, fix=_EXTRA, setting="run.executor") from None
     return ray
 
 

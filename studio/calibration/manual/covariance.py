@@ -37,9 +37,8 @@ def check_plausible(rig: TieRig, observations: Observations) -> None:
         fix = "Check the measured positions; their axes must be right-handed with z up."
         raise StudioError("tie_points.contradiction", "the measured positions contradict the marks", fix=fix)
     if behind:
-        raise StudioError(
-            "tie_points.behind", "the points would be behind the cameras that fit the marks", fix="Check the marks."
-        )
+        problem = "the points would be behind the cameras that fit the marks"
+        raise StudioError("tie_points.behind", problem, fix="Check the marks.")
 
 
 def check_handedness(rig: TieRig, observations: Observations, accuracy: Accuracy) -> None:

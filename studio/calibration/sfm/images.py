@@ -112,7 +112,6 @@ def _write_picture(
         files[folder / "masks" / f"{file}.png"] = usable.astype(np.uint8) * 255
     for path, pixels in files.items():
         if not cv2.imwrite(str(path), np.ascontiguousarray(pixels), fast):
-            raise StudioError(
-                "calibration.unwritable", "cannot be written", file=path, fix="Check the free space and permissions."
-            )
+            problem = "cannot be written"
+            raise StudioError("calibration.unwritable", problem, file=path, fix="Check the free space and permissions.")
     return bool(usable.any())

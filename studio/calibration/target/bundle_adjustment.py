@@ -95,9 +95,8 @@ def refine(
     options.ceres.solver_options.function_tolerance = 1e-10
     summary = pycolmap.create_default_bundle_adjuster(options, config, world).solve()
     if not summary.is_solution_usable():
-        raise StudioError(
-            "target.bundle_adjustment", "the bundle adjustment did not converge", fix="Film the target again."
-        )
+        problem = "the bundle adjustment did not converge"
+        raise StudioError("target.bundle_adjustment", problem, fix="Film the target again.")
     return _read(world, state, names, reference)
 
 

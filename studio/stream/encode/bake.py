@@ -358,9 +358,8 @@ def bake_sound(cut: Cut, directory: Path) -> AudioEntry:
         path, digest = content_name(data, ".m4a")
         os.replace(partial, directory / path)
     except OSError as error:
-        raise StudioError(
-            "bake.write_failed", f"the sound cannot be written ({error.strerror or error})", file=partial
-        ) from None
+        problem = f"the sound cannot be written ({error.strerror or error})"
+        raise StudioError("bake.write_failed", problem, file=partial) from None
     finally:
         partial.unlink(missing_ok=True)
     return AudioEntry(

@@ -194,9 +194,8 @@ def _replace_manifest(path: Path, data: bytes, files: Iterable[str]) -> None:
         write_bytes(path, data, durable=True)
         sync(path.parent)
     except OSError as error:
-        raise StudioError(
-            "bake.write_failed", f"the manifest cannot be written ({error.strerror or error})", file=path
-        ) from None
+        problem = f"the manifest cannot be written ({error.strerror or error})"
+        raise StudioError("bake.write_failed", problem, file=path) from None
 
 
 def _live_pages(path: Path) -> set[str]:

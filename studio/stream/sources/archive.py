@@ -47,18 +47,16 @@ class FileRanges:
         try:
             self._file = path.open("rb")
         except OSError as error:
-            raise StudioError(
-                "source.file_unreadable", f"the file cannot be read ({reason_of(error)})", file=path
-            ) from None
+            problem = f"the file cannot be read ({reason_of(error)})"
+            raise StudioError("source.file_unreadable", problem, file=path) from None
         self._size = os.fstat(self._file.fileno()).st_size
 
     def read_at(self, offset: int, count: int) -> tuple[bytes, int]:
         try:
             return os.pread(self._file.fileno(), count, offset), self._size
         except (OSError, ValueError) as error:
-            raise StudioError(
-                "source.file_unreadable", f"the file cannot be read ({reason_of(error)})", file=self.name
-            ) from None
+            problem = f"the file cannot be read ({reason_of(error)})"
+            raise StudioError("source.file_unreadable", problem, file=self.name) from None
 
     def close(self) -> None:
         self._file.close()

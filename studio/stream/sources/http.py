@@ -342,9 +342,8 @@ def _problem(name: str, error: Exception) -> Exception:
     """The error to raise, `_Temporary` if a retry may succeed."""
     reason = error.reason if isinstance(error, urllib3.exceptions.MaxRetryError) else error
     if isinstance(reason, urllib3.exceptions.SSLError):
-        return StudioError(
-            "source.tls", f"no secure connection ({reason})", file=name, fix="Check the server's certificate."
-        )
+        problem = f"no secure connection ({reason})"
+        return StudioError("source.tls", problem, file=name, fix="Check the server's certificate.")
     if isinstance(reason, urllib3.exceptions.LocationParseError):
         return StudioError("source.invalid_url", f"invalid URL ({reason})", file=name)
     if isinstance(reason, urllib3.exceptions.ResponseError):  # too many redirects
