@@ -17,11 +17,12 @@ SAMPLE = Path(__file__).parents[2] / "sample_captures" / "walk16"
 
 
 def write_video(
-    path, frames, *, codec="libx264", pixels="yuv420p", options=None, fps=25, rotation=0, shape=None, source="rgb24"
-) -> Path:
+    path, frames, *, codec="libx264", pixels="yuv420p", options=None, container_options=None, fps=25, rotation=0,
+    shape=None, source="rgb24",
+) -> Path:  # fmt: skip
     """Encode (H, W, 3) RGB (or `source`) uint8 frames, whose pixels are `shape` times as wide as high."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    with av.open(str(path), "w") as container:
+    with av.open(str(path), "w", options=container_options or {}) as container:
         stream = container.add_stream(codec, rate=fps)
         stream.width, stream.height, stream.pix_fmt = frames[0].shape[1], frames[0].shape[0], pixels
         stream.options = options if options is not None else {"crf": "10", "preset": "veryfast"}

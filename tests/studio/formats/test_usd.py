@@ -9,7 +9,6 @@ import pytest
 import torch
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdMedia, UsdValidation, UsdVol
 
-from studio.audio.pcm import Pcm
 from studio.formats.rigid_motion import scaled, turned
 from studio.formats.sequence import axes_of, open_import
 from studio.formats.usd import UsdFrames, export_usd
@@ -17,15 +16,12 @@ from studio.rotations import quats_to_matrices
 from studio.similarity import Similarity
 from tests.support.errors import refuses
 from tests.support.rigs import camera_at
+from tests.support.sounds import ArrayPcm
 
 SH = "radiance:sphericalHarmonicsCoefficients"
 
 
-class Beep(Pcm):
-    sample_rate, channels, samples = 8000, 2, 2400
-
-    def read(self, first: int, count: int) -> np.ndarray:
-        return np.tile(np.linspace(-1, 1, self.samples, dtype=np.float32)[first : first + count, None], (1, 2))
+RAMP = np.linspace(-1, 1, 2400, dtype=np.float32)
 
 
 def opened(path):  # type: ignore[no-untyped-def]
@@ -70,15 +66,16 @@ def test_frames_as_openusd_reads_them(tmp_path, make_video, ending):
 
 def test_upright_with_cameras_and_sound(tmp_path, make_video):
     camera = camera_at("cam 1", (2.0, 1.0, -0.5))
-    video = replace(make_video((3,)), sound=Beep(), original=Similarity(2.0, translation=np.array([4e5, 0, 0])))
+    there = Similarity(2.0, translation=np.array([4e5, 0, 0]))
+    video = replace(make_video((3,)), sound=ArrayPcm(np.stack([RAMP, RAMP], axis=1), 8000), original=there)
     rotation = axes_of(video, (0, 1, 0), True)
     export_usd(video, tmp_path / "a.usdz", rotation, [camera])
     stage = opened(tmp_path / "a.usdz")
     frustum = UsdGeom.Camera(stage.GetPrimAtPath("/Performance/Cameras/cam_1")).GetCamera(0).frustum
     project = frustum.ComputeViewMatrix() * frustum.ComputeProjectionMatrix()
     points = np.array(stage.GetPrimAtPath("/Performance/Group_000").GetAttribute("positions").Get(1), np.float64)
-    there = video.read(1).means.double().numpy()
-    for point, original in zip(points[:20], there[:20], strict=True):
+    means = video.read(1).means.double().numpy()
+    for point, original in zip(points[:20], means[:20], strict=True):
         x, y, _ = project.Transform(Gf.Vec3d(*point))
         seen = camera.K @ (camera.rotation @ original + camera.translation)
         expected = seen[:2] / seen[2]
@@ -92,7 +89,7 @@ def test_upright_with_cameras_and_sound(tmp_path, make_video):
     with wave.open(str(tmp_path / "b.wav")) as heard:
         assert (heard.getnchannels(), heard.getframerate(), heard.getnframes()) == (2, 8000, 2400)
         samples = np.frombuffer(heard.readframes(2400), "<i2")[::2]
-    np.testing.assert_allclose(samples / 32767, np.linspace(-1, 1, 2400), atol=1e-4)
+    np.testing.assert_allclose(samples / 32767, RAMP, atol=1e-4)
 
 
 def test_imported_again(tmp_path, make_video):

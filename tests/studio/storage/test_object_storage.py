@@ -4,7 +4,6 @@ import os
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-import av
 import numpy as np
 import pytest
 import s3fs
@@ -31,23 +30,11 @@ def put(object_store: ObjectStore, key: str, data: bytes) -> None:
     object_store.client.put_object(Bucket="studio", Key=f"day1/{key}", Body=data)
 
 
-def write_video(path: Path, frames: int, options: dict[str, str]) -> None:
-    """Noise, so that frames take kilobytes; every eighth frame begins a GOP."""
-    path.parent.mkdir(parents=True)
-    noise = np.random.default_rng(3)
-    with av.open(str(path), "w", options=options) as container:
-        video = container.add_stream("libx264", rate=25, options={"g": "8", "bf": "2"})
-        video.width, video.height, video.pix_fmt = 96, 64, "yuv420p"
-        for _ in range(frames):
-            image = noise.integers(0, 255, (64, 96, 3), dtype=np.uint8)
-            container.mux(video.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
-        container.mux(video.encode())
-
-
 @pytest.mark.parametrize("options", [{}, {"movflags": "+faststart"}], ids=["index_at_end", "index_at_start"])
-def test_only_the_needed_gops_of_a_video_are_fetched(object_store, tmp_path, small_blocks, options) -> None:
+def test_only_the_needed_gops_of_a_video_are_fetched(object_store, tmp_path, small_blocks, make, options) -> None:
+    noise = np.random.default_rng(3).integers(0, 255, (240, 64, 96, 3), dtype=np.uint8)  # frames of kilobytes
     local = tmp_path / "day1" / "videos" / "cam0.mp4"
-    write_video(local, 240, options)
+    make.video(local, noise, options={"g": "8", "bf": "2"}, container_options=options)  # GOPs of 8 frames
     object_store.upload(tmp_path / "day1", "day1")
     video = mirrored(DAY) / "videos" / "cam0.mp4"
     here, there = VideoReader(local), VideoReader(video)
