@@ -104,10 +104,8 @@ def test_documented_packages_are_those_that_the_program_uses() -> None:
     known = {(found := Requirement(text)).name: found.specifier for text in wanted}
     others = {"onnxruntime-gpu", "sounddevice", "pre-commit"}  # instead of onnxruntime; optional; of developers
     seen = set()
-    sources = [
-        path for package in ("studio", "pipelines", "gui", "benchmarks") for path in (ROOT / package).rglob("*.py")
-    ]
-    for path in [*PAGES, *sources]:
+    folders = ("studio", "pipelines", "gui", "benchmarks")
+    for path in [*PAGES, *(path for folder in folders for path in (ROOT / folder).rglob("*.py"))]:
         for line in re.findall(r"pip install ([^`\n\"]+)", path.read_text(encoding="utf-8")):
             words = shlex.split(re.split(r"[).;]?(?: \(|, |\.$|\)| #|  )", line)[0].rstrip(".,"))
             for word in words:

@@ -168,9 +168,8 @@ def test_every_command_but_the_window_takes_json() -> None:
 
 
 def test_a_reader_that_leaves_early_is_no_error() -> None:
-    process = subprocess.Popen(
-        [sys.executable, "-m", "pipelines.cli", "config"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=ROOT
-    )
+    command = [sys.executable, "-m", "pipelines.cli", "config"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=ROOT)
     process.stdout.close()
     assert process.stderr.read() == b""
     assert process.wait(60) == 1

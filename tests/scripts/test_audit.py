@@ -21,10 +21,8 @@ def test_none_passes_and_says_how_many_were_looked_up() -> None:
 
 
 def test_without_an_answer_it_is_skipped_with_a_word() -> None:
-    for report, messages in (
-        (None, "Traceback\nrequests.ConnectionError: no route"),
-        ({"dependencies": [UNKNOWN]}, ""),
-    ):
+    offline = (None, "Traceback\nrequests.ConnectionError: no route")
+    for report, messages in (offline, ({"dependencies": [UNKNOWN]}, "")):
         status, words = audit.verdict(report, messages)
         assert status == 0
         assert words.startswith("Audit skipped: ")

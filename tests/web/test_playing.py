@@ -117,18 +117,14 @@ def test_a_hidden_page_does_not_run_on(page):
     page.wait("player.state.frame > 0")
     session = page.handle.context.new_cdp_session(page.handle)
     # What switching tabs does: no animation frames, and the event.
-    page.evaluate(
-        """() => { Object.defineProperty(document, 'visibilityState', {value: 'hidden', configurable: true});
-          document.dispatchEvent(new Event('visibilitychange')); }"""
-    )
+    switch = """value => { Object.defineProperty(document, 'visibilityState', {value, configurable: true});
+      document.dispatchEvent(new Event('visibilitychange')); }"""
+    page.evaluate(switch, "hidden")
     session.send("Page.setWebLifecycleState", {"state": "frozen"})
     page.handle.wait_for_timeout(1000)
     session.send("Page.setWebLifecycleState", {"state": "active"})
     before = len(page.seen("looped"))
-    page.evaluate(
-        """() => { Object.defineProperty(document, 'visibilityState', {value: 'visible', configurable: true});
-          document.dispatchEvent(new Event('visibilitychange')); }"""
-    )
+    page.evaluate(switch, "visible")
     page.wait("(seen.looped ?? []).length > argument", before)
     assert not page.seen("error")
 

@@ -80,9 +80,8 @@ def test_curves_and_figures_are_those_of_the_evaluation(page, take):
     values = json.loads(take.evaluation.read_text())
     assert not page.handle.locator(".v3-review .readout").is_visible(), "numbers are shown on request"
     page.handle.get_by_text("Numbers", exact=True).click()
-    low, high = map(
-        float, page.handle.locator(".v3-review .range").first.inner_text().removesuffix(" dB").split(" to ")
-    )
+    limits = page.handle.locator(".v3-review .range").first.inner_text()
+    low, high = map(float, limits.removesuffix(" dB").split(" to "))
     for kind in ("decoded", "trained"):
         want = [row[f"psnr_{kind}"] for row in values["frames"]]
         assert curve(page, kind, low, high) == pytest.approx(want, abs=0.01)
@@ -146,9 +145,7 @@ def test_the_wipe_shows_the_footage_of_the_frame_and_moves(page, take):
     at = box["y"] + box["height"] * 0.3
     page.handle.mouse.move(box["x"] + box["width"] * 0.5, at)
     page.handle.mouse.down()
-    assert not page.evaluate("() => document.querySelector('v3-player').classList.contains('idle')"), (
-        "controls are back"
-    )
+    page.wait("!player.classList.contains('idle')")  # controls are back
     page.handle.mouse.move(box["x"] + box["width"] * 0.8, at, steps=4)
     page.handle.mouse.up()
     assert page.handle.locator("v3-player .wipe [role=slider]").get_attribute("aria-valuenow") == "80"

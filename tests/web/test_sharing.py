@@ -135,9 +135,7 @@ def test_a_single_file_plays_from_the_disk(baked, open_page, tmp_path):
     plays_right(page, baked())
     assert head(page) == (TEXT.title, f"{TEXT.credits} · {TEXT.license}")
     page.click("link")
-    page.wait(
-        "document.querySelector('v3-player').shadowRoot.querySelector('.notice').textContent.match(/link|address/i)"
-    )
+    page.wait("player.shadowRoot.querySelector('.notice').textContent.match(/link|address/i)")
     page.handle.goto(f"{file.as_uri()}?t=0.2&view=30,10,2.5,0,0,0")
     page.wait_ready()
     assert page.state["frame"] == 5

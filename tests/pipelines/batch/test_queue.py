@@ -203,11 +203,8 @@ def test_a_take_that_another_program_runs_is_waited_for(queue: QueueFile, tmp_pa
     queue.add(take.root, None, ())
     order: list[str] = []
     with take.locked("v3studio run"):
-        worker = threading.Thread(
-            target=run_queue,
-            args=(queue, lambda entry: order.append("starts"), lambda event: None, lambda entry: order.append("ended")),
-            kwargs={"command": lambda entry: [sys.executable, "-c", ""]},
-        )
+        tell = (lambda _: order.append("starts"), lambda _: None, lambda _: order.append("ended"))
+        worker = threading.Thread(target=run_queue, args=(queue, *tell, lambda _: [sys.executable, "-c", ""]))
         worker.start()
         while not order:
             time.sleep(0.02)

@@ -57,9 +57,8 @@ def test_command_shares_keyframes_measures_and_goes_on(project, here):
         rates = [point["kb_per_frame"] for point in entry["points"]]
         assert rates == sorted(rates, reverse=True)
     # the keyframe, the second of two frames, is the same, byte for byte; the other is not
-    frames = [
-        sorted((out / "takes" / name / "train" / "group_000").glob("frame_*")) for name in ("full", "no-finetune")
-    ]
+    groups = [out / "takes" / name / "train" / "group_000" for name in ("full", "no-finetune")]
+    frames = [sorted(group.glob("frame_*")) for group in groups]
     assert filecmp.cmp(frames[0][1], frames[1][1], shallow=False)
     assert frames[0][1].stat().st_mtime_ns == frames[1][1].stat().st_mtime_ns, "it was copied, not trained again"
     assert read_about(frames[0][0]).key != read_about(frames[1][0]).key

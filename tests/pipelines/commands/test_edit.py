@@ -152,10 +152,7 @@ def read_points_of(take: Path) -> np.ndarray:
         (("remove", "regions", 1), "there is no region 1"),
         (("remove", "detail", 1), "there is no detail 1"),
         (("detail", "--at", 9, 9, 9, "--radius", 1), "there are no splats within 1 of (9, 9, 9) in this frame"),
-        (
-            ("detail", "--at", 0, 0, 0, "--radius", 1, "--frame", 5),
-            "frame 5 is not trained. The trained frames are 0 to 4.",
-        ),
+        (("detail", "--at", 0, 0, 0, "--radius", 1, "--frame", 5), "frame 5 is not trained. The trained frames are 0"),
         (("detail", "--at", 0, 0, 0, "--radius", 1, "--weight", 101), "weight = 101.0 must be at most 100"),
         (("detail", "--at", 0, 0, 0, "--radius", 0), "radius = 0.0 must be above 0"),
         (("detail", "--at", 0, 0, 0, "--radius", 1, "--weight", "0.5"), "weight = 0.5 must be at least 1"),

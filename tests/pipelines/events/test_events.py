@@ -83,6 +83,5 @@ def test_a_notice_carries_code_and_fields():
     assert (read.code, read.file, read.value, read.fix) == ("footage.no_frames", "/cam3", 0, "Add some.")
     assert read.fields == {"camera": "cam3"}
     assert read.message == str(error) == "/cam3: no frames. Add some."
-    assert events.as_message(ZeroDivisionError("x")) == Message(
-        "program.bug", "ZeroDivisionError: x", fields={"exception": "ZeroDivisionError"}
-    )
+    bug = Message("program.bug", "ZeroDivisionError: x", fields={"exception": "ZeroDivisionError"})
+    assert events.as_message(ZeroDivisionError("x")) == bug

@@ -243,10 +243,8 @@ def test_figures_of_an_earlier_stream_are_told(take: Take) -> None:
 
 def test_a_review_hands_out_the_plain_link(take: Take, tmp_path: Path) -> None:
     shutil.copytree(take.root, tmp_path / "a b")
-    for folder, page, link in (
-        (take.root, f"/{SECRET}/", "../t0ken/"),
-        (tmp_path, f"/{SECRET}/a%20b/", "../../t0ken/a%20b/"),
-    ):
+    below = (tmp_path, f"/{SECRET}/a%20b/", "../../t0ken/a%20b/")
+    for folder, page, link in ((take.root, f"/{SECRET}/", "../t0ken/"), below):
         streams = find_streams(str(folder))
         with running(build_app(streams, PLAYER, Reviews(SECRET, find_reviews(streams)), "t0ken")) as port:
             assert f'data-link="{link}"' in ask(port, page, Accept="text/html")[2].decode()

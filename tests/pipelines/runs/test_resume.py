@@ -105,10 +105,8 @@ def test_stopped_in_joint_training_continues_from_its_checkpoint(project, here, 
     frames = [f"frame_{index:06d}.safetensors" for index in range(3)]
 
     def run(name: str, iterations: int = 12):
-        done = here(
-            *("run", project / "ball.yaml", "--take", project / name, "--capture.frames", ":3", "--until", "train"),
-            *("--train.joint_iterations", str(iterations), "--json"),
-        )
+        options = ("--capture.frames", ":3", "--until", "train", "--train.joint_iterations", iterations, "--json")
+        done = here("run", project / "ball.yaml", "--take", project / name, *options)
         messages = [event.message for event in done.events if isinstance(event, Log)]
         return done.returncode, frames_in(done.events), messages
 

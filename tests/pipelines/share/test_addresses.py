@@ -31,9 +31,8 @@ def test_every_interface_means_the_addresses_that_others_can_use(monkeypatch):
         "auto0": at("169.254.3.3"),
     }
     monkeypatch.setattr(addresses.psutil, "net_if_addrs", lambda: cards)
-    monkeypatch.setattr(
-        addresses.psutil, "net_if_stats", lambda: {name: SimpleNamespace(isup=name != "off0") for name in cards}
-    )
+    stats = {name: SimpleNamespace(isup=name != "off0") for name in cards}
+    monkeypatch.setattr(addresses.psutil, "net_if_stats", lambda: stats)
     monkeypatch.setattr(addresses, "route_address", lambda family: "192.168.1.5")
     assert reachable_hosts("0.0.0.0") == ["192.168.1.5", "10.0.0.7"], "the way out first"
     assert reachable_hosts("::") == ["[2001:db8::7]"]

@@ -97,13 +97,10 @@ class Page(HTMLParser):
 
 def test_a_folder_holds_all_that_its_page_names_and_the_same_stream(stream, tmp_path):
     steps = []
-    shared = share(
-        str(stream), tmp_path / "deep" / "site", TEXT, progress=lambda done, total, **_: steps.append((done, total))
-    )
+    progress = lambda done, total, **_: steps.append((done, total))  # noqa: E731
+    shared = share(stream, tmp_path / "deep" / "site", TEXT, progress=progress)
     files = contents(shared.path)
-    assert {name: data for name, data in files.items() if name.startswith("stream/")} == {
-        f"stream/{name}": data for name, data in contents(stream).items()
-    }
+    assert contents(shared.path / "stream") == contents(stream)
     page = Page(shared.path / "index.html")
     (player,) = page.named("v3-player")
     early, *_, script = page.named("script")
@@ -201,11 +198,8 @@ def test_what_is_damaged_or_cancelled_leaves_the_earlier_share_as_it_was(stream,
 def test_a_single_file_holds_the_stream_as_it_is(stream, tmp_path):
     shared = share(stream, tmp_path / "take.html", TEXT)
     page = Page(shared.path)
-    held = {
-        str(attributes["data-v3-file"]): base64.b64decode(text)
-        for attributes, text in page.texts
-        if "data-v3-file" in attributes
-    }
+    files = [(attributes["data-v3-file"], text) for attributes, text in page.texts if "data-v3-file" in attributes]
+    held = {name: base64.b64decode(text) for name, text in files}
     assert held == contents(stream)
     (player,) = page.named("v3-player")
     assert player["src"] in {f"#{element.get('id')}" for element in page.named("div")}
@@ -276,11 +270,9 @@ def test_without_the_player_or_a_stream(stream, tmp_path, monkeypatch):
 
 def test_the_command_says_what_it_wrote(here, stream, tmp_path):
     write_path_keys([Key(3.0, camera(), 5.0), Key(4.5, camera(), 0.0)], tmp_path / "path.json")
-    done = here(
-        *("share", stream, "--out", tmp_path / "site", "--title", "One", "--credits", "Two", "--license", "Three"),
-        *("--description", "Four <walks>", "--intro", tmp_path / "path.json"),
-        "--view=-30,10",
-    ).ok()
+    words = ("--title", "One", "--credits", "Two", "--license", "Three", "--description", "Four <walks>")
+    options = (*words, "--intro", tmp_path / "path.json", "--view=-30,10")
+    done = here("share", stream, "--out", tmp_path / "site", *options).ok()
     total = sum(map(len, contents(tmp_path / "site").values()))
     assert f"{total:,} bytes" in done.stdout
     page = Page(tmp_path / "site" / "index.html")

@@ -16,9 +16,7 @@ from pipelines.takes.groups import Group
 def simulated(seed: int) -> list[tuple[float, float]]:
     """(true seconds left, shown) at each progress event of `train`."""
     chance, config = random.Random(seed), Config()
-    groups = [
-        Group(index=number, first=15 * number, frames=tuple(range(15 * number, 15 * number + 15))) for number in (0, 1)
-    ]
+    groups = [Group(index=one, first=15 * one, frames=tuple(range(15 * one, 15 * one + 15))) for one in (0, 1)]
     now = [0.0]
     events = []
     reporter = StageReporter("train", events.append, clock=lambda: now[0], own=85, later=8)

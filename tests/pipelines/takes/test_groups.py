@@ -19,9 +19,8 @@ def test_every_frame_is_in_one_group() -> None:
     frames = tuple(range(10, 40, 3))
     found = cut_into_groups(frames, 4, (0.2, 0.0, 0.9, 0.1, 0.1, 0.3, 0.0, 0.0, 0.2))
     assert sum((group.frames for group in found), ()) == frames
-    assert [(group.index, group.first) for group in found] == [
-        (number, frames.index(group.frames[0])) for number, group in enumerate(found)
-    ]
+    for number, group in enumerate(found):
+        assert (group.index, group.first) == (number, frames.index(group.frames[0]))
 
 
 @pytest.mark.parametrize(

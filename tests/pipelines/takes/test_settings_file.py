@@ -31,9 +31,8 @@ def file(tmp_path: Path) -> Path:
 def test_only_the_changed_value_changes(file: Path) -> None:
     set_settings(file, {"train.group_size": 10})
     before, after = TEXT.splitlines(), file.read_text().splitlines()
-    assert [new for old, new in zip(before, after, strict=True) if old.split() != new.split()] == [
-        "  group_size: 10 # two groups"
-    ]
+    changed = [new for old, new in zip(before, after, strict=True) if old.split() != new.split()]
+    assert changed == ["  group_size: 10 # two groups"]
     assert load_config(file).train.group_size == 10
 
 
