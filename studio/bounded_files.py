@@ -45,9 +45,8 @@ class TextError(ValueError):
 
 
 def parse_json(text: str | bytes, bounds: Bounds = BOUNDS, *, unique: bool = False) -> Any:
-    """The value of a JSON text, bytes in UTF-8, -16 or -32 (RFC 8259; NaN and Infinity are accepted, as Python's json
-    module does). `unique`: an object may not have a key twice; otherwise the last value is returned. TextError if it is
-    not JSON, or out of bounds."""
+    """The value of a JSON text, bytes in UTF-8, -16 or -32 (RFC 8259; NaN and Infinity are accepted, as by Python's
+    json). `unique`: no key twice in an object; else the last value counts. TextError: not JSON, or out of bounds."""
     check_text(text, bounds)
 
     def integer(digits: str) -> int:

@@ -55,8 +55,7 @@ class MemoryCache(Generic[Key, Value]):
 
     def get_or_make(self, key: Key, make: Callable[[Key], Value]) -> Value:
         """The value cached under `key`; if there is none, what `make` returns, which is then cached. Each value is made
-        once, and different keys do not wait for each other. If `make` raises, so does this, and the next call tries
-        again."""
+        once; other keys do not wait for it. If `make` raises, so does this, and the next call tries again."""
         with self._lock:
             making = self._making.setdefault(key, threading.Lock())
         with making:

@@ -32,8 +32,7 @@ def _check_mask(mask: Tensor, size: tuple[int, ...]) -> None:
 
 def psnr(image: Tensor, target: Tensor, mask: Tensor | None = None) -> Tensor:
     """Peak signal-to-noise ratio in dB of (H, W, 3) images in 0 to 1, infinity for identical ones. `mask`: (H, W)
-    weights of the pixels, 0 to 1; None: all equal. StudioError: `metrics.image_shape`, `metrics.mask_shape` or
-    `metrics.mask_empty`."""
+    weights, 0 to 1; None: equal. StudioError `metrics.image_shape`, `metrics.mask_shape` or `metrics.mask_empty`."""
     check_image_pair(image, target)
     squared = (image - target).square().mean(-1)
     if mask is None:

@@ -47,8 +47,7 @@ def in_own_frame(rig: Rig) -> Rig:
 
 def undone(frame: Similarity, *, placed: bool) -> Similarity:
     """What exports apply to the splats of a take, whose `frame` is that of `own_frame`: from the world of its streams
-    to the one in which the user thinks. `placed`: an edit has placed the world, which says where its origin is: then
-    only the unit is undone."""
+    to the one in which the user thinks. `placed`: an edit has placed the world's origin: only the unit is undone."""
     return Similarity(1 / frame.scale) if placed else frame.inverse
 
 

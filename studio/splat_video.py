@@ -78,9 +78,8 @@ class SplatVideo:
         return self.frame_count / self.fps
 
     def part(self, start: int | None = None, stop: int | None = None, step: int = 1) -> SplatVideo:
-        """Every `step`th of the frames with numbers from `start` (None: the first) to `stop` - 1 (None: the last); the
-        frame rate is divided by the step. StudioError (splat_video.frame_range) if the range is empty or out of
-        bounds."""
+        """Every `step`th of the frames with numbers from `start` (None: the first) to `stop` - 1 (None: the last), at a
+        frame rate divided by the step. StudioError (splat_video.frame_range): the range is empty or out of bounds."""
         first, end = self.number(0), self.number(self.frame_count - 1) + 1
         low, high = first if start is None else start, end if stop is None else stop
         chosen = [index for index in range(self.frame_count) if low <= self.number(index) < high][:: max(step, 1)]

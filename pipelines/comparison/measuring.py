@@ -44,8 +44,7 @@ class FrameMeasurer:
         self, frame: int, before: int | None, keep: bool, tick: Callable[[bool], None]
     ) -> tuple[tuple[FrameOfTake, ...], dict[str, dict[str, ViewPair]]]:
         """The figures of each take in one frame, and the views by camera and name of the take (none without `keep`).
-        Flicker is measured against the frame `before`, if there is one, which is rendered again unless it was measured
-        last."""
+        Flicker is against the frame `before`, if there is one, which is rendered again unless it was measured last."""
         if self._flicker and before is not None and before != self._last:
             for take in self._takes:
                 pairs = self._pairs(take, before, lambda: tick(False))

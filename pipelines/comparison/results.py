@@ -94,9 +94,8 @@ class ComparedFrame(Result):
 
 
 class FinishedFrames:
-    """The finished frames of a comparison, on the disk. The folder is created with the first frame. `key`: digest of
-    what the comparison is made from; frames of others are deleted. `found`: frames that an interrupted one has
-    finished, by number."""
+    """The finished frames of a comparison, on the disk, in a folder created with the first. `key`: digest of what it is
+    made from; frames of others are deleted. `found`: frames that an interrupted one has finished, by number."""
 
     def __init__(self, out: Path, key: str) -> None:
         self._out = out

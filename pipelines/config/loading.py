@@ -19,8 +19,7 @@ from studio.yaml_text import YamlError, dump_yaml, parse_yaml
 
 def parse_override(text: str) -> tuple[str, Any]:
     """`train.max-splats=20000` to ("train.max_splats", 20000); the value is parsed as YAML. Text needs no quotes,
-    `capture.images={camera}/video.avi`, nor do the items of a list of text: `capture.held_out=01,02` names two
-    cameras."""
+    `capture.images={camera}/video.avi`, nor do items of a list of text: `capture.held_out=01,02` are two cameras."""
     name, equals, value = text.partition("=")
     name = name.strip().replace("-", "_")
     if not equals or "." not in name:

@@ -227,8 +227,7 @@ def parse_event(line: str) -> Event:
 
 def read_line(line: bytes | str) -> tuple[Event | None, str]:
     """Split a line of another process's output, with or without its newline, into an event and the text around it.
-    Never raises. Native libraries may print between events, or in front of one without a newline; bytes need not be
-    UTF-8."""
+    Never raises: native libraries print between events or in front of one, without a newline or not in UTF-8."""
     text = line.decode("utf-8", "replace") if isinstance(line, bytes) else line
     start = text.find(_START)
     event = None

@@ -95,8 +95,7 @@ def write_record(stage: Stage, inputs: Inputs, seconds: float, summary: Result) 
 
 def assess(stage: Stage, inputs: Inputs, upstream: dict[str, StageStatus]) -> StageStatus:
     """The status of a stage, given that of the stages it depends on. If the footage cannot be read, a finished stage
-    whose files are there is still done, with a note in `reason`. Not so if the take's edits cannot: what it must be is
-    not known then."""
+    with its files is still done, with a note in `reason`. Not so if the edits cannot: what it must be is not known."""
     record = read_record(inputs.take, stage.name)
     direct = [dependency for dependency in stage.dependencies if upstream[dependency].state != DONE]
     needed = {name for dependency in direct for name in (*upstream[dependency].needs, dependency)}

@@ -103,8 +103,7 @@ def build_app(
 @dataclass(frozen=True)
 class _Site:
     """The streams with the player, as for `build_app`, with their reviews by the path of their stream, or without.
-    `watching`: where the same is served without reviews, relative to "/", which pages copy as a link. None: the pages
-    themselves."""
+    `watching`: where, below "/", the same is served without reviews, which pages copy as a link; None: the pages."""
 
     streams: dict[str, Path]
     player: PlayerFiles | None

@@ -48,8 +48,7 @@ class Integrity(BaseModel):
 
 def check_take(take: Take, stages: Iterable[str], progress: ProgressFn = no_progress) -> Integrity:
     """Read all results of the finished stages, all trained frames and all kept bakes, and compare them with what was
-    recorded; and read what people made: edits, marks and the camera path. `progress` gets the files checked so far, and
-    how many are known of."""
+    recorded; read what people made: edits, marks, camera path. `progress` gets the files checked and those known of."""
     damage: list[Damage] = []
     unchecked: list[str] = []
     files: list[Path] = []

@@ -139,8 +139,7 @@ class Silhouettes:
 
     def distance(self, index: int, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Signed distance (N,) float32 in world units, positive inside, of (N, 3) float32 world points to one camera's
-        silhouette cone, sampled bilinearly from the map; and (N,) bool: the point is in front of the camera and inside
-        its image."""
+        silhouette cone, sampled bilinearly; and (N,) bool: whether the camera has the point in its image."""
         camera = self.cameras[index]
         pixels, depth = self.project(index, points)
         grid = torch.stack([pixels[:, 0] * (2.0 / camera.width) - 1, pixels[:, 1] * (2.0 / camera.height) - 1], -1)

@@ -22,8 +22,7 @@ class BoundedQueue(Generic[T]):
 
     def put(self, item: T, stale: Callable[[T], bool] | None = None) -> int | None:
         """Append an item, waiting while the queue is full; returns the number of items dropped to make room, or None if
-        the queue was aborted. When it is full, the oldest item is dropped if `stale` is true for the second oldest,
-        that is, when that is already due."""
+        it was aborted. When full, the oldest item is dropped if `stale` is true for the second oldest: it is due."""
         dropped = 0
         with self._changed:
             while len(self._items) >= self._capacity and not self._aborted:

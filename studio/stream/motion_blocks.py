@@ -92,8 +92,7 @@ def find_blocks(positions: np.ndarray, step: float) -> np.ndarray:
 @dataclass(frozen=True)
 class Blocks:
     """Blocks over the keyframe's means; encoder and decoder run the same computation. `labels`, (N,): block of each
-    splat, none is empty; `local`, (N, 4): keyframe position relative to the block's center, divided by `radius`, and
-    1."""
+    splat, none is empty; `local`, (N, 4): position from the block's center, divided by `radius`, and 1."""
 
     labels: np.ndarray
     count: int

@@ -142,9 +142,8 @@ class StreamReader:
         return self.manifest.live
 
     def refresh(self) -> int:
-        """Read the manifest of a live stream again, and return the number of new groups; frames of known groups stay
-        the same. StudioError as `open`, or `stream.live_changed`: the new manifest takes back what the old one
-        published."""
+        """Read the manifest of a live stream again, and return the number of new groups; known groups stay the same.
+        StudioError as `open`, or `stream.live_changed`: the new manifest takes back what the old one published."""
         if not self.live:
             return 0
         read = getattr(self.source, "read_changed", self.source.read)

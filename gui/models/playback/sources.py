@@ -67,9 +67,8 @@ class Opened:
         return next(iter(self.sources.values()), None)
 
     def group(self, frame: int, starts: Sequence[int] = ()) -> int:
-        """The number of a frame's group in the take's folders, from the first frame of each group of the footage or
-        else of the groups that are trained. The groups of its stream can be others: a trim drops some, and
-        `bake.first_group_size` divides one."""
+        """The number of a frame's group in the take's folders, from the first frame of each group of the footage, else
+        of the trained groups. Those of its stream may differ: a trim drops some, `first_group_size` divides one."""
         trained = self.sources.get("trained")
         known = starts or (trained.group_starts if trained is not None else ())
         return max(bisect_right(known, frame) - 1, 0)

@@ -19,8 +19,7 @@ PEAKS = 4096  # parts of a waveform, more than a timeline has columns
 
 class StreamAudio:
     """See the module. Attributes are set by its thread, in one piece each: `player` and `waveform` (for the timeline)
-    are None until they are loaded. Frames are those of the source: with those before a take's in point, which are
-    silent."""
+    are None until they are loaded. Frames are those of the source; those before a take's in point are silent."""
 
     def __init__(self, source: StreamSource | CastFrames, output: Output) -> None:
         self.frame_count, self.fps = source.frame_count, source.fps

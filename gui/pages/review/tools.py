@@ -55,8 +55,7 @@ _CUT = {"crop": "outside of the box", "ground": "below the plane"}
 
 def hint(tool: str, selected: int | None, back: int, floaters: Floaters | None, in_use: bool) -> str:
     """What to do next, over the image; "" if there is nothing to say. Numbers of splats in the group: `selected`, None
-    if nothing was tried; `back`: removed now and would not be any more. `in_use`: these limits are among the take's
-    edits already."""
+    if nothing was tried; `back`: no longer removed. `in_use`: these limits are among the take's edits already."""
     words = HINTS.get(tool, "")
     if selected is None:
         return words

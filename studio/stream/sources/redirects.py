@@ -12,8 +12,7 @@ _PORTS = {"http": 80, "https": 443}
 
 def redirected(url: str, location: str, name: str) -> str:
     """The address that an answer to `url` points to. Only what the server wrote is used, so that a query of ours stays.
-    StudioError (`source.unsafe_redirect`) if it is not http(s), from https to http, or from a public host to this
-    machine or a private network."""
+    StudioError (`source.unsafe_redirect`): not http(s), from https to http, or from a public to a private network."""
     here = urlsplit(url)
     try:
         target = urljoin(url, location)
