@@ -9,22 +9,13 @@ import torch
 from studio.camera_files import read_rig
 from studio.capture import CaptureSettings, open_footage
 from studio.comparison import evaluate
-from studio.gaussians import Gaussians
 from studio.masks import FunctionMaskSource
+from tests.support.splats import round_splats
 from tests.support.tiny_capture import write_capture
 
+FAR_AWAY = round_splats(torch.full((1, 3), 1e4))
+"""A splat that no camera sees."""
 NAMES = tuple(f"cam{number}" for number in range(6))
-
-
-def far_away() -> Gaussians:
-    """A splat that no camera sees."""
-    return Gaussians.from_activated(
-        means=torch.full((1, 3), 1e4),
-        quats=torch.tensor([[1.0, 0, 0, 0]]),
-        scales=torch.full((1, 3), 1e-3),
-        opacities=torch.tensor([0.5]),
-        sh=torch.zeros(1, 1, 3),
-    )
 
 
 @pytest.mark.parametrize("padding", [3, None])
@@ -32,7 +23,7 @@ def test_nothing_rendered_is_as_far_as_the_footage_is_from_black(padding: int | 
     write_capture(tmp_path, frames=2)
     settings = CaptureSettings(root=tmp_path, images="images/{camera}/{frame:03d}.png", held_out=("cam4",))
     footage = open_footage(settings, read_rig(str(tmp_path / "cameras.json")))
-    found = evaluate(far_away(), footage, 1, padding=padding)
+    found = evaluate(FAR_AWAY, footage, 1, padding=padding)
     assert set(found) == {"cam4"}, "the held-out camera"
     mask = footage.mask("cam4", 1)
     image = footage.image("cam4", 1) / 255 * (mask[..., None] / 255)
@@ -41,7 +32,7 @@ def test_nothing_rendered_is_as_far_as_the_footage_is_from_black(padding: int | 
         top, left = max(0, rows.min() - padding), max(0, columns.min() - padding)
         image = image[top : rows.max() + 1 + padding, left : columns.max() + 1 + padding]
     assert found["cam4"]["psnr"] == pytest.approx(-10 * np.log10(np.mean(image**2)), abs=1e-3)
-    both = evaluate(far_away(), footage, 1, cameras=("cam0", "cam4"), padding=padding)
+    both = evaluate(FAR_AWAY, footage, 1, cameras=("cam0", "cam4"), padding=padding)
     assert both["cam4"] == found["cam4"]
     assert both["cam0"] != found["cam4"]
 
@@ -54,4 +45,4 @@ def test_cameras_without_masks_are_not_measured(held_out: tuple[str, ...], measu
     settings = CaptureSettings(root=tmp_path, images="images/{camera}/{frame:03d}.png", held_out=held_out)
     source = FunctionMaskSource(lambda image, camera, frame: np.ones(image.shape[:2]), cameras=NAMES[:5])
     footage = open_footage(settings, read_rig(str(tmp_path / "cameras.json"))).with_mask_source(source)
-    assert set(evaluate(far_away(), footage, 0)) == measured
+    assert set(evaluate(FAR_AWAY, footage, 0)) == measured

@@ -1,6 +1,7 @@
 """Measures against OpenCV and NumPy, and the protocols."""
 
 import math
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -12,6 +13,7 @@ from studio.comparison import ViewPair, find_camera, measure, padded_box
 from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize
 from tests.support.rigs import camera_at
+from tests.support.splats import round_splats
 
 WIDTH, HEIGHT = 64, 48
 
@@ -20,9 +22,8 @@ def splats(color: tuple[float, float, float] = (0.2, 0.5, 0.7)) -> Gaussians:
     """A blob in front of the camera, with some variation of color."""
     generator = torch.Generator().manual_seed(0)
     means = torch.randn(300, 3, generator=generator) * 0.2
-    quats = torch.tensor([1.0, 0, 0, 0]).repeat(300, 1)
     sh = (torch.tensor(color) + 0.2 * torch.randn(300, 3, generator=generator) - 0.5)[:, None] / 0.28209479
-    return Gaussians(means, quats, torch.full((300, 3), -2.5), torch.full((300,), 3.0), sh)
+    return replace(round_splats(means, -2.5, 0.95), sh=sh)
 
 
 def camera() -> Camera:

@@ -13,6 +13,7 @@ from studio.gaussians import Gaussians
 from studio.similarity import Similarity
 from studio.splat_video import SplatVideo
 from tests.support.errors import refuses
+from tests.support.splats import round_splats
 
 OpenEXR = pytest.importorskip("OpenEXR")
 
@@ -27,13 +28,7 @@ def bodies(*places: float, seed: int = 0, splats: int = 1500) -> Gaussians:
     shifted = [one + np.array([x, 0, 0]) for one, x in zip(means, places, strict=True)]
     floaters = [[(a + b) / 2, 0, 0] for a, b in pairwise(places)]
     points = random.permutation(np.concatenate([*shifted, np.reshape(floaters, (-1, 3))]))
-    return Gaussians.from_activated(
-        torch.from_numpy(points).float(),
-        torch.tensor([[1.0, 0, 0, 0]]).repeat(len(points), 1),
-        torch.full((len(points), 3), 0.05),
-        torch.full((len(points),), 0.9),
-        torch.zeros(len(points), 1, 3),
-    )
+    return round_splats(torch.from_numpy(points).float(), -3.0, 0.9)
 
 
 @pytest.mark.parametrize("places", [(0.0,), (-0.5, 0.5), (-1.4, 0.0, 0.9)])

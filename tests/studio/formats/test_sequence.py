@@ -1,6 +1,7 @@
 """Sequences of splat files from other programs: order, group boundaries, baking."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,19 +20,16 @@ from studio.playback import play_headless
 from studio.splat_video import SplatVideo
 from studio.stream import BakeSettings, StreamReader
 from tests.support.errors import refuses
+from tests.support.splats import cloud
 
 SPLATS = Path(__file__).parents[2] / "data" / "splats"
 
 
-def body(frame: int, splats: int = 120, degree: int = 0, seed: int = 0) -> Gaussians:
+def body(frame: int, splats: int = 120, degree: int = 0) -> Gaussians:
     """A body that moves along x, with the same splats in each frame."""
-    generator = torch.Generator().manual_seed(seed)
-    means = torch.randn(splats, 3, generator=generator) * torch.tensor([0.2, 0.2, 0.5])
-    means[:, 0] += 0.05 * frame
-    quats = torch.nn.functional.normalize(torch.randn(splats, 4, generator=generator), dim=1)
-    log_scales = torch.randn(splats, 3, generator=generator) * 0.3 - 4
-    sh = torch.randn(splats, (degree + 1) ** 2, 3, generator=generator) * 0.2
-    return Gaussians(means, quats, log_scales, torch.randn(splats, generator=generator), sh)
+    one = cloud(splats, degree)
+    means = one.means * torch.tensor([0.2, 0.2, 0.5]) + torch.tensor([0.05 * frame, 0, 0])
+    return replace(one, means=means, log_scales=one.log_scales / 2 - 2)
 
 
 def covariances(splats: Gaussians) -> torch.Tensor:
