@@ -118,13 +118,9 @@ def test_status_of_a_new_and_of_a_finished_take(here, project, finished):
 
 
 def test_status_answers_without_torch(finished):
-    script = (
-        "import sys\n"
-        "from pipelines.cli import execute\n"
-        f"assert execute(['status', {str(finished / 'take')!r}]) == 0\n"
-        "print('torch' in sys.modules)"
-    )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    status = f"from pipelines.cli import execute; assert execute(['status', {str(finished / 'take')!r}]) == 0"
+    command = [sys.executable, "-c", f"import sys; {status}; print('torch' in sys.modules)"]
+    done = subprocess.run(command, capture_output=True, text=True)
     assert done.stdout.endswith("False\n"), done.stderr
 
 

@@ -50,13 +50,9 @@ def folder(clone: Path) -> Path:
 
 def setup(folder: Path, *arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
     (folder / "log").write_text("")
-    return subprocess.run(
-        ["bash", "scripts/setup.sh", *arguments],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        env={"FAIL_ON": "", "V3STUDIO_TORCH": "cpu", **os.environ, "PYTHON": f"{folder}/python3", **environment},
-    )
+    env = {"FAIL_ON": "", "V3STUDIO_TORCH": "cpu", **os.environ, "PYTHON": f"{folder}/python3", **environment}
+    command = ["bash", "scripts/setup.sh", *arguments]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, env=env)
 
 
 def log(folder: Path) -> list[str]:

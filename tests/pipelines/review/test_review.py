@@ -112,20 +112,11 @@ def test_pictures_are_the_footage_over_the_background(port: int, take: Take) -> 
     assert np.abs(shown.astype(int) - expected).mean() < 6, "JPEG"
 
 
-@pytest.mark.parametrize(
-    "path",
-    [
-        "frames/cam0/3.jpg",
-        "frames/cam4/5.jpg",
-        "frames/cam4/-1.jpg",
-        f"frames/cam4/{'9' * 5000}.jpg",
-        "frames/../3.jpg",
-        "",
-    ],
-)
-def test_nothing_else(port: int, path: str) -> None:
+def test_nothing_else(port: int) -> None:
     """cam0 is a training camera."""
-    assert ask(port, f"{BASE}/{path}")[0] == 404
+    for frame in ("cam0/3", "cam4/5", "cam4/-1", f"cam4/{'9' * 5000}", "../3"):
+        assert ask(port, f"{BASE}/frames/{frame}.jpg")[0] == 404
+    assert ask(port, f"{BASE}/")[0] == 404
 
 
 @pytest.mark.parametrize("path", ["data.json", "marks", "frames/cam4/3.jpg"])
@@ -162,19 +153,10 @@ VIEW = {"eye": [0.0, -3.5, 1.0], "target": [0.0, 0.0, 1.0], "fov": 40.0, "camera
 VIEW |= {"place": [0.1, 0.0, 1.3]}
 
 
-@pytest.mark.parametrize(
-    "values",
-    [
-        {"eye": VIEW["target"]},
-        {"fov": 0},
-        {"fov": 180.0},
-        {"wipe": 1.5},
-        {"camera": "c" * 300},
-        {"eye": [0, 1]},
-        {"place": [0, 1]},
-        {"eye": None},
-    ],
-)
+NO_EYES = ({"eye": VIEW["target"]}, {"eye": [0, 1]}, {"eye": None}, {"place": [0, 1]})
+
+
+@pytest.mark.parametrize("values", [*NO_EYES, {"fov": 0}, {"fov": 180.0}, {"wipe": 1.5}, {"camera": "c" * 300}])
 def test_views_that_cannot_be_looked_from_are_refused(port: int, take: Take, values: dict[str, Any]) -> None:
     change = mark(1, "x")
     change["mark"]["view"] = {**VIEW, **values}

@@ -107,23 +107,15 @@ def test_focal_lengths_from_exif(tmp_path: Path) -> None:
     assert focal_lengths(context(tmp_path / "other").footage.raw, 0) == {}
 
 
-@pytest.mark.parametrize(
-    ("settings", "expected"),
-    [
-        ({}, [[0], [2, 6, 10], [1, 3, 5, 7, 9, 11], list(range(12))]),
-        ({"frame_count": 1}, [[0]]),
-        ({"frame_count": 3}, [[2, 6, 10]]),
-        ({"frame_count": 50}, [list(range(12))]),
-        ({"frame": 7}, [[7]]),
-    ],
-)
-def test_which_frames(settings: dict, expected: list[list[int]]) -> None:
-    assert calibrate.frames_to_try(CalibrateSettings(**settings), range(12)) == expected
+def test_which_frames() -> None:
+    def tried(**settings: int) -> list[list[int]]:
+        return calibrate.frames_to_try(CalibrateSettings(**settings), range(12))
 
-
-def test_frames_that_contradict_each_other() -> None:
+    assert tried() == [[0], [2, 6, 10], [1, 3, 5, 7, 9, 11], list(range(12))]
+    assert [tried(frame_count=count) for count in (1, 3, 50)] == [[[0]], [[2, 6, 10]], [list(range(12))]]
+    assert tried(frame=7) == [[7]]
     with refuses("settings.conflict", setting="calibrate.frame", other="calibrate.frame_count"):
-        calibrate.frames_to_try(CalibrateSettings(frame=1, frame_count=2), range(3))
+        tried(frame=1, frame_count=2)
 
 
 GOOD = RigVerdict(grade="good", reason="The matches fit.")

@@ -10,13 +10,6 @@ import pytest
 from pipelines.events.cancellation import Cancellation
 from pipelines.runs.work import work
 from pipelines.stages import group_scheduler
-from pipelines.stages.group_scheduler import (
-    memory_of_group,
-    refuse_too_little_memory,
-    run_groups,
-    sides_at_once,
-    threads_by_group,
-)
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 from tests.support.errors import refuses
@@ -24,19 +17,13 @@ from tests.support.events import frames_in
 from tests.support.tiny_capture import run_take, settings_in
 
 
-@pytest.mark.parametrize(
-    ("groups", "at_once", "threads", "expected"),
-    [
-        (3, 1, 2, [2, 2, 2]),
-        (3, 2, 2, [1, 1, 2]),
-        (4, 2, 2, [1, 1, 1, 1]),
-        (5, 4, 16, [4, 4, 4, 4, 16]),
-        (2, 2, 1, [1, 1]),
-        (0, 1, 2, []),
-    ],
-)
-def test_all_threads_are_shared_out(groups: int, at_once: int, threads: int, expected: list[int]) -> None:
-    assert threads_by_group(groups, at_once, threads) == expected
+def test_all_threads_are_shared_out() -> None:
+    assert group_scheduler.threads_by_group(3, 1, 2) == [2, 2, 2]
+    assert group_scheduler.threads_by_group(3, 2, 2) == [1, 1, 2]
+    assert group_scheduler.threads_by_group(4, 2, 2) == [1, 1, 1, 1]
+    assert group_scheduler.threads_by_group(5, 4, 16) == [4, 4, 4, 4, 16]
+    assert group_scheduler.threads_by_group(2, 2, 1) == [1, 1]
+    assert group_scheduler.threads_by_group(0, 1, 2) == []
 
 
 def planned(asked: int | None = None, joint: int = 0) -> Any:
@@ -53,11 +40,11 @@ def planned(asked: int | None = None, joint: int = 0) -> Any:
 
 
 def test_both_sides_of_a_keyframe_need_threads_and_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    one = memory_of_group(planned())
+    one = group_scheduler.memory_of_group(planned())
     found = []
     for groups, times in ((1, 1.9), (1, 2.1), (2, 3.9), (2, 4.1)):
         monkeypatch.setattr(group_scheduler, "memory_limit", lambda times=times: int(times * one))
-        found.append([sides_at_once(planned(asked=groups), threads) for threads in (1, 2, 4)])
+        found.append([group_scheduler.sides_at_once(planned(asked=groups), threads) for threads in (1, 2, 4)])
     assert found == [[1, 1, 1], [1, 2, 2], [1, 1, 1], [1, 2, 2]]
 
 
@@ -79,11 +66,11 @@ def test_both_sides_of_a_keyframe_at_once_give_the_same_frames_again(project: Pa
 
 
 def test_a_group_that_cannot_fit_is_refused_unless_it_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    one = memory_of_group(planned())
+    one = group_scheduler.memory_of_group(planned())
     monkeypatch.setattr(group_scheduler, "memory_limit", lambda: one - 1)
     with refuses("train.too_little_memory", value=one, limit=one - 1):
-        refuse_too_little_memory(planned())
-    refuse_too_little_memory(planned(asked=1))
+        group_scheduler.refuse_too_little_memory(planned())
+    group_scheduler.refuse_too_little_memory(planned(asked=1))
 
 
 def test_only_what_is_left_to_train_needs_memory(copied: Path, take: Take, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -115,5 +102,5 @@ def test_one_failure_ends_the_others_and_is_what_is_told() -> None:
 
     ran: list[int] = []
     with refuses("mask.empty"):
-        run_groups({0: endless, 1: bad, 2: lambda: ran.append(2)}, 2, [1, 1, 1], stop)
+        group_scheduler.run_groups({0: endless, 1: bad, 2: lambda: ran.append(2)}, 2, [1, 1, 1], stop)
     assert not ran
