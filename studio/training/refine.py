@@ -24,9 +24,9 @@ CONTRAST = 2.0
 REFINE_EVERY = 100
 """Steps after which the masks are refined again."""
 
-RAGGED_ABOVE = 10.0
+RAGGED_ABOVE = 5.0
 """For auto: masks are refined above this percentage of their outlines that splats disagree with, see `outlines_off`.
-2 for masks of the sample capture from clean plates, 25 and more for ragged ones (docs/measurements/masks.md)."""
+Up to 4 for good masks, 6 and more for agreed and ragged ones (docs/measurements/masks.md)."""
 
 _MOVED_OFF = 1.5
 """For auto in later frames: above this multiple of the keyframe's percentage, the motion was not found. The given masks

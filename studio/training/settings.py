@@ -87,7 +87,7 @@ class TrainSettings(Settings):
     refine_masks: Annotated[Literal["auto", "always", "never"], Heading("Refined masks")] = "auto"
     """Replace the masks with the rendered alpha of the splats, on which all cameras agree, with twice the contrast.
     This happens when pruning of a keyframe or fine-tuning of another frame starts, and again every 100 steps. auto: in
-    groups where more than 10% of the masks' outlines are more than a pixel from those of the keyframe's splats."""
+    groups where more than 5% of the masks' outlines are more than a pixel from those of the keyframe's splats."""
 
     chroma_siting: Literal["auto", "left", "center", "none"] = "auto"
     """Compare footage with subsampled chroma (4:2:0, 4:2:2) with renders that are subsampled in the same way, so that

@@ -6,8 +6,8 @@ import numpy as np
 
 _SMALLEST = 0.05
 """Of the performer's area; smaller parts are not looked at."""
-_MARGIN = 0.15
-"""Around a person, as a fraction of the longer side."""
+_MARGINS = (0.15, 0.02)
+"""Around a person, as fractions of the longer side: a look at what `solid` may lack, and one with more pixels."""
 _APART = 1 / 160
 """Gap up to which parts are one person, as a fraction of the image's longer side."""
 _CLIP = 0.02
@@ -15,7 +15,7 @@ _CLIP = 0.02
 
 
 def odds_of_people(image: np.ndarray, solid: np.ndarray, model: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    """Log-odds of a model that gets a square part of an image for each person.
+    """Log-odds of a model that gets square parts of an image for each person: the mean of those that show a pixel.
 
     Args:
         image: (H, W, 3) uint8 RGB.
@@ -33,15 +33,19 @@ def odds_of_people(image: np.ndarray, solid: np.ndarray, model: Callable[[np.nda
     _, labels, _, _ = cv2.connectedComponentsWithStats(cv2.dilate(solid, np.ones((2 * reach + 1,) * 2, np.uint8)))
     labels *= solid
     areas = np.bincount(labels.ravel())[1:]
-    share = np.full((height, width), -1.0, np.float32)
-    for label in np.flatnonzero(areas > _SMALLEST * areas.sum()) + 1:
-        left, top, across, down = cv2.boundingRect((labels == label).astype(np.uint8))
-        half = round((0.5 + _MARGIN) * max(across, down))
-        framed = cv2.copyMakeBorder(image, half, half, half, half, cv2.BORDER_REPLICATE)
-        row, column = top + down // 2, left + across // 2  # of the square's corner, in the framed image
-        found = np.full(framed.shape[:2], -1.0, np.float32)
-        square = slice(row, row + 2 * half), slice(column, column + 2 * half)
-        found[square] = model(np.ascontiguousarray(framed[square]))
-        np.maximum(share, found[half:-half, half:-half], out=share)
-    clipped = np.clip(share, _CLIP, 1 - _CLIP)
-    return np.where(share < 0, np.float32(0), np.log(clipped / (1 - clipped)))
+    total, looks = np.zeros((2, height, width), np.float32)
+    for margin in _MARGINS:
+        share = np.full((height, width), -1.0, np.float32)
+        for label in np.flatnonzero(areas > _SMALLEST * areas.sum()) + 1:
+            left, top, across, down = cv2.boundingRect((labels == label).astype(np.uint8))
+            half = round((0.5 + margin) * max(across, down))
+            framed = cv2.copyMakeBorder(image, half, half, half, half, cv2.BORDER_REPLICATE)
+            row, column = top + down // 2, left + across // 2  # of the square's corner, in the framed image
+            found = np.full(framed.shape[:2], -1.0, np.float32)
+            square = slice(row, row + 2 * half), slice(column, column + 2 * half)
+            found[square] = model(np.ascontiguousarray(framed[square]))
+            np.maximum(share, found[half:-half, half:-half], out=share)
+        clipped = np.clip(share, _CLIP, 1 - _CLIP)
+        total += np.where(share < 0, np.float32(0), np.log(clipped / (1 - clipped)))
+        looks += share >= 0
+    return np.asarray(total / np.maximum(looks, 1))

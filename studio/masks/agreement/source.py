@@ -68,7 +68,7 @@ _SEEN = 0.6
 _KEPT_FRAMES = 4
 _KEPT_BYTES = 256 << 20
 _SMALLEST = 1e-4  # component, in fractions of the image
-_VERSION = 5  # of the algorithm; part of the names of cached files
+_VERSION = 6  # of the algorithm; part of the names of cached files
 
 
 class AgreedMaskSource:

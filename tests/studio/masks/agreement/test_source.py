@@ -102,7 +102,7 @@ def test_a_model_sees_squares_around_people_and_counts(
     before = overlap(model, camera, 7)
     monkeypatch.setattr(MattingModel, "__call__", nobody)
     assert overlap(opened(capture, rig, masks="agreed", mask_model=f"selfie:{LITE}"), camera, 7) < before - 0.05
-    assert len(sides) == len(rig)
+    assert len(sides) == 2 * len(rig)  # two margins
     assert all(height == width < SIZE[0] for height, width in sides)
 
 
