@@ -23,9 +23,9 @@ def test_enough_matches_or_the_best_there_are() -> None:
 
 def picture(scene: np.ndarray, shift: int) -> np.ndarray:
     """A plane, seen slightly from the side."""
-    corners = np.array([[0, 0], [400, 0], [400, 300], [0, 300]], np.float32)
+    corners = np.array([[0, 0], [280, 0], [280, 210], [0, 210]], np.float32)
     seen = corners + np.array([[shift, 0], [0, shift], [-shift, 0], [0, -shift]], np.float32)
-    return cv2.warpPerspective(scene, cv2.getPerspectiveTransform(corners, seen), (400, 300))
+    return cv2.warpPerspective(scene, cv2.getPerspectiveTransform(corners, seen), (280, 210))
 
 
 def test_the_preview_separates_images_without_overlap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -34,12 +34,12 @@ def test_the_preview_separates_images_without_overlap(tmp_path: Path, monkeypatc
     rng = np.random.default_rng(0)
     (tmp_path / "images").mkdir()
     for wall in range(2):
-        scene = sum(cv2.GaussianBlur(rng.normal(size=(300, 400, 3)), (0, 0), s) * s * 70 for s in (1.5, 3, 6))
+        scene = sum(cv2.GaussianBlur(rng.normal(size=(210, 280, 3)), (0, 0), s) * s * 70 for s in (1.5, 3, 6))
         scene = np.clip(128 + scene, 0, 255).astype(np.uint8)
         for number in range(3):
             name = file_name(3 * wall + number, 0)
             cv2.imwrite(str(tmp_path / "images" / name), picture(scene, 12 * number))
-    job = job_of(6, focal=480.0, size=(400, 300), max_features=800, max_image_size=400)
+    job = job_of(6, focal=336.0, size=(280, 210), max_features=800, max_image_size=280)
     asked: list[set[str]] = []
     real = pycolmap.match_image_pairs
 
