@@ -15,6 +15,9 @@ FIELD_PADDING = 3
 """Pixels between the top of a field and that of its text, at any font size (`FramePadding` of Dear ImGui); the toolkit
 draws a label's text at its top."""
 
+NOTHING = gui.Color(0, 0, 0, 0)
+"""Background of what needs none: the toolkit's default covers the widget, at a software renderer's cost of an image."""
+
 _random = np.random.default_rng()  # Flips lowest bits, so that no two new images are equal. Never part of a result
 
 
@@ -85,6 +88,7 @@ class ImagePanel:
         images: dict[tuple[int, ...], gui.UIImage] | None = None,
     ) -> None:
         self.widget = gui.ImageWidget()
+        self.widget.background_color = NOTHING
         self._on_mouse = on_mouse
         self._shape: tuple[int, ...] = ()
         self._images = {} if images is None else images

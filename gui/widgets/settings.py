@@ -10,7 +10,7 @@ from gui.drawing.palette import ACCENT, DIM, FAIR, PANEL
 from gui.models.take.estimates import Estimates
 from gui.models.take.setting_words import FILES, FOLDERS, TEMPLATES
 from gui.models.take.settings import SettingField, fields_of, matching
-from gui.widgets.picture import color, holds, lowered, text_room
+from gui.widgets.picture import NOTHING, color, holds, lowered, text_room
 from gui.widgets.setting_editors import Editor, make_editor, small_button
 from pipelines.config import Config
 from pipelines.config.presets import PRESETS, differing, preset_of
@@ -74,7 +74,7 @@ class SettingsList:
         self.all.tooltip = "Also show settings that few people need"
         self.all.set_on_checked(lambda _: actions.changed())
         self._scroll = gui.ScrollableVert(0, gui.Margins(0.6 * em, 0.2 * em, 1.2 * em, 0.4 * em))
-        self._scroll.background_color = color(PANEL)
+        self._scroll.background_color = NOTHING
         self._content = gui.WidgetProxy()
         self._scroll.add_child(self._content)
         heads = (self.preset, self.estimate) if self._has_presets else ()
