@@ -5,7 +5,6 @@ import json
 import math
 import os
 import shutil
-import signal
 import subprocess
 import time
 from collections.abc import Callable, Iterator
@@ -19,6 +18,7 @@ from PIL import Image, ImageGrab
 
 from gui.actions.menus import MENUS
 from gui.models.playback.player import PlayerPresenter
+from gui.models.stage_rows import TITLES
 from gui.models.take.workspace import Workspace
 from pipelines.config import load_config
 from pipelines.stages.inputs import Inputs
@@ -81,16 +81,10 @@ def footage_project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made_once(tmp_path_factory, "footage", write_project)
 
 
-@pytest.fixture(scope="session")
-def finished_project(finished: Path) -> Path:
-    """The same with a finished take in `take/`. Read-only; use `take_copy` to change it."""
-    return finished
-
-
 @pytest.fixture
-def take_copy(finished_project: Path, tmp_path: Path) -> Path:
-    """A copy of the finished take."""
-    return Path(shutil.copytree(finished_project / "take", tmp_path / "take"))
+def take_copy(finished: Path, tmp_path: Path) -> Path:
+    """A copy of the finished take, which is read-only."""
+    return Path(shutil.copytree(finished / "take", tmp_path / "take"))
 
 
 @pytest.fixture
@@ -110,9 +104,9 @@ def clock() -> HandClock:
 
 
 @pytest.fixture
-def player(finished_project: Path) -> Iterator[PlayerPresenter]:
+def player(finished: Path) -> Iterator[PlayerPresenter]:
     """A small player of the finished take, with its footage."""
-    player, take = PlayerPresenter(), Take.open(finished_project / "take")
+    player, take = PlayerPresenter(), Take.open(finished / "take")
     assert player.open(take.root), player.message
     player.context = Inputs(take, load_config(take.config))
     player.resize(256, 192)
@@ -130,8 +124,13 @@ def display() -> Iterator[str]:
         yield name
 
 
+State, Place = dict[str, Any], tuple[float, float]
+Until = tuple[str, Callable[[State], bool]]
+"""What to wait for after an action, as `RunningWindow.wait_for` takes it."""
+
+
 class RunningWindow:
-    """`v3studio-gui` in a separate process.
+    """`v3studio-gui` in a separate process. Mouse and keys return the awaited state if `until` is given.
 
     Args:
         display: the X server.
@@ -151,7 +150,7 @@ class RunningWindow:
     ) -> None:
         self.log = log
         self._read = 0
-        self._states: list[dict[str, Any]] = []
+        self._states: list[State] = []
         self._entered = False
         self._corner: list[int] = []  # of its content on the screen
         self.environment = {
@@ -168,7 +167,7 @@ class RunningWindow:
             command = (*program, "--log-state", log, "--size", SIZE, *arguments)  # the last size counts
             self.process = warm_python().popen(command, env=self.environment, output=errors)
 
-    def states(self) -> list[dict[str, Any]]:
+    def states(self) -> list[State]:
         """All state lines so far."""
         if self.log.exists():
             with self.log.open("rb") as file:
@@ -179,7 +178,7 @@ class RunningWindow:
             self._states += [json.loads(line) for line in whole.splitlines()]
         return self._states
 
-    def wait_for(self, what: str, accept: Callable[[dict[str, Any]], bool], seconds: float = 120.0) -> dict[str, Any]:
+    def wait_for(self, what: str, accept: Callable[[State], bool], seconds: float = 120.0) -> State:
         """Wait for a state that is accepted and return it; fail with `what` after a number of seconds."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
@@ -191,18 +190,10 @@ class RunningWindow:
             time.sleep(POLL)
         self._fail(f"no state with {what} (status {self.process.poll()})\n{self._story()}")
 
-    def saw(
-        self, what: str, accept: Callable[[dict[str, Any]], bool], since: int = 0, seconds: float = 120.0
-    ) -> dict[str, Any]:
-        """As `wait_for`, for a state that passes: any state from number `since` on counts, also if it is over."""
-        found: list[dict[str, Any]] = []
-
-        def came(_: dict[str, Any]) -> bool:
-            found.extend(itertools.islice(filter(accept, self.states()[since:]), 1))
-            return bool(found)
-
-        self.wait_for(what, came, seconds)
-        return found[0]
+    def saw(self, what: str, accept: Callable[[State], bool]) -> State:
+        """As `wait_for`, for a state that passes: any state so far counts, also if it is over."""
+        self.wait_for(what, lambda _: any(map(accept, self.states())))
+        return next(filter(accept, self.states()))
 
     def _fail(self, why: str) -> NoReturn:
         """End the test; the screen is kept in `ARTIFACTS`."""
@@ -223,10 +214,8 @@ class RunningWindow:
 
     def xdotool(self, *arguments: object) -> str:
         """Run xdotool on the window's display."""
-        done = subprocess.run(
-            ["xdotool", *map(str, arguments)], env=self.environment, capture_output=True, text=True, check=True
-        )
-        return done.stdout
+        command = ["xdotool", *map(str, arguments)]
+        return subprocess.run(command, env=self.environment, capture_output=True, text=True, check=True).stdout
 
     def box(self, widget: str) -> tuple[int, int, int, int]:
         """Left, top, width and height of a widget on the screen, once it is still."""
@@ -247,16 +236,13 @@ class RunningWindow:
         left, top, width, height = self.box(widget)
         return np.array(self.screenshot())[top : top + height, left : left + width]
 
-    def ticks(self, count: int = 3, seconds: float = 120.0) -> None:
+    def ticks(self, count: int = 3) -> None:
         """Wait for a number of ticks of the window. It polls events in each tick, so pending X events have been handled
         by then, however busy the machine is. A tick takes at least 9.5 ms."""
         file = self.log.with_name(self.log.name + ".ticks")
         start = int(file.read_bytes())
-        wait_until(f"{count} ticks", lambda: int(file.read_bytes()) >= start + count or self._ended, seconds)
-
-    @property
-    def _ended(self) -> bool:
-        return self.process.poll() is not None
+        enough = lambda: int(file.read_bytes()) >= start + count  # noqa: E731
+        wait_until(f"{count} ticks", lambda: enough() or self.process.poll() is not None)
 
     def drawn(self) -> None:
         """Wait until the window has handled pending X events and has been drawn. To be drawn, it sends itself an Expose
@@ -287,8 +273,7 @@ class RunningWindow:
 
     def stage(self, name: str) -> None:
         """Click a stage in the list."""
-        names = ["capture", "calibrate", "initialize", "train", "bake", "review"]
-        self.click("stages", 0.3, (names.index(name) + 0.5) / len(names))
+        self.click("stages", 0.3, (list(TITLES).index(name) + 0.5) / len(TITLES))
         at = self.wait_for(name, lambda s: s["stage"] == name)["pictures"]
         # during playback there is always another picture to render
         self.wait_for(f"{name} shown", lambda s: s["settled"] or s["pictures"] > at + 2)
@@ -298,12 +283,12 @@ class RunningWindow:
         """The widget whose upper left corner is that of the window's content."""
         return "start page" if self.states() and self.states()[-1]["start"] else "stages"
 
-    def choose(self, name: str) -> None:
+    def choose(self, name: str, until: Until | None = None) -> State:
         """Click a part of the start page."""
-        self.wait_for(f"{name} on the start page", lambda s: name in s["start_places"])
-        self.click("start page", *self.states()[-1]["start_places"][name])
+        state = self.wait_for(f"{name} on the start page", lambda s: name in s["start_places"])
+        return self.click("start page", *state["start_places"][name], until=until)
 
-    def menu(self, title: str, name: str) -> None:
+    def menu(self, title: str, name: str, until: Until | None = None) -> State:
         """Choose an item of a menu by the name of its action. The toolkit draws menus without reporting their frames;
         the offsets were measured at its default font size."""
         above = list(itertools.takewhile(lambda key: key != name, (item.key if item else "" for item in MENUS[title])))
@@ -313,34 +298,34 @@ class RunningWindow:
         middles = {"File": 22, "Edit": 61, "View": 104, "Mark": 151, "Export": 203, "Share": 257, "Help": 306}
         across = left + middles[title]
         self.press(across, top - 12)
-        self.press(across + 20, top + 21 + round(24.3 * row + 6.4 * separators))
+        return self.press(across + 20, top + 21 + round(24.3 * row + 6.4 * separators), until)
 
-    def click(self, widget: str, across: float = 0.5, down: float = 0.5) -> None:
+    def click(self, widget: str, across: float = 0.5, down: float = 0.5, until: Until | None = None) -> State:
         """Press and release the left button on a widget."""
-        self.press(*self.point(widget, across, down))
+        return self.press(*self.point(widget, across, down), until)
 
-    def press(self, x: int, y: int) -> None:
+    def press(self, x: int, y: int, until: Until | None = None) -> State:
         """Press and release the left button at a position on the screen."""
-        self.send("mousemove", x, y, "mousedown", 1, "mouseup", 1)
+        return self.send("mousemove", x, y, "mousedown", 1, "mouseup", 1, until=until)
 
-    def send(self, *arguments: object) -> None:
+    def send(self, *arguments: object, until: Until | None = None) -> State:
         """Send an input event; return when the window has handled it and has been drawn. The query after the event
         makes sure that the X server has processed it."""
         self.xdotool(*arguments, "getmouselocation")
         self.drawn()
+        return self.wait_for(*until) if until is not None else self.states()[-1]
 
-    def drag(self, widget: str, start: tuple[float, float], end: tuple[float, float], button: int = 1) -> None:
+    def drag(self, widget: str, start: Place, end: Place, button: int = 1, until: Until | None = None) -> State:
         """Drag across a widget in steps."""
         left, top, width, height = self.box(widget)
+        (a, b), (c, d) = start, end
         places = [
-            (round(left + (a + step / 2 * (c - a)) * width), round(top + (b + step / 2 * (d - b)) * height))
-            for step in range(3)
-            for (a, b), (c, d) in [(start, end)]
+            (round(left + (a + t * (c - a)) * width), round(top + (b + t * (d - b)) * height)) for t in (0, 0.5, 1)
         ]
         self.send("mousemove", *places[0], "mousedown", button)
         for place in places[1:]:
             self.send("mousemove", *place)
-        self.send("mouseup", button)
+        return self.send("mouseup", button, until=until)
 
     def retype(self, widget: str, text: str) -> None:
         """Replace the text of a field."""
@@ -349,8 +334,7 @@ class RunningWindow:
         if text:
             self.enter_text(widget, text, selected=True)
         else:
-            self.key("BackSpace")
-            self.wait_for(f"{widget} to be empty", lambda s: s["texts"].get(widget) == "")
+            self.key("BackSpace", until=(f"{widget} to be empty", lambda s: s["texts"].get(widget) == ""))
 
     def enter_text(self, widget: str, text: str, selected: bool = False) -> None:
         """Type into the field with the keyboard focus, and wait until it contains the text: appended, or replacing its
@@ -359,10 +343,10 @@ class RunningWindow:
         self.xdotool("type", "--delay", 10, text)
         self.wait_for(f"{whole!r} in {widget}", lambda s: s["texts"].get(widget) == whole)
 
-    def key(self, name: str) -> None:
+    def key(self, name: str, until: Until | None = None) -> State:
         """Press a key."""
         self._enter()
-        self.send("key", name)
+        return self.send("key", name, until=until)
 
     def _enter(self) -> None:
         """Bring the pointer into the window, because there is no window manager to give it the focus."""
@@ -370,22 +354,21 @@ class RunningWindow:
             self._entered = True
             self.send("mousemove", *self.point(self._whole, 0.9, 0.98))
 
-    def chord(self, name: str, *modifiers: str) -> None:
+    def chord(self, name: str, *modifiers: str, until: Until | None = None) -> State:
         """Press a key with Ctrl and other modifiers."""
         held = ("Control_L", *modifiers)
         down, up = (tuple(word for key in held for word in (way, key)) for way in ("keydown", "keyup"))
         self._enter()
-        self.send(*down, "key", name, *up)
+        return self.send(*down, "key", name, *up, until=until)
 
     def screenshot(self) -> Image.Image:
         """The whole screen, RGB."""
         return ImageGrab.grab(xdisplay=self.environment["DISPLAY"])
 
-    def close(self, seconds: float = 120.0) -> int:
+    def close(self) -> int:
         """SIGTERM; returns the exit status."""
-        if self.process.poll() is None:
-            self.process.send_signal(signal.SIGTERM)
-        return self.process.wait(seconds)
+        self.process.terminate()
+        return self.process.wait(120)
 
 
 @pytest.fixture
@@ -399,6 +382,5 @@ def open_window(display: str, tmp_path: Path) -> Iterator[Callable[..., RunningW
 
     yield start
     for window in windows:
-        if window.process.poll() is None:
-            window.process.kill()
-            window.process.wait()
+        window.process.kill()
+        window.process.wait()

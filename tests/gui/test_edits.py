@@ -13,16 +13,16 @@ from pipelines.takes.take import Take
 from studio.calibration import read_tie_points
 from studio.capture import CaptureSettings
 from studio.edits import EditList
-from tests.gui.conftest import RunningWindow
+from tests.gui.conftest import RunningWindow, State, Until
 from tests.support.waiting import wait_until
 
 
-def press(window: RunningWindow, camera: str, button: int) -> None:
+def press(window: RunningWindow, camera: str, button: int, until: Until) -> State:
     """Click what shows a camera."""
     state = window.wait_for(f"a place of {camera}", lambda s: s["settled"] and camera in s["places"])
     window.send("mousemove", *window.point("viewport", *state["places"][camera]))
     window.send("mousedown", button)
-    window.send("mouseup", button)
+    return window.send("mouseup", button, until=until)
 
 
 def box_pixels(window: RunningWindow) -> int:
@@ -35,12 +35,6 @@ def bright(window: RunningWindow) -> int:
     pixels = window.pixels("viewport")
     height, width, _ = pixels.shape
     return int((pixels[height - height // 2 :, : width // 3].mean(axis=2) > 150).sum())
-
-
-def wider(window: RunningWindow, before: int) -> int:
-    """How many more there are, once there are more."""
-    wait_until("a larger circle", lambda: bright(window) > before)
-    return bright(window) - before
 
 
 def splats(take: Path) -> list[int]:
@@ -57,26 +51,22 @@ def test_edits_the_scene_cameras_and_points(open_window: Callable[..., RunningWi
     window = open_window(str(take_copy))
     window.wait_for("a take", lambda s: s["stages"]["review"][0] == "done" and s["shown"] is not None)
     window.key("Home")
-    window.key("x")
-    window.wait_for("the edits", lambda s: "look" in s["mode"] and "lasso" in s["widgets"] and s["settled"])
-    window.click("lasso")
-    window.wait_for("the lasso", lambda s: "lasso" in s["mode"])
+    window.key("x", until=("the edits", lambda s: "look" in s["mode"] and "lasso" in s["widgets"] and s["settled"]))
+    window.click("lasso", until=("the lasso", lambda s: "lasso" in s["mode"]))
     window.drag("viewport", (0.03, 0.5), (0.12, 0.9))  # beside the performer: nothing is inside
     window.wait_for("no selection", lambda s: s["settled"] and s["selected"] == 0)
-    window.click("brush")
-    window.wait_for("the brush", lambda s: "brush" in s["mode"])
+    window.click("brush", until=("the brush", lambda s: "brush" in s["mode"]))
     tops = {window.states()[-1]["widgets"][name][1] for name in ("done", "brush", "remove", "removed")}
     assert len(tops) <= 3, "all buttons have words, in three rows at most"
     before = bright(window)
     window.send("mousemove", *window.point("viewport", 0.2, 0.7))
-    small = wider(window, before)
+    wait_until("a circle", lambda: bright(window) > before)
+    small = bright(window)
     window.key("plus")
-    large = wider(window, before + small)
-    assert large > 0, "a larger circle has more pixels"
+    wait_until("a larger circle", lambda: bright(window) > small)
     window.key("minus")
     window.drag("timeline", (window.across_frame(1), 0.1), (window.across_frame(3), 0.1))
-    window.key("Home")
-    window.wait_for("a span", lambda s: s["span"] == [1, 3] and s["shown"] == 0 and s["settled"])
+    window.key("Home", until=("a span", lambda s: s["span"] == [1, 3] and s["shown"] == 0 and s["settled"]))
     there = splats(take_copy)
     for choice, frames in enumerate(((0, 0), (1, 3), None)):  # the frame's group, the span, all
         window.drag("viewport", (0.45, 0.5), (0.55, 0.5))
@@ -94,97 +84,68 @@ def test_edits_the_scene_cameras_and_points(open_window: Callable[..., RunningWi
         assert int(lines[choice].rpartition(": ")[2].split()[0]) == selected + gone[-1], "the count shown before"
         if choice == 0:
             window.wait_for("one group to bake", lambda s: s["stages"]["bake"][0] == "partial")
-        window.chord("z")
-        window.wait_for("no edits", lambda s: s["edits"] == {} and s["settled"])
-    window.click("look")
-    window.wait_for("no tool", lambda s: "look" in s["mode"])
-    window.click("numbers")
-    window.wait_for("kinds", lambda s: s["dialog"] == "edit kinds")
-    window.click("dialog choice1")
-    state = window.wait_for("typing", lambda s: s["dialog"] == "numbers" and s["typing"])
+        window.chord("z", until=("no edits", lambda s: s["edits"] == {} and s["settled"]))
+    window.click("look", until=("no tool", lambda s: "look" in s["mode"]))
+    window.click("numbers", until=("kinds", lambda s: s["dialog"] == "edit kinds"))
+    state = window.click("dialog choice1", until=("typing", lambda s: s["dialog"] == "numbers" and s["typing"]))
     assert state["widgets"]["dialog height"][2] >= 16 * 16, "16 em: three numbers can be read"
     window.enter_text("dialog height", "0.1")
-    window.key("Return")
-    window.wait_for("a ground", lambda s: s["dialog"] == "" and "ground" in s["edits"])
-    window.chord("z")
-    window.wait_for("no edits", lambda s: s["edits"] == {} and s["stages"]["bake"][0] == "done")
+    window.key("Return", until=("a ground", lambda s: s["dialog"] == "" and "ground" in s["edits"]))
+    window.chord("z", until=("no edits", lambda s: s["edits"] == {} and s["stages"]["bake"][0] == "done"))
     assert read_edits(take_copy / "edits.json") == EditList()
-    window.click("detail")
-    window.wait_for("the tool", lambda s: "detail" in s["mode"] and s["settled"])
+    window.click("detail", until=("the tool", lambda s: "detail" in s["mode"] and s["settled"]))
     window.drag("viewport", (0.5, 0.5), (0.5, 0.5))
     window.wait_for("training to do again", lambda s: "details 1" in s["edits"] and s["stages"]["train"][0] != "done")
     window.wait_for("a picture of it", lambda s: s["settled"])
-    window.click("numbers")
-    window.wait_for("typing", lambda s: s["dialog"] == "numbers" and s["typing"])
-    window.key("1")
-    window.wait_for("a radius", lambda s: s["texts"]["dialog radius"] == "1")
-    window.key("Return")
-    window.wait_for("the radius", lambda s: s["dialog"] == "" and "radius 1," in s["edits"]["details 1"])
+    window.click("numbers", until=("typing", lambda s: s["dialog"] == "numbers" and s["typing"]))
+    window.key("1", until=("a radius", lambda s: s["texts"]["dialog radius"] == "1"))
+    window.key("Return", until=("the radius", lambda s: s["dialog"] == "" and "radius 1," in s["edits"]["details 1"]))
     window.chord("z")
-    window.chord("z")
-    window.wait_for("no detail", lambda s: s["edits"] == {} and s["stages"]["train"][0] == "done")
-    window.key("Escape")
-    window.wait_for("the take", lambda s: "decoded" in s["mode"])
+    window.chord("z", until=("no detail", lambda s: s["edits"] == {} and s["stages"]["train"][0] == "done"))
+    window.key("Escape", until=("the take", lambda s: "decoded" in s["mode"]))
 
     # the scene
     window.key("Home")
     window.key("o")
     state = window.wait_for("the scene", lambda s: s["compare"] == "scene" and s["settled"] and "+x" in s["places"])
     assert "volume" in state["mode"]
-    window.drawn()
-    wait_until("the box", lambda: box_pixels(window) > 200)
     orbit = state["orbit"]
-    window.drag("viewport", (0.5, 0.8), (0.65, 0.7))
-    window.wait_for("turned", lambda s: s["orbit"] != orbit and s["settled"])
+    window.drag("viewport", (0.5, 0.8), (0.65, 0.7), until=("turned", lambda s: s["orbit"] != orbit and s["settled"]))
     window.stage("calibrate")
     window.wait_for("the scene is left", lambda s: s["compare"] == "single")
     window.stage("review")
     window.wait_for("the scene again", lambda s: s["compare"] == "scene" and s["settled"] and s["places"])
     window.stage("calibrate")
-    window.key("o")
-    state = window.wait_for("the scene again", lambda s: s["compare"] == "scene" and s["settled"] and s["places"])
-    window.drawn()
+    window.key("o", until=("the scene again", lambda s: s["compare"] == "scene" and s["settled"] and s["places"]))
     wait_until("the box", lambda: box_pixels(window) > 200)
-    window.key("End")
-    window.wait_for("the last frame", lambda s: s["shown"] == s["frames"] - 1 and s["settled"])
-    window.key("space")
-    at = window.wait_for("playing", lambda s: s["playing"])["pictures"]
+    window.key("End", until=("the last frame", lambda s: s["shown"] == s["frames"] - 1 and s["settled"]))
+    at = window.key("space", until=("playing", lambda s: s["playing"]))["pictures"]
     window.wait_for("more pictures", lambda s: s["pictures"] > at + 5)
-    window.key("space")
-    window.wait_for("paused", lambda s: not s["playing"] and s["settled"])
+    window.key("space", until=("paused", lambda s: not s["playing"] and s["settled"]))
     window.drawn()
     with_box = box_pixels(window)
-    window.click("volume")
-    window.wait_for("no box", lambda s: "volume" not in s["mode"] and s["settled"])
+    window.click("volume", until=("no box", lambda s: "volume" not in s["mode"] and s["settled"]))
     # what is on the screen follows what is known
     wait_until("no box on it", lambda: box_pixels(window) < 0.5 * with_box)
     across, down = window.states()[-1]["places"]["+z"]
-    window.click("viewport", across, down)
-    window.wait_for("from above", lambda s: abs(s["orbit"][1]) > 1.5 and s["settled"])
-    window.key("Escape")
-    window.wait_for("the take", lambda s: s["compare"] == "single")
+    window.click("viewport", across, down, until=("from above", lambda s: abs(s["orbit"][1]) > 1.5 and s["settled"]))
+    window.key("Escape", until=("the take", lambda s: s["compare"] == "single"))
 
     # cameras: menus, uses, the list
     window.stage("capture")
-    press(window, "cam0", 3)
-    window.wait_for("its menu", lambda s: s["menu_camera"] == "cam0" and "camera list" in s["widgets"])
-    window.click("camera list")
-    window.wait_for("the list", lambda s: s["dialog"] == "cameras")
+    press(window, "cam0", 3, ("its menu", lambda s: s["menu_camera"] == "cam0" and "camera list" in s["widgets"]))
+    window.click("camera list", until=("the list", lambda s: s["dialog"] == "cameras"))
     window.click("dialog hold out cam1", 0.2)
     window.click("dialog use cam0")
-    window.click("dialog save")
-    window.wait_for("stale results", lambda s: s["dialog"] == "" and s["stages"]["train"][0] != "done")
+    window.click("dialog save", until=("staleness", lambda s: s["dialog"] == "" and s["stages"]["train"][0] != "done"))
     assert capture().cameras == ("cam1", "cam2", "cam3", "cam4", "cam5")
     assert capture().held_out == ("cam1", "cam4")
-    window.chord("z")
-    window.wait_for("the results", lambda s: s["stages"]["train"][0] == "done")
+    window.chord("z", until=("the results", lambda s: s["stages"]["train"][0] == "done"))
     assert capture() == uses
-    press(window, "cam2", 1)
-    window.wait_for("one camera", lambda s: s["alone"] == "cam2" and s["settled"] and list(s["places"]) == ["cam2"])
-    window.key("Escape")
-    window.wait_for("all cameras", lambda s: s["alone"] == "" and len(s["places"]) == 6)
-    press(window, "cam2", 3)
-    state = window.wait_for("its menu", lambda s: s["menu_camera"] == "cam2" and "camera held out" in s["widgets"])
+    press(window, "cam2", 1, ("one camera", lambda s: s["alone"] == "cam2" and s["settled"] and len(s["places"]) == 1))
+    window.key("Escape", until=("all cameras", lambda s: s["alone"] == "" and len(s["places"]) == 6))
+    menu = ("its menu", lambda s: s["menu_camera"] == "cam2" and "camera held out" in s["widgets"])
+    state = press(window, "cam2", 3, menu)
     assert "camera training" not in state["widgets"]
     window.click("camera held out")
     window.wait_for("stale results", lambda s: s["menu_camera"] == "" and s["stages"]["train"][0] != "done")
@@ -192,37 +153,27 @@ def test_edits_the_scene_cameras_and_points(open_window: Callable[..., RunningWi
     window.stage("calibrate")
     front = window.wait_for("frustums", lambda s: s["settled"] and len(s["places"]) > 2)["places"]
     nearest = list(front)[-1]
-    press(window, nearest, 3)
-    window.wait_for("its menu", lambda s: s["menu_camera"] == nearest and "camera errors" in s["widgets"])
-    window.click("camera errors")
-    window.wait_for("the report", lambda s: "report" in s["mode"] and s["settled"])
+    press(window, nearest, 3, ("its menu", lambda s: s["menu_camera"] == nearest and "camera errors" in s["widgets"]))
+    window.click("camera errors", until=("the report", lambda s: "report" in s["mode"] and s["settled"]))
     window.chord("c")
     window.saw("the table on the clipboard", lambda s: "Copied the table" in s["notice"])
-    window.click("cameras")
-    window.wait_for("the cameras", lambda s: "cameras" in s["mode"] and s["settled"])
-    press(window, nearest, 1)
-    window.wait_for("its view", lambda s: s["stage"] == "review" and s["camera"] == nearest and s["settled"])
+    window.click("cameras", until=("the cameras", lambda s: "cameras" in s["mode"] and s["settled"]))
+    press(window, nearest, 1, ("Review", lambda s: s["stage"] == "review" and s["camera"] == nearest and s["settled"]))
 
     # points marked by hand
     window.stage("calibrate")
-    window.click("points by hand")
-    window.wait_for("the view", lambda s: s["mode"] == ["points by hand"] and s["settled"])
+    window.click("points by hand", until=("the view", lambda s: s["mode"] == ["points by hand"] and s["settled"]))
     file = take_copy / "points.yaml"
     window.click("viewport", 0.6, 0.5)
     wait_until("a point in the file", file.is_file)
-    (point,) = read_tie_points(file)
-    assert len(point.pixels) == 1
     pictures = window.states()[-1]["pictures"]
-    window.key("c")
-    window.wait_for("the next camera", lambda s: s["pictures"] > pictures and s["settled"])
+    window.key("c", until=("the next camera", lambda s: s["pictures"] > pictures and s["settled"]))
     window.click("viewport", 0.6, 0.55)
-    wait_until("two marks in the file", lambda: len(read_tie_points(file)[0].pixels) == 2)
-    window.key("e")
-    window.wait_for("the dialog", lambda s: s["dialog"] == "numbers" and s["typing"])
+    wait_until("two marks of one point in the file", lambda: [len(p.pixels) for p in read_tie_points(file)] == [2])
+    window.key("e", until=("the dialog", lambda s: s["dialog"] == "numbers" and s["typing"]))
     window.enter_text("dialog name", "corner", selected=True)
     window.retype("dialog place", "0 0 1")
-    window.key("Return")
-    window.wait_for("no dialog", lambda s: not s["dialog"])
-    assert read_tie_points(file)[0].name == "corner"
-    assert read_tie_points(file)[0].world == (0, 0, 1)
+    window.key("Return", until=("no dialog", lambda s: not s["dialog"]))
+    (point,) = read_tie_points(file)
+    assert (point.name, point.world) == ("corner", (0, 0, 1))
     assert window.close() == 0

@@ -1,10 +1,14 @@
 """Damaged streams and takes in the real window, one after the other: each is reported, and the window stays."""
 
+import json
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
-from tests.support.driven_window import drive
+from tests.gui.conftest import RunningWindow
 from tests.support.streams import edit_manifest, group_files, set_at
+
+DRIVER = Path(__file__).parents[1] / "support" / "driven_window.py"
 
 REPORTED = {
     "newer": "999",
@@ -53,20 +57,23 @@ def _damage(root: Path) -> None:
 
 
 def test_the_window_reports_damage_and_stays(
-    display: str, stream_folder: Path, finished_project: Path, tmp_path: Path
+    open_window: Callable[..., RunningWindow], stream_folder: Path, finished: Path, tmp_path: Path
 ) -> None:
     for name in REPORTED:
-        shutil.copytree(stream_folder if name in STREAMS else finished_project / "take", tmp_path / name)
+        shutil.copytree(stream_folder if name in STREAMS else finished / "take", tmp_path / name)
     _damage(tmp_path)
-    shown, errors, status = drive(display, [tmp_path / name for name in REPORTED], tmp_path / "window")
-    found = {Path(one.path).name: one for one in shown}
+    paths, results = tmp_path / "paths.json", tmp_path / "results.jsonl"
+    paths.write_text(json.dumps([str(tmp_path / name) for name in REPORTED]))
+    window = open_window(program=(DRIVER, paths, results))
+    status, errors = window.process.wait(480), window.stderr.read_text(errors="replace")
+    found = {Path(row["path"]).name: row for row in map(json.loads, results.read_text().splitlines())}
     assert list(found) == list(REPORTED), errors[-3000:]
     assert status == 0
     assert "Traceback" not in errors
     assert "top-level" not in errors, "Open3D draws more than 20 widgets of a window wrongly"
     for name, one in found.items():
-        assert one.opened == (name not in NOT_OPENED), name
-        assert REPORTED[name] in "\n".join(one.sentences), name
-        assert not one.dialog, name
-        assert not one.unsettled, name
-        assert not [text for text in one.sentences if "a bug in V3 Studio" in text], name
+        assert one["opened"] == (name not in NOT_OPENED), name
+        assert REPORTED[name] in "\n".join(one["sentences"]), name
+        assert not one["dialog"], name
+        assert not one["unsettled"], name
+        assert not [text for text in one["sentences"] if "a bug in V3 Studio" in text], name

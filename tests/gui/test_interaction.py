@@ -48,8 +48,7 @@ def test_input_that_is_faster_than_the_window(open_window: Callable[..., Running
     wait_until("the menu Help", lambda: covered("viewport") and not covered("stages"))
     window.xdotool("mousemove", left + 326, top + 21 + round(24.3 * 2 + 6.4), *CLICK)
     window.wait_for("the shortcuts", lambda s: s["dialog"] == "message")
-    window.key("Escape")
-    window.wait_for("no dialog", lambda s: not s["dialog"])
+    window.key("Escape", until=("no dialog", lambda s: not s["dialog"]))
 
     # Escape closes a menu and chooses nothing, though the pointer is on an item; a click there is for what is below
     window.xdotool("mousemove", *titles["File"], *CLICK)

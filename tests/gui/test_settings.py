@@ -31,18 +31,15 @@ def test_settings_help_a_fix_and_a_span(open_window: Callable[..., RunningWindow
     window.stage("train")
     window.key("F1")
     window.wait_for("help", lambda s: s["dialog"] == "help" and "dialog setting train.max_splats" in s["widgets"])
-    window.key("Escape")
-    window.wait_for("no help", lambda s: not s["dialog"])
-    window.click("help")
-    window.wait_for("help again", lambda s: s["dialog"] == "help")
+    window.key("Escape", until=("no help", lambda s: not s["dialog"]))
+    window.click("help", until=("help again", lambda s: s["dialog"] == "help"))
     window.click("dialog setting train.max_splats")
     window.wait_for("the setting", lambda s: not s["dialog"] and "setting train.max_splats" in s["widgets"])
 
     words = "Set 'scale of images' in Capture to 0.5"
     switch = "warnings only (1)"
     fixes = window.wait_for("the switch", lambda s: switch in s["fixes"])["fixes"]
-    window.click("log", *fixes[switch])
-    window.wait_for("warnings only", lambda s: "all lines" in s["fixes"])
+    window.click("log", *fixes[switch], until=("warnings only", lambda s: "all lines" in s["fixes"]))
     # the only line of the log moves to its top
     fixes = window.wait_for("the button", lambda s: words in s["fixes"] and s["fixes"][words][1] < 0.5)["fixes"]
     window.click("log", *fixes[words])
@@ -50,12 +47,10 @@ def test_settings_help_a_fix_and_a_span(open_window: Callable[..., RunningWindow
         "another button", lambda s: "'scale of images' in Capture is 0.5 now" in s["fixes"] and s["stage"] == "capture"
     )
     assert load_config(take.config).capture.scale == 0.5
-    window.chord("z")
-    window.wait_for("the button again", lambda s: words in s["fixes"])
+    window.chord("z", until=("the button again", lambda s: words in s["fixes"]))
     assert load_config(take.config).capture.scale == before
 
-    window.menu("View", "worst")
-    window.wait_for("the worst frames", lambda s: s["dialog"] == "worst")
+    window.menu("View", "worst", until=("the worst frames", lambda s: s["dialog"] == "worst"))
     window.send("mousemove", *window.point("dialog sheet", 0.05, 0.1))
     window.send("mousedown", 1)
     assert window.states()[-1]["dialog"] == "worst", "the toolkit crashes if a widget goes while it is pressed"
@@ -67,8 +62,7 @@ def test_settings_help_a_fix_and_a_span(open_window: Callable[..., RunningWindow
     frames = window.states()[-1]["frames"]
     window.drag("timeline", (window.across_frame(0), 0.1), (window.across_frame(frames - 1), 0.1))
     window.wait_for("a span", lambda s: s["span"] == [0, frames - 1])
-    window.key("Escape")
-    window.wait_for("no span", lambda s: s["span"] is None)
+    window.key("Escape", until=("no span", lambda s: s["span"] is None))
 
     window.stage("train")
     window.retype("settings filter", "")
@@ -80,25 +74,21 @@ def test_settings_help_a_fix_and_a_span(open_window: Callable[..., RunningWindow
     assert state["stage"] == "train", "letters typed into the field are not shortcuts"
     place = window.wait_for("the field", lambda s: s["widgets"][FOUND[0]][2] > 0)["widgets"][FOUND[0]]
     window.retype(FOUND[0], "nope")
-    window.key("Return")
-    state = window.wait_for("a refusal", lambda s: "'rates: opacity' in Train" in s["error"])
+    state = window.key("Return", until=("a refusal", lambda s: "'rates: opacity' in Train" in s["error"]))
     assert state["widgets"][FOUND[0]] == place, "fields stay where they are when a message appears"
     x, y = window.point(FOUND[0])
     window.press(x, y + 120)  # below it, where no field has the focus
     window.key("w")
     assert window.wait_for("a look", lambda s: s["settled"])["stage"] == "train", "a letter may be meant for a field"
     window.retype(FOUND[0], "0.025")
-    window.key("Return")
-    window.wait_for("a stale training", lambda s: s["stages"]["train"][0] != "done")
+    window.key("Return", until=("a stale training", lambda s: s["stages"]["train"][0] != "done"))
     assert load_config(take.root / "config.yaml").train.rates.opacity == 0.025
     window.click("reset train.rates.opacity")
     window.wait_for("the usual value", lambda s: s["texts"][FOUND[0]] == "0.05" and s["stages"]["train"][0] == "done")
-    window.chord("z")
-    window.wait_for("the change", lambda s: s["texts"][FOUND[0]] == "0.025")
+    window.chord("z", until=("the change", lambda s: s["texts"][FOUND[0]] == "0.025"))
     undone = "Undone: the change of 'rates: opacity' in Train from 0.025 to 0.05."
     window.saw("what was undone", lambda s: s["notice"] == undone)
-    window.chord("z", "Shift_L")
-    window.wait_for("no change", lambda s: s["texts"][FOUND[0]] == "0.05")
+    window.chord("z", "Shift_L", until=("no change", lambda s: s["texts"][FOUND[0]] == "0.05"))
     window.saw("a notice", lambda s: "Redone" in s["notice"])
     assert load_config(take.root / "config.yaml").train.rates.opacity == 0.05
 
@@ -107,8 +97,7 @@ def test_settings_help_a_fix_and_a_span(open_window: Callable[..., RunningWindow
     for key in ("Home", "Right", "Right", "m"):
         window.key(key)
     window.wait_for("the question", lambda s: s["dialog"] == "mark" and s["typing"])
-    window.key("Return")
-    window.wait_for("the mark", lambda s: list(s["marks"]) == ["2"] and not s["dialog"])
+    window.key("Return", until=("the mark", lambda s: list(s["marks"]) == ["2"] and not s["dialog"]))
     config = load_config(take.config, [("train.max_splats", 300)])
     save_config(take.config, config)
     rows = window.wait_for("a stale bake", lambda s: s["stages"]["bake"][0] == "stale")["stages"]
@@ -123,8 +112,7 @@ def test_settings_help_a_fix_and_a_span(open_window: Callable[..., RunningWindow
         window.wait_for(f"frame {number}", lambda s, number=number: (s["number"], s["frame"]) == (number, number - 1))
     window.stage("review")
     window.key("Home")
-    window.key("period")
-    window.wait_for("the marked frame", lambda s: s["number"] == 2 and s["shown"] == 2 and s["settled"])
+    window.key("period", until=("the marked frame", lambda s: s["number"] == 2 and s["shown"] == 2 and s["settled"]))
     window.stage("train")
 
     # why presets cannot be estimated is told until it is over
@@ -132,8 +120,7 @@ def test_settings_help_a_fix_and_a_span(open_window: Callable[..., RunningWindow
     window.wait_for("no camera file", lambda s: "not from the camera file" in s["stages"]["calibrate"][2])
     cameras = take.rig.rename(take.root / "rig.json")
     window.wait_for("no cameras", lambda s: "was deleted" in s["stages"]["calibrate"][2])
-    window.click("estimate")
-    window.wait_for("a refusal", lambda s: "the cameras are not known yet" in s["error"])
+    window.click("estimate", until=("a refusal", lambda s: "the cameras are not known yet" in s["error"]))
     cameras.rename(take.rig)
     window.wait_for("no refusal", lambda s: s["error"] == "")
     before = window.states()[-1]["widgets"]["stages"][2]

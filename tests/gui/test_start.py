@@ -88,23 +88,19 @@ def test_from_the_start_page_to_a_notice_and_a_queue(
 
     # fullscreen by the menu and back: the page alone, without panels
     panels = {"timeline", "stages", "inspector", "status"}
-    window.menu("View", "fullscreen")
-    full = window.wait_for("fullscreen", lambda s: s["fullscreen"])
+    full = window.menu("View", "fullscreen", until=("fullscreen", lambda s: s["fullscreen"]))
     assert not panels & set(full["widgets"])
-    window.key("Escape")
-    state = window.wait_for("the page in a window", lambda s: not s["fullscreen"])
+    state = window.key("Escape", until=("the page in a window", lambda s: not s["fullscreen"]))
     assert state["start"]
     assert not panels & set(state["widgets"])
 
     # a missing one is removed, the other one opened, by keys
-    window.key("Down")
-    window.wait_for("the first card", lambda s: s["focus"] in ("card 0", "forget"))
+    window.key("Down", until=("the first card", lambda s: s["focus"] in ("card 0", "forget")))
     for _ in range(4):
         if window.states()[-1]["focus"] != "card 0":
             window.key("Down")
     assert window.states()[-1]["focus"] == "card 0"
-    window.key("Delete")
-    window.wait_for("one card", lambda s: [card[0] for card in s["cards"]] == ["take"])
+    window.key("Delete", until=("one card", lambda s: [card[0] for card in s["cards"]] == ["take"]))
     assert json.loads(settings.read_text())["recent"] == [str(take_copy)]
     window.key("Return")
     window.wait_for(
@@ -119,8 +115,7 @@ def test_from_the_start_page_to_a_notice_and_a_queue(
 
     def paste(path: Path) -> dict[str, Any]:
         """Open a take from the start page; its state once it is shown."""
-        window.key("h")
-        window.wait_for("the start page", lambda s: s["start"])
+        window.key("h", until=("the start page", lambda s: s["start"]))
         assert clipboard.copy(str(path))
         window.chord("v")
         title = f"{path.name} - V3 Studio"
@@ -133,10 +128,8 @@ def test_from_the_start_page_to_a_notice_and_a_queue(
     assert state["orbit"] != fresh["orbit"]
     window.drag("timeline", (window.across_frame(1), 0.1), (window.across_frame(3), 0.1))
     window.wait_for("a span", lambda s: s["span"] == [1, 3])
-    window.key("m")
-    window.wait_for("the question", lambda s: s["dialog"] == "mark" and s["typing"])
-    window.key("Return")
-    window.wait_for("the mark", lambda s: s["marks"] and not s["dialog"])
+    window.key("m", until=("the question", lambda s: s["dialog"] == "mark" and s["typing"]))
+    window.key("Return", until=("the mark", lambda s: s["marks"] and not s["dialog"]))
     window.key("d")
     window.key("c")
     window.wait_for("a comparison from a camera", lambda s: s["compare"] == "difference" and s["camera"] and ready(s))
@@ -147,8 +140,7 @@ def test_from_the_start_page_to_a_notice_and_a_queue(
     assert {key: again[key] for key in OF_TAKE} == {key: fresh[key] for key in OF_TAKE}
 
     # back to the start page; a copied path that is wrong; its message is copied
-    window.key("h")
-    window.wait_for("the start page", lambda s: s["start"] and not s["playing"])
+    window.key("h", until=("the start page", lambda s: s["start"] and not s["playing"]))
     assert clipboard.copy(str(tmp_path / "nowhere"))
     window.chord("v")
     window.wait_for("a failure", lambda s: clipboard.poll() is None and "nowhere: no such folder" in s["notice"])
@@ -164,15 +156,12 @@ def test_from_the_start_page_to_a_notice_and_a_queue(
     wait_until("the message on the clipboard", pasted)
     assert str(texts[-1]).startswith(f"{tmp_path / 'nowhere'}: no such folder")
     window.wait_for("the failure again", lambda s: any(name.startswith("notice ") for name in s["widgets"]))
-    window.key("Escape")
-    window.wait_for("no failure", lambda s: not any(name.startswith("notice ") for name in s["widgets"]))
+    window.key("Escape", until=("no failure", lambda s: not any(name.startswith("notice ") for name in s["widgets"])))
     assert window.states()[-1]["start"]
 
     # a remark in fullscreen is shown over the view
-    window.key("Escape")
-    window.wait_for("the take", lambda s: not s["start"])
-    window.key("f")
-    window.wait_for("fullscreen", lambda s: s["fullscreen"] and not panels & set(s["widgets"]))
+    window.key("Escape", until=("the take", lambda s: not s["start"]))
+    window.key("f", until=("fullscreen", lambda s: s["fullscreen"] and not panels & set(s["widgets"])))
     window.key("t")
     told = window.saw(
         "a remark over the view",
@@ -182,17 +171,13 @@ def test_from_the_start_page_to_a_notice_and_a_queue(
     assert left < x < x + width < left + wide
     assert top < y < y + height < top + high
     window.key("Escape")
-    window.key("Escape")
-    window.wait_for("the panels", lambda s: not s["fullscreen"] and "timeline" in s["widgets"])
-    window.key("h")
-    window.wait_for("the start page again", lambda s: s["start"])
-    window.choose("back")
-    window.wait_for("the take again", lambda s: not s["start"])
+    window.key("Escape", until=("the panels", lambda s: not s["fullscreen"] and "timeline" in s["widgets"]))
+    window.key("h", until=("the start page again", lambda s: s["start"]))
+    window.choose("back", until=("the take again", lambda s: not s["start"]))
 
     # a notice with what can be done next
     window.wait_for("a picture", lambda s: not s["playing"] and s["settled"])
-    window.menu("File", "screenshot")
-    window.wait_for("the question", lambda s: s["dialog"] == "screenshot" and s["typing"])
+    window.menu("File", "screenshot", until=("the question", lambda s: s["dialog"] == "screenshot" and s["typing"]))
     window.key("Return")
     state = window.saw("the notice", lambda s: s["notice"].startswith("Written: "))
     written = Path(state["notice"].removeprefix("Written: "))
@@ -213,9 +198,7 @@ def test_from_the_start_page_to_a_notice_and_a_queue(
     def shown(*rows: str) -> None:
         """Wait until the list shows these rows; each begins with the given text."""
         window.wait_for(
-            f"{rows}",
-            lambda s: len(s["lines"]) == len(rows) and all(map(str.startswith, s["lines"], rows)),
-            240,
+            f"{rows}", lambda s: len(s["lines"]) == len(rows) and all(map(str.startswith, s["lines"], rows)), 240
         )
 
     def choose(row: int) -> None:
@@ -239,7 +222,6 @@ def test_from_the_start_page_to_a_notice_and_a_queue(
     choose(0)
     window.click("dialog retry")
     shown("3   take   done", "2   broken   waiting")
-    window.click("dialog close")
-    window.wait_for("no dialog", lambda s: s["dialog"] == "")
+    window.click("dialog close", until=("no dialog", lambda s: s["dialog"] == ""))
     assert window.close() == 0, window.stderr.read_text()[-2000:]
     assert "top-level" not in window.stderr.read_text(), "Open3D draws more than 20 widgets of a window wrongly"

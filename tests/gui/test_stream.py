@@ -28,10 +28,7 @@ sys.exit(main())
 LIST = ("the list", lambda s: s["dialog"] == "commands" and s["typing"])
 
 
-def test_a_stream_is_played_shared_and_served(
-    open_window: Callable[..., RunningWindow],
-    tmp_path: Path,
-) -> None:
+def test_a_stream_is_played_shared_and_served(open_window: Callable[..., RunningWindow], tmp_path: Path) -> None:
     folder = tmp_path / "walk"
     write_stream(folder, two_bodies)
     window = open_window(str(folder), program=("-c", FAILING), plays=True)
@@ -49,20 +46,13 @@ def test_a_stream_is_played_shared_and_served(
     assert all(len(set(one)) == 1 for one in drawn), drawn
 
     window.xdotool("mousemove", 1395, 895)  # where another test may have left the pointer
-    window.key("space")
-    window.wait_for("paused", lambda s: not s["playing"] and s["settled"])
-    window.click("play")
-    window.wait_for("playing again", lambda s: s["playing"])
-    window.key("space")
-    window.wait_for("paused again", lambda s: not s["playing"])
-    window.key("Home")
-    window.wait_for("the first frame", lambda s: s["frame"] == 0 and s["shown"] == 0)
-    window.key("Right")
-    window.wait_for("the second frame", lambda s: s["frame"] == 1 and s["shown"] == 1)
-    window.click("forward")
-    window.wait_for("the third frame", lambda s: s["frame"] == 2 and s["shown"] == 2)
-    window.key("bracketright")
-    window.wait_for("the next group", lambda s: s["frame"] == 8 and s["shown"] == 8)
+    window.key("space", until=("paused", lambda s: not s["playing"] and s["settled"]))
+    window.click("play", until=("playing again", lambda s: s["playing"]))
+    window.key("space", until=("paused again", lambda s: not s["playing"]))
+    window.key("Home", until=("the first frame", lambda s: s["frame"] == 0 and s["shown"] == 0))
+    window.key("Right", until=("the second frame", lambda s: s["frame"] == 1 and s["shown"] == 1))
+    window.click("forward", until=("the third frame", lambda s: s["frame"] == 2 and s["shown"] == 2))
+    window.key("bracketright", until=("the next group", lambda s: s["frame"] == 8 and s["shown"] == 8))
     window.click("timeline", window.across_frame(5), 0.9)
     before = window.wait_for("frame 5 by a click", lambda s: s["frame"] == 5 and s["shown"] == 5)
     window.drag("timeline", (window.across_frame(1), 0.6), (window.across_frame(10), 0.6))
@@ -83,8 +73,7 @@ def test_a_stream_is_played_shared_and_served(
     wait_until("on the screen", lambda: np.abs(window.pixels("viewport").astype(int) - one).mean() > 3.0)
     window.drag("viewport", (0.5, 0.5), (0.6, 0.5), button=3)
     window.wait_for("a moved target", lambda s: s["orbit"][3:] != turned["orbit"][3:])
-    window.key("r")
-    window.wait_for("the first view", lambda s: s["orbit"] == first["orbit"])
+    window.key("r", until=("the first view", lambda s: s["orbit"] == first["orbit"]))
 
     # the wheel over an open list is for the list, also where the timeline is below it
     across, down = window.point("speed")
@@ -98,8 +87,7 @@ def test_a_stream_is_played_shared_and_served(
     window.wait_for("a zoomed timeline", lambda s: s["zoom"])
 
     # commands are found by typing, and run by Enter or a click
-    window.chord("k")
-    state = window.wait_for(*LIST)
+    state = window.chord("k", until=LIST)
     everything = state["lines"]
     assert len(everything) > 30
     window.enter_text("dialog line", "html rep")
@@ -107,15 +95,12 @@ def test_a_stream_is_played_shared_and_served(
     window.key("Return")
     window.ticks(30)
     assert window.states()[-1]["dialog"] == "commands", "a stream has no report: the list stays and says so"
-    window.key("Escape")
-    window.wait_for("no dialog", lambda s: not s["dialog"])
+    window.key("Escape", until=("no dialog", lambda s: not s["dialog"]))
 
     # by a click on the last row that is in view at first
     figures = window.states()[-1]["figures"]
-    window.chord("k")
-    window.wait_for(*LIST)
+    window.chord("k", until=LIST)
     window.enter_text("dialog line", "view")
-    window.wait_for("what is typed", lambda s: s["texts"].get("dialog line") == "view")
     window.ticks(30)  # the list of an earlier letter may begin with the same row
     found = window.states()[-1]["lines"]
     assert found[0] == "Reset view"
@@ -129,78 +114,60 @@ def test_a_stream_is_played_shared_and_served(
     window.xdotool("key", "ctrl+k", "type", "--delay", 15, "full")
     window.wait_for("what is typed", lambda s: s["texts"].get("dialog line") == "full")
     assert not any(state["fullscreen"] for state in window.states()[known:])
-    window.key("Return")
-    window.wait_for("fullscreen", lambda s: not s["dialog"] and s["fullscreen"])
+    window.key("Return", until=("fullscreen", lambda s: not s["dialog"] and s["fullscreen"]))
 
     # keys select: the last command is about the program
-    window.chord("k")
-    window.wait_for(*LIST)
+    window.chord("k", until=LIST)
     window.send("key", *["Next"] * (len(everything) // 12 + 1), "Return")
     window.wait_for("about", lambda s: s["dialog"] == "message")
-    window.key("Escape")
-    window.wait_for("no dialog", lambda s: not s["dialog"])
-    window.key("Escape")
-    window.wait_for("the panels", lambda s: not s["fullscreen"])
+    window.key("Escape", until=("no dialog", lambda s: not s["dialog"]))
+    window.key("Escape", until=("the panels", lambda s: not s["fullscreen"]))
 
     # a command that fails is reported, and the window stays
-    window.key("l")
-    window.wait_for("the message", lambda s: "the loop is stuck" in s["notice"])
-    window.click("notice dismiss")
-    window.wait_for("no message", lambda s: s["notice"] == "")
+    window.key("l", until=("the message", lambda s: "the loop is stuck" in s["notice"]))
+    window.click("notice dismiss", until=("no message", lambda s: s["notice"] == ""))
     assert "RuntimeError: the loop is stuck" in window.stderr.read_text()
 
     # an export that is refused keeps what was typed
-    window.menu("Export", "export")
-    state = window.wait_for("the options", lambda s: s["dialog"] == "export" and s["typing"])
+    state = window.menu("Export", "export", until=("the options", lambda s: s["dialog"] == "export" and s["typing"]))
     assert state["texts"]["dialog line"].endswith(f"-ply-frame-{state['number']}.ply"), "the frame under review"
     window.retype("dialog line", str(folder))
     window.click("dialog save")
     window.wait_for("a refusal", lambda s: s["dialog"] == "export" and s["texts"]["dialog line"] == str(folder))
-    window.click("dialog close")
-    window.wait_for("no dialog", lambda s: not s["dialog"])
+    window.click("dialog close", until=("no dialog", lambda s: not s["dialog"]))
 
     # a share, with what was chosen last, and over an earlier one
-    window.menu("Share", "share folder")
-    window.wait_for("dialog", lambda s: s["dialog"] == "share")
+    window.menu("Share", "share folder", until=("dialog", lambda s: s["dialog"] == "share"))
     assert window.states()[-1]["texts"]["dialog line"] == str(tmp_path / "walk-share")
-    window.xdotool("type", "--delay", "40", "A walk")  # the first field has the focus
-    window.wait_for("the title", lambda s: s["texts"].get("dialog title") == "A walk")
+    window.enter_text("dialog title", "A walk")  # the first field has the focus
     places = window.states()[-1]["widgets"]
     assert places["dialog line"][0] == places["dialog title"][0], "the output is below the other fields"
     window.click("dialog save")
     window.wait_for("what was written", lambda s: s["notice"].startswith("Shared: "), 180)
-    assert (tmp_path / "walk-share" / "stream" / "manifest.json").read_bytes() == (
-        folder / "manifest.json"
-    ).read_bytes()
+    shared, manifest = tmp_path / "walk-share", (folder / "manifest.json").read_bytes()
+    assert (shared / "stream" / "manifest.json").read_bytes() == manifest
     state = window.states()[-1]
     assert state["dialog"] == "", "nothing stops the work"
     assert "notice open_folder" in state["widgets"]
-    assert "<title>A walk</title>" in (tmp_path / "walk-share" / "index.html").read_text()
+    assert "<title>A walk</title>" in (shared / "index.html").read_text()
 
-    window.menu("Share", "share folder")
-    state = window.wait_for("dialog again", lambda s: s["dialog"] == "share")
+    state = window.menu("Share", "share folder", until=("dialog again", lambda s: s["dialog"] == "share"))
     assert state["texts"]["dialog title"] == "A walk", "it begins with what was chosen last"
     window.click("dialog line")
     window.key("End")
-    window.xdotool("type", "--delay", "20", "name" * 65)  # longer than file systems allow
-    window.wait_for("the name", lambda s: s["texts"]["dialog line"].endswith("walk-share" + "name" * 65))
+    window.enter_text("dialog line", "name" * 65)  # longer than file systems allow
     window.click("dialog save")
     window.xdotool("type", "z")
     window.wait_for("the first field focused", lambda s: s["texts"].get("dialog title", "")[-1:] == "z")
     assert "bug" not in window.states()[-1]["notice"]
-    window.click("dialog close")
-    window.wait_for("no dialog", lambda s: not s["dialog"])
-    window.menu("Share", "share folder")
-    window.wait_for("dialog again", lambda s: s["dialog"] == "share")
-    window.click("dialog save")
-    window.wait_for("a question", lambda s: s["dialog"] == "ask")
-    (tmp_path / "walk-share" / "index.html").write_text("the earlier page")
-    window.click("dialog replace")
-    window.wait_for("the new page", lambda s: s["exporting"] == "" and not s["dialog"], 180)
-    wait_until("replaced", lambda: "A walk" in (tmp_path / "walk-share" / "index.html").read_text(), 180)
+    window.click("dialog close", until=("no dialog", lambda s: not s["dialog"]))
+    window.menu("Share", "share folder", until=("dialog again", lambda s: s["dialog"] == "share"))
+    window.click("dialog save", until=("a question", lambda s: s["dialog"] == "ask"))
+    (shared / "index.html").write_text("the earlier page")
+    window.click("dialog replace", until=("the new page", lambda s: s["exporting"] == "" and not s["dialog"]))
+    wait_until("replaced", lambda: "A walk" in (shared / "index.html").read_text(), 180)
 
-    window.menu("Share", "serve")
-    window.wait_for("dialog", lambda s: s["dialog"] == "serve")
+    window.menu("Share", "serve", until=("dialog", lambda s: s["dialog"] == "serve"))
     window.click("dialog https", 0.1)
     window.click("dialog save")
     state = window.wait_for("the code", lambda s: s["dialog"] == "serving" and s["widgets"].get("dialog qr"), 180)
@@ -208,9 +175,8 @@ def test_a_stream_is_played_shared_and_served(
     wait_until("the code on the screen", lambda: read_code(window) == state["serving"])
     port = state["serving"].rstrip("/").rpartition(":")[2]
     with urllib.request.urlopen(f"http://127.0.0.1:{port}/manifest.json") as answer:
-        assert answer.read() == (folder / "manifest.json").read_bytes()
-    window.click("dialog stop")
-    window.wait_for("the end", lambda s: s["serving"] == "" and s["dialog"] == "")
+        assert answer.read() == manifest
+    window.click("dialog stop", until=("the end", lambda s: s["serving"] == "" and s["dialog"] == ""))
     assert window.close() == 0
 
 

@@ -24,15 +24,12 @@ def test_from_footage_to_a_wipe_and_a_run_that_outlives_the_window(
 ) -> None:
     window = open_window()
     window.wait_for("an empty window", lambda s: "New take" in s["message"] or "new take" in s["message"])
-    window.menu("File", "new")
-    window.wait_for("the dialog", lambda s: s["dialog"] == "new take")
+    window.menu("File", "new", until=("the dialog", lambda s: s["dialog"] == "new take"))
     window.click("dialog footage")
     window.enter_text("dialog footage", str(footage_project / "cupture"))
-    window.click("dialog create")
-    window.wait_for("a refusal", lambda s: "dialog refused" in s["widgets"])
+    window.click("dialog create", until=("a refusal", lambda s: "dialog refused" in s["widgets"]))
     window.retype("dialog footage", str(footage_project / "capture"))
-    window.key("Return")
-    window.wait_for("no refusal of a valid folder", lambda s: "dialog refused" not in s["widgets"])
+    window.key("Return", until=("no refusal of a valid folder", lambda s: "dialog refused" not in s["widgets"]))
     window.click("dialog settings")
     window.enter_text("dialog settings", str(footage_project / "ball.yaml"))
     window.click("dialog take")
@@ -54,12 +51,10 @@ def test_from_footage_to_a_wipe_and_a_run_that_outlives_the_window(
     # a setting that is refused, and one that is accepted; letters typed into a field are not shortcuts
     window.stage("bake")
     window.retype("setting bake.quality", "77w")
-    window.key("Return")
-    state = window.wait_for("a refusal", lambda s: "'quality' in Bake" in s["error"])
+    state = window.key("Return", until=("a refusal", lambda s: "'quality' in Bake" in s["error"]))
     assert state["compare"] == "single"
     window.retype("setting bake.quality", "24")
-    window.key("Return")
-    window.wait_for("no refusal", lambda s: s["error"] == "")
+    window.key("Return", until=("no refusal", lambda s: s["error"] == ""))
     assert "quality: 24" in (tmp_path / "take" / "config.yaml").read_text()
 
     window.click("all")
@@ -82,8 +77,7 @@ def test_from_footage_to_a_wipe_and_a_run_that_outlives_the_window(
     assert plots
     assert not any("earlier bake" in name for name in plots)
     window.retype("setting bake.quality", "26")
-    window.key("Return")
-    window.wait_for("a stale bake", lambda s: s["stages"]["bake"][0] == "stale")
+    window.key("Return", until=("a stale bake", lambda s: s["stages"]["bake"][0] == "stale"))
     window.wait_for("them", lambda s: all("earlier bake" in name for name in s["plots"] if "PSNR" in name))
     window.click("run")
     window.saw("a run", lambda s: s["busy"])
@@ -94,37 +88,29 @@ def test_from_footage_to_a_wipe_and_a_run_that_outlives_the_window(
     window.key("3")  # to the review
     window.wait_for("the decoded stream", lambda s: s["stage"] == "review" and s["what"] == "decoded")
     window.key("Home")
-    window.key("w")
-    window.wait_for("a reason, or a wipe", lambda s: s["compare"] == "wipe" and s["settled"])
-    window.key("c")
-    before = window.wait_for("a camera", lambda s: s["camera"] == "cam4" and s["settled"] and s["shown"] == 0)
+    window.key("w", until=("a reason, or a wipe", lambda s: s["compare"] == "wipe" and s["settled"]))
+    before = window.key("c", until=("a camera", lambda s: s["camera"] == "cam4" and s["settled"] and s["shown"] == 0))
     window.drag("viewport", (before["wipe"], 0.6), (0.3, 0.6))
     moved = window.wait_for("a moved line", lambda s: abs(s["wipe"] - 0.3) < 0.05 and s["settled"])
     assert moved["camera"] == "cam4", "dragging the line does not turn the view"
-    window.key("d")
-    window.wait_for("the difference", lambda s: s["compare"] == "difference" and s["settled"])
+    window.key("d", until=("the difference", lambda s: s["compare"] == "difference" and s["settled"]))
 
     # a mark with a note
-    window.key("m")
-    window.wait_for("the question", lambda s: s["dialog"] == "mark")
+    window.key("m", until=("the question", lambda s: s["dialog"] == "mark"))
     window.click("dialog line")
     window.enter_text("dialog line", "here it is worst")
-    window.click("dialog save")
-    window.wait_for("the mark", lambda s: s["marks"] == {"0": "here it is worst"})
+    window.click("dialog save", until=("the mark", lambda s: s["marks"] == {"0": "here it is worst"}))
     marks = json.loads((tmp_path / "take" / "marks.json").read_text())
     (mark,) = marks["marks"]
     assert (mark["frame"], mark["note"], mark["view"]["camera"]) == (0, "here it is worst", "cam4")
-    window.key("f")
-    full = window.wait_for("fullscreen", lambda s: s["fullscreen"] and s["widgets"]["viewport"][2] > 1000)
+    full = window.key("f", until=("fullscreen", lambda s: s["fullscreen"] and s["widgets"]["viewport"][2] > 1000))
     assert full["widgets"]["viewport"][3] > 700
     window.key("Escape")
     window.wait_for("the panels again", lambda s: not s["fullscreen"] and s["widgets"]["viewport"][2] < 800)
     assert window.process.poll() is None, "Escape does not close the window"
     _check_frames(window, *map(int, SIZE.split("x")))
-    window.key("question")
-    window.wait_for("the shortcuts", lambda s: s["dialog"] == "message")
-    window.key("Escape")
-    window.wait_for("no dialog", lambda s: not s["dialog"])
+    window.key("question", until=("the shortcuts", lambda s: s["dialog"] == "message"))
+    window.key("Escape", until=("no dialog", lambda s: not s["dialog"]))
 
     # a run goes on without the window, and a small window finds it again
     config = tmp_path / "take" / "config.yaml"
@@ -133,8 +119,7 @@ def test_from_footage_to_a_wipe_and_a_run_that_outlives_the_window(
     window.stage("train")
     window.click("run")
     window.wait_for("training", lambda s: s["stages"]["train"][0] == "running" and "%" in s["stages"]["train"][1])
-    window.menu("File", "quit")
-    window.wait_for("the question", lambda s: s["dialog"] == "ask")
+    window.menu("File", "quit", until=("the question", lambda s: s["dialog"] == "ask"))
     window.click("dialog leave")
     assert window.process.wait(60) == 0
     assert "top-level" not in window.stderr.read_text(), "Open3D draws more than 20 widgets of a window wrongly"
@@ -144,14 +129,11 @@ def test_from_footage_to_a_wipe_and_a_run_that_outlives_the_window(
         small = open_window(str(tmp_path / "take"), "--size", "820x640")
         small.wait_for("the job, found again", lambda s: s["busy"] and s["stages"]["train"][0] == "running")
         small.stage("train")
-        small.click("pause")
-        small.wait_for("a pause", lambda s: s["stages"]["train"][1] == "paused")
+        small.click("pause", until=("a pause", lambda s: s["stages"]["train"][1] == "paused"))
         small.menu("File", "report")  # it would evaluate the take first
         small.wait_for("a refusal", lambda s: s["notice"].startswith("Another run is in progress"))
-        small.click("pause")
-        small.wait_for("the run going on", lambda s: "%" in s["stages"]["train"][1])
-        small.click("cancel")
-        small.wait_for("its end, and that of the refusal", lambda s: not s["busy"] and s["notice"] == "")
+        small.click("pause", until=("the run going on", lambda s: "%" in s["stages"]["train"][1]))
+        small.click("cancel", until=("its end, and that of the refusal", lambda s: not s["busy"] and s["notice"] == ""))
     finally:
         with contextlib.suppress(ProcessLookupError):
             os.kill(lock["pid"], signal.SIGKILL)
@@ -161,14 +143,12 @@ def test_from_footage_to_a_wipe_and_a_run_that_outlives_the_window(
     _check_frames(small, 820, 640)
     for key in ("footage", "trained", "decoded", "side by side", "wipe", "difference", "reset view"):
         assert key in state["widgets"], key
-    small.key("i")
-    small.wait_for("the right panel", lambda s: s["figures"] and "inspector" in s["widgets"] and s["settled"])
+    small.key("i", until=("the right panel", lambda s: s["figures"] and "inspector" in s["widgets"] and s["settled"]))
     _check_frames(small, 820, 640)
     small.menu("File", "new")
     state = small.wait_for("the dialog", lambda s: s["dialog"] == "new take" and s["widgets"]["dialog create"][3] > 0)
     assert sum(state["widgets"]["dialog create"][1::2]) < 0.9 * 640, "it does not scroll"
-    small.key("Escape")
-    small.wait_for("no dialog", lambda s: not s["dialog"])
+    small.key("Escape", until=("no dialog", lambda s: not s["dialog"]))
     assert small.close() == 0, small.stderr.read_text()[-2000:]
 
 

@@ -12,8 +12,8 @@ import zlib
 from typing import Any
 
 from studio.errors import StudioError
-from studio.gaussians import Gaussians
 from studio.stream import StreamReader
+from tests.support.splats import assert_drawable
 
 Files = dict[str, bytes]
 """A stream's files by their path in it."""
@@ -45,12 +45,16 @@ def with_file(files: Files, group: int, key: str, data: bytes, raw_bytes: int | 
     """The stream with another file in the best rendition of a group: `key` is "side" or "video"."""
     values = json.loads(files[MANIFEST])
     best = values["groups"][group]["renditions"][0]
-    entry, digest = best[key], hashlib.sha256(data).hexdigest()
-    best["bytes"] += len(data) - entry["bytes"]
-    entry["bytes"], entry["sha256"] = len(data), digest
-    entry["path"] = f"files/{digest[:32]}.{entry['path'].rpartition('.')[2]}"
+    best["bytes"] += len(data) - best[key]["bytes"]
     if raw_bytes is not None:
-        entry["raw_bytes"] = raw_bytes
+        best[key]["raw_bytes"] = raw_bytes
+    return _with(files, values, best[key], data)
+
+
+def _with(files: Files, values: Any, entry: dict[str, Any], data: bytes) -> Files:
+    """The stream with the manifest `values`, and other content for the file of one of its entries."""
+    digest, suffix = hashlib.sha256(data).hexdigest(), entry["path"].rpartition(".")[2]
+    entry.update(bytes=len(data), sha256=digest, path=f"files/{digest[:32]}.{suffix}")
     changed = {**files, entry["path"]: data}
     return {**changed, MANIFEST: signed(values, changed)}
 
@@ -126,37 +130,22 @@ class Memory:
 
 def mutate_sound(files: Files, number: int) -> Files:
     """Mutation `number` of the stream's sound file."""
-    rng = random.Random(number)
     values = json.loads(files[MANIFEST])
-    entry = values["audio"]
-    data = _changed_bytes(rng, files[entry["path"]])
-    digest = hashlib.sha256(data).hexdigest()
-    entry["bytes"], entry["sha256"], entry["path"] = len(data), digest, f"files/{digest[:32]}.m4a"
-    changed = {**files, entry["path"]: data}
-    return {**changed, MANIFEST: signed(values, changed)}
-
-
-def check_drawable(splats: Gaussians) -> None:
-    """Raises ValueError unless all that a renderer derives from the splats is finite."""
-    scales = splats.log_scales.exp()
-    for name, values in (*splats.items(), ("scales", scales), ("covariances", scales.square())):
-        if not bool(values.isfinite().all()):
-            raise ValueError(f"{name} are not finite")
+    data = _changed_bytes(random.Random(number), files[values["audio"]["path"]])
+    return _with(files, values, values["audio"], data)
 
 
 def read_all(files: Files) -> str:
     """Decode the first frame of each group, its last one, and the sound; "read" or "rejected CODE"."""
-    outcome = "read"
     try:
         with StreamReader.open(Memory(files), threads=1) as reader:
             for group in reader.groups[:20]:
                 for frame in (group.first_frame, group.first_frame + min(group.frame_count, 50) - 1):
-                    check_drawable(reader.gaussians(frame))
-            with contextlib.ExitStack() as stack:
-                sound = reader.sound()
-                if sound is not None:
-                    stack.callback(sound.close)
+                    assert_drawable(reader.gaussians(frame))
+            sound = reader.sound()
+            if sound is not None:
+                with contextlib.closing(sound):
                     sound.read(0, 4800)
     except StudioError as error:
-        outcome = f"rejected {error.code}"
-    return outcome
+        return f"rejected {error.code}"
+    return "read"

@@ -76,17 +76,10 @@ def write_sealed(path: Path, values: dict[str, Any]) -> None:
             stack += item.values()
         elif isinstance(item, list):
             stack += item
-    return write_signed(path, values, sum(sizes.values()))
-
-
-def write_signed(path: Path, values: dict[str, Any], file_bytes: int) -> None:
-    """Write a manifest with a fitting size and checksum; `file_bytes` is the size of all other files."""
-    values["manifest_sha256"] = "0" * 64
-    while True:
+    values["manifest_sha256"], data = "0" * 64, b""
+    for _ in range(5):
+        values["total_bytes"] = sum(sizes.values()) + len(data)
         data = json.dumps(values).encode()
-        if values.get("total_bytes") == file_bytes + len(data):
-            break
-        values["total_bytes"] = file_bytes + len(data)
     path.write_bytes(data.replace(b"0" * 64, hashlib.sha256(data).hexdigest().encode(), 1))
 
 

@@ -12,6 +12,7 @@ from pipelines.config import Config, load_config, parse_override
 from pipelines.events import Event
 from pipelines.takes.take import Take
 from tests.support.events import events_in, result_of
+from tests.support.rigs import on_circle, pose
 from tests.support.warm_python import warm_python
 
 WIDTH, HEIGHT, FRAMES = 64, 48, 5
@@ -44,15 +45,6 @@ run: {threads: 1, preview_seconds: 0}
 """
 
 
-def look_at(eye: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """World-to-camera R, t with OpenCV axes (z forward, y down), world z up."""
-    forward = (target - eye) / np.linalg.norm(target - eye)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    rotation = np.stack([right, np.cross(forward, right), forward])
-    return rotation, -rotation @ eye
-
-
 def ball(K: np.ndarray, R: np.ndarray, t: np.ndarray, center: np.ndarray) -> np.ndarray:
     """(H, W, 4) uint8 RGBA: the ray-cast ball, colored by its surface coordinates."""
     rows, columns = np.mgrid[0:HEIGHT, 0:WIDTH] + 0.5
@@ -75,8 +67,8 @@ def write_capture(root: Path, frames: int = FRAMES) -> None:
     K = np.array([[70.0, 0, WIDTH / 2], [0, 70.0, HEIGHT / 2], [0, 0, 1]])
     rig = []
     for number, name in enumerate(CAMERAS):
-        angle = 2 * np.pi * number / len(CAMERAS)
-        R, t = look_at(np.array([3 * np.cos(angle), 3 * np.sin(angle), 0.8]), np.zeros(3))
+        world_to_camera = pose(on_circle(2 * np.pi * number / len(CAMERAS), 3.0, 0.8))
+        R, t = world_to_camera[:3, :3], world_to_camera[:3, 3]
         rig.append({"name": name, "width": WIDTH, "height": HEIGHT, "K": K.tolist(), "R": R.tolist(), "t": t.tolist()})
         folder = root / "images" / name
         folder.mkdir(parents=True)

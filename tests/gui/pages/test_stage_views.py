@@ -10,7 +10,6 @@ import pytest
 
 from gui.drawing.palette import GROUND
 from gui.models.evaluation import Evaluation
-from gui.models.loop import LOOP
 from gui.models.marks import Marks
 from gui.models.playback.player import PlayerPresenter
 from gui.models.preferences import RECENT, Preferences
@@ -35,6 +34,7 @@ from studio.stream.settings import LEVELS
 from tests.support.errors import refuses
 from tests.support.looping import heard, wait_in_loop
 from tests.support.object_store import ObjectStore
+from tests.support.players import newest
 from tests.support.waiting import wait_until
 
 SIZE = (720, 500)
@@ -54,20 +54,11 @@ def opened(views: StageViews, take: Path) -> None:
 
 def shown(views: StageViews, accept: Callable[[np.ndarray], bool] = lambda picture: True) -> np.ndarray:
     """The picture, once it shows what was requested."""
-    pictures: list[np.ndarray] = []
-
-    def there() -> bool:
-        LOOP.run()
-        new = views.poll(SIZE, SIZE, 16.0)
-        pictures.extend([] if new is None else [new])
-        return bool(pictures) and views.settled and accept(pictures[-1])
-
-    wait_until("the picture", there)
-    return pictures[-1]
+    return newest(lambda: views.poll(SIZE, SIZE, 16.0), lambda: views.settled, accept)
 
 
-def test_every_stage_of_a_finished_take_has_its_picture(views: StageViews, finished_project: Path) -> None:
-    opened(views, finished_project / "take")
+def test_every_stage_of_a_finished_take_has_its_picture(views: StageViews, finished: Path) -> None:
+    opened(views, finished / "take")
     for stage in ("capture", "calibrate", "initialize", "train", "bake"):
         views.select(stage)
         stage_view = views.stage_views[stage]
@@ -122,8 +113,8 @@ def test_the_edits_show_all_trained_frames(views: StageViews, take_copy: Path) -
     assert player.transport.frame_count == 2
 
 
-def test_capture_shows_the_image_of_every_camera(views: StageViews, finished_project: Path) -> None:
-    opened(views, finished_project / "take")
+def test_capture_shows_the_image_of_every_camera(views: StageViews, finished: Path) -> None:
+    opened(views, finished / "take")
     views.select("capture")
     views.choose("masks")  # pressed at first
     picture = shown(views)
@@ -132,7 +123,7 @@ def test_capture_shows_the_image_of_every_camera(views: StageViews, finished_pro
     scale = min((width - 6) / 64, (height - small - 11) / 48)
     places = set()
     for number in range(6):
-        file = finished_project / "capture" / "images" / f"cam{number}" / "000.png"
+        file = finished / "capture" / "images" / f"cam{number}" / "000.png"
         filmed = cv2.imread(str(file))[..., ::-1]
         large = cv2.resize(filmed, (int(64 * scale), int(48 * scale)), interpolation=cv2.INTER_LINEAR)
         errors = cv2.matchTemplate(

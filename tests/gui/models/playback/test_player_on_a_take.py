@@ -20,20 +20,14 @@ from pipelines.takes.marks import Mark, change_mark
 from studio.edits import EditList
 from studio.errors import StudioError
 from tests.support.errors import refuses
-from tests.support.players import settle
-
-
-def image(player: PlayerPresenter) -> np.ndarray:
-    settle(player)
-    assert player.picture is not None, player.message
-    return player.picture.image
+from tests.support.players import picture_of, settle
 
 
 def test_footage_is_what_the_camera_filmed_and_splats_are_drawn_from_there(player: PlayerPresenter) -> None:
     player.background = "black"
     assert player.choose("footage")
     assert player.camera == "cam4", "the held-out camera"
-    shown = image(player)
+    shown = picture_of(player)
     assert player.opened is not None
     assert player.opened.take is not None
     footage = player.context.footage.calibrated
@@ -43,18 +37,18 @@ def test_footage_is_what_the_camera_filmed_and_splats_are_drawn_from_there(playe
     shrunk = shown.reshape(48, 4, 64, 4, 3).mean(axis=(1, 3))  # shown enlarged four times
     assert np.abs(shrunk - filmed).mean() < 3.0
     assert player.choose("trained")
-    trained = image(player)
+    trained = picture_of(player)
     assert player.camera == "cam4"
     camera = footage.rig["cam4"].resized(256, 192)
     rendered = render(read_frame(player.opened.take.trained_files()[0][0]), camera, (0, 0, 0))
     assert np.abs(trained.astype(float) - rendered * 255).mean() < 1.0
     player.choose_mode("difference")
     assert player.reference == "footage"
-    assert image(player).max() > 0
+    assert picture_of(player).max() > 0
     player.choose_mode("wipe")
     player.move_wipe(128 if player.picture is None else player.picture.box.x + 64)
     assert player.wipe == pytest.approx(0.25)
-    assert image(player).shape == (192, 256, 3)
+    assert picture_of(player).shape == (192, 256, 3)
     assert player.wipe_at(64)
     assert not player.wipe_at(180)
 
@@ -66,12 +60,12 @@ def test_a_half_trained_group_shows_the_frames_that_are_there(take_copy: Path) -
     player = PlayerPresenter()
     assert player.open(take_copy), player.message
     assert (player.transport.frame, player.transport.frame_count) == (1, 5), "the keyframe comes first"
-    assert image(player).any()
+    assert picture_of(player).any()
     player.transport.seek(2)
     settle(player)
     assert "Frame 2: not trained yet" in player.message
     player.transport.seek(4)
-    assert image(player).any()
+    assert picture_of(player).any()
     assert player.message == ""
     assert player.close()
 
@@ -87,8 +81,8 @@ def test_wheel_and_drag_move_within_a_cameras_image(player: PlayerPresenter) -> 
     assert player.image_zoom == ImageZoom()
 
 
-def test_figures_are_those_of_evaluation_json(player: PlayerPresenter, finished_project: Path) -> None:
-    path = finished_project / "take" / "evaluation.json"
+def test_figures_are_those_of_evaluation_json(player: PlayerPresenter, finished: Path) -> None:
+    path = finished / "take" / "evaluation.json"
     written = json.loads(path.read_text())
     evaluation = Evaluation.read(path)
     row = written["frames"][3]

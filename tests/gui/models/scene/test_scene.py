@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gui.models.loop import LOOP
 from gui.models.playback.player import PlayerPresenter
 from gui.models.scene.rest import RESTS_AFTER
 from gui.models.take.workspace import Workspace
@@ -15,7 +14,7 @@ from gui.widgets.raycast import RaycastMesh
 from pipelines.takes.take import Take
 from studio.camera_files import read_rig
 from tests.support.looping import heard
-from tests.support.waiting import wait_until
+from tests.support.players import newest
 
 FULL, DRAWN = (720, 500), (360, 250)
 
@@ -38,17 +37,9 @@ class Scene:
         self.views.show_again()
         self.views.poll(FULL, DRAWN, 14.0)
         self.clock += 2 * RESTS_AFTER if rests else 0.0
-        pictures: list[np.ndarray] = []
-
-        def there() -> bool:
-            LOOP.run()
-            new = self.views.poll(FULL, DRAWN, 14.0)
-            pictures.extend([] if new is None else [new])
-            right = (FULL if rests else DRAWN)[::-1]
-            return bool(pictures) and self.views.settled and pictures[-1].shape[:2] == right
-
-        wait_until("a picture of the scene", there)
-        return pictures[-1]
+        right = (FULL if rests else DRAWN)[::-1]
+        poll, settled = lambda: self.views.poll(FULL, DRAWN, 14.0), lambda: self.views.settled
+        return newest(poll, settled, lambda picture: picture.shape[:2] == right)
 
     def show(self, *parts: str) -> None:
         """Show these parts only."""
@@ -57,16 +48,16 @@ class Scene:
 
 
 @pytest.fixture
-def scene(finished_project: Path) -> Iterator[Scene]:
+def scene(finished: Path) -> Iterator[Scene]:
     """The finished take."""
-    found = Scene(finished_project / "take")
+    found = Scene(finished / "take")
     yield found
     assert found.views.close()
     assert found.workspace.close()
 
 
-def test_cameras_can_be_clicked(scene: Scene, finished_project: Path) -> None:
-    rig = read_rig(Take.open(finished_project / "take").rig)
+def test_cameras_can_be_clicked(scene: Scene, finished: Path) -> None:
+    rig = read_rig(Take.open(finished / "take").rig)
     scene.show("splats", "cameras")
     scene.player.orbit = scene.player.orbit.zoom(-14).orbit(120, 120)
     scene.picture()

@@ -2,8 +2,6 @@
 
 from pathlib import Path
 
-import numpy as np
-
 from gui.models.playback.other_source import OTHER, open_other
 from gui.models.playback.player import PlayerPresenter
 from gui.models.playback.timeline_plots import plots_of
@@ -13,21 +11,15 @@ from tests.support.looping import wait_in_loop
 from tests.support.players import settle
 
 
-def picture(player: PlayerPresenter) -> np.ndarray:
-    settle(player)
-    assert player.picture is not None, player.message
-    return player.picture.image
-
-
 def test_up_to_four_are_side_by_side_and_a_key_goes_back_and_forth(
-    player: PlayerPresenter, finished_project: Path, stream_folder: Path
+    player: PlayerPresenter, finished: Path, stream_folder: Path
 ) -> None:
     for label in ("one", "two", "one", "three", "four"):
         player.compare_with(open_other(stream_folder, label))
     shown = [getattr(source, "label", name) for name, source in player.opened.sources.items()]
     assert shown[-3:] == ["four", "three", "one"], "the last ones, each once"
     player.choose_mode("side by side")
-    picture(player)
+    settle(player)
     assert 2 * player.picture.box.width <= 256
     assert player.picture.label[1] == ("decoded", "other", "other 2", "other 3")
     assert player.exchange()
@@ -42,8 +34,8 @@ def test_up_to_four_are_side_by_side_and_a_key_goes_back_and_forth(
     assert player.what == "decoded"
 
 
-def test_curves_of_both_are_on_one_axis(player: PlayerPresenter, finished_project: Path, stream_folder: Path) -> None:
-    player.compare_with(open_other(finished_project / "take"))
+def test_curves_of_both_are_on_one_axis(player: PlayerPresenter, finished: Path, stream_folder: Path) -> None:
+    player.compare_with(open_other(finished / "take"))
     measured = player.other.series("psnr_decoded")
     assert len(measured) == 5
     assert None not in measured

@@ -23,11 +23,9 @@ def program(*lines: str) -> list[str]:
     return [sys.executable, "-c", "\n".join(lines)]
 
 
-def test_figures_are_measured_once_and_kept(
-    finished_project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_figures_are_measured_once_and_kept(finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    take = Take.open(finished_project / "take")
+    take = Take.open(finished / "take")
     config = load_config(take.config)
     runs = tmp_path / "runs"
     counting = f"import sys; open({str(runs)!r}, 'a').write(' '.join(sys.argv[1:]) + chr(10))"

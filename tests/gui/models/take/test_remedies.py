@@ -9,7 +9,7 @@ import pytest
 from gui.models.take.log import grouped
 from gui.models.take.page_words import setting_words
 from gui.models.take.remedies import REMEDIES, Fix, fix_of
-from gui.models.take.run_state import LogLine, RunState
+from gui.models.take.run_state import RunState
 from gui.models.take.settings import SECTIONS, fields_of, stage_of
 from gui.widgets.stage_help import HELP
 from pipelines.config.loading import load_config
@@ -20,21 +20,10 @@ SETTINGS = {field.name for stage in SECTIONS for field in fields_of(stage)}
 OF_THE_FOOTAGE = {"footage.camera_ends_early", "footage.frames_missing", "mask.empty", "mask.full"}
 """Problems that stop a stage, and that Capture lists; not warnings."""
 OTHERS = {
-    "bakes.evaluation_not_noted",
-    "command.usage",
-    "edits.no_take",
-    "hull.warning",
-    "mask.no_source",
-    "playback.failed",
-    "program.bug",
-    "run.cancelled",
-    "settings.invalid",
-    "settings.no_take",
-    "settings.run_active",
-    "settings.unknown",
-    "sync.offset",
-    "sync.unknown",
-}
+    "bakes.evaluation_not_noted", "command.usage", "edits.no_take", "hull.warning", "mask.no_source", "playback.failed",
+    "program.bug", "run.cancelled", "settings.invalid", "settings.no_take", "settings.run_active", "settings.unknown",
+    "sync.offset", "sync.unknown",
+}  # fmt: skip
 """Messages of commands, of errors and of the window: no warnings of stages."""
 NO_SETTING = {
     "bake.live_failed",  # retried automatically
@@ -63,7 +52,7 @@ def sources() -> list[ast.AST]:
     """The files that have messages or name settings."""
     paths = [path for package in ("studio", "pipelines", "gui") for path in sorted((ROOT / package).rglob("*.py"))]
     texts = [path.read_text(encoding="utf-8") for path in paths]
-    return [ast.parse(text) for text in texts if "Message(" in text or "setting" in text]
+    return [ast.parse(text) for text in texts if any(word in text for word in ("Message(", "setting=", '"setting"'))]
 
 
 def text_of(node: ast.AST | None) -> str:
@@ -126,11 +115,6 @@ def test_the_value_of_a_warning_is_valid(
     assert again.words == f"{setting_words(setting)} is {value} now"
 
 
-def told_of(run: RunState) -> list[LogLine]:
-    """The log of a run as the window shows it."""
-    return grouped(run.lines)
-
-
 def test_the_same_warning_about_several_cameras_is_one_line() -> None:
     run = RunState()
     for code, text, camera, group in (
@@ -142,7 +126,7 @@ def test_the_same_warning_about_several_cameras_is_one_line() -> None:
         ("", "a line", "", 1),
     ):
         run.apply(Warned(message=text.format(camera), code=code, fields={"camera": camera, "group": group}))
-    told = told_of(run)
+    told = grouped(run.lines)
     assert [line.text for line in told] == [
         "Camera 'a': weak screen (in 2 cameras: a, b)", "Camera 'a': weak screen", "Camera 'a': dark screen", "a line",
         "a line",

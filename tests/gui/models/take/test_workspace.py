@@ -69,21 +69,6 @@ def test_a_run_told_by_its_events() -> None:
     assert "psnr" not in following.curves
 
 
-def job_of(code: str, take: Take) -> Job:
-    return Job(take, (), program=(sys.executable, "-c", code))
-
-
-def finish(job: Job, seconds: float = 120.0) -> list[object]:
-    events: list[object] = []
-
-    def ended() -> bool:
-        events.extend(job.take_events())
-        return not job.running
-
-    wait_until("ended", ended, seconds)
-    return events
-
-
 @pytest.mark.parametrize(
     ("code", "said"),
     [
@@ -97,8 +82,8 @@ def finish(job: Job, seconds: float = 120.0) -> list[object]:
     ],
 )
 def test_a_crash_is_a_sentence_with_the_end_of_its_output(tmp_path: Path, code: str, said: str) -> None:
-    job = job_of(code, Take.create(tmp_path / "take"))
-    finish(job)
+    job = Job(Take.create(tmp_path / "take"), (), program=(sys.executable, "-c", code))
+    wait_until("ended", lambda: not job.take_events() and not job.running)
     crash = job.crash()
     assert said in crash[0]
     run = RunState(stage="train")

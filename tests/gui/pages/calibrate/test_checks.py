@@ -14,9 +14,9 @@ SIZE = (900, 600)
 
 
 def test_it_shows_matches_masks_and_what_refinement_changed(
-    workspace: Workspace, finished_project: Path, tmp_path: Path
+    workspace: Workspace, finished: Path, tmp_path: Path
 ) -> None:
-    shutil.copytree(finished_project, tmp_path / "project")
+    shutil.copytree(finished, tmp_path / "project")
     take = Take.open(tmp_path / "project" / "take")
     workspace.open(take)
     view = CalibrateView(workspace)

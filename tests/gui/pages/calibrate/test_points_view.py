@@ -13,7 +13,7 @@ from gui.pages.calibrate.points_view import PointsView
 from pipelines.takes.take import Take
 from studio.calibration import TiePoint, read_tie_points
 from studio.camera_files import read_rig
-from tests.support.waiting import wait_until
+from tests.support.players import newest
 
 SIZE = (900, 600)
 
@@ -28,15 +28,7 @@ def stage_view(workspace: Workspace, take_copy: Path) -> Iterator[PointsView]:
 
 def picture(stage_view: PointsView) -> np.ndarray:
     """The view's picture, once it shows what was requested."""
-    shown: list[np.ndarray] = []
-
-    def settled() -> bool:
-        new = stage_view.poll(SIZE)
-        shown.extend([] if new is None else [new])
-        return bool(shown) and stage_view.settled
-
-    wait_until("a picture", settled)
-    return shown[-1]
+    return newest(lambda: stage_view.poll(SIZE), lambda: stage_view.settled)
 
 
 def is_close(pixel: np.ndarray, color: tuple[int, int, int]) -> bool:

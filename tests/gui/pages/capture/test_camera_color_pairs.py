@@ -22,8 +22,8 @@ def colors_of(**cameras: tuple[tuple[float, float, float, float], ...]) -> Camer
 
 
 @pytest.fixture(autouse=True)
-def _opened(workspace: Workspace, finished_project: Path, tmp_path: Path) -> None:
-    shutil.copytree(finished_project, tmp_path / "project")
+def _opened(workspace: Workspace, finished: Path, tmp_path: Path) -> None:
+    shutil.copytree(finished, tmp_path / "project")
     workspace.open(Take.open(tmp_path / "project" / "take"))
 
 

@@ -22,7 +22,7 @@ from studio.camera_files import read_rig
 from studio.edits import EditList, Floaters, Trim, World
 from studio.stream import CapturePlace
 from tests.support.looping import heard
-from tests.support.waiting import wait_until
+from tests.support.players import newest
 
 SIZE = (320, 240)
 UP = np.array([0.0, 0.0, 1.0])
@@ -39,17 +39,7 @@ def view(workspace: Workspace, take_copy: Path) -> Iterator[EditView]:
 
 
 def drawn(view: EditView) -> np.ndarray:
-    found: list[np.ndarray] = []
-
-    def arrived() -> bool:
-        done = view.settled  # before the poll: or a picture may be finished just after it
-        picture = view.poll(SIZE)
-        if picture is not None:
-            found.append(picture)
-        return bool(found) and done and picture is None
-
-    wait_until("a picture", arrived)
-    return found[-1]
+    return newest(lambda: view.poll(SIZE), lambda: view.settled)
 
 
 def test_a_lasso_selects_and_removes_in_the_group_and_undo_brings_back(view: EditView) -> None:
