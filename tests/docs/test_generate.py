@@ -8,6 +8,8 @@ from types import ModuleType
 
 import pytest
 
+from pipelines.config import Config
+
 ROOT = Path(__file__).parents[2]
 Load = Callable[[str], ModuleType]
 
@@ -16,11 +18,7 @@ Load = Callable[[str], ModuleType]
 def generator(monkeypatch: pytest.MonkeyPatch) -> Iterator[Load]:
     """Imports one of the modules in docs/generate, which is no installed package."""
     monkeypatch.syspath_prepend(str(ROOT / "docs"))
-
-    def load(name: str) -> ModuleType:
-        return importlib.import_module(f"generate.{name}")
-
-    yield load
+    yield lambda name: importlib.import_module(f"generate.{name}")
     for name in [name for name in sys.modules if name.split(".")[0] == "generate"]:
         del sys.modules[name]
 
@@ -52,8 +50,6 @@ def test_fields_of_events_have_a_meaning_and_a_type_of_json(generator: Load) -> 
 
 
 def test_every_setting_is_on_the_page(generator: Load) -> None:
-    from pipelines.config import Config
-
     settings = generator("settings")
     page = settings.settings_page()
     names = settings.setting_names()

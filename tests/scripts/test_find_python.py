@@ -22,10 +22,8 @@ def find(clone: Path, programs: Path, python: str | None = None) -> subprocess.C
 
 def an_old_python(file: Path) -> Path:
     """This Python, but it reports version 3.9.2."""
-    return write_program(
-        file,
-        f'#!/bin/sh\nexec "{sys.executable}" -c \'import sys; sys.version_info = (3, 9, 2); exec(sys.argv[1])\' "$2"\n',
-    )
+    code = "import sys; sys.version_info = (3, 9, 2); exec(sys.argv[1])"
+    return write_program(file, f'#!/bin/sh\nexec "{sys.executable}" -c \'{code}\' "$2"\n')
 
 
 def test_an_older_python3_is_passed_over(clone: Path, programs: Path) -> None:
