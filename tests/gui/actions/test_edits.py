@@ -1,12 +1,10 @@
 """What the buttons of the edits do that need a dialog."""
 
-from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-import pytest
 from open3d.visualization import gui
 
 from gui.actions.edits import EditActions
@@ -30,25 +28,19 @@ class Chosen:
         self.lines, self.chosen, self.answers = lines, chosen, answers
 
 
-@pytest.fixture
-def window(workspace: Workspace, take_copy: Path) -> Iterator[SimpleNamespace]:
+def test_edits_are_taken_back_in_the_list(workspace: Workspace, take_copy: Path) -> None:
     workspace.open(Take.open(take_copy))
     editor = EditView(workspace)
     editor.begin(OrbitCamera(), np.array([0.0, 0.0, 1.0]), np.zeros((0, 3)))
     views = SimpleNamespace(editor=editor, edits_take=True, edit_dialog=Signal())
     view = SimpleNamespace(widget=SimpleNamespace(frame=gui.Rect(100, 50, 400, 200)))
-    yield SimpleNamespace(
+    window: Any = SimpleNamespace(
         workspace=workspace, views=views, dialogs=Chosen(), start=SimpleNamespace(shown=False),
         viewport=SimpleNamespace(picture=view), input=SimpleNamespace(pointer=None),
         notices=Notices(), player=SimpleNamespace(refresh=lambda: None, transport=Transport(5, 25.0)),
         over_view=lambda x, y: False,
     )  # fmt: skip
-    editor.close()
-
-
-def test_edits_are_taken_back_in_the_list(window: Any) -> None:
     EditActions(window)
-    editor = window.views.editor
     edits = EditList(trim=Trim(first=0, last=2), floaters=Floaters(opacity=0.05))
     assert editor.commit(edits, "both")
     window.views.edit_dialog.emit("list")
@@ -63,3 +55,4 @@ def test_edits_are_taken_back_in_the_list(window: Any) -> None:
     ((_, _, take_back_all),) = dialogs.answers
     take_back_all()
     assert read_edits(file) == EditList()
+    editor.close()

@@ -32,13 +32,8 @@ class Window:
         self.choices, self.chosen = choices, chosen
 
 
-@pytest.fixture
-def window(tmp_path: Path) -> Window:
-    bake_numbered(tmp_path / "stream", (6,), 25)
-    return Window(tmp_path / "stream")
-
-
-def test_a_camera_of_a_film_tool_becomes_the_path(window: Window, tmp_path: Path) -> None:
+def test_a_camera_of_a_film_tool_becomes_the_path(tmp_path: Path) -> None:
+    window = Window(bake_numbered(tmp_path / "stream", (6,), 25))
     actions = PathActions(window, lambda: None)  # type: ignore[arg-type]
     file = tmp_path / "shot.nk"
     file.write_text(NUKE % "first" + NUKE.replace("30", "40") % "second")

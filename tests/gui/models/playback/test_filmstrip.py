@@ -1,10 +1,8 @@
 """The strip of pictures shows frames where the timeline has them, and keeps them when it is panned or zoomed."""
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import pytest
 from starlette.applications import Starlette
 from starlette.routing import Mount
 from starlette.staticfiles import StaticFiles
@@ -15,14 +13,8 @@ from tests.support.players import settle
 from tests.support.web_servers import running
 
 
-@pytest.fixture
-def player() -> Iterator[PlayerPresenter]:
-    found = PlayerPresenter()
-    yield found
-    assert found.close()
-
-
-def test_a_stream_on_the_web_is_not_downloaded_for_the_strip(player: PlayerPresenter, stream_folder: Path) -> None:
+def test_a_stream_on_the_web_is_not_downloaded_for_the_strip(stream_folder: Path) -> None:
+    player = PlayerPresenter()
     asked: list[str] = []
 
     class Files(StaticFiles):
@@ -44,3 +36,4 @@ def test_a_stream_on_the_web_is_not_downloaded_for_the_strip(player: PlayerPrese
         assert len(asked) == before
     assert player.open(stream_folder)
     assert panel.plots_view.strip > 0
+    assert player.close()

@@ -4,7 +4,7 @@ import itertools
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -18,11 +18,6 @@ from pipelines.takes.take import Take
 from tests.support.looping import wait_in_loop
 
 
-def clock() -> Callable[[], float]:
-    """Seconds that pass at each look."""
-    return itertools.count(0.0, 2 * LOOK_EVERY).__next__
-
-
 def failing(queue: QueueFile) -> subprocess.Popen[bytes]:
     errors_of(queue).write_text("a warning\nerror: the disk is full\n")
     return subprocess.Popen([sys.executable, "-c", "raise SystemExit(1)"])
@@ -30,7 +25,7 @@ def failing(queue: QueueFile) -> subprocess.Popen[bytes]:
 
 @pytest.fixture
 def shown(tmp_path: Path) -> Iterator[TakeQueue]:
-    found = TakeQueue(QueueFile(tmp_path / "queue.json"), failing, clock())
+    found = TakeQueue(QueueFile(tmp_path / "queue.json"), failing, itertools.count(0.0, 2 * LOOK_EVERY).__next__)
     yield found
     found.close()
 

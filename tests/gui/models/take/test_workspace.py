@@ -3,13 +3,13 @@
 import os
 import signal
 import sys
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import psutil
 import pytest
 
+from gui.models.stage_rows import TITLES
 from gui.models.take.jobs import Job
 from gui.models.take.run_state import RunState
 from gui.models.take.workspace import Workspace
@@ -93,18 +93,8 @@ def test_a_crash_is_a_sentence_with_the_end_of_its_output(tmp_path: Path, code: 
     assert said in run.failed["train"]
 
 
-def wait(workspace: Workspace, what: str, accept: Callable[[], bool], seconds: float = 180.0) -> None:
-    try:
-        wait_in_loop(what, accept, seconds)
-    except pytest.fail.Exception:
-        pytest.fail(f"never {what}: {workspace.rows()}, {workspace.problem}, {list(workspace.run.lines)[-5:]}")
-
-
 def states(workspace: Workspace) -> dict[str, str]:
     return {row.key: row.state for row in workspace.rows()}
-
-
-ALL = ("capture", "calibrate", "initialize", "train", "bake", "review")
 
 
 def test_a_window_opened_later_shows_a_run_on_a_cluster(take_copy: Path) -> None:
@@ -135,12 +125,12 @@ def test_a_window_opened_later_shows_a_run_on_a_cluster(take_copy: Path) -> None
 
 def test_a_setting_makes_stages_stale_and_a_run_makes_them_done_again(workspace: Workspace, take_copy: Path) -> None:
     workspace.open(Take.open(take_copy))
-    wait(workspace, "assessed", lambda: states(workspace) == dict.fromkeys(ALL, "done"))
+    wait_in_loop("assessed", lambda: states(workspace) == dict.fromkeys(TITLES, "done"))
     assert workspace.row("capture").words == "6 cameras, 5 frames"
     refusal = workspace.change_setting("bake.quality", 99)
     assert "must be" in refusal.problem
     assert workspace.change_setting("bake.quality", 33) is None
-    wait(workspace, "stale", lambda: states(workspace)["bake"] == "stale")
+    wait_in_loop("stale", lambda: states(workspace)["bake"] == "stale")
     assert states(workspace)["train"] == "done"
     assert "'quality' in Bake changed from 22 to 33" in workspace.row("bake").detail
     ended = heard(workspace.run_ended)
@@ -150,10 +140,10 @@ def test_a_setting_makes_stages_stale_and_a_run_makes_them_done_again(workspace:
     assert "Another run is in progress" in str(refused)
     refusal = workspace.change_setting("bake.quality", 34)
     assert refusal.code == "settings.run_active"
-    wait(workspace, "over", lambda: not workspace.busy)
+    wait_in_loop("over", lambda: not workspace.busy)
     assert workspace.run.planned == ("bake", "evaluate")
     assert workspace.run.finished == ["bake", "evaluate"]
-    wait(workspace, "done again", lambda: states(workspace) == dict.fromkeys(ALL, "done"))
+    wait_in_loop("done again", lambda: states(workspace) == dict.fromkeys(TITLES, "done"))
     assert workspace.run.outcome == "done"
     assert str(ended.pop()[0]).startswith("The run has finished after ")
 
@@ -167,7 +157,7 @@ def test_a_run_in_a_terminal_shows_up_can_be_stopped_and_gone_on_with(
     with (tmp_path / "output").open("wb") as output:
         terminal = warm_python().popen((*command, *slow), output=output)
     try:
-        wait(workspace, "seen to train", lambda: states(workspace)["train"] == "running" and bool(workspace.run.curves))
+        wait_in_loop("seen to train", lambda: states(workspace)["train"] == "running" and bool(workspace.run.curves))
         assert workspace.job is None
         assert workspace.busy
         workspace.pause()
@@ -182,18 +172,18 @@ def test_a_run_in_a_terminal_shows_up_can_be_stopped_and_gone_on_with(
         workspace.pause()
         assert not workspace.paused
         steps = workspace.run.changes
-        wait(workspace, "going on", lambda: workspace.run.changes > steps)
+        wait_in_loop("going on", lambda: workspace.run.changes > steps)
         workspace.pause()
         workspace.cancel()  # cancelling works on a paused run too
         assert terminal.wait(60) == 130
     finally:
         terminal.kill()
         terminal.wait()
-    wait(workspace, "over", lambda: not workspace.busy and workspace.run.outcome == "cancelled")
+    wait_in_loop("over", lambda: not workspace.busy and workspace.run.outcome == "cancelled")
     assert workspace.change_setting("train.keyframe_iterations", 100_001) is None
     assert workspace.start("train")
-    wait(workspace, "training", lambda: workspace.run.stage == "train")
+    wait_in_loop("training", lambda: workspace.run.stage == "train")
     os.kill(workspace.job.pid, signal.SIGKILL)
-    wait(workspace, "crashed", lambda: not workspace.busy)
+    wait_in_loop("crashed", lambda: not workspace.busy)
     assert states(workspace)["train"] == "failed"
     assert "SIGKILL" in workspace.row("train").detail

@@ -1,6 +1,5 @@
 """Calibrate, report: the grade of the cameras, and what each was checked with."""
 
-import shutil
 from pathlib import Path
 
 from gui.models.take.workspace import Workspace
@@ -13,11 +12,8 @@ from studio.calibration.verdict import CameraVerdict, RigVerdict
 SIZE = (900, 600)
 
 
-def test_it_shows_matches_masks_and_what_refinement_changed(
-    workspace: Workspace, finished: Path, tmp_path: Path
-) -> None:
-    shutil.copytree(finished, tmp_path / "project")
-    take = Take.open(tmp_path / "project" / "take")
+def test_it_shows_matches_masks_and_what_refinement_changed(workspace: Workspace, take_copy: Path) -> None:
+    take = Take.open(take_copy)
     workspace.open(take)
     view = CalibrateView(workspace)
     view.mode = "report"

@@ -1,6 +1,5 @@
 """Train, camera colors: images as filmed and corrected."""
 
-import shutil
 from itertools import pairwise
 from pathlib import Path
 
@@ -17,21 +16,14 @@ MATRIX = ((0.8, 0.05, 0.0, 0.02), (0.0, 1.1, 0.0, -0.01), (0.1, 0.0, 0.9, 0.0))
 SIZE = (900, 600)
 
 
-def colors_of(**cameras: tuple[tuple[float, float, float, float], ...]) -> CameraColors:
-    return CameraColors(key="k", frame=0, cameras=cameras)
-
-
-@pytest.fixture(autouse=True)
-def _opened(workspace: Workspace, finished: Path, tmp_path: Path) -> None:
-    shutil.copytree(finished, tmp_path / "project")
-    workspace.open(Take.open(tmp_path / "project" / "take"))
-
-
-def test_cameras_appear_as_they_are_read(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cameras_appear_as_they_are_read(
+    workspace: Workspace, take_copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    workspace.open(Take.open(take_copy))
     monkeypatch.setattr(camera_color_pairs, "SECONDS", -1.0)  # one camera per draw
     workspace.change_setting("train.camera_colors", "splats")
     names = (*workspace.context.footage.calibrated.train_cameras[:2], "gone")
-    colors = colors_of(**dict.fromkeys(names, MATRIX))
+    colors = CameraColors(key="k", frame=0, cameras=dict.fromkeys(names, MATRIX))
     write_model(workspace.context.take.camera_colors, colors)
     pairs = CameraColorPairs(workspace)
     pictures = []
