@@ -34,8 +34,7 @@ def test_colmap_models_as_colmap_writes_them(tmp_path: Path, form: str) -> None:
 
 def test_colmap_reads_what_we_write(tmp_path: Path) -> None:
     write_rig(BENT, tmp_path / "model")
-    model = pycolmap.Reconstruction(tmp_path / "model")
-    for image in model.images.values():
+    for image in pycolmap.Reconstruction(tmp_path / "model").images.values():
         camera = BENT[Path(image.name).stem]
         expected = np.array([image.project_point(point) for point in POINTS])
         np.testing.assert_allclose(camera.project(POINTS)[0], expected, atol=1e-6)

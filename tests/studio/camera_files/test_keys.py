@@ -181,24 +181,36 @@ def test_unknown_keys_are_named_in_the_notes(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "code"),
+    ("form", "code", "changes"),
     [
-        ({"model": "equirectangular"}, "camera.lens_model"),
-        ({"camera_model": "OPENCV_FISHEYE"}, "camera.lens_model"),
-        ({"distortion_model": "equidistant"}, "camera.lens_model"),
-        ({"type": "fisheye"}, "camera.lens_model"),
-        ({"fisheye": True}, "camera.lens_model"),
-        ({"rdist": [0.1, 0.0, 0.0, 0.0]}, "camera.lens_model"),
-        ({"xi": 1.2}, "camera.unknown_key"),
-        ({"fisheye_coefficients": [0.1, 0, 0, 0]}, "camera.unknown_key"),
-        ({"pose": [[1.0, 0, 0, 0]]}, "camera.unknown_key"),
-        ({"distortion": [0.5, 0, 0, 0]}, "camera.conflict"),
-        ({"world_to_camera": np.eye(4).tolist()}, "camera.conflict"),
+        ("cameras.json", "camera.lens_model",
+         [{"model": "equirectangular"}, {"camera_model": "OPENCV_FISHEYE"}, {"distortion_model": "equidistant"},
+          {"type": "fisheye"}, {"fisheye": True}, {"rdist": [0.1, 0.0, 0.0, 0.0]}]),
+        ("cameras.json", "camera.unknown_key",
+         [{"xi": 1.2}, {"fisheye_coefficients": [0.1, 0, 0, 0]}, {"pose": [[1.0, 0, 0, 0]]}]),
+        ("cameras.json", "camera.conflict",
+         [{"distortion": [0.5, 0, 0, 0]}, {"world_to_camera": np.eye(4).tolist()}]),
+        ("cameras.json", "camera.focal_length_unit", [{"K": [[1.1, 0, 0.5], [0, 1.5, 0.5], [0, 0, 1]]}]),
+        ("cameras.json", "camera.not_rigid", [{"w2c": POSES[0].T.tolist()}]),
+        ("toml", "camera.rotation", [{"rotation": [0.0, 45.0, 120.0]}]),  # degrees
+        ("transforms", "camera.focal_length_unit", [{"fl_x": 35.0, "fl_y": 35.0}]),  # millimeters
+        ("transforms", "camera.lens_model",
+         [{"camera_model": "EQUIRECTANGULAR"}, {"camera_model": "FISHEYE624"}, {"camera_model": "ORTHOPHOTO"},
+          {"is_fisheye": True}, {"k4": 0.1}]),
+        ("transforms", "camera.unknown_key", [{"dist": [0.1, 0, 0, 0]}, {"lens_shift": 3}]),
     ],
-)
-def test_other_lenses_and_contradictions_are_refused(tmp_path: Path, change: JsonObject, code: str) -> None:
-    path = cameras_json(tmp_path, lambda values: {**values, **change})
-    with refuses(code, file=path, camera="cam0"):
+)  # fmt: skip
+def test_other_lenses_units_and_contradictions_are_refused(tmp_path, form, code, changes) -> None:
+    for change in changes:
+        path = FORMS[form][0](tmp_path, lambda values, change=change: {**values, **change})
+        with refuses(code, file=path, camera="cam0"):
+            read_rig(path)
+
+
+@pytest.mark.parametrize("change", [{"ftheta_p0": 0.1}, {"latlong": True}, {"dist": [0.1, 0, 0, 0]}])
+def test_unknown_keys_where_no_distortion_is_given_are_refused(tmp_path: Path, change: JsonObject) -> None:
+    path = transforms(tmp_path, lambda values: {key: values[key] for key in values if key[0] not in "kp"} | change)
+    with refuses("camera.unknown_key", file=path, camera="cam0"):
         read_rig(path)
 
 
@@ -235,26 +247,10 @@ def test_entries_of_transforms_replace_what_is_beside_them(tmp_path: Path) -> No
     assert not any("'fl_y'" in note for note in rig.notes)
 
 
-@pytest.mark.parametrize(
-    ("form", "change", "code"),
-    [
-        ("toml", {"rotation": [0.0, 45.0, 120.0]}, "camera.rotation"),  # degrees
-        ("cameras.json", {"K": [[1.1, 0, 0.5], [0, 1.5, 0.5], [0, 0, 1]]}, "camera.focal_length_unit"),
-        ("transforms", {"fl_x": 35.0, "fl_y": 35.0}, "camera.focal_length_unit"),  # millimeters
-        ("cameras.json", {"w2c": POSES[0].T.tolist()}, "camera.not_rigid"),
-    ],
-)
-def test_other_units_and_transposed_matrices(tmp_path: Path, form: str, change: JsonObject, code: str) -> None:
-    path = FORMS[form][0](tmp_path, lambda values: {**values, **change})
-    with refuses(code, file=path, camera="cam0"):
-        read_rig(path)
-
-
 def test_transposed_matrices_of_transforms(tmp_path: Path) -> None:
     def change(values: JsonObject) -> JsonObject:
-        turned = [np.transpose(frame["transform_matrix"]).tolist() for frame in values["frames"]]
-        frames = [{**frame, "transform_matrix": one} for frame, one in zip(values["frames"], turned, strict=True)]
-        return {**values, "frames": frames}
+        key = "transform_matrix"
+        return {**values, "frames": [{**one, key: np.transpose(one[key]).tolist()} for one in values["frames"]]}
 
     with refuses("camera.not_rigid", camera="cam0", key="transform_matrix"):
         read_rig(transforms(tmp_path, change))
@@ -313,14 +309,14 @@ def test_mc_calib(tmp_path: Path) -> None:
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
     storage.write("nb_camera", 4)
     for index, world in enumerate([*POSES, np.eye(4)]):
+        values = {
+            "camera_matrix": np.array(K), "distortion_vector": np.array([BEND]), "distortion_type": 0,
+            "camera_group": int(index == 3), "img_width": 640, "img_height": 360,
+            "camera_pose_matrix": np.linalg.inv(world),
+        }  # fmt: skip
         storage.startWriteStruct(f"camera_{index}", cv2.FileNode_MAP)
-        storage.write("camera_matrix", np.array(K))
-        storage.write("distortion_vector", np.array([BEND]))
-        storage.write("distortion_type", 0)
-        storage.write("camera_group", 0 if index < 3 else 1)
-        storage.write("img_width", 640)
-        storage.write("img_height", 360)
-        storage.write("camera_pose_matrix", np.linalg.inv(world))
+        for key, value in values.items():
+            storage.write(key, value)
         storage.endWriteStruct()
     storage.release()
     rig = read_rig(path)
@@ -371,15 +367,11 @@ def test_meta_of_dynamic_gaussians(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("key", "value", "taken"),
     [
-        ("convention", "OpenCV", True),
-        ("unit", "mm", True),
-        ("coordinate_system", "opengl", False),
-        ("convention", "opengl", False),
-        ("axes", "RUB", False),
-        ("distortion_model", "kannala_brandt", False),
+        ("convention", "OpenCV", True), ("unit", "mm", True), ("coordinate_system", "opengl", False),
+        ("convention", "opengl", False), ("axes", "RUB", False), ("distortion_model", "kannala_brandt", False),
         ("operator", "me", True),
     ],
-)
+)  # fmt: skip
 def test_keys_beside_the_cameras(tmp_path: Path, key: str, value: str, taken: bool) -> None:
     path = cameras_json(tmp_path, lambda values: values)
     path.write_text(json.dumps({**json.loads(path.read_text()), key: value}))
