@@ -41,9 +41,12 @@ def encoded(path: Path, codec: str, frame: Any, **options: str) -> Path:
 
 
 def exr(path: Path, light: np.ndarray, **options: str) -> Path:
-    """Colors are premultiplied if there is alpha."""
-    frame = av.VideoFrame(light.shape[1], light.shape[0], "gbrpf32le" if light.shape[2] == 3 else "gbrapf32le")
-    for plane, channel in zip(frame.planes, (1, 2, 0, 3)[: light.shape[2]], strict=True):
+    """Gray, RGB, or RGBA, whose colors are premultiplied."""
+    pixels, order = {1: ("grayf32le", [0]), 3: ("gbrpf32le", [1, 2, 0]), 4: ("gbrapf32le", [1, 2, 0, 3])}[
+        light.shape[2]
+    ]
+    frame = av.VideoFrame(light.shape[1], light.shape[0], pixels)
+    for plane, channel in zip(frame.planes, order, strict=True):
         rows = np.zeros((plane.height, plane.line_size // 4), np.float32)
         rows[:, : plane.width] = light[..., channel]
         plane.update(rows.tobytes())

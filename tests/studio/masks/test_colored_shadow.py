@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 from studio.masks.clean_plate import DifferenceSettings, difference_mask
+from tests.studio.masks.scenes import disc, filmed, over, overlap
 
-HEIGHT, WIDTH = 240, 360
-NOISE = 2.5
+SHAPE = (240, 360)
+ORANGE, BLUE = np.array([210.0, 100.0, 40.0]), np.array([60.0, 90.0, 160.0])
 ON = DifferenceSettings(mask_shadows="colored")
 COLORS = {
     "warm light gone": (0.6, 0.85, 0.9),
@@ -16,49 +17,29 @@ COLORS = {
 }
 
 
-def disc(x: float, y: float, across: float, down: float) -> np.ndarray:
-    """(H, W) soft ellipse in 0..1."""
-    columns, rows = np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5)
-    distance = np.hypot((columns - x) / across, (rows - y) / down)
-    return np.clip((1 - distance) * min(across, down) + 0.5, 0, 1)
-
-
 def floor(contrast: float = 0.06) -> np.ndarray:
     """(H, W, 3) saturated orange floor with fine texture, 0..255."""
-    grain = cv2.GaussianBlur(np.random.default_rng(3).normal(0, 1, (HEIGHT, WIDTH)), (0, 0), 1.5)
-    return np.array([210.0, 100.0, 40.0]) * (1 + contrast * grain / grain.std())[..., None]
-
-
-def filmed(picture: np.ndarray, seed: int) -> np.ndarray:
-    noisy = picture + np.random.default_rng(seed).normal(0, NOISE, picture.shape)
-    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
-
-
-def overlap(mask: np.ndarray, exact: np.ndarray) -> float:
-    ours, truth = mask > 127, exact > 0.5
-    return float((ours & truth).sum() / (ours | truth).sum())
+    grain = cv2.GaussianBlur(np.random.default_rng(3).normal(0, 1, SHAPE), (0, 0), 1.5)
+    return ORANGE * (1 + contrast * grain / grain.std())[..., None]
 
 
 @pytest.mark.parametrize("color", list(COLORS))
 def test_a_colored_shadow_is_not_the_performer(color: str) -> None:
-    alpha, shadow = disc(110, 110, 30, 60), disc(220, 165, 90, 28)
-    shaded = floor() * (1 - shadow[..., None] * (1 - np.array(COLORS[color])))
-    image = shaded * (1 - alpha[..., None]) + np.array([60.0, 90.0, 160.0]) * alpha[..., None]
+    alpha, shadow = disc(SHAPE, 110, 110, 30, 60), disc(SHAPE, 220, 165, 90, 28)
+    image = filmed(over(BLUE, alpha, over(floor() * COLORS[color], shadow, floor())), 2)
     plate = filmed(floor(), 1)
-    assert overlap(difference_mask(filmed(image, 2), plate, ON), alpha) > 0.94
+    assert overlap(difference_mask(image, plate, ON), alpha) > 0.94
     for off in (DifferenceSettings(), DifferenceSettings(mask_shadows="none")):
-        kept = difference_mask(filmed(image, 2), plate, off)
+        kept = difference_mask(image, plate, off)
         assert overlap(kept, np.maximum(alpha, shadow)) > 0.9  # otherwise, it is
 
 
 @pytest.mark.parametrize(("color", "contrast"), [*((color, 0.06) for color in COLORS), ("hard and dark", 0.0)])
 def test_a_dark_performer_is_no_shadow(color: str, contrast: float) -> None:
     """Clothes with exactly the mean color of such a shadow, but without the texture of the floor."""
-    alpha = disc(150, 120, 45, 75)
-    cloth = np.array([210.0, 100.0, 40.0]) * COLORS[color]
-    image = floor(contrast) * (1 - alpha[..., None]) + cloth * alpha[..., None]
-    mask = difference_mask(filmed(image, 2), filmed(floor(contrast), 1), ON)
-    assert overlap(mask, alpha) > 0.94
+    alpha = disc(SHAPE, 150, 120, 45, 75)
+    image = filmed(over(ORANGE * COLORS[color], alpha, floor(contrast)), 2)
+    assert overlap(difference_mask(image, filmed(floor(contrast), 1), ON), alpha) > 0.94
 
 
 @pytest.mark.parametrize("contrast", [0.1, 0.3])
@@ -67,11 +48,10 @@ def test_a_dark_performer_is_no_shadow(color: str, contrast: float) -> None:
 def test_a_shadow_in_view_takes_nothing_from_cloth_of_its_color(color: str, lighter: float, contrast: float) -> None:
     """The same factors as the shadow's, or between them and 1, as at its edges; the texture around tells them apart."""
     factor = np.array(COLORS.get(color, (0.5, 0.5, 0.5)))
-    alpha, shadow = disc(110, 110, 40, 70), disc(270, 150, 75, 60)
-    shaded = floor(contrast) * (1 - shadow[..., None] * (1 - factor))
-    cloth = np.array([210.0, 100.0, 40.0]) * (factor + lighter * (1 - factor))
-    image = shaded * (1 - alpha[..., None]) + cloth * alpha[..., None]
+    alpha, shadow = disc(SHAPE, 110, 110, 40, 70), disc(SHAPE, 270, 150, 75, 60)
+    shaded = over(floor(contrast) * factor, shadow, floor(contrast))
+    image = filmed(over(ORANGE * (factor + lighter * (1 - factor)), alpha, shaded), 2)
     plate = filmed(floor(contrast), 1)
-    without, mask = (difference_mask(filmed(image, 2), plate, one) for one in (DifferenceSettings(), ON))
+    without, mask = (difference_mask(image, plate, one) for one in (DifferenceSettings(), ON))
     assert mask[alpha == 1].mean() > 0.95 * without[alpha == 1].mean() > 100
     assert mask[shadow == 1].mean() < 5

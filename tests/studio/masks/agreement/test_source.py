@@ -9,6 +9,7 @@ import pytest
 from studio.cameras import Camera, Rig
 from studio.capture import CaptureSettings, Footage, open_footage
 from studio.masks.matting_model import MattingModel
+from tests.studio.masks.scenes import ball, overlap
 from tests.support.errors import refuses
 from tests.support.rigs import ring
 
@@ -20,14 +21,8 @@ RED, BLIND = np.array([200.0, 70.0, 60.0]), "cam4"
 
 def alpha_of(camera: Camera, frame: int) -> np.ndarray:
     """(H, W) bool: two balls, one above the other, that move."""
-    columns, rows = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
-    rays = camera.ray_directions(np.stack([columns.ravel(), rows.ravel()], 1))
-    shown = np.zeros(len(rays), bool)
-    x = 0.5 * np.sin(0.4 * frame)
-    for height, radius in ((-0.15, 0.32), (0.3, 0.2)):
-        toward = np.array([x, 0.2 * np.cos(0.4 * frame), height]) - camera.center
-        shown |= np.linalg.norm(np.cross(rays, toward), axis=1) < radius
-    return shown.reshape(camera.height, camera.width)
+    x, y = 0.5 * np.sin(0.4 * frame), 0.2 * np.cos(0.4 * frame)
+    return ball(camera, np.array([x, y, -0.15]), 0.32) | ball(camera, np.array([x, y, 0.3]), 0.2)
 
 
 @pytest.fixture(scope="module")
@@ -63,9 +58,8 @@ def opened(capture: Path, rig: Rig | None, **settings: object) -> Footage:
     return open_footage(spec, rig, threads=1)
 
 
-def overlap(footage: Footage, camera: Camera, frame: int) -> float:
-    ours, exact = footage.mask(camera.name, frame) > 127, alpha_of(camera, frame)
-    return float((ours & exact).sum() / max((ours | exact).sum(), 1))
+def found(footage: Footage, camera: Camera, frame: int) -> float:
+    return overlap(footage.mask(camera.name, frame), alpha_of(camera, frame))
 
 
 def test_cameras_agree_on_better_masks_than_each_of_them_has(capture: Path, rig: Rig, tmp_path: Path) -> None:
@@ -75,8 +69,8 @@ def test_cameras_agree_on_better_masks_than_each_of_them_has(capture: Path, rig:
     alone = opened(capture, rig, masks="median_background")
     assert "agreed by 8 cameras" in agreed.description
     assert "better masks with a model" in agreed.description
-    together = {camera.name: overlap(agreed, camera, 7) for camera in rig}
-    apart = {camera.name: overlap(alone, camera, 7) for camera in rig}
+    together = {camera.name: found(agreed, camera, 7) for camera in rig}
+    apart = {camera.name: found(alone, camera, 7) for camera in rig}
     assert np.mean(list(together.values())) > max(0.85, np.mean(list(apart.values())))
     assert together[BLIND] > apart[BLIND]
     files = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("mask_*.png")}
@@ -99,9 +93,9 @@ def test_a_model_sees_squares_around_people_and_counts(
     assert "a matting model" in model.description
     assert "better masks" not in model.description
     camera = next(iter(rig))
-    before = overlap(model, camera, 7)
+    before = found(model, camera, 7)
     monkeypatch.setattr(MattingModel, "__call__", nobody)
-    assert overlap(opened(capture, rig, masks="agreed", mask_model=f"selfie:{LITE}"), camera, 7) < before - 0.05
+    assert found(opened(capture, rig, masks="agreed", mask_model=f"selfie:{LITE}"), camera, 7) < before - 0.05
     assert len(sides) == 2 * len(rig)  # two margins
     assert all(height == width < SIZE[0] for height, width in sides)
 
@@ -118,7 +112,7 @@ def test_what_a_model_sees_in_most_cameras_is_kept_where_the_estimated_set_shows
     monkeypatch.setattr("studio.masks.agreement.source.evidence_of", without_head)
     monkeypatch.setattr(MattingModel, "__call__", lambda self, image, *_: np.float32(even(image)))
     footage = opened(capture, rig, masks="agreed", mask_model=f"selfie:{LITE}")
-    assert np.mean([overlap(footage, camera, 7) for camera in rig]) > 0.85
+    assert np.mean([found(footage, camera, 7) for camera in rig]) > 0.85
 
 
 def test_without_cameras_or_with_few_auto_looks_at_each_camera_alone(capture: Path, rig: Rig) -> None:

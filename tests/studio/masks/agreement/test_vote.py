@@ -5,27 +5,16 @@ import pytest
 
 from studio.cameras import Camera, Rig
 from studio.masks.agreement.vote import SILENT, heard
+from tests.studio.masks.scenes import ball, overlap
 from tests.support.rigs import ring
-
-RADIUS = 0.4
-CENTER = np.array([0.15, -0.1, 0.05])
 
 
 def silhouette(camera: Camera) -> np.ndarray:
-    """(H, W) bool, exact: which rays meet the ball."""
-    columns, rows = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
-    rays = camera.ray_directions(np.stack([columns.ravel(), rows.ravel()], 1))
-    toward = CENTER - camera.center
-    away = np.linalg.norm(np.cross(rays, toward), axis=1)
-    return ((away < RADIUS) & (rays @ toward > 0)).reshape(camera.height, camera.width)
+    return ball(camera, np.array([0.15, -0.1, 0.05]), 0.4)
 
 
 def odds_of(rig: Rig) -> dict[str, np.ndarray]:
     return {camera.name: np.where(silhouette(camera), 3.0, -3.0).astype(np.float32) for camera in rig}
-
-
-def overlap(ours: np.ndarray, exact: np.ndarray) -> float:
-    return float((ours & exact).sum() / max((ours | exact).sum(), 1))
 
 
 @pytest.mark.parametrize("distortion", [(), (-0.1, 0.02, 0.0, 0.0)])
