@@ -50,17 +50,15 @@ def test_each_splat_is_within_the_steps_of_the_format(ending, steps):
         assert (len(splats), splats.sh_degree) == splats_size(path) == (COUNT, degree_of(path))
         meant = matched(splats, converted_splats(degree_of(path)))
         turned = 1 - (splats.unit_quats * meant.unit_quats).sum(dim=1).abs()
-        errors = (
-            (splats.means - meant.means).abs().max(),
-            turned.max(),
-            (splats.log_scales - meant.log_scales).abs().max(),
-            (splats.opacities - meant.opacities).abs().max(),
-            (splats.sh[:, 0] - meant.sh[:, 0]).abs().max(),
-            (splats.sh[:, 1:] - meant.sh[:, 1:]).pow(2).mean().nan_to_num().sqrt(),
-        )
-        for name, error, step in zip(
-            ("means", "quats", "scales", "opacity", "color", "sh"), errors, steps, strict=True
-        ):
+        errors = {
+            "means": (splats.means - meant.means).abs().max(),
+            "quats": turned.max(),
+            "scales": (splats.log_scales - meant.log_scales).abs().max(),
+            "opacity": (splats.opacities - meant.opacities).abs().max(),
+            "color": (splats.sh[:, 0] - meant.sh[:, 0]).abs().max(),
+            "sh": (splats.sh[:, 1:] - meant.sh[:, 1:]).pow(2).mean().nan_to_num().sqrt(),
+        }
+        for (name, error), step in zip(errors.items(), steps, strict=True):
             assert error <= step + 1e-6, (path.name, name, float(error))
 
 

@@ -52,6 +52,18 @@ def refused_or_sound(path: Path) -> None:
             assert all(values.isfinite().all() for _, values in splats.items())
 
 
+def each_is_refused(path: Path, cases: list[tuple[bytes, str]]) -> None:
+    """Reading any of these contents raises an error about the file with the code beside it."""
+    for content, code in cases:
+        path.write_bytes(content)
+        with refuses(f"splat_file.{code}", file=path):
+            read_splats(path)
+
+
+def patched(data: bytes, start: int, content: bytes) -> bytes:
+    return data[:start] + content + data[start + len(content) :]
+
+
 @pytest.mark.parametrize("name", FILES)
 @REPEATED
 @given(data=st.data())
@@ -166,10 +178,7 @@ def test_sog_parts_that_disagree(tmp_path):
     del good["scales.webp"]
     with refuses("splat_file.sog_part_missing", file=path, name="scales.webp"):
         read_splats(write_sog(path, good))
-    for content in (b"PK\3\4" + bytes(100), b"hello" * 100):
-        path.write_bytes(content)
-        with refuses("splat_file.unreadable", file=path):
-            read_splats(path)
+    each_is_refused(path, [(b"PK\3\4" + bytes(100), "unreadable"), (b"hello" * 100, "unreadable")])
 
 
 def test_an_open_sog_with_a_part_missing(tmp_path):
@@ -202,41 +211,32 @@ def test_zstandard_frames_that_give_more_than_listed(tmp_path):
     first, listed = struct.unpack_from("<QQ", good, 32)
     frame = zstandard.compress(bytes(100_000_000))
     path = tmp_path / "a.spz"
-    path.write_bytes(good[:32] + struct.pack("<QQ", len(frame), listed) + good[48:112] + frame + good[112 + first :])
-    with at_most(64 << 20), refuses("splat_file.unreadable", file=path):
-        read_splats(path)
+    content = good[:32] + struct.pack("<QQ", len(frame), listed) + good[48:112] + frame + good[112 + first :]
+    with at_most(64 << 20):
+        each_is_refused(path, [(content, "unreadable")])
 
 
 def test_spz_4_containers(tmp_path):
-    good = bytearray((DATA / "degree0.spz").read_bytes())
+    good = (DATA / "degree0.spz").read_bytes()
     path = tmp_path / "a.spz"
-
-    def with_bytes(start: int, content: bytes) -> bytes:
-        return bytes(good[:start]) + content + bytes(good[start + len(content) :])
 
     def with_extension(kind: int) -> bytes:
         record = struct.pack("<II", kind, 12) + bytes(12)
-        return with_bytes(14, b"\x02\x05" + struct.pack("<I", 52))[:32] + record + bytes(good[32:])
+        return patched(good, 14, b"\x02\x05" + struct.pack("<I", 52))[:32] + record + good[32:]
 
     cases = [
-        (bytes(good[:20]), "splat_file.truncated"),
-        (bytes(good[:100]), "splat_file.truncated"),
-        (bytes(good[:-1]), "splat_file.truncated"),
-        (with_bytes(4, b"\x05"), "splat_file.unsupported_version"),
-        (with_bytes(4, b"\x01"), "splat_file.unsupported_version"),
-        (with_bytes(12, b"\x04"), "splat_file.invalid_header"),
-        (with_bytes(12, b"\x01"), "splat_file.invalid_header"),  # degree 1 needs a sixth attribute
-        (with_bytes(16, struct.pack("<I", 16)), "splat_file.invalid_header"),
-        (with_bytes(16, struct.pack("<I", 10**9)), "splat_file.truncated"),
-        (with_bytes(40, struct.pack("<Q", 10**15)), "splat_file.unreadable"),
-        (with_bytes(32, struct.pack("<Q", 2**63)), "splat_file.truncated"),
-        (with_bytes(112, b"\0\0\0\0"), "splat_file.unreadable"),
-        (with_extension(0xADBE0001), "splat_file.extensions"),
+        *((good[:length], "truncated") for length in (20, 100, -1)),
+        *((patched(good, 4, version), "unsupported_version") for version in (b"\x05", b"\x01")),
+        (patched(good, 12, b"\x04"), "invalid_header"),
+        (patched(good, 12, b"\x01"), "invalid_header"),  # degree 1 needs a sixth attribute
+        (patched(good, 16, struct.pack("<I", 16)), "invalid_header"),
+        (patched(good, 16, struct.pack("<I", 10**9)), "truncated"),
+        (patched(good, 40, struct.pack("<Q", 10**15)), "unreadable"),
+        (patched(good, 32, struct.pack("<Q", 2**63)), "truncated"),
+        (patched(good, 112, b"\0\0\0\0"), "unreadable"),
+        (with_extension(0xADBE0001), "extensions"),
     ]
-    for content, code in cases:
-        path.write_bytes(content)
-        with refuses(code, file=path):
-            read_splats(path)
+    each_is_refused(path, cases)
     for kind, skipped in ((0xADBE0002, 0), (0x12340001, 1)):  # camera limits, and another program's
         notes = []
         path.write_bytes(with_extension(kind))
@@ -271,33 +271,16 @@ def test_ksplat_headers(tmp_path):
     path = tmp_path / "a.ksplat"
     section = 4096
     partial = section + 1024  # lengths of the buckets that are not full come first
-    cases = [
-        (good[:4000], "splat_file.truncated"),
-        (good[:5000], "splat_file.truncated"),
-        (good[:-1], "splat_file.truncated"),
-        ((0, b"\x01"), "splat_file.unsupported_version"),
-        ((4, struct.pack("<I", 0)), "splat_file.invalid_header"),
-        ((4, struct.pack("<I", 2**32 - 1)), "splat_file.invalid_header"),
-        ((16, struct.pack("<I", 0)), "splat_file.splat_count"),
-        ((16, struct.pack("<I", 259)), "splat_file.invalid_header"),
-        ((20, struct.pack("<H", 3)), "splat_file.invalid_header"),
-        ((section, struct.pack("<I", 261)), "splat_file.invalid_header"),
-        ((section + 4, struct.pack("<I", 2**32 - 1)), "splat_file.truncated"),
-        ((section + 12, struct.pack("<I", 2**32 - 1)), "splat_file.truncated"),
-        ((section + 16, struct.pack("<f", np.nan)), "splat_file.no_usable_splats"),
-        ((section + 20, struct.pack("<H", 16)), "splat_file.invalid_header"),
-        ((section + 40, struct.pack("<H", 3)), "splat_file.invalid_header"),
-        ((partial, struct.pack("<I", 2**32 - 1)), "splat_file.invalid_header"),
-        ((partial, struct.pack("<I", 0)), "splat_file.invalid_header"),
-    ]
-    for change, code in cases:
-        if isinstance(change, bytes):
-            path.write_bytes(change)
-        else:
-            start, content = change
-            path.write_bytes(good[:start] + content + good[start + len(content) :])
-        with refuses(code, file=path):
-            read_splats(path)
+    values = [
+        (0, "B", 1, "unsupported_version"), (4, "<I", 0, "invalid_header"), (4, "<I", 2**32 - 1, "invalid_header"),
+        (16, "<I", 0, "splat_count"), (16, "<I", 259, "invalid_header"), (20, "<H", 3, "invalid_header"),
+        (section, "<I", 261, "invalid_header"), (section + 4, "<I", 2**32 - 1, "truncated"),
+        (section + 12, "<I", 2**32 - 1, "truncated"), (section + 16, "<f", np.nan, "no_usable_splats"),
+        (section + 20, "<H", 16, "invalid_header"), (section + 40, "<H", 3, "invalid_header"),
+        (partial, "<I", 2**32 - 1, "invalid_header"), (partial, "<I", 0, "invalid_header"),
+    ]  # fmt: skip
+    each_is_refused(path, [(good[:length], "truncated") for length in (4000, 5000, -1)])
+    each_is_refused(path, [(patched(good, at, struct.pack(kind, value)), code) for at, kind, value, code in values])
     with refuses("splat_file.not_found", file=tmp_path / "none.ksplat"):
         read_splats(tmp_path / "none.ksplat")
 
@@ -306,22 +289,16 @@ def test_compressed_ply_headers(tmp_path):
     good = (DATA / "degree1.compressed.ply").read_bytes()
     path = tmp_path / "a.ply"
     cases = [
-        ((b"element chunk 2", b"element chunk 1"), {"splat_file.invalid_header", "splat_file.unreadable"}),
-        ((b"uint packed_scale", b"uint packed_size"), {"splat_file.not_splats"}),
-        ((b"float min_x", b"uint min_x"), {"splat_file.not_splats"}),
-        ((b"property uchar f_rest_8", b"property uchar f_rest_9"), {"splat_file.not_splats"}),
-        ((b"element vertex 260", b"element vertex 0"), {"splat_file.splat_count"}),
-        ((b"element vertex 260", b"element vertex 99999999999"), {"splat_file.unreadable"}),
+        (b"element chunk 2", b"element chunk 1", "invalid_header"),
+        (b"uint packed_scale", b"uint packed_size", "not_splats"),
+        (b"float min_x", b"uint min_x", "not_splats"),
+        (b"property uchar f_rest_8", b"property uchar f_rest_9", "not_splats"),
+        (b"element vertex 260", b"element vertex 0", "splat_count"),
+        (b"element vertex 260", b"element vertex 99999999999", "unreadable"),
     ]
-    for (before, after), codes in cases:
-        assert before in good
-        path.write_bytes(good.replace(before, after, 1))
-        with pytest.raises(StudioError) as caught:
-            read_splats(path)
-        assert (caught.value.code in codes, caught.value.file) == (True, path), caught.value
+    assert all(before in good for before, _, _ in cases)
+    changed = [(good.replace(before, after, 1), code) for before, after, code in cases]
+    each_is_refused(path, [*changed, (good[:-1], "unreadable")])
     head = good.index(b"end_header\n") + len(b"end_header\n")
     path.write_bytes(good[:head] + np.float32(np.nan).tobytes() + good[head + 4 :])
     assert len(read_splats(path)) == 260 - 256  # without those of the first chunk
-    path.write_bytes(good[:-1])
-    with refuses("splat_file.unreadable", file=path):
-        read_splats(path)

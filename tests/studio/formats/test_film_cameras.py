@@ -56,36 +56,29 @@ def test_a_nuke_camera_by_matrix_stands_still(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("knobs", "before", "code"),
+    ("knob", "before", "code"),
     [
-        (("translate {{curve x1 0 x10 1} 0 0}",), "", "nuke.unsupported"),
-        (("translate {{curve x5 0 x4 1} 0 0}",), "", "camera_path.times"),
-        (("translate {{curve x1 0 nan} 0 0}",), "", "nuke.unsupported"),
-        (("rotate {{sin(frame)} 0 0}",), "", "nuke.unsupported"),
-        (("translate {{curve} 0 0}",), "", "nuke.unsupported"),
-        (("translate {1 2}",), "", "nuke.unsupported"),
-        (("win_translate {0.1 0}",), "", "nuke.unsupported"),
-        (("scaling {2 2 2}",), "", "nuke.unsupported"),
-        (("projection_mode orthographic",), "", "nuke.unsupported"),
-        (("rot_order XXY",), "", "nuke.unsupported"),
-        (("focal 0",), "", "camera.focal_length"),
-        (("translate {0 0 1}",), "Axis2 {\n inputs 0\n translate {1 0 0}\n}\n", "nuke.unsupported"),
-        (("translate {0 0 {1}",), "", "nuke.syntax"),
-        (("focal 50\n}\nBlur {",), "", None),
+        *((knob, "", "nuke.unsupported") for knob in (
+            "translate {{curve x1 0 x10 1} 0 0}", "translate {{curve x1 0 nan} 0 0}", "translate {{curve} 0 0}",
+            "rotate {{sin(frame)} 0 0}", "translate {1 2}", "win_translate {0.1 0}", "scaling {2 2 2}",
+            "projection_mode orthographic", "rot_order XXY",
+        )),
+        ("translate {0 0 1}", "Axis2 {\n inputs 0\n translate {1 0 0}\n}\n", "nuke.unsupported"),
+        ("translate {{curve x5 0 x4 1} 0 0}", "", "camera_path.times"),
+        ("focal 0", "", "camera.focal_length"),
+        ("translate {0 0 {1}", "", "nuke.syntax"),
     ],
-)
-def test_what_cannot_be_read_is_refused(tmp_path, knobs, before, code):
-    path = nuke(tmp_path / "a.nk", *knobs, before=before)
-    if code is None:
-        assert list(nuke_cameras.read_cameras(path, *SIZE)) == ["Camera3"]
-    else:
-        with refuses(code):
-            nuke_cameras.read_cameras(path, *SIZE)
+)  # fmt: skip
+def test_what_cannot_be_read_is_refused(tmp_path, knob, before, code):
+    with refuses(code):
+        nuke_cameras.read_cameras(nuke(tmp_path / "a.nk", knob, before=before), *SIZE)
 
 
-def test_a_script_without_a_camera(tmp_path):
+def test_scripts_with_and_without_a_camera(tmp_path):
+    path = nuke(tmp_path / "a.nk", "focal 50\n}\nBlur {")
+    assert list(nuke_cameras.read_cameras(path, *SIZE)) == ["Camera3"]
     with refuses("nuke.no_camera"):
-        nuke_cameras.read_cameras(nuke(tmp_path / "a.nk", "size 3", kind="Blur"), *SIZE)
+        nuke_cameras.read_cameras(nuke(path, "size 3", kind="Blur"), *SIZE)
 
 
 def test_cameras_that_were_exported_come_back(tmp_path, make_video):
@@ -156,19 +149,18 @@ def test_a_frame_that_is_shown_twice_has_no_camera(animated, frames):
         path.seconds_of(1)
 
 
-@pytest.mark.parametrize("change", ["projection", "scale", "aperture", "none"])
-def test_usd_cameras_that_are_refused(animated, change):
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        (lambda stage, camera: camera.CreateProjectionAttr(UsdGeom.Tokens.orthographic), "usd.unsupported"),
+        (lambda stage, camera: camera.AddScaleOp().Set(Gf.Vec3f(1, 2, 1)), "usd.unsupported"),
+        (lambda stage, camera: camera.GetHorizontalApertureAttr().Set(0.0), "usd.unsupported"),
+        (lambda stage, camera: [stage.RemovePrim(path) for path in ("/rig", "/still")], "usd.no_camera"),
+    ],
+)
+def test_usd_cameras_that_are_refused(animated, change, code):
     stage = Usd.Stage.Open(str(animated))
-    camera = UsdGeom.Camera(stage.GetPrimAtPath("/rig/shot"))
-    if change == "projection":
-        camera.CreateProjectionAttr(UsdGeom.Tokens.orthographic)
-    elif change == "scale":
-        camera.AddScaleOp().Set(Gf.Vec3f(1, 2, 1))
-    elif change == "aperture":
-        camera.GetHorizontalApertureAttr().Set(0.0)
-    else:
-        stage.RemovePrim("/rig")
-        stage.RemovePrim("/still")
+    change(stage, UsdGeom.Camera(stage.GetPrimAtPath("/rig/shot")))
     stage.GetRootLayer().Save()
-    with refuses("usd.no_camera" if change == "none" else "usd.unsupported"):
+    with refuses(code):
         usd_cameras.read_cameras(animated, *SIZE)

@@ -68,14 +68,6 @@ def test_another_size_of_the_same_shape():
         CameraPath(KEYS, 100, 100)
 
 
-def edited(path, edit):
-    """Write the path of `KEYS` with a change to its JSON."""
-    write_path_keys(KEYS, path)
-    values = json.loads(path.read_text())
-    edit(values)
-    path.write_text(json.dumps(values))
-
-
 def test_paths_files(tmp_path):
     path = tmp_path / "path.json"
     keys = [replace(key, frame=index * 2.0) for index, key in enumerate(KEYS)]
@@ -98,26 +90,18 @@ def test_paths_files(tmp_path):
         (lambda v: v["keys"][1].pop("time"), "camera_path.invalid_key", {"key": 1, "name": "time"}),
         (lambda v: v["keys"][1].pop("camera"), "camera_path.invalid_key", {"key": 1, "name": "camera"}),
         (lambda v: v["keys"][1].update(time="soon"), "camera_path.invalid_key", {"key": 1, "value": "soon"}),
+        (lambda v: v["keys"][1].update(time=0.1), "camera_path.times", {"file": None}),
+        (lambda v: v["keys"][1].update(frame=3), "camera_path.frames", {"file": None}),
     ],
 )
 def test_damaged_paths(tmp_path, edit, code, fields):
     path = tmp_path / "path.json"
-    edited(path, edit)
-    with refuses(code, file=path, **fields):
-        read_path_keys(path, 1.0)
-
-
-@pytest.mark.parametrize(
-    ("edit", "code"),
-    [
-        (lambda v: v["keys"][1].update(time=0.1), "camera_path.times"),
-        (lambda v: v["keys"][1].update(frame=3), "camera_path.frames"),
-    ],
-)
-def test_keys_that_contradict_each_other(tmp_path, edit, code):
-    edited(tmp_path / "path.json", edit)
-    with refuses(code):
-        CameraPath(read_path_keys(tmp_path / "path.json", 1.0), 120, 80)
+    write_path_keys(KEYS, path)
+    values = json.loads(path.read_text())
+    edit(values)
+    path.write_text(json.dumps(values))
+    with refuses(code, **{"file": path, **fields}):
+        CameraPath(read_path_keys(path, 1.0), 120, 80)
 
 
 def test_the_turntable_sees_all_of_the_subject_from_everywhere(make_video):

@@ -46,10 +46,8 @@ def test_of_two_exports_to_one_place_the_first_that_ends_wins(export, make_video
         return video.read(index)
 
     def written():  # type: ignore[no-untyped-def]
-        return {path.name: path.read_bytes() if path.is_file() else contents(path) for path in visible()}
-
-    def visible():  # type: ignore[no-untyped-def]
-        return [path for path in tmp_path.iterdir() if not path.name.startswith(".")]
+        visible = [path for path in tmp_path.iterdir() if not path.name.startswith(".")]
+        return {path.name: path.read_bytes() if path.is_file() else contents(path) for path in visible}
 
     with refuses("export.already_exists"):
         export(replace(video, read=read))

@@ -27,7 +27,7 @@ def plain(**changes) -> dict[str, np.ndarray]:
 
 def saved(path, columns, comments=(), **options):
     kinds = options.get("kinds", {})
-    rows = np.empty(COUNT, [(name, kinds.get(name, "<f4")) for name in columns])
+    rows = np.empty(len(next(iter(columns.values()))), [(name, kinds.get(name, "<f4")) for name in columns])
     for name, values in columns.items():
         rows[name] = values
     elements = [PlyElement.describe(rows, "vertex"), *options.get("others", ())]

@@ -19,6 +19,7 @@ from studio.gaussians import Gaussians
 from studio.playback import play_headless
 from studio.splat_video import SplatVideo
 from studio.stream import BakeSettings, StreamReader
+from tests.studio.formats.test_ply_of_others import saved
 from tests.support.errors import refuses
 from tests.support.splats import cloud
 
@@ -120,10 +121,7 @@ def write_unchecked(path: Path, splats: Gaussians) -> None:
     plain |= {f"f_dc_{index}": splats.sh[:, 0, index] for index in range(3)} | {"opacity": splats.logit_opacities}
     plain |= {f"scale_{index}": splats.log_scales[:, index] for index in range(3)}
     plain |= {f"rot_{index}": splats.quats[:, index] for index in range(4)}
-    head = ["ply", "format binary_little_endian 1.0", f"element vertex {len(splats)}"]
-    head += [f"property float {name}" for name in plain]
-    rows = torch.stack([*plain.values()], dim=1).numpy().tobytes()
-    path.write_bytes("\n".join([*head, "end_header", ""]).encode() + rows)
+    saved(path, plain)
 
 
 def decoded_errors(video: SplatVideo, stream: Path, meant: Gaussians) -> torch.Tensor:
@@ -167,14 +165,11 @@ def test_positions_that_float32_cannot_hold_are_noted(folder, away, noted):
     assert sum("steps of" in note for note in open_import(folder).notes) == noted
 
 
-def test_nothing_to_import(folder, tmp_path):
+def test_a_folder_of_no_or_more_than_one_format_is_refused_by_name(folder):
+    with refuses("import.not_found", file=folder / "none"):
+        open_import(folder / "none")
     with refuses("import.no_files", file=folder):
         open_import(folder)
-    with refuses("import.not_found", file=tmp_path / "none"):
-        open_import(tmp_path / "none")
-
-
-def test_a_folder_of_more_than_one_format_is_refused_by_name(folder):
     for name in ("a1.ply", "a2.PLY", "a2.spz", "a3.glb"):
         (folder / name).touch()
     files = ["a1.ply", "a2.spz", "a3.glb"]

@@ -19,8 +19,6 @@ from tests.support.rigs import camera_at
 from tests.support.sounds import ArrayPcm
 
 SH = "radiance:sphericalHarmonicsCoefficients"
-
-
 RAMP = np.linspace(-1, 1, 2400, dtype=np.float32)
 
 
