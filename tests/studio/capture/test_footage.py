@@ -31,8 +31,7 @@ def test_images_keep_their_frame_numbers(image_folders: Path, make: SimpleNamesp
     footage = open_footage(CaptureSettings(root=image_folders))
     assert footage.frames == (5, 6, 7, 8)
     assert make.number_of(footage.image("right", 7)) == 7
-    assert footage.mask("left", 5)[32, 48] == 255
-    assert footage.mask("left", 5)[0, 0] == 0
+    assert (footage.mask("left", 5)[[32, 0], [48, 0]] == [255, 0]).all()
     assert open_footage(CaptureSettings(root=image_folders, frames="6::2")).frames == (6, 8)
     assert open_footage(CaptureSettings(root=image_folders, frames=":7")).frames == (5, 6)
     with refuses("footage.no_frames", file=image_folders, available=(5, 8), setting="capture.frames"):
@@ -66,6 +65,8 @@ def test_scale_averages_areas_and_scales_the_cameras(tmp_path: Path, make: Simpl
     camera = footage.rig["a"]
     assert (camera.width, camera.height, camera.fx, camera.cx) == (48, 32, 48.0, 24.0)
     assert footage.raw_image("a", 0).shape == (64, 96, 3)
+    larger = open_footage(CaptureSettings(root=tmp_path, masks="none"), Rig((make.camera("a", 192, 128),)))
+    assert (larger.rig["a"].fx, larger.rig["a"].cx) == (96, 48), "the footage is half as large as the calibration"
 
 
 def blob(center: np.ndarray, width: int, height: int) -> np.ndarray:
@@ -117,16 +118,10 @@ def test_a_view_at_full_size_is_that_of_footage_without_a_scale(tmp_path: Path, 
     assert small.view("a", 0).image.shape == (32, 48, 3)
 
 
-def test_calibration_is_scaled_to_half_size_footage(tmp_path: Path, make: SimpleNamespace) -> None:
-    make.image(tmp_path / "images" / "a.png", make.numbered(1))
-    footage = open_footage(CaptureSettings(root=tmp_path, masks="none"), Rig((make.camera("a", 192, 128),)))
-    assert (footage.rig["a"].fx, footage.rig["a"].cx) == (96, 48)
-
-
 def test_letterboxed_footage_is_detected_by_its_bars(tmp_path: Path, make: SimpleNamespace) -> None:
     """A 96x64 calibration, and footage scaled to 90x60 with bars at the top and bottom."""
-    image = np.zeros((64, 90, 3), np.uint8)
-    image[2:62] = 180
+    image = np.full((64, 90, 3), 180, np.uint8)
+    image[:2] = image[62:] = 0
     make.image(tmp_path / "images" / "a.png", image)
 
     def opened(**values: str) -> Footage:
@@ -186,25 +181,25 @@ def test_many_threads_read_the_right_frames(three_videos, make, monkeypatch) -> 
         return [(make.number_of(footage.image(*place)), place[1]) for place in places]
 
     with ThreadPoolExecutor(6) as pool:
-        found = [pair for pairs in pool.map(read, range(6)) for pair in pairs]
-    assert len(found) == 150
-    assert all(number == frame for number, frame in found)
+        for pairs in pool.map(read, range(6)):
+            assert all(number == frame for number, frame in pairs)
 
 
-def test_digest_depends_on_names_and_contents_not_on_times(image_folders: Path, tmp_path: Path) -> None:
-    first = open_footage(CaptureSettings(root=image_folders)).digest()
-    picture = image_folders / "images" / "left" / "000006.png"
+def test_digest_depends_on_names_and_contents_not_on_times(image_folders: Path) -> None:
+    def digest() -> str:
+        return open_footage(CaptureSettings(root=image_folders)).digest()
+
+    first = digest()
+    picture, mask = (image_folders / kind / "left" / "000006.png" for kind in ("images", "masks"))
     os.utime(picture, (1, 1))
-    assert open_footage(CaptureSettings(root=image_folders)).digest() == first
-    mask = image_folders / "masks" / "left" / "000006.png"
+    assert digest() == first
     data = mask.read_bytes()
-    mask.write_bytes((image_folders / "masks" / "left" / "000007.png").read_bytes() + b"\0")
-    changed = open_footage(CaptureSettings(root=image_folders)).digest()
-    assert changed != first
+    mask.write_bytes(data + b"\0")
+    assert digest() != first
     mask.write_bytes(data)
-    assert open_footage(CaptureSettings(root=image_folders)).digest() == first
+    assert digest() == first
     picture.write_bytes(picture.read_bytes()[:-1] + b"\1")  # same size, other contents
-    assert open_footage(CaptureSettings(root=image_folders)).digest() != first
+    assert digest() != first
 
 
 def test_spec_refuses_impossible_values(tmp_path: Path) -> None:

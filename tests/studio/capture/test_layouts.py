@@ -14,6 +14,7 @@ from pipelines.stages.camera_file import camera_file
 from studio.camera_files import read_rig, write_rig
 from studio.cameras import Camera, Rig
 from studio.capture import CaptureSettings, match_rig, open_footage
+from tests.studio.capture.test_patterns import touch
 from tests.support.errors import refuses
 
 WIDTH, HEIGHT = 96, 64
@@ -29,6 +30,15 @@ def write_cameras(path: Path, *names: str) -> None:
     ours = K.copy()
     ours[:2, 2] += 0.5
     write_rig(Rig(tuple(Camera(name, WIDTH, HEIGHT, ours, POSE) for name in names)), path)
+
+
+def write_images(make: SimpleNamespace, images: Path, masks: Path | None, *names: str, frames: int = 2) -> None:
+    """Images, and masks if any, at paths with {c} and {f}."""
+    for c in names:
+        for f in range(frames):
+            make.image(Path(str(images).format(c=c, f=f)), make.numbered(f))
+            if masks is not None:
+                make.image(Path(str(masks).format(c=c, f=f)), MASK)
 
 
 def hifi4g(root: Path, make: SimpleNamespace) -> None:
@@ -64,17 +74,15 @@ def actorshq(root: Path, make: SimpleNamespace) -> None:
     for name in ("Cam001", "Cam002"):
         values = [*vector, *center, 90 / WIDTH, 91 / HEIGHT, 0.5, 0.5]
         rows.append(",".join([name, str(WIDTH), str(HEIGHT), *map(repr, map(float, values))]))
-        for frame in range(2):
-            make.image(root / "rgbs" / name / f"{name}_rgb{frame:06d}.jpg", make.numbered(frame))
-            make.image(root / "masks" / name / f"{name}_mask{frame:06d}.png", MASK)
+    images, masks = root / "rgbs/{c}/{c}_rgb{f:06d}.jpg", root / "masks/{c}/{c}_mask{f:06d}.png"
+    write_images(make, images, masks, "Cam001", "Cam002")
     (root / "calibration.csv").write_text("\n".join(rows))
 
 
 def zju_mocap(root: Path, make: SimpleNamespace) -> None:
-    cameras: dict[str, list[object]] = {"K": [], "D": [], "R": [], "T": []}
+    camera = {"K": K, "D": np.zeros((5, 1)), "R": POSE[:3, :3].tolist(), "T": POSE[:3, 3:] * 1000}
+    cameras = {key: [value, value] for key, value in camera.items()}
     for name in ("Camera_B1", "Camera_B2"):
-        for key, value in (("K", K), ("D", np.zeros((5, 1))), ("R", POSE[:3, :3]), ("T", POSE[:3, 3:] * 1000)):
-            cameras[key].append(value.tolist() if key == "R" else value)
         for frame in range(2):
             make.image(root / name / f"{frame:06d}.jpg", make.numbered(frame))
             make.image(root / "mask_cihp" / name / f"{frame:06d}.png", MASK // 255 * 13)  # labels of body parts
@@ -84,10 +92,7 @@ def zju_mocap(root: Path, make: SimpleNamespace) -> None:
 
 def easymocap(root: Path, make: SimpleNamespace) -> None:
     write_cameras(root / "intri.yml", "01", "02")
-    for name in ("01", "02"):
-        for frame in range(2):
-            make.image(root / "images" / name / f"{frame:06d}.jpg", make.numbered(frame))
-            make.image(root / "mask" / name / f"{frame:06d}.png", MASK)
+    write_images(make, root / "images/{c}/{f:06d}.jpg", root / "mask/{c}/{f:06d}.png", "01", "02")
 
 
 def n3dv(root: Path, make: SimpleNamespace) -> None:
@@ -102,9 +107,8 @@ def n3dv(root: Path, make: SimpleNamespace) -> None:
 def thuman(root: Path, make: SimpleNamespace) -> None:
     entry = {"K": K.tolist(), "R": POSE[:3, :3].ravel().tolist(), "T": POSE[:3, 3:].tolist()}
     (root / "calibration.json").write_text(json.dumps({"cam00": entry, "cam01": entry}))
-    for name in ("cam00", "cam01"):
-        make.image(root / "images" / name / "00000000.jpg", make.numbered(0))
-        make.image(root / "masks" / name / "00000000.png", MASK)
+    images, masks = root / "images/{c}/{f:08d}.jpg", root / "masks/{c}/{f:08d}.png"
+    write_images(make, images, masks, "cam00", "cam01", frames=1)
 
 
 def nhr(root: Path, make: SimpleNamespace) -> None:
@@ -113,10 +117,7 @@ def nhr(root: Path, make: SimpleNamespace) -> None:
     (root / "CamPose.inf").write_text(f"{line}\n{line}\n")
     rows = "\n".join(" ".join(map(str, row)) for row in K)
     (root / "Intrinsic.inf").write_text(f"0\n{rows}\n\n1\n{rows}\n")
-    for frame in range(2):
-        for index in range(2):
-            make.image(root / "img" / str(frame) / f"img_{index:04d}.jpg", make.numbered(frame))
-            make.image(root / "img" / str(frame) / "mask" / f"img_{index:04d}.png", MASK)
+    write_images(make, root / "img/{f}/img_{c}.jpg", root / "img/{f}/mask/img_{c}.png", "0000", "0001")
 
 
 def pose2sim(root: Path, make: SimpleNamespace) -> None:
@@ -132,9 +133,8 @@ def pku_dymvhumans(root: Path, make: SimpleNamespace) -> None:
     for index in range(2):
         text = f"extrinsic\n{pose}\n\nintrinsic\n{intrinsics}\n\n1 2 3 4\n"
         (root / "cams" / f"{index:08d}_cam.txt").write_text(text)
-        for frame in range(2):
-            make.image(root / "per_view" / f"cam_{index}" / "images" / f"{frame:06d}.png", make.numbered(frame))
-            make.image(root / "per_view" / f"cam_{index}" / "pha" / f"{frame:06d}.png", MASK)
+    images, masks = root / "per_view/cam_{c}/images/{f:06d}.png", root / "per_view/cam_{c}/pha/{f:06d}.png"
+    write_images(make, images, masks, "0", "1")
 
 
 def folder_per_frame(root: Path, make: SimpleNamespace) -> None:
@@ -144,9 +144,7 @@ def folder_per_frame(root: Path, make: SimpleNamespace) -> None:
         for name in ("left", "right")
     ]  # fmt: skip
     (root / "cameras.json").write_text(json.dumps({"cameras": cameras}))
-    for frame in range(2):
-        for name in ("left", "right"):
-            make.image(root / f"frame{frame:06d}" / f"{name}.png", make.numbered(frame))
+    write_images(make, root / "frame{f:06d}/{c}.png", None, "left", "right")
 
 
 @pytest.mark.parametrize(
@@ -207,10 +205,7 @@ def test_a_file_of_one_camera_names_the_pattern(tmp_path: Path, make: SimpleName
     with refuses("settings.file_not_found"):
         camera_file(CaptureSettings(root=tmp_path, rig="{camera}/other.xml"))
     takes = tmp_path / "takes"
-    for name in ("first", "second"):
-        (takes / name).mkdir(parents=True)
-        for file in ("config.yaml", "take.json"):
-            (takes / name / file).touch()
+    touch(takes, *(f"{name}/{file}" for name in ("first", "second") for file in ("config.yaml", "take.json")))
     assert camera_file(CaptureSettings(root=takes)) is None, "these are settings of takes"
     (tmp_path / "cam2" / "config.xml").write_text('<?xml version="1.0"?><opencv_storage><a>1</a></opencv_storage>')
     with refuses("camera.unknown_key", camera="cam2", key="a"):

@@ -12,7 +12,9 @@ from studio.audio.sound_file import SoundFile
 from studio.capture.timecode import read_timecode
 from studio.capture.video import VideoReader
 
-FILM, PREVIEW = (96, 64), (48, 32)
+FILM = (96, 64)
+PREVIEW = ((48, 32), 12, Disposition(0))
+COVER = ((256, 256), 1, Disposition.attached_pic)
 
 
 def write_streams(path, make, streams, start=0) -> Path:
@@ -22,8 +24,7 @@ def write_streams(path, make, streams, start=0) -> Path:
         for size, count, disposition in streams:
             stream = container.add_stream("mjpeg" if count == 1 else "libx264", rate=25)
             stream.width, stream.height = size
-            stream.pix_fmt = "yuvj420p" if count == 1 else "yuv420p"
-            stream.disposition = disposition
+            stream.pix_fmt, stream.disposition = "yuvj420p" if count == 1 else "yuv420p", disposition
             if size == FILM:
                 stream.metadata["timecode"] = "01:00:00:00"
             made.append((stream, count))
@@ -48,13 +49,7 @@ def write_streams(path, make, streams, start=0) -> Path:
 @pytest.mark.parametrize("extension", ["mp4", "mkv", "mov"])
 @pytest.mark.parametrize(
     ("others", "film_first"),
-    [
-        ([(PREVIEW, 12, Disposition(0))], True),
-        ([(PREVIEW, 12, Disposition(0))], False),
-        ([((256, 256), 1, Disposition.attached_pic)], True),
-        ([((256, 256), 1, Disposition.attached_pic)], False),
-        ([((256, 256), 1, Disposition.attached_pic), (PREVIEW, 12, Disposition(0))], False),
-    ],
+    [([PREVIEW], True), ([PREVIEW], False), ([COVER], True), ([COVER], False), ([COVER, PREVIEW], False)],
 )
 def test_footage_is_neither_cover_art_nor_a_preview(tmp_path, make, extension, others, film_first) -> None:
     film = [(FILM, 12, Disposition(0))]
@@ -71,8 +66,7 @@ def test_a_later_stream_marked_as_default_is_the_footage(tmp_path: Path, make: S
 
 
 def test_sound_and_timecode_refer_to_the_footage(tmp_path: Path, make: SimpleNamespace) -> None:
-    streams = [((256, 256), 1, Disposition.attached_pic), (PREVIEW, 12, Disposition(0)), (FILM, 12, Disposition(0))]
-    path = write_streams(tmp_path / "a.mkv", make, streams, start=5)
+    path = write_streams(tmp_path / "a.mkv", make, [COVER, PREVIEW, (FILM, 12, Disposition(0))], start=5)
     assert read_timecode(path).frames == 25 * 3600
     first, _ = next(SoundFile(path).blocks())
     assert first == pytest.approx(-48000 * 5 / 25, abs=100)  # the film begins five frames after the sound

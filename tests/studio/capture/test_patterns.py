@@ -91,12 +91,10 @@ def test_numbered_folders_are_frames_if_the_camera_file_says_so(tmp_path: Path) 
 
 def test_masks_of_other_layouts_are_detected(tmp_path: Path) -> None:
     touch(tmp_path, "a/masks/Cam001/Cam001_mask000003.png", "b/mask/0/img_0001.png", "c/mask/001.mp4")
-    expected = {
-        "a": ("masks/{camera}/{camera}_mask{frame}.png", "Cam001", 3),
-        "b": ("mask/{frame}/img_{camera}.png", "0001", 0),
-        "c": ("mask/{camera}.mp4", "001", None),
-    }
-    for folder, (pattern, camera, frame) in expected.items():
-        found = detect_beside(tmp_path / folder, MASK_FOLDERS, [camera])
-        assert found[0] == pattern
-        assert (found[1][0].camera, found[1][0].frame) == (camera, frame)
+    for folder, pattern, camera, frame in (
+        ("a", "masks/{camera}/{camera}_mask{frame}.png", "Cam001", 3),
+        ("b", "mask/{frame}/img_{camera}.png", "0001", 0),
+        ("c", "mask/{camera}.mp4", "001", None),
+    ):
+        found, (match,) = detect_beside(tmp_path / folder, MASK_FOLDERS, [camera])
+        assert (found, match.camera, match.frame) == (pattern, camera, frame)

@@ -11,6 +11,8 @@ from studio.capture.video import VideoReader
 from studio.errors import StudioError
 from tests.support.errors import refuses
 
+NOISE = np.random.default_rng(0).integers(0, 255, (40, 64, 96, 3), dtype=np.uint8)
+
 
 @pytest.mark.parametrize(
     ("name", "codec", "options"),
@@ -33,13 +35,10 @@ def test_frames_are_exact_in_any_order(tmp_path, make, name, codec, options) -> 
 @pytest.mark.parametrize(
     ("matrix", "tag", "red", "blue"),
     [
-        ("bt601", None, 0.299, 0.114),
-        ("bt709", None, 0.2126, 0.0722),
-        ("auto", None, 0.299, 0.114),
-        ("auto", 1, 0.2126, 0.0722),
-        ("auto", 5, 0.299, 0.114),
+        ("bt601", None, 0.299, 0.114), ("bt709", None, 0.2126, 0.0722),
+        ("auto", None, 0.299, 0.114), ("auto", 1, 0.2126, 0.0722), ("auto", 5, 0.299, 0.114),
     ],
-)
+)  # fmt: skip
 def test_colors_follow_the_color_matrix(tmp_path: Path, matrix: str, tag: int | None, red: float, blue: float) -> None:
     # One flat YUV color, lossless; expected RGB from the definition of limited-range YCbCr.
     y, u, v = 120, 90, 160
@@ -54,8 +53,7 @@ def test_colors_follow_the_color_matrix(tmp_path: Path, matrix: str, tag: int | 
         container.mux(stream.encode(av.VideoFrame.from_ndarray(frame, format="yuv420p")))
         container.mux(stream.encode())
     luma, cb, cr = (y - 16) / 219, (u - 128) / 224, (v - 128) / 224
-    r = luma + 2 * (1 - red) * cr
-    b = luma + 2 * (1 - blue) * cb
+    r, b = luma + 2 * (1 - red) * cr, luma + 2 * (1 - blue) * cb
     g = (luma - red * r - blue * b) / (1 - red - blue)
     found = VideoReader(path, matrix).read(0)[20:40, 20:40].reshape(-1, 3).mean(0)
     np.testing.assert_allclose(found, 255 * np.array([r, g, b]), atol=1.2)
@@ -75,33 +73,22 @@ def test_rotation_tag_is_applied(tmp_path: Path, make: SimpleNamespace) -> None:
 
 
 def test_damaged_videos_are_refused(tmp_path: Path, make: SimpleNamespace) -> None:
-    frames = np.random.default_rng(0).integers(0, 255, (40, 64, 96, 3), dtype=np.uint8)
-    good = make.video(tmp_path / "good.mp4", frames, options={"crf": "20"})
-    data = good.read_bytes()
-    moov_last = tmp_path / "cut.mp4"
-    moov_last.write_bytes(data[: len(data) // 2])
-    with refuses("footage.video_unreadable", file=moov_last):
-        VideoReader(moov_last)
-    text = tmp_path / "text.mp4"
-    text.write_text("not a video")
-    with refuses("footage.video_unreadable", file=text):
-        VideoReader(text)
-    unknown = tmp_path / "unknown.mp4"
+    path = make.video(tmp_path / "a.mp4", NOISE, options={"crf": "20"})
+    with refuses("footage.no_such_frame", file=path, value=40, frame=40):
+        VideoReader(path).read(40)
+    data = path.read_bytes()
     assert b"avc1" in data
-    unknown.write_bytes(data.replace(b"avc1", b"zzzz"))
-    with refuses("footage.video_unreadable", file=unknown) as caught:
-        VideoReader(unknown)
-    assert "codec" in str(caught.value)
-    with refuses("footage.video_missing", file=tmp_path / "none.mp4"):
-        VideoReader(tmp_path / "none.mp4")
-    fast = make.video(tmp_path / "f.mp4", frames, options={"crf": "20", "movflags": "faststart"})
-    with refuses("footage.no_such_frame", file=fast, value=40, frame=40):
-        VideoReader(fast).read(40)
+    for damaged in (data[: len(data) // 2], b"not a video", data.replace(b"avc1", b"zzzz")):  # the index is last
+        path.write_bytes(damaged)
+        with refuses("footage.video_unreadable", file=path):
+            VideoReader(path)
+    path.unlink()
+    with refuses("footage.video_missing", file=path):
+        VideoReader(path)
 
 
 def test_a_video_truncated_after_its_index_reports_where_it_ends(tmp_path: Path, make: SimpleNamespace) -> None:
-    frames = np.random.default_rng(0).integers(0, 255, (40, 64, 96, 3), dtype=np.uint8)
-    path = make.video(tmp_path / "fast.mp4", frames, options={}, container_options={"movflags": "faststart"})
+    path = make.video(tmp_path / "fast.mp4", NOISE, options={}, container_options={"movflags": "faststart"})
     data = path.read_bytes()
     path.write_bytes(data[: len(data) * 2 // 3])
     reader = VideoReader(path)

@@ -49,6 +49,7 @@ def exr(values: np.ndarray) -> Write:
 
 GRAYS = [value for index in range(256) for value in (index, index, index)]
 ONE = INSIDE.astype(np.uint8)
+WITHIN = cv2.erode(ONE, np.ones((3, 3), np.uint8))
 RED = np.where(INSIDE[..., None], (128, 0, 0), 0).astype(np.uint8)
 
 ENCODINGS: dict[str, tuple[str, Write]] = {
@@ -77,10 +78,7 @@ ENCODINGS: dict[str, tuple[str, Write]] = {
     "instance 30": (".png", pillow(ONE * 30)),
     "two people": (".png", pillow(LABELS)),
     "two people of 127 and 255": (".png", pillow(np.array([0, 127, 255], np.uint8)[LABELS])),
-    "a person and its outline as 255, as in VOC": (
-        ".png",
-        pillow(np.where(cv2.erode(ONE, np.ones((3, 3), np.uint8)) > 0, 1, ONE * 255).astype(np.uint8)),
-    ),
+    "a person and its outline as 255, as in VOC": (".png", pillow(np.where(WITHIN > 0, 1, ONE * 255).astype(np.uint8))),
     "palette, dark red": (".png", palette(ONE, [0, 0, 0, 128, 0, 0])),
     "palette, two colors": (".png", palette(LABELS, [0, 0, 0, 128, 0, 0, 0, 128, 0])),
     "palette, white": (".png", palette(ONE, [0, 0, 0, 255, 255, 255])),

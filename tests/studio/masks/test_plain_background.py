@@ -1,11 +1,11 @@
 """Performers cut out on a plain color."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
-from PIL import Image
 
 from studio.capture import CaptureSettings, open_footage
 from studio.capture.checks import check_footage
@@ -44,10 +44,9 @@ def test_masks_of_performers_on_a_plain_color(color: int, quality: int | None) -
     assert mask[SIZE // 2, SIZE // 2] == 0
 
 
-def test_auto_detects_it_and_cleans_the_outline(tmp_path: Path) -> None:
+def test_auto_detects_it_and_cleans_the_outline(tmp_path: Path, make: SimpleNamespace) -> None:
     for camera in ("a", "b"):
-        (tmp_path / "images" / camera).mkdir(parents=True)
-        Image.fromarray(before(255)).save(tmp_path / "images" / camera / "000000.png")
+        make.image(tmp_path / "images" / camera / "000000.png", before(255))
     footage = open_footage(CaptureSettings(root=tmp_path))
     assert "plain background" in footage.description
     image, mask = footage.image("a", 0).astype(float), footage.mask("a", 0)
@@ -59,11 +58,10 @@ def test_auto_detects_it_and_cleans_the_outline(tmp_path: Path) -> None:
     assert not check_footage(footage)
 
 
-def test_another_background_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "images").mkdir()
+def test_another_background_is_refused(tmp_path: Path, make: SimpleNamespace) -> None:
     noise = np.random.default_rng(0).integers(0, 255, (SIZE, SIZE, 3)).astype(np.uint8)
-    Image.fromarray(noise).save(tmp_path / "images" / "a.png")
-    Image.fromarray(before(0)).save(tmp_path / "images" / "b.png")
+    make.image(tmp_path / "images" / "a.png", noise)
+    make.image(tmp_path / "images" / "b.png", before(0))
     footage = open_footage(CaptureSettings(root=tmp_path))
     assert "Masks: not found" in footage.description
     with refuses("mask.no_source", setting="capture.masks"):
@@ -74,24 +72,18 @@ def test_another_background_is_refused(tmp_path: Path) -> None:
         footage.mask("a", 0)
 
 
-def test_performers_cut_off_by_the_edge(tmp_path: Path) -> None:
+def test_performers_cut_off_by_the_edge(tmp_path: Path, make: SimpleNamespace) -> None:
     """Camera b cuts off two sides, c hides nearly the whole border, d does not see the performer yet."""
-    (tmp_path / "images").mkdir()
     whole, half = before(255), SIZE // 2
-    for camera, image in (
-        ("a", whole),
-        ("b", whole[: half + 5, : half + 5]),
-        ("c", whole[half - 30 : half + 30, 40:100]),
-        ("d", np.full_like(whole, 255)),
-        ("e", whole[:, ::-1]),
-        ("f", whole[::-1]),
-    ):
-        Image.fromarray(image).save(tmp_path / "images" / f"{camera}.png")
+    corner, middle = np.s_[: half + 5, : half + 5], np.s_[half - 30 : half + 30, 40:100]
+    images = whole, whole[corner], whole[middle], np.full_like(whole, 255), whole[:, ::-1], whole[::-1]
+    for camera, image in zip("abcdef", images, strict=True):
+        make.image(tmp_path / "images" / f"{camera}.png", image)
     truth = performer()[1]
     for masks in ("plain", "auto"):
         footage = open_footage(CaptureSettings(root=tmp_path, masks=masks))
         assert "plain background" in footage.description
         assert ("chosen automatically" in footage.description) == (masks == "auto")
-        assert np.abs(footage.mask("b", 0) / 255 - truth[: half + 5, : half + 5]).mean() < 0.01
-        assert np.abs(footage.mask("c", 0) / 255 - truth[half - 30 : half + 30, 40:100]).mean() < 0.01
+        for camera, seen in (("b", corner), ("c", middle)):
+            assert np.abs(footage.mask(camera, 0) / 255 - truth[seen]).mean() < 0.01
         assert not footage.mask("d", 0).any()

@@ -53,9 +53,9 @@ def even(image: np.ndarray) -> np.ndarray:
     return image[..., 0] % 2 == 0
 
 
-def opened(capture: Path, rig: Rig | None, **settings: object) -> Footage:
+def opened(capture: Path, rig: Rig | None, cache: Path | None = None, **settings: object) -> Footage:
     spec = CaptureSettings(root=capture, images="images/{camera}/{frame}.png").replace(**settings)
-    return open_footage(spec, rig, threads=1)
+    return open_footage(spec, rig, cache_folder=cache, threads=1)
 
 
 def found(footage: Footage, camera: Camera, frame: int) -> float:
@@ -64,8 +64,7 @@ def found(footage: Footage, camera: Camera, frame: int) -> float:
 
 def test_cameras_agree_on_better_masks_than_each_of_them_has(capture: Path, rig: Rig, tmp_path: Path) -> None:
     """And the masks are kept for other processes."""
-    spec = CaptureSettings(root=capture, images="images/{camera}/{frame}.png")
-    agreed = open_footage(spec, rig, cache_folder=tmp_path, threads=1)
+    agreed = opened(capture, rig, tmp_path)
     alone = opened(capture, rig, masks="median_background")
     assert "agreed by 8 cameras" in agreed.description
     assert "better masks with a model" in agreed.description
@@ -74,14 +73,12 @@ def test_cameras_agree_on_better_masks_than_each_of_them_has(capture: Path, rig:
     assert np.mean(list(together.values())) > max(0.85, np.mean(list(apart.values())))
     assert together[BLIND] > apart[BLIND]
     files = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("mask_*.png")}
-    again = open_footage(spec, rig, cache_folder=tmp_path, threads=1)
+    again = opened(capture, rig, tmp_path)
     assert np.array_equal(again.mask("cam2", 7), agreed.mask("cam2", 7))
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("mask_*.png")} == files != {}
 
 
-def test_a_model_sees_squares_around_people_and_counts(
-    capture: Path, rig: Rig, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_model_sees_squares_around_people_and_counts(capture, rig, monkeypatch) -> None:
     sides = []
 
     def nobody(self: MattingModel, image: np.ndarray, *_: object) -> np.ndarray:
@@ -100,9 +97,7 @@ def test_a_model_sees_squares_around_people_and_counts(
     assert all(height == width < SIZE[0] for height, width in sides)
 
 
-def test_what_a_model_sees_in_most_cameras_is_kept_where_the_estimated_set_shows_it(
-    capture: Path, rig: Rig, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_a_model_sees_in_most_cameras_is_kept_where_the_estimated_set_shows_it(capture, rig, monkeypatch) -> None:
     def without_head(image: np.ndarray, *_: object) -> np.ndarray:
         shown = even(image)
         rows = np.flatnonzero(shown.any(1))
