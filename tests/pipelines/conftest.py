@@ -1,5 +1,3 @@
-"""Runs of the pipeline on the tiny capture."""
-
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path

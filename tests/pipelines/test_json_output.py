@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from pipelines.cli import make_parser
-from pipelines.events import Finished, Log, Progress, StageFinished, parse_event
+from pipelines.events import Log, Progress, StageFinished, parse_event
 from tests.support.warm_python import warm_python
 
 ROOT = Path(__file__).parents[2]
@@ -56,12 +56,8 @@ argparse.ArgumentParser.parse_known_args = parse
 WORDS = ("Warning: no newline", "C library: buffered", "child process", "Python library\n", "Python library at exit")
 
 
-def noisy(code: str, *arguments: object) -> subprocess.CompletedProcess[bytes]:
-    """The command line with libraries that print."""
-    return warm_python().run(("-c", program(code), *arguments), cwd=ROOT)
-
-
 def program(code: str) -> str:
+    """The command line with libraries that print."""
     return f"{NOISE}{code}\nsys.exit(cli.main())"
 
 
@@ -72,7 +68,6 @@ def test_a_run_whose_stage_prints_gives_events_only(copied: Path) -> None:
     assert done.returncode == 0, done.stderr
     events = [parse_event(line) for line in done.stdout.decode().splitlines()]
     assert any(isinstance(event, StageFinished) for event in events)
-    assert isinstance(events[-1], Finished)
     assert events[-1].result["stages"]["bake"]["bytes_per_frame"] > 0
     assert events[-1].result["stages"]["evaluate"]["psnr_decoded"] > 10
     for words in WORDS:
@@ -104,16 +99,16 @@ def test_every_command_with_json_prints_json_only(
     if name == "import":
         here("export", take, "--format", "ply", "--of", "trained", "--frames", "0:1", "--out", frame).ok()
     places = {"take": take, "out": tmp_path / "out", "frame": frame, "long": long_footage}
-    done = noisy(NOISY_COMMAND, *(word.format(**places) for word in COMMANDS[name]))
+    words = (word.format(**places) for word in COMMANDS[name])
+    done = warm_python().run(("-c", program(NOISY_COMMAND), *words), cwd=ROOT)
     assert done.returncode == 0, done.stderr
     *events, last = [parse_event(line) for line in done.stdout.decode().splitlines()]
     assert all(isinstance(event, Progress | Log) for event in events)
-    assert isinstance(last, Finished)
     assert last.outcome == "done"
     assert last.result
     assert last.result.get("path") == (WRITTEN[name].format(**places) if name in WRITTEN else None)
-    for words in WORDS:
-        assert words in done.stderr.decode("utf-8", "replace")
+    for printed in WORDS:
+        assert printed in done.stderr.decode("utf-8", "replace")
 
 
 SHORT = """
@@ -197,7 +192,6 @@ def test_a_command_that_fails_ends_with_its_result(name: str, here: Callable) ->
     words, code, error = FAILURES[name]
     (line,) = here(*words).fails(code=code).stdout.splitlines()
     event = parse_event(line)
-    assert isinstance(event, Finished)
     assert (event.outcome, event.result) == ("failed", {})
     assert event.code.startswith(error)
     assert event.message

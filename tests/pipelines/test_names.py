@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import pytest
 
-from pipelines.events import Finished, RunStarted, parse_event
+from pipelines.events import parse_event
 from studio.yaml_text import dump_yaml, parse_yaml
 from tests.support.tiny_capture import ROOT, Done
 from tests.support.warm_python import warm_python
@@ -53,9 +53,7 @@ def place(finished: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     # relative, from the project's folder, as people type it
     done = in_c("run", "réglages 影.yaml", "--take", TAKE, "--json", cwd=folder).ok()
     events = [parse_event(line) for line in done.stdout.splitlines()]
-    assert isinstance(events[0], RunStarted)
     assert events[0].take == str(folder / TAKE)
-    assert isinstance(events[-1], Finished)
     assert events[-1].outcome == "done"
     return folder
 

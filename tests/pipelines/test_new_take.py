@@ -1,5 +1,3 @@
-"""A new take: what is found in the footage, and what is chosen of it."""
-
 import json
 import shutil
 from pathlib import Path

@@ -1,5 +1,3 @@
-"""Outputs that exist are replaced only when asked, and only those of the same kind."""
-
 import signal
 import subprocess
 import sys

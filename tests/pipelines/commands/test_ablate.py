@@ -1,5 +1,3 @@
-"""The ablation: Bjontegaard figures of curves with a known distance, and a run on a tiny capture."""
-
 import filecmp
 import json
 import math

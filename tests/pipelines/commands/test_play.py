@@ -1,5 +1,3 @@
-"""`v3studio play --render`: images of the size that a stream says, within bounds."""
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,5 +1,3 @@
-"""`v3studio publish` and `v3studio export --format v3`."""
-
 import re
 
 import pytest

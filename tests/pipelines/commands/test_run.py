@@ -1,5 +1,3 @@
-"""What a run begins from: footage, settings or a take; and what comes before a run."""
-
 from collections.abc import Callable
 from pathlib import Path
 
@@ -28,8 +26,7 @@ def test_a_preset_comes_between_the_file_and_the_command_line(here: Callable, pr
     options = ("--preset", "preview", "--train.max_splats", "7")
     here("calibrate", project / "ball.yaml", "--take", project / "t", *options).ok()
     config = load_config(project / "t" / "config.yaml")
-    assert config.train.keyframe_iterations == 800
-    assert config.train.max_splats == 7
+    assert (config.train.keyframe_iterations, config.train.max_splats) == (800, 7)
     assert config.train.group_size == 3, "from the file: no preset sets it"
 
 

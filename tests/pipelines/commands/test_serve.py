@@ -11,7 +11,6 @@ import time
 import urllib.parse
 import urllib.request
 from pathlib import Path
-from typing import Any
 from urllib.parse import quote
 
 import pytest
@@ -26,13 +25,13 @@ from tests.support.errors import refuses
 from tests.support.streams import bake_numbered, best_of, edit_manifest, group_files
 from tests.support.web_servers import PLAYER, ask, running
 
-LENGTHS = (5,) * 8
+BROWSER = "text/html,application/xhtml+xml,*/*;q=0.8"
 
 
-def bake(folder: Path, **options: Any) -> Path:
+def bake(folder: Path) -> Path:
     """40 frames at 20 fps in groups of 5."""
-    settings = BakeSettings(profile="planes", quality=0, preset="ultrafast", **options)
-    return bake_numbered(folder, LENGTHS, 20.0, 30, settings)
+    settings = BakeSettings(profile="planes", quality=0, preset="ultrafast")
+    return bake_numbered(folder, (5,) * 8, 20.0, 30, settings)
 
 
 @pytest.fixture(scope="module")
@@ -208,9 +207,6 @@ def test_a_title_for_one_stream(stream, tmp_path, here):
     for name in "ab":
         shutil.copytree(stream, tmp_path / "several" / name, symlinks=True)
     here("serve", tmp_path / "several", "--title", "Walk", "--port", "0").fails("--title", code=2)
-
-
-BROWSER = "text/html,application/xhtml+xml,*/*;q=0.8"
 
 
 def test_browsers_get_the_player_and_others_the_list(stream, tmp_path):

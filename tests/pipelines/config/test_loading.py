@@ -122,12 +122,6 @@ def test_a_mistake_in_an_override_is_not_blamed_on_the_file(tmp_path):
         load(tmp_path, "bake: {profile: planes}", "bake.codec=av1")
 
 
-@pytest.mark.parametrize("text", ["5", "9:3", "4:4", "::0", "a:b", "-3:"])
-def test_frames_that_are_no_range(tmp_path: Path, text: str) -> None:
-    with refuses("settings.invalid", setting="capture.frames"):
-        load(tmp_path, f"capture: {{frames: '{text}'}}")
-
-
 def test_missing_file_and_folder(tmp_path):
     with refuses("settings.file_not_found", file=tmp_path / "none.yaml"):
         load_config(tmp_path / "none.yaml")
@@ -161,14 +155,15 @@ def test_override_through_a_plain_value_is_refused(tmp_path):
         load(tmp_path, "train: {max_splats: 3}", "train.max_splats.x=3")
 
 
+FRAMES = [("frames", f"'{text}'") for text in ("5", "9:3", "4:4", "::0", "a:b", "-3:")]
+
+
 @pytest.mark.parametrize(
-    ("setting", "value"),
-    [("capture.root", '"\\0"'), ("capture.root", "~nobody-of-that-name/x"), ("capture.scale", ".nan")],
+    ("name", "value"), [*FRAMES, ("root", '"\\0"'), ("root", "~nobody-of-that-name/x"), ("scale", ".nan")]
 )
-def test_values_that_are_no_paths_or_numbers(tmp_path: Path, setting: str, value: str) -> None:
-    section, name = setting.split(".")
-    with refuses("settings.invalid", file=tmp_path / "run.yaml", setting=setting):
-        load(tmp_path, f"{section}: {{{name}: {value}}}")
+def test_values_that_are_no_ranges_paths_or_numbers(tmp_path: Path, name: str, value: str) -> None:
+    with refuses("settings.invalid", file=tmp_path / "run.yaml", setting=f"capture.{name}"):
+        load(tmp_path, f"capture: {{{name}: {value}}}")
 
 
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])

@@ -1,5 +1,3 @@
-"""Defaults, and presets: valid, complete, and compared with settings."""
-
 import json
 from pathlib import Path
 

@@ -1,5 +1,3 @@
-"""Estimates: what is counted, and a rehearsal on the tiny capture."""
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -24,7 +22,6 @@ WORK = Work(
 
 def train_seconds(work: Work, measured: Measured) -> float:
     (stage,) = (stage for stage in estimate(work, measured, None).stages if stage.stage == "train")
-    assert stage.seconds is not None
     return stage.seconds
 
 

@@ -1,5 +1,3 @@
-"""Following a log that grows, and that a new run replaces."""
-
 from pathlib import Path
 
 from pipelines.events import Log

@@ -1,5 +1,3 @@
-"""Pauses do not count as work: the clock alone, and a run that is actually suspended."""
-
 import pytest
 
 from pipelines.events.work_clock import WorkClock

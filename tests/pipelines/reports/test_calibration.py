@@ -1,5 +1,3 @@
-"""The calibration report and its warnings."""
-
 from html.parser import HTMLParser
 from typing import Any
 
@@ -11,17 +9,14 @@ from pipelines.takes.stage_files import CameraChange, CameraRefinement
 from studio.calibration import reprojection_report
 from studio.calibration.report import CalibrationReport, SharedIntrinsicsReport
 from studio.calibration.verdict import CameraVerdict, RigVerdict
-from studio.cameras import Camera, Rig
+from studio.cameras import Rig
+from tests.support.rigs import camera_at
 
 
 def report_with(error: float, **more: object) -> CalibrationReport:
-    K = np.array([[100.0, 0, 40], [0, 100, 30], [0, 0, 1]])
-    cameras = []
-    for name, x in (("left <1>", -0.5), ("right", 0.5)):
-        pose = np.eye(4)
-        pose[0, 3] = -x
-        cameras.append(Camera(name, 80, 60, K, pose))
-    rig = Rig(tuple(cameras))
+    ahead: dict[str, Any] = {"focal": 100.0, "size": (80, 60), "up": (0, -1, 0)}
+    places = {"left <1>": -0.5, "right": 0.5}
+    rig = Rig(tuple(camera_at(name, (x, 0, 0), (x, 0, 1), **ahead) for name, x in places.items()))
     points = np.random.default_rng(0).uniform([-0.5, -0.5, 2], [0.5, 0.5, 3], (40, 3))
     seen = {}
     for camera in rig:
@@ -48,7 +43,7 @@ class Page(HTMLParser):
         self.text = " ".join(" ".join(self.words).split())
 
     def handle_starttag(self, tag, attrs):
-        if tag not in ("meta",):
+        if tag != "meta":
             self.open.append(tag)
 
     def handle_endtag(self, tag):
@@ -62,8 +57,7 @@ def test_warnings():
     last = calibration_warnings(report_with(0.3))[-1]
     assert (last.code, last.fields["camera"]) == ("calibration.unregistered", "lost")
     high = calibration_warnings(report_with(1.5))[0]
-    assert high.code == "calibration.reprojection_error"
-    assert high.value == 1.5
+    assert (high.code, high.value) == ("calibration.reprojection_error", 1.5)
     said = calibration_warnings(with_camera(report_with(0.3), "right", mean=1.4, coverage=0.2))
     assert [message.code for message in said[:2]] == ["calibration.poor_cameras", "calibration.low_coverage"]
     assert said[0].fields["cameras"] == said[1].fields["cameras"] == ["right"]

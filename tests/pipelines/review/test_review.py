@@ -151,8 +151,6 @@ def test_marks_are_written_to_the_take_as_plain_text(port: int, take: Take) -> N
 
 VIEW = {"eye": [0.0, -3.5, 1.0], "target": [0.0, 0.0, 1.0], "fov": 40.0, "camera": "cam4", "wipe": 0.25, "whole": True}
 VIEW |= {"place": [0.1, 0.0, 1.3]}
-
-
 NO_EYES = ({"eye": VIEW["target"]}, {"eye": [0, 1]}, {"eye": None}, {"place": [0, 1]})
 
 

@@ -1,5 +1,3 @@
-"""Runs that continue without their terminal: started with --detach, shown by status, cancelled from anywhere."""
-
 import pytest
 
 from pipelines.events import Finished

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from pipelines.config import load_config
-from pipelines.events import Event, Finished, Log, Metrics, Preview, Progress, RunStarted, StageFinished, StageStarted
+from pipelines.events import Event, Finished, Log, Metrics, Preview, Progress, StageFinished, StageStarted
 from pipelines.events.cancellation import Cancellation
 from pipelines.runs.runner import run, status
 from pipelines.stages import STAGE_NAMES, stage_named
@@ -86,8 +86,7 @@ def test_evaluation_says_what_was_measured_and_how(project):
     summary, protocol = evaluation["summary"], evaluation["protocol"]
     assert {"psnr_trained", "psnr_decoded", "ssim_trained", "ssim_decoded", "bytes_per_frame"} <= set(summary)
     assert protocol["held_out"] is True
-    assert protocol["cameras"] == ["cam4"]
-    assert protocol["resolution"] == {"cam4": [64, 48]}
+    assert (protocol["cameras"], protocol["resolution"]) == (["cam4"], {"cam4": [64, 48]})
     on_disk = sum(path.stat().st_size for path in project.take.stream.rglob("*") if path.is_file())
     assert protocol["total_bytes"] == on_disk
     assert summary["bytes_per_frame"] == pytest.approx(on_disk / 5, abs=0.1)
@@ -124,7 +123,7 @@ def test_marks_come_into_the_report_without_measuring_again(project):
     project.take.marks.write_text('{"marks": [{"frame": 3, "note": "<hand> is blurred"}, {"frame": 1, "note": ""}]}')
     assert ran(project.run()) == []
     text = project.take.report.read_text()
-    table = text[text.index("<h2>Marks</h2>") :].split("</table>")[0]
+    table = text.split("<h2>Marks</h2>")[1].split("</table>")[0]
     assert "&lt;hand&gt; is blurred" in table
     assert table.index("(no note)") < table.index("blurred"), "in the order of the frames"
     row = rows[3]
@@ -150,9 +149,7 @@ def test_running_again_does_nothing(project):
     times = project.written("train")
     events = project.run()
     assert ran(events) == []
-    assert isinstance(events[0], RunStarted)
-    assert events[0].stages == ()
-    assert events[0].done == STAGE_NAMES
+    assert (events[0].stages, events[0].done) == ((), STAGE_NAMES)
     assert project.bytes_of("train", "stream", "initialize", "calibrate") == before
     assert project.written("train") == times
     assert set(project.states().values()) == {"done"}
@@ -269,8 +266,7 @@ def test_another_seed_trains_again_with_progress_and_previews(project):
 def test_without_held_out_cameras_the_evaluation_says_so(project):
     events = project.run("capture.held_out=[]", *FEW)
     protocol = json.loads(project.take.evaluation.read_text())["protocol"]
-    assert protocol["held_out"] is False
-    assert len(protocol["cameras"]) == 6
+    assert (protocol["held_out"], len(protocol["cameras"])) == (False, 6)
     assert warnings_in(events, "evaluation.no_held_out")
     assert "these are the training cameras" in project.take.report.read_text()
 
@@ -340,7 +336,6 @@ def test_cancelled_from_another_thread(project):
 
     with pytest.raises(Cancelled):
         run(project.take, config, emit, cancellation=flag)
-    assert isinstance(events[-1], Finished)
     assert events[-1].outcome == "cancelled"
     assert frames_in(events) == [1]
     assert not any(isinstance(event, StageFinished) and event.stage == "train" for event in events)

@@ -1,5 +1,3 @@
-"""What a stage waits for."""
-
 from pathlib import Path
 
 import pytest

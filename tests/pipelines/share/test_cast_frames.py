@@ -9,10 +9,10 @@ import torch
 
 from pipelines.share.cast_frames import CastFrames
 from studio.formats import ply
-from studio.gaussians import Gaussians
 from tests.support.errors import refuses
 from tests.support.glb import red_post
 from tests.support.sounds import click_times, clicks
+from tests.support.splats import round_splats
 from tests.support.streams import bake_numbered, edit_manifest
 
 
@@ -21,9 +21,7 @@ def place(tmp_path: Path) -> Path:
     """A stream with the splat 0 of frame i at x = i, z up, and one static splat at (1, 2, 3)."""
     bake_numbered(tmp_path / "walk", [4], 25.0, splats=40)
     edit_manifest(tmp_path / "walk", lambda values: values.update(metadata={"up": [0, 0, 1]}))
-    unit = torch.tensor([[1.0, 0, 0, 0]])
-    at, size = torch.tensor([[1.0, 2, 3]]), torch.full((1, 3), -3.0)
-    ply.write(tmp_path / "dot.ply", Gaussians(at, unit, size, torch.zeros(1), torch.zeros(1, 4, 3)))
+    ply.write(tmp_path / "dot.ply", round_splats(torch.tensor([[1.0, 2, 3]])).with_sh_degree(1))
     return tmp_path
 
 
@@ -62,7 +60,6 @@ def test_the_sound_of_each_stream_begins_with_it_and_loops(place: Path) -> None:
     bake_numbered(place / "talk", [5], 25.0, sound=clicks(0.2, [0.12]))
     cast = opened(place, {"stream": "talk"}, {"stream": "walk"}, {"stream": "talk", "start": 0.31})
     sound = cast.sound()
-    assert sound is not None
     assert sound.samples == round(cast.frame_count / cast.fps * sound.sample_rate)
     wanted = [0.12, 0.32, 0.43, 0.52]  # at 0.12 + 0.2 n, and at 0.31 + 0.12
     for one in (sound, sound.copy()):

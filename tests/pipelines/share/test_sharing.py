@@ -20,13 +20,13 @@ from pipelines.share import sharing
 from pipelines.share.page import PageText, first_files, read_intro, read_view
 from pipelines.share.sharing import share, share_size
 from pipelines.takes.take import TAKE_FORMAT
-from studio.cameras import Camera
 from studio.errors import Cancelled
 from studio.formats.camera_path import Key, write_path_keys
-from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize
 from studio.stream import BakeSettings, Rung, StreamReader, bake_group, write_manifest
 from tests.support.errors import refuses
+from tests.support.rigs import camera_at
+from tests.support.splats import noise, round_splats
 from tests.support.streams import bake_numbered, contents
 
 TEXT = PageText('A <walk> & "more"', "Jane Doe's studio", "CC BY 4.0 </script>", "https://example.org/walk")
@@ -34,37 +34,21 @@ TEXT = PageText('A <walk> & "more"', "Jane Doe's studio", "CC BY 4.0 </script>",
 NUKE = "Camera3 {\n inputs 0\n translate {{curve x0 1 2 3 4} 0 30}\n name %s\n}\n"
 
 
-def camera() -> Camera:
-    pose = np.eye(4)
-    pose[2, 3] = 3.0
-    return Camera("front", 90, 60, np.array([[70.0, 0, 45], [0, 70, 30], [0, 0, 1]]), pose)
-
-
-def bake(folder: Path, **metadata: object) -> Path:
-    """6 frames in two groups, of the profile `planes`, whose groups have the most files."""
-    generator = torch.Generator().manual_seed(3)
-    settings = BakeSettings(profile="planes", quality=0, preset="ultrafast")
-    entries = []
-    for group in range(2):
-        frames = [
-            Gaussians(
-                0.4 * torch.randn(60, 3, generator=generator),
-                torch.tensor([[1.0, 0, 0, 0]]).repeat(60, 1),
-                torch.full((60, 3), -2.0),
-                torch.full((60,), 2.0),
-                torch.randn(60, 1, 3, generator=generator),
-            )
-            for _ in range(3)
-        ]
-        entries.append(bake_group(frames, folder, group, 3 * group, settings))
-    write_manifest(folder, entries, 12.0, settings, metadata)
-    return folder
+CAMERA = camera_at("front", (0, -3, 0), focal=70.0, size=(90, 60))
 
 
 @pytest.fixture(scope="module")
 def stream(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    view = {"suggested_camera": camera().to_dict(), "background": [0.0, 0.5, 1.0]}
-    return bake(tmp_path_factory.mktemp("shared") / "walk", **view)
+    """6 frames in two groups, of the profile `planes`, whose groups have the most files."""
+    folder, random = tmp_path_factory.mktemp("shared") / "walk", noise(3)
+    settings = BakeSettings(profile="planes", quality=0, preset="ultrafast")
+    entries = []
+    for group in range(2):
+        frames = [round_splats(0.4 * random(60, 3), -2.0, 0.9) for _ in range(3)]
+        entries.append(bake_group(frames, folder, group, 3 * group, settings))
+    view = {"suggested_camera": CAMERA.to_dict(), "background": [0.0, 0.5, 1.0]}
+    write_manifest(folder, entries, 12.0, settings, view)
+    return folder
 
 
 class Page(HTMLParser):
@@ -113,11 +97,9 @@ def test_a_folder_holds_all_that_its_page_names_and_the_same_stream(stream, tmp_
         TEXT.title, TEXT.credits, TEXT.license,
     )  # fmt: skip
     assert page.texts[0][1].strip() == TEXT.title
-    assert page.preview["og:title"] == TEXT.title
-    assert page.preview["og:url"] == "https://example.org/walk/"
+    assert (page.preview["og:title"], page.preview["og:url"]) == (TEXT.title, "https://example.org/walk/")
     assert page.preview["og:image"] == f"https://example.org/walk/{player['poster']}"
-    assert shared.total_bytes == sum(map(len, files.values()))
-    assert shared.files == len(files)
+    assert (shared.total_bytes, shared.files) == (sum(map(len, files.values())), len(files))
     assert shared.stream_bytes == sum(map(len, contents(stream).values()))
     assert shared.poster_bytes == len(files[str(player["poster"])])
     assert steps[0][0] == 0
@@ -131,8 +113,8 @@ def test_the_poster_is_the_first_frame_from_the_suggested_camera(stream, tmp_pat
     (poster,) = shared.path.glob("poster.*.jpg")
     image = cv2.imread(str(poster))[:, :, ::-1].astype(float)
     with StreamReader.open(stream) as reader:
-        want = rasterize(reader.gaussians(0), camera(), torch.tensor([0.0, 0.5, 1.0])).image.numpy() * 255
-        other = rasterize(reader.gaussians(5), camera(), torch.tensor([0.0, 0.5, 1.0])).image.numpy() * 255
+        want = rasterize(reader.gaussians(0), CAMERA, torch.tensor([0.0, 0.5, 1.0])).image.numpy() * 255
+        other = rasterize(reader.gaussians(5), CAMERA, torch.tensor([0.0, 0.5, 1.0])).image.numpy() * 255
     assert image.shape == want.shape
     assert np.abs(image - want).mean() < 6 < np.abs(image - other).mean()
 
@@ -233,10 +215,10 @@ def test_an_intro_must_be_a_camera_path(stream, tmp_path):
         (tmp_path / "a.json").write_text('{"format": "v3studio-camera-path", "version": 1, "keys": []}')
         read_intro(tmp_path / "a.json", str(stream))
     with refuses("camera_path.times"):
-        write_path_keys([Key(1.0, camera()), Key(1.0, camera())], tmp_path / "b.json")
+        write_path_keys([Key(1.0, CAMERA), Key(1.0, CAMERA)], tmp_path / "b.json")
         read_intro(tmp_path / "b.json", str(stream))
     with refuses("camera_path.too_many_keys", value=1001):
-        write_path_keys([Key(float(i), camera()) for i in range(1001)], tmp_path / "c.json")
+        write_path_keys([Key(float(i), CAMERA) for i in range(1001)], tmp_path / "c.json")
         read_intro(tmp_path / "c.json", str(stream))
     with refuses("camera_path.which_camera"):
         (tmp_path / "d.nk").write_text(NUKE % "a" + NUKE % "b")
@@ -269,7 +251,7 @@ def test_without_the_player_or_a_stream(stream, tmp_path, monkeypatch):
 
 
 def test_the_command_says_what_it_wrote(here, stream, tmp_path):
-    write_path_keys([Key(3.0, camera(), 5.0), Key(4.5, camera(), 0.0)], tmp_path / "path.json")
+    write_path_keys([Key(3.0, CAMERA, 5.0), Key(4.5, CAMERA, 0.0)], tmp_path / "path.json")
     words = ("--title", "One", "--credits", "Two", "--license", "Three", "--description", "Four <walks>")
     options = (*words, "--intro", tmp_path / "path.json", "--view=-30,10")
     done = here("share", stream, "--out", tmp_path / "site", *options).ok()
@@ -278,11 +260,11 @@ def test_the_command_says_what_it_wrote(here, stream, tmp_path):
     page = Page(tmp_path / "site" / "index.html")
     (player,) = page.named("v3-player")
     assert (player["data-title"], player["data-credits"], player["data-license"]) == ("One", "Two", "Three")
-    assert (player["data-description"], player["intro"]) == ("Four <walks>", "#v3-intro")
-    assert player["view"] == "-30,10"
+    described = (player["data-description"], player["intro"], player["view"])
+    assert described == ("Four <walks>", "#v3-intro", "-30,10")
     (intro,) = [json.loads(text) for attributes, text in page.texts if attributes.get("id") == "v3-intro"]
     assert [key["time"] for key in intro["keys"]] == [0.0, 1.5]
-    assert intro["keys"][0]["camera"]["world_to_camera"] == camera().world_to_camera.tolist()
+    assert intro["keys"][0]["camera"]["world_to_camera"] == CAMERA.world_to_camera.tolist()
     done = here("share", stream, "--out", tmp_path / "take.html", "--json")
     assert done.result["form"] == "single-file"
     assert done.result["total_bytes"] == (tmp_path / "take.html").stat().st_size

@@ -13,29 +13,22 @@ SETTINGS = BakeSettings(quality=20, preset="ultrafast")
 
 
 class Rebaked:
-    """The stream of a take that two bakes take turns to replace, as the stage does it; every bake has its own manifest.
-
-    Attributes:
-        stream: its folder.
-        known: SHA-256 of all frames of either bake.
-    """
+    """The stream of a take that two bakes take turns to replace, as the stage does; each bake has its own manifest."""
 
     def __init__(self, folder: Path) -> None:
-        self._round = 0
         self._bakes = [bake_numbered(folder / name, (2, 2), 25, n, SETTINGS) for name, n in (("a", 60), ("b", 90))]
         self.stream = folder / "take" / "stream"
-        self.known = {frames_of(bake) for bake in self._bakes}
+        self.known = {frames_of(bake) for bake in self._bakes}  # of either bake
         assert len(self.known) == 2
         shutil.copytree(self._bakes[0], self.stream)
 
-    def bake(self) -> None:
+    def bake(self, number: int) -> None:
         """Replace the stream by the other bake: first its files, then its manifest."""
-        self._round += 1
-        bake = self._bakes[self._round % 2]
+        bake = self._bakes[number % 2]
         shutil.copytree(bake / "files", self.stream / "files", dirs_exist_ok=True)
         with StreamReader.open(bake) as reader:
             groups = [reader.index.group(number) for number in range(len(reader.index))]
-        write_manifest(self.stream, groups, 25, SETTINGS, {"round": self._round})
+        write_manifest(self.stream, groups, 25, SETTINGS, {"round": number})
 
 
 def frames_of(place: Path | str) -> str:
@@ -64,8 +57,8 @@ def test_readers_get_one_bake_or_a_sentence(tmp_path: Path) -> None:
     for reader in readers:
         reader.start()
     try:
-        for _ in range(30):
-            rebaked.bake()
+        for number in range(1, 31):
+            rebaked.bake(number)
     finally:
         done.set()
         for reader in readers:

@@ -1,5 +1,3 @@
-"""The stage calibrate: known cameras, focal lengths and distances, the number of frames, and tie points."""
-
 import json
 from pathlib import Path
 from typing import Any

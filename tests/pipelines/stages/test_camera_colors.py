@@ -34,17 +34,6 @@ def few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("studio.training.camera_colors.EVERY", 10)
 
 
-@pytest.fixture
-def uneven(copied: Path) -> Path:
-    """The tiny capture with one camera that is much darker than the others, and its take up to the initial points."""
-    for path in (copied / "capture" / "images" / "cam1").iterdir():
-        image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-        image[..., :3] = (image[..., :3] * 0.6).astype(np.uint8)
-        cv2.imwrite(str(path), image)
-    run_take(copied, stages=INITIALIZED)
-    return copied
-
-
 def train(project: Path, *overrides: str) -> list[Event]:
     return run_take(project, *FEW, *overrides, stages=(*INITIALIZED, "train"))
 
@@ -54,9 +43,13 @@ def frames_of(take: Take) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in files}
 
 
-def test_they_are_kept_in_the_take_and_come_back_bit_for_bit(uneven: Path) -> None:
-    take = Take.open(uneven / "take")
-    events = train(uneven, COLORS)
+def test_they_are_kept_in_the_take_and_come_back_bit_for_bit(copied: Path, take: Take) -> None:
+    """One camera is much darker than the others."""
+    for path in (copied / "capture" / "images" / "cam1").iterdir():
+        image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        image[..., :3] = (image[..., :3] * 0.6).astype(np.uint8)
+        cv2.imwrite(str(path), image)
+    events = train(copied, COLORS)
     assert not [event for event in events if isinstance(event, Warned)]
     matrices = {name: np.array(one) for name, one in read_json(take.camera_colors)["cameras"].items()}
     assert set(matrices) == {"cam0", "cam1", "cam2", "cam3", "cam5"}, "no held-out camera"
@@ -70,14 +63,14 @@ def test_they_are_kept_in_the_take_and_come_back_bit_for_bit(uneven: Path) -> No
     take.camera_colors.unlink()
     for path in take.train_group(1).glob("*.safetensors"):
         path.unlink()
-    train(uneven, COLORS)
+    train(copied, COLORS)
     assert frames_of(take) == first
 
     # without them, other frames, and nothing of them is left
-    train(uneven)
+    train(copied)
     assert not take.camera_colors.exists()
     assert (take.trained_frame(0, 0)).read_bytes() != first["frame_000000.safetensors"]
-    assert status(take, settings_in(uneven, *FEW, COLORS))["train"].state == "stale"
+    assert status(take, settings_in(copied, *FEW, COLORS))["train"].state == "stale"
 
 
 def test_a_camera_that_is_not_corrected_is_named(copied: Path) -> None:

@@ -1,5 +1,3 @@
-"""The refined cameras of a take: made once, used by all frames, the same from any worker."""
-
 import json
 from pathlib import Path
 

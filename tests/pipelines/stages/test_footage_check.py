@@ -1,5 +1,3 @@
-"""The check of the footage runs beside training, and its findings come first."""
-
 import threading
 from pathlib import Path
 
@@ -16,7 +14,7 @@ from tests.support.errors import refuses
 
 
 @pytest.fixture
-def folders(tmp_path: Path) -> Path:
+def footage(tmp_path: Path) -> Footage:
     """Two cameras, three frames, each with a mask."""
     mask = np.zeros((48, 64), np.uint8)
     mask[10:30, 10:30] = 255
@@ -25,26 +23,19 @@ def folders(tmp_path: Path) -> Path:
             (tmp_path / kind / camera).mkdir(parents=True)
             for frame in range(3):
                 cv2.imwrite(str(tmp_path / kind / camera / f"{frame:03d}.png"), image)
-    return tmp_path
+    return open_footage(CaptureSettings(root=tmp_path, masks="files"))
 
 
-def footage_of(folder: Path) -> Footage:
-    return open_footage(CaptureSettings(root=folder, masks="files"))
-
-
-def test_a_problem_ends_training_and_is_reported(folders: Path) -> None:
-    (folders / "images" / "right" / "002.png").write_bytes(b"not an image")
-    stop = Cancellation()
-    with (
-        refuses("footage.image_unreadable", count=1),
-        footage_check(footage_of(folders), (0, 1, 2), stop, StageReporter("train")),
-    ):
+def test_a_problem_ends_training_and_is_reported(footage: Footage, tmp_path: Path) -> None:
+    (tmp_path / "images" / "right" / "002.png").write_bytes(b"not an image")
+    stop, reporter = Cancellation(), StageReporter("train")
+    with refuses("footage.image_unreadable", count=1), footage_check(footage, (0, 1, 2), stop, reporter):
         while True:  # training, which only ends when it is told to
             stop.check()
 
 
-def test_cancelling_ends_the_check(folders: Path) -> None:
-    footage, reporter = footage_of(folders), StageReporter("train")
+def test_cancelling_ends_the_check(footage: Footage) -> None:
+    reporter = StageReporter("train")
 
     def train() -> None:
         with footage_check(footage, (0, 1, 2), Cancellation(), reporter):

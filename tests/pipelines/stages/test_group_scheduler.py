@@ -26,17 +26,13 @@ def test_all_threads_are_shared_out() -> None:
     assert group_scheduler.threads_by_group(0, 1, 2) == []
 
 
-def planned(asked: int | None = None, joint: int = 0) -> Any:
+def planned(asked: int | None = None) -> Any:
     """A context of eight groups on a CPU with eight threads: ten cameras of 4 megapixels."""
     cameras = {f"cam{number}": SimpleNamespace(width=2000, height=2000) for number in range(10)}
-    run, train = SimpleNamespace(groups_at_once=asked, device="cpu"), SimpleNamespace(joint_iterations=joint)
-    return SimpleNamespace(
-        config=SimpleNamespace(run=run, train=train),
-        device="cpu",
-        threads=8,
-        groups=[SimpleNamespace(frames=range(3))] * 8,
-        footage=SimpleNamespace(calibrated=SimpleNamespace(rig=cameras, train_cameras=list(cameras))),
-    )
+    run, train = SimpleNamespace(groups_at_once=asked, device="cpu"), SimpleNamespace(joint_iterations=0)
+    config, groups = SimpleNamespace(run=run, train=train), [SimpleNamespace(frames=range(3))] * 8
+    footage = SimpleNamespace(calibrated=SimpleNamespace(rig=cameras, train_cameras=list(cameras)))
+    return SimpleNamespace(config=config, device="cpu", threads=8, groups=groups, footage=footage)
 
 
 def test_both_sides_of_a_keyframe_need_threads_and_memory(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -24,9 +24,8 @@ def test_a_boards_sizes_are_numbers_in_millimeters(here, tmp_path, options, said
     assert not (tmp_path / "b.pdf").exists()
 
 
-@pytest.fixture
-def moving(tmp_path):
-    """Two cameras, 14 frames in which a square moves."""
+def test_sync_refuses_offsets_of_cameras_that_are_not_there(here, tmp_path):
+    """In 14 frames a square moves."""
     for name in ("left", "right"):
         folder = tmp_path / "capture" / "images" / name
         folder.mkdir(parents=True)
@@ -34,11 +33,8 @@ def moving(tmp_path):
             image = np.zeros((48, 64, 3), np.uint8)
             image[10:20, (at := (frame * frame) % 50) : at + 10] = 255
             assert cv2.imwrite(str(folder / f"{frame}.png"), image)
-    (tmp_path / "two.yaml").write_text("capture: {root: capture, rig: null, masks: none}\n")
-    return tmp_path / "two.yaml"
-
-
-def test_sync_refuses_offsets_of_cameras_that_are_not_there(here, moving):
+    moving = tmp_path / "two.yaml"
+    moving.write_text("capture: {root: capture, rig: null, masks: none}\n")
     here("sync", moving, "--capture.offsets", "{lefd: 2}").fails("Did you mean 'left'?")
     moving.write_text("capture: {root: capture, rig: null, masks: none, offsets: {z: 1}}\n")
     here("sync", moving).fails("no camera 'z' in the footage")

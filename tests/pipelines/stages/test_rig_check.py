@@ -1,11 +1,8 @@
-"""Initialize stops if cameras, images and masks contradict each other."""
-
 import json
 from pathlib import Path
 
 import cv2
 import numpy as np
-import pytest
 
 from pipelines.config import load_config
 from pipelines.runs.runner import run
@@ -15,9 +12,8 @@ from tests.support.errors import refuses
 from tests.support.rigs import intrinsics, ring
 
 
-@pytest.fixture
-def wrong_masks(tmp_path: Path) -> Path:
-    """Settings of a capture of ten cameras; each has its performer somewhere else in the image."""
+def test_masks_that_contradict_each_other_stop_it(tmp_path: Path) -> None:
+    """Each of ten cameras has its performer somewhere else in the image."""
     rig = ring(10, heights=[0.5], K=intrinsics(100.0, (64, 48)), size=(64, 48))
     write_rig(rig, tmp_path / "rig.json")
     random = np.random.default_rng(0)
@@ -29,12 +25,8 @@ def wrong_masks(tmp_path: Path) -> Path:
         cv2.imwrite(str(tmp_path / "images" / camera.name / "000.png"), image)
     settings = tmp_path / "capture.yaml"
     settings.write_text("capture: {root: ., rig: rig.json, masks: alpha}\ninitialize: {resolution: 32}\n")
-    return settings
-
-
-def test_masks_that_contradict_each_other_stop_it(wrong_masks: Path, tmp_path: Path) -> None:
     take = Take(tmp_path / "take")
     with refuses("rig.wrong", setting="run.check_rig"):  # the images have too few features to say that it is the masks
-        run(take, load_config(wrong_masks, []), lambda event: None, stages=("calibrate", "initialize"))
+        run(take, load_config(settings), lambda event: None, stages=("calibrate", "initialize"))
     stored = json.loads(take.rig_verdict.read_text())
     assert (stored["grade"], stored["blamed"]) == ("wrong", "cameras or masks")

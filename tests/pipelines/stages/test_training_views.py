@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -64,16 +64,10 @@ def test_clean_plates_are_used_where_the_setting_says_so(use_plates: bool) -> No
     plate = np.full((*shape, 3), 40, np.uint8)
     view = SimpleNamespace(camera=camera, image=plate + 20, mask=mask, plate=plate)
     footage = SimpleNamespace(train_cameras=("cam0",), view=lambda name, frame: view, chroma=lambda name: None)
-    config = Config()
-    config = config.model_copy(update={"train": config.train.model_copy(update={"use_plates": use_plates})})
-    context = SimpleNamespace(
-        config=config,
-        footage=SimpleNamespace(trained=footage, raw=SimpleNamespace(frames=range(1))),
-        edits=EditList(),
-        training_box=None,
-        device="cpu",
-    )
-    (found,) = training_views(cast(Any, context), StageReporter("train"), 0, lambda number, images: None)
+    config = Config.model_validate({"train": {"use_plates": use_plates}})
+    context = SimpleNamespace(config=config, edits=EditList(), training_box=None, device="cpu")
+    context.footage = SimpleNamespace(trained=footage, raw=SimpleNamespace(frames=range(1)))
+    (found,) = training_views(context, StageReporter("train"), 0, lambda number, images: None)
     assert (found.plate is not None) == use_plates
 
 

@@ -1,5 +1,3 @@
-"""Few cameras: a warning, and what the stream says about views that were not filmed."""
-
 import json
 from pathlib import Path
 

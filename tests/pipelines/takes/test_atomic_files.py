@@ -12,11 +12,7 @@ from tests.support.errors import refuses
 def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
     path = tmp_path / "result.json"
     write_json(path, {"a": 1})
-    with (
-        pytest.raises(UnicodeEncodeError),
-        atomic_path(path) as temporary,
-        temporary.open("w", encoding="ascii") as file,
-    ):
+    with pytest.raises(UnicodeEncodeError), atomic_path(path) as half, half.open("w", encoding="ascii") as file:
         file.writelines(["half", "\u00fc"])
     assert path.read_text() == '{\n "a": 1\n}\n'
     assert list(tmp_path.iterdir()) == [path]

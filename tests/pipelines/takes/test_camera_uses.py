@@ -1,10 +1,8 @@
-"""What each camera is used for, from and to the settings."""
-
 from pathlib import Path
 
 import pytest
 
-from pipelines.config import Config, load_config
+from pipelines.config import load_config
 from pipelines.takes.camera_uses import CameraUses
 from studio.capture import CaptureSettings
 from tests.support.errors import refuses
@@ -16,10 +14,7 @@ def test_uses_of_cameras_become_settings(tmp_path: Path) -> None:
     root = tmp_path / "capture"
     spec = CaptureSettings(root=root, held_out=("every 3",), offsets={"cam1": 2, "cam2": 0})
     uses = CameraUses.of(spec)
-    assert uses.uses == {
-        "cam0": "training", "cam1": "training", "cam2": "held out",
-        "cam3": "training", "cam4": "training", "cam5": "held out",
-    }  # fmt: skip
+    assert uses.uses == {f"cam{number}": "held out" if number in (2, 5) else "training" for number in range(6)}
     changed = uses.with_use("cam1", "not used").settings(spec)
     assert changed == {
         "capture.cameras": ["cam0", "cam2", "cam3", "cam4", "cam5"],
@@ -33,4 +28,3 @@ def test_uses_of_cameras_become_settings(tmp_path: Path) -> None:
         CameraUses(dict.fromkeys(uses.uses, "held out")).settings(spec)
     with pytest.raises(ValueError, match="one of training"):
         uses.with_use("cam1", "spare")
-    assert Config().capture.cameras == ()

@@ -1,5 +1,3 @@
-"""Requests to cancel a run."""
-
 import json
 import os
 import socket

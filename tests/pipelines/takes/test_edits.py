@@ -1,5 +1,3 @@
-"""edits.json: changes, undo and redo, and files that are not what they should be."""
-
 from pathlib import Path
 
 import pytest
@@ -16,9 +14,8 @@ def trimmed(last: int) -> EditList:
 def test_changes_are_undone_and_made_again(tmp_path: Path) -> None:
     path = tmp_path / "edits.json"
     assert read_edits(path) == EditList()
-    with refuses("take.nothing_to_undo") as caught:
+    with refuses("take.nothing_to_undo"):
         undo_edit(path)
-    assert "v3studio edit list" in caught.value.fix
     assert not path.exists()
     change_edits(path, trimmed(3), "trim to 3", EditList())
     change_edits(path, trimmed(3), "the same")
@@ -29,9 +26,8 @@ def test_changes_are_undone_and_made_again(tmp_path: Path) -> None:
     redo_edit(path)
     assert read_edits(path) == trimmed(3)
     change_edits(path, trimmed(7), "trim to 7")
-    with refuses("take.nothing_to_redo") as caught:
+    with refuses("take.nothing_to_redo"):
         redo_edit(path)
-    assert "v3studio edit list" in caught.value.fix
     with refuses("take.edits_changed"):
         change_edits(path, trimmed(8), "trim to 8", trimmed(3))
     for last in range(MOST_STEPS + 10):
@@ -52,9 +48,8 @@ def test_changes_are_undone_and_made_again(tmp_path: Path) -> None:
 def test_other_files_are_refused_and_stay(tmp_path: Path, text: str, code: str) -> None:
     path = tmp_path / "edits.json"
     path.write_text(text)
-    with refuses(code) as caught:
+    with refuses(code, file=path):
         change_edits(path, trimmed(3), "trim")
-    assert "edits.json" in str(caught.value)
     assert path.read_text() == text
 
 

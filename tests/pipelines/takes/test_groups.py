@@ -1,5 +1,3 @@
-"""Groups of frames, as long as the performer's motion allows, and the order in which they are trained."""
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -1,5 +1,3 @@
-"""Damage on disk is found, named, and repaired by running again."""
-
 import json
 import os
 from collections.abc import Callable

@@ -1,5 +1,3 @@
-"""marks.json: what other programs and people may have written there."""
-
 from pathlib import Path
 
 import pytest

@@ -1,5 +1,3 @@
-"""Shared folders under different paths on different machines."""
-
 from pathlib import Path
 
 import pytest

@@ -1,5 +1,3 @@
-"""Changing a value in a settings file: comments and order are kept, malicious files are refused."""
-
 from pathlib import Path
 
 import pytest
