@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.ndimage import center_of_mass
 
 from studio.cameras import Camera, Rig
 from studio.capture import CaptureSettings, Footage, find_cameras, open_footage
@@ -75,9 +76,7 @@ def blob(center: np.ndarray, width: int, height: int) -> np.ndarray:
 
 
 def centroid(image: np.ndarray) -> np.ndarray:
-    weights = image.astype(float)
-    x, y = np.meshgrid(np.arange(image.shape[1]) + 0.5, np.arange(image.shape[0]) + 0.5)
-    return np.array([(weights * x).sum(), (weights * y).sum()]) / weights.sum()
+    return np.array(center_of_mass(image.astype(float))[::-1]) + 0.5
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.5])
@@ -87,8 +86,7 @@ def test_undistorted_pixels_are_where_the_pinhole_camera_projects(tmp_path, make
     K = np.array([[300.0, 0, 172.3], [0, 296.0, 113.8], [0, 0, 1]])
     camera = Camera("a", 320, 240, K, np.eye(4), distortion)
     for point in ([0.3, 0.2, 1.0], [-0.35, -0.25, 1.0], [0.0, 0.28, 1.0]):
-        pixel = camera.project(np.array([point]))[0][0]
-        dot = np.rint(255 * blob(pixel, 320, 240)).astype(np.uint8)
+        dot = np.rint(255 * blob(camera.project(np.array([point]))[0][0], 320, 240)).astype(np.uint8)
         make.image(tmp_path / "images" / "a.png", np.repeat(dot[:, :, None], 3, 2))
         make.image(tmp_path / "masks" / "a.png", dot)
         footage = open_footage(CaptureSettings(root=tmp_path, scale=scale), Rig((camera,)))

@@ -32,19 +32,18 @@ def write_cameras(path: Path, *names: str) -> None:
     write_rig(Rig(tuple(Camera(name, WIDTH, HEIGHT, ours, POSE) for name in names)), path)
 
 
-def write_images(make: SimpleNamespace, images: Path, masks: Path | None, *names: str, frames: int = 2) -> None:
+def write_images(make, images: Path, masks: Path | None, *names: str, frames: int = 2, mask: np.ndarray = MASK) -> None:
     """Images, and masks if any, at paths with {c} and {f}."""
     for c in names:
         for f in range(frames):
             make.image(Path(str(images).format(c=c, f=f)), make.numbered(f))
             if masks is not None:
-                make.image(Path(str(masks).format(c=c, f=f)), MASK)
+                make.image(Path(str(masks).format(c=c, f=f)), mask)
 
 
 def hifi4g(root: Path, make: SimpleNamespace) -> None:
     write_cameras(root / "transforms.json", "0", "1", "2")
-    for name in ("0", "1", "2"):
-        make.image(root / "example" / f"{name}.png", make.numbered(int(name)))
+    write_images(make, root / "example/{c}.png", None, "0", "1", "2", frames=1)
 
 
 def opencv_xml(path: Path) -> None:
@@ -82,11 +81,9 @@ def actorshq(root: Path, make: SimpleNamespace) -> None:
 def zju_mocap(root: Path, make: SimpleNamespace) -> None:
     camera = {"K": K, "D": np.zeros((5, 1)), "R": POSE[:3, :3].tolist(), "T": POSE[:3, 3:] * 1000}
     cameras = {key: [value, value] for key, value in camera.items()}
-    for name in ("Camera_B1", "Camera_B2"):
-        for frame in range(2):
-            make.image(root / name / f"{frame:06d}.jpg", make.numbered(frame))
-            make.image(root / "mask_cihp" / name / f"{frame:06d}.png", MASK // 255 * 13)  # labels of body parts
-    frames = [{"ims": [f"{name}/{frame:06d}.jpg" for name in ("Camera_B1", "Camera_B2")]} for frame in range(2)]
+    names, labels = ("Camera_B1", "Camera_B2"), MASK // 255 * 13  # of body parts
+    write_images(make, root / "{c}/{f:06d}.jpg", root / "mask_cihp/{c}/{f:06d}.png", *names, mask=labels)
+    frames = [{"ims": [f"{name}/{frame:06d}.jpg" for name in names]} for frame in range(2)]
     np.save(root / "annots.npy", {"cams": cameras, "ims": np.array(frames, dtype=object).tolist()}, allow_pickle=True)
 
 

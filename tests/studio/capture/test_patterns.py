@@ -52,7 +52,6 @@ def test_pattern_without_camera_or_with_unknown_parts(tmp_path: Path) -> None:
         (["0/images/0.png", "0/images/1.png", "0/transforms.json", "1/images/0.png"], "{frame}/images/{camera}.png"),
         (["0/left.png", "0/right.png", "1/left.png", "1/right.png"], "{frame}/{camera}.png"),
         (["left/0.png", "left/1.png", "right/0.png", "right/1.png"], "{camera}/{frame}.png"),
-        (["left.mp4", "right.mp4", "notes.txt"], "{camera}.mp4"),
         (["images/DSC_0007.jpg", "images/DSC_0008.jpg"], "images/{camera}.jpg"),
         (["images/a_0000.jpg", "images/a_0001.jpg", "images/b_0000.jpg", "images/b_0001.jpg"],
          "images/{camera}_{frame}.jpg"),

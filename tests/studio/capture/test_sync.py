@@ -1,6 +1,7 @@
 """Offsets between cameras, from motion and sound with known offsets."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -23,24 +24,22 @@ def pace(time: np.ndarray) -> np.ndarray:
     return np.interp(time, np.arange(401) / FPS * 1.5, way) % 20 / 20
 
 
-def film(folder: Path, frames: int = 60) -> None:
+def film(folder: Path, make: SimpleNamespace) -> None:
     """A ball seen from different positions, earlier or later by `LATE`, with sensor noise."""
     rng = np.random.default_rng(1)
     for number, (name, late) in enumerate(LATE.items()):
-        (folder / "images" / name).mkdir(parents=True)
         background = rng.integers(60, 120, (90, 120, 3)).astype(np.float32)
-        for frame in range(frames):
+        for frame in range(60):
             at = pace(np.array((frame - late + 10) / FPS))
             image = background.copy()
             place = (int(20 + 80 * (at if number % 2 else 1 - at)), int(30 + 8 * number + 20 * at))
             cv2.circle(image, place, 8 + number, (250.0, 240.0, 200.0), -1)
             image += rng.normal(0, 3, image.shape)
-            file = folder / "images" / name / f"{frame:04d}.png"
-            cv2.imwrite(str(file), np.clip(image, 0, 255).astype(np.uint8))
+            make.image(folder / "images" / name / f"{frame:04d}.png", np.clip(image, 0, 255).astype(np.uint8))
 
 
-def test_offsets_from_motion_and_their_correction(tmp_path: Path) -> None:
-    film(tmp_path)
+def test_offsets_from_motion_and_their_correction(tmp_path: Path, make: SimpleNamespace) -> None:
+    film(tmp_path, make)
     footage = open_footage(CaptureSettings(root=tmp_path, masks="none", fps=FPS))
     report = check_sync(footage)
     assert report.method == "motion"
@@ -72,19 +71,17 @@ def test_offsets_from_sound(tmp_path: Path) -> None:
     (tmp_path / "videos").mkdir()
     for name, offset in (("a", 0.0), ("b", 0.25), ("c", 0.0)):
         clap(tmp_path / "videos" / f"{name}.mp4", 3.0, offset)
-    footage = open_footage(CaptureSettings(root=tmp_path, masks="none"))
-    report = check_sync(footage)
+    report = check_sync(open_footage(CaptureSettings(root=tmp_path, masks="none")))
     assert report.method == "sound"
     assert report.offsets["b"] == pytest.approx(0.25 * FPS, abs=0.3)
     assert report.whole == {"b": 5}
     assert abs(len(sound_signal(tmp_path / "videos" / "a.mp4")) / 500 - 3.0) < 0.15
 
 
-def test_bad_input(tmp_path: Path) -> None:
+def test_bad_input(tmp_path: Path, make: SimpleNamespace) -> None:
     for name in ("a", "b"):
-        (tmp_path / "images" / name).mkdir(parents=True)
         for frame in range(3):
-            cv2.imwrite(str(tmp_path / "images" / name / f"{frame}.png"), np.zeros((20, 20, 3), np.uint8))
+            make.image(tmp_path / "images" / name / f"{frame}.png", np.zeros((20, 20, 3), np.uint8))
     footage = open_footage(CaptureSettings(root=tmp_path, masks="none"))
     with refuses("sync.too_few_frames", value=3, expected=12):
         check_sync(footage)

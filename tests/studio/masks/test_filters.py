@@ -21,11 +21,7 @@ def test_the_guided_filter_is_that_of_its_paper() -> None:
 
     found = guided_filter(guide, values, radius, epsilon)
     for row, column in ((4, 4), (5, 9), (7, 7)):
-        around = [
-            line(y, x)
-            for y in range(row - radius, row + radius + 1)
-            for x in range(column - radius, column + radius + 1)
-        ]
+        around = [line(row - radius + y, column - radius + x) for y, x in np.ndindex(2 * radius + 1, 2 * radius + 1)]
         slope, offset = np.mean(around, axis=0)
         assert found[row, column] == pytest.approx(slope * guide[row, column] + offset, abs=1e-4)
 

@@ -56,7 +56,6 @@ ENCODINGS: dict[str, tuple[str, Write]] = {
     "0 and 255": (".png", pillow(ONE * 255)),
     "0 and 255, capitals": (".PNG", pillow(ONE * 255)),
     "0 and 1": (".png", pillow(ONE)),
-    "0 and 1, capitals": (".PNG", pillow(ONE)),
     "0 and 1, TIFF": (".tif", pillow(ONE)),
     "0 and 1, capitals, TIFF": (".TIFF", pillow(ONE)),
     "0 and 1, BMP": (".bmp", pillow(ONE)),

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import cv2
 import numpy as np
@@ -85,21 +86,15 @@ def test_the_set_is_estimated_although_it_is_covered_most_of_the_time() -> None:
 
 def test_estimated_sets_are_cached_and_damaged_files_replaced(tmp_path: Path) -> None:
     images = [shot(set_of(), disc(SHAPE, 40 + 15 * i, 80, 24), i) for i in range(12)]
-    calls = []
-
-    def make_it():  # type: ignore[no-untyped-def]
-        calls.append(1)
-        return estimate_background(images.__getitem__, range(12))
-
-    first = cached_background(tmp_path, "k", make_it)
-    again = cached_background(tmp_path, "k", make_it)
-    assert len(calls) == 1
+    estimate = Mock(side_effect=lambda: estimate_background(images.__getitem__, range(12)))
+    first, again = (cached_background(tmp_path, "k", estimate) for _ in range(2))
+    assert estimate.call_count == 1
     assert np.array_equal(first.plate, again.plate)
     assert np.array_equal(first.known, again.known)
     (file,) = tmp_path.iterdir()
     file.write_bytes(file.read_bytes()[:1000])
-    cached_background(tmp_path, "k", make_it)
-    assert len(calls) == 2
+    cached_background(tmp_path, "k", estimate)
+    assert estimate.call_count == 2
 
 
 def test_static_footage_has_empty_masks(tmp_path: Path, make: SimpleNamespace) -> None:

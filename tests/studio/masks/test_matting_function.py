@@ -5,6 +5,7 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import cv2
 import numpy as np
@@ -145,15 +146,8 @@ def test_a_capture_with_a_model(capture: Path, make: SimpleNamespace) -> None:
 
 
 def test_masks_are_computed_once_per_model(capture: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    made: list[int] = []
-    compute = MattingModel.__call__
-
-    def counted(self: MattingModel, image: np.ndarray, /, *place: object) -> np.ndarray:
-        made.append(1)
-        return compute(self, image)
-
-    monkeypatch.setattr(MattingModel, "__call__", counted)
-    cache = capture / "cache"
+    compute, cache = Mock(side_effect=MattingModel.__call__), capture / "cache"
+    monkeypatch.setattr(MattingModel, "__call__", lambda *given: compute(*given))
 
     def mask(threads: int = 0, **values: object) -> np.ndarray:
         footage = open_footage(spec_of(capture, **values), cache_folder=cache, device="cpu", threads=threads)
@@ -162,16 +156,16 @@ def test_masks_are_computed_once_per_model(capture: Path, monkeypatch: pytest.Mo
     first = mask()
     for threads in (0, 1):  # they do not affect the masks
         assert np.array_equal(mask(threads), first)
-        assert len(made) == 1
+        assert compute.call_count == 1
     (file,) = (cache / "masks").iterdir()
     file.write_bytes(file.read_bytes()[:200])  # truncated: recomputed
     assert np.array_equal(mask(), first)
-    assert len(made) == 2
+    assert compute.call_count == 2
     mask(mask_model="birefnet:model.onnx")
-    assert len(made) == 3
+    assert compute.call_count == 3
     shutil.copy(DATA / "fixed.onnx", capture / "model.onnx")
     mask()
-    assert len(made) == 4
+    assert compute.call_count == 4
 
 
 def test_a_function_that_fails_names_camera_frame_and_line() -> None:

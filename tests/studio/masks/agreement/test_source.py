@@ -1,6 +1,7 @@
 """Masks that cameras agree on, in a synthetic capture without plates, compared with exact ones."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -31,20 +32,18 @@ def rig() -> Rig:
 
 
 @pytest.fixture(scope="module")
-def capture(rig: Rig, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def capture(rig: Rig, make: SimpleNamespace, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("agreed")
     for number, camera in enumerate(rig):
         rng = np.random.default_rng(number)
         texture = cv2.GaussianBlur(rng.normal(0, 50, (SIZE[1], SIZE[0], 3)).astype(np.float32), (0, 0), 4)
         wall = texture + (RED if camera.name == BLIND else np.array([110.0, 130.0, 120.0]))
-        (folder / "images" / camera.name).mkdir(parents=True)
         for frame in range(FRAMES):
             shown = alpha_of(camera, frame)
             image = np.where(shown[..., None], RED, wall) + rng.normal(0, 2, wall.shape)
             image = np.clip(image, 0, 255).astype(np.uint8)
             image[..., 0] = image[..., 0] // 2 * 2 + ~shown  # red is even on the performer, see `even`
-            path = folder / "images" / camera.name / f"{frame:03d}.png"
-            cv2.imwrite(str(path), image[..., ::-1])
+            make.image(folder / "images" / camera.name / f"{frame:03d}.png", image)
     return folder
 
 
