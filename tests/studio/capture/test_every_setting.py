@@ -2,7 +2,6 @@
 
 import hashlib
 import shutil
-import wave
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -15,6 +14,7 @@ from studio.cameras import Rig
 from studio.capture import CaptureSettings, open_footage
 from studio.errors import StudioError
 from studio.settings import affected
+from tests.support.sounds import clicks, write_wav
 
 MODELS = Path(__file__).parents[1] / "masks" / "data"
 HEIGHT, WIDTH = 64, 96
@@ -87,9 +87,7 @@ def captures(tmp_path_factory: pytest.TempPathFactory, make: SimpleNamespace) ->
     (root / "garbage.yaml").write_text("a: {remove: [[[0, 0], [40, 0], [40, 64], [0, 64]]]}")
     for model in ("free.onnx", "fixed.onnx"):
         shutil.copy(MODELS / model, root)
-    with wave.open(str(root / "a.wav"), "wb") as sound:
-        sound.setparams((1, 2, 8000, 0, "NONE", ""))
-        sound.writeframes(bytes(16000))
+    write_wav(root / "a.wav", clicks(1.0, []))
     return folder
 
 

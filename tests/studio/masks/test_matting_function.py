@@ -197,9 +197,7 @@ def test_functions_that_do_not_return_a_mask(returned: np.ndarray, value: object
 
 
 def test_only_the_largest_component_is_kept() -> None:
-    mask = np.zeros((64, 96))
-    cv2.circle(mask, (30, 30), 14, 1.0, -1)
-    mask = cv2.GaussianBlur(mask, (0, 0), 1)
+    mask = cv2.GaussianBlur(cv2.circle(np.zeros((64, 96)), (30, 30), 14, 1.0, -1), (0, 0), 1)
     both = mask.copy()
     both[50:60, 80:90] = 1.0
     found = FunctionMaskSource(lambda image, camera, frame: both, components=1).mask("a", 0, noisy())
