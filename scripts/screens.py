@@ -171,7 +171,7 @@ def take_picture(window: RunningWindow, path: Path) -> None:
     before, same = np.zeros(0, np.uint8), 0
     for step in range(MOST_PICTURES):
         window.send("mousemove", round(0.7 * width) + step % 2, round(0.967 * height))
-        window.ticks(30, SECONDS)  # the panels follow later than the viewport
+        window.ticks(30)  # the panels follow later than the viewport
         time.sleep(width * height / 1e6)
         window.screenshot().save(path)
         now = np.asarray(Image.open(path).convert("RGB"))
@@ -195,7 +195,7 @@ def photograph(window: RunningWindow, name: str, go: Screen, out: Path) -> None:
         if not (state["dialog"] or state["fullscreen"] or state["span"] or edits):
             break
         window.key("Escape")
-        window.ticks(30, SECONDS)  # the next state
+        window.ticks(30)  # the next state
     if name in ("path", "scene", "log"):
         window.key({"path": "p", "scene": "o", "log": "j"}[name])
     if window.states()[-1]["stage"] != "review":

@@ -43,7 +43,7 @@ def save(window: RunningWindow, path: Path, **wanted: Any) -> None:
     window.wait_for(
         str(wanted), lambda s: s["settled"] and all(s[name] == value for name, value in wanted.items()), SECONDS
     )
-    window.ticks(100, SECONDS)  # the panels follow later than the viewport
+    window.ticks(100)  # the panels follow later than the viewport
     window.screenshot().save(path)
     print(path)
 

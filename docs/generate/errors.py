@@ -114,7 +114,8 @@ def _text(node: ast.expr, known: Mapping[str, ast.expr]) -> str:
     if isinstance(node, ast.FormattedValue) and not isinstance(node.value, ast.BinOp):
         return _text(node.value, known)
     if isinstance(node, ast.Name) and node.id in known:
-        return _text(known[node.id], known)
+        before = {name: value for name, value in known.items() if name != node.id}  # which a text may contain
+        return _text(known[node.id], before)
     if isinstance(node, ast.Constant):
         return escaped(f"{node.value:,}" if isinstance(node.value, int) else str(node.value))
     if isinstance(node, ast.JoinedStr):

@@ -29,12 +29,15 @@ def test_error_codes_are_found_with_their_text(generator: Load) -> None:
         'Message("stream.old", "version 1")\n'
         'AGAIN = "Copy it again."\n'
         'raise StudioError("footage.damaged", f"{len(left)} of {join(names)} in {LIMITS[0]}", fix=AGAIN)\n'
+        'problem = f"rendition {name}: {problem}"\n'
+        'raise StudioError("bake.refused", problem)\n'
         'raise StudioError("an old sentence without a code")\n'
         'raise KeyError("not.ours")\n'
         'print("footage.printed", "nothing")\n'
     )
     found = {site.code: site for site in generator("errors").sites(source)}
-    assert set(found) == {"footage.no_frames", "stream.old", "footage.damaged"}
+    assert set(found) == {"footage.no_frames", "stream.old", "footage.damaged", "bake.refused"}
+    assert found["bake.refused"].problem == "rendition *name*: *problem*"
     assert found["footage.damaged"].problem == "*n* of *names* in *LIMITS*"
     assert found["footage.damaged"].fix == "Copy it again."
     assert found["footage.no_frames"].problem == "camera *name* has no frames"

@@ -124,7 +124,8 @@ def display() -> Iterator[str]:
         yield name
 
 
-State, Place = dict[str, Any], tuple[float, float]
+State = dict[str, Any]
+Place = tuple[float, float]
 Until = tuple[str, Callable[[State], bool]]
 """What to wait for after an action, as `RunningWindow.wait_for` takes it."""
 
