@@ -95,8 +95,8 @@ def _named(module: ast.Module) -> Iterator[tuple[ast.stmt, dict[str, ast.expr]]]
             for statement in found if isinstance(found := getattr(node, name, None), list) else ():
                 if isinstance(statement, ast.Assign) and ast.unparse(statement.targets[0]) in ("problem", "fix"):
                     words[ast.unparse(statement.targets[0])] = statement.value
-                elif isinstance(statement, (ast.Raise, ast.Return, ast.Expr)):
-                    yield statement, words
+                elif not hasattr(statement, "body"):
+                    yield statement, dict(words)
 
 
 def _constants(module: ast.Module) -> dict[str, ast.expr]:
