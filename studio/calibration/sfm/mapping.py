@@ -40,7 +40,7 @@ _POINTS_FOR_CENTER = 100  # observations that each camera needs before principal
 _BANDS = (3.0, 2.0, 2.0)
 """Distances from the epipolar line in pixels within which matches are found again, in this order."""
 _AGREEING = 3
-"""Images that must see such a point. A wrong match of two is near their epipolar line too, and keeps them there."""
+"""Images that must see such a point: a wrong match of only two fits their epipolar line, and keeps cameras in place."""
 _AS_WELL = 0.01  # smallest loss of the match inlier ratio that counts as one
 _ONE_FOCAL_LENGTH = ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
 _CAUCHY = 2.4  # width of the Cauchy loss in standard deviations: 95% efficiency for Gaussian noise

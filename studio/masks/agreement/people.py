@@ -33,11 +33,12 @@ def odds_of_people(image: np.ndarray, solid: np.ndarray, model: Callable[[np.nda
     _, labels, _, _ = cv2.connectedComponentsWithStats(cv2.dilate(solid, np.ones((2 * reach + 1,) * 2, np.uint8)))
     labels *= solid
     areas = np.bincount(labels.ravel())[1:]
+    people = np.flatnonzero(areas > _SMALLEST * areas.sum()) + 1
+    boxes = [cv2.boundingRect((labels == label).astype(np.uint8)) for label in people]
     total, looks = np.zeros((2, height, width), np.float32)
     for margin in _MARGINS:
         share = np.full((height, width), -1.0, np.float32)
-        for label in np.flatnonzero(areas > _SMALLEST * areas.sum()) + 1:
-            left, top, across, down = cv2.boundingRect((labels == label).astype(np.uint8))
+        for left, top, across, down in boxes:
             half = round((0.5 + margin) * max(across, down))
             framed = cv2.copyMakeBorder(image, half, half, half, half, cv2.BORDER_REPLICATE)
             row, column = top + down // 2, left + across // 2  # of the square's corner, in the framed image
