@@ -1,16 +1,19 @@
 """Python programs started from a process that has imported the heavy libraries already.
 
-Importing PyTorch and its company takes three seconds of CPU time, and the tests start more than a hundred programs.
-A `WarmPython` imports them once and forks for each program. What a program is given (arguments, folder, environment,
-pipes) and what can be done to it (signals, kill -9, waiting) is as with `subprocess`. Two things differ: modules of the
-project are imported before the program starts, and environment variables that Python, the C library or OpenMP read as
-they start (LC_ALL, PYTHONUTF8) have the values of the `WarmPython`. Tests of imports and of start-up
-therefore use `subprocess`.
+Importing PyTorch and its company takes three seconds of CPU time, and taking it down a third of one; the tests start
+more than a hundred programs. A `WarmPython` imports once and forks for each program. What a program is given
+(arguments, folder, environment, pipes) and what can be done to it (signals, kill -9, waiting) is as with `subprocess`.
+Three things differ: modules of the project are imported before the program starts; environment variables that Python,
+the C library or OpenMP read as they start (LC_ALL, PYTHONUTF8) have the values of the `WarmPython`; and a program
+without a window ends without taking its libraries down. Tests of imports, of start-up and of the very end therefore use
+`subprocess`.
 """
 
 from __future__ import annotations
 
+import atexit
 import contextlib
+import ctypes
 import functools
 import gc
 import io
@@ -264,6 +267,16 @@ def _run(arguments: list[str]) -> None:
         runpy.run_path(first, run_name="__main__")
 
 
+def _end(code: int) -> None:
+    """End as Python does, without the libraries' last steps."""
+    threading._shutdown()  # type: ignore[attr-defined]
+    atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        stream.flush()
+    ctypes.CDLL(None).fflush(None)
+    os._exit(code & 0xFF)
+
+
 if __name__ == "__main__":
     from importlib import import_module
 
@@ -286,4 +299,13 @@ if __name__ == "__main__":
         import torch
 
         torch.set_num_threads(int(os.environ["OMP_NUM_THREADS"]))
-    _run(_arguments)
+    _code: object = 0
+    try:
+        _run(_arguments)
+    except SystemExit as stop:
+        _code = stop.code or 0
+        if not isinstance(_code, int):  # a message
+            raise
+    if "--log-state" not in _arguments:  # the end of a window is part of what is tested
+        _end(_code)
+    sys.exit(_code)
