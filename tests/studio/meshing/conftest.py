@@ -1,7 +1,8 @@
 """Scenes whose silhouettes are known in closed form."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -71,9 +72,15 @@ def cameras_around(count: int, scale: float, origin: Sequence[float]) -> Rig:
 
 def two_balls(count: int, scale: float = 1.0, origin: Sequence[float] = (0, 0, 0)) -> list[Shot]:
     """A ball of radius 0.5 and a smaller one next to it, seen by a ring of cameras, at any scale and position."""
-    middle = np.array(origin)
-    balls = [(middle, 0.5 * scale), (middle + scale * np.array([0.55, 0.1, 0.25]), 0.2 * scale)]
-    return [shoot_balls(camera, balls) for camera in cameras_around(count, scale, origin)]
+    cameras = cameras_around(count, scale, origin)
+    return [replace(shot, camera=camera) for shot, camera in zip(_shots(count), cameras, strict=True)]
+
+
+@cache
+def _shots(count: int) -> list[Shot]:
+    """Of `two_balls`, which look the same at any scale and position."""
+    balls = [(np.zeros(3), 0.5), (np.array([0.55, 0.1, 0.25]), 0.2)]
+    return [shoot_balls(camera, balls) for camera in cameras_around(count, 1.0, (0, 0, 0))]
 
 
 def distance_to_balls(points: np.ndarray, scale: float = 1.0, origin: Sequence[float] = (0, 0, 0)) -> np.ndarray:
