@@ -80,7 +80,7 @@ class AgreedMaskSource:
         plates: the empty set of each camera.
         model: its masks of people are part of the evidence; None: there is no model.
         estimated: whether the plates were estimated from the footage.
-        cache: recipe of the masks and folder for a disk cache; None: memory only.
+        cache: recipes of the masks and of the sets, and folder for a disk cache; None: memory only.
     """
 
     def __init__(
@@ -90,7 +90,7 @@ class AgreedMaskSource:
         plates: PlateMaskSource,
         model: MattingModel | None = None,
         estimated: bool = False,
-        cache: tuple[str, Path] | None = None,
+        cache: tuple[str, str, Path] | None = None,
     ) -> None:
         self._inputs, self._cameras, self._plates, self._model, self._cache = inputs, cameras, plates, model, cache
         common = sorted(set.intersection(*(set(source.frames) for source in inputs.sources.values())))
@@ -113,7 +113,7 @@ class AgreedMaskSource:
         image = np.ascontiguousarray(image[:, :, :3])
         cache = None
         if self._cache is not None:
-            recipe, folder = self._cache
+            recipe, _, folder = self._cache
             cache = MaskCache(folder / "masks", f"agreed {recipe} {frame}")
         found = cache.read(image) if cache is not None else None
         if found is None:
@@ -136,7 +136,7 @@ class AgreedMaskSource:
         return self._sets.get_or_make(camera, self._emptied)
 
     def _emptied(self, camera: str) -> Background:
-        recipe, folder = self._cache or ("", None)
+        _, recipe, folder = self._cache or ("", "", None)
         key = hashlib.blake2b(f"{recipe}\0{camera}".encode(), digest_size=16).hexdigest()
         return cached_background(
             folder, key, lambda: self._uncovered(camera, self._covers.get_or_make(None, self._cover))
@@ -343,8 +343,10 @@ def open_agreed(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | 
     if inputs.cameras is None:
         words = f"those of each camera alone until the cameras are calibrated, {phrase}"
         return AgreedMaskSource(inputs, None, plates, model), words
-    recipe = _recipe(inputs, plates, model)
-    source = AgreedMaskSource(inputs, inputs.cameras(), plates, model, clean is None, recipe)
+    cache = None
+    if inputs.cache_folder is not None:  # the sets do not depend on the model
+        cache = _recipe(inputs, plates, model), _recipe(inputs, plates, None), inputs.cache_folder
+    source = AgreedMaskSource(inputs, inputs.cameras(), plates, model, clean is None, cache)
     if model:
         phrase += " and a matting model"
     elif clean is None:
@@ -352,17 +354,17 @@ def open_agreed(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | 
     return source, f"agreed by {voters} cameras, from the {phrase}"
 
 
-def _recipe(inputs: MaskInputs, plates: PlateMaskSource, model: MattingModel | None) -> tuple[str, Path] | None:
-    """Everything that the masks depend on, and the folder of the cache."""
-    spec, folder = inputs.spec, inputs.cache_folder
-    if folder is None or inputs.cameras is None:
-        return None
+def _recipe(inputs: MaskInputs, plates: PlateMaskSource, model: MattingModel | None) -> str:
+    """Everything that the masks depend on or, without a model, the sets."""
+    assert inputs.cameras is not None
+    spec = inputs.spec
     sources = [*inputs.sources.values(), *(one for one in (plates, inputs.garbage, model) if one is not None)]
+    settings = {*DifferenceSettings.model_fields, *(ModelSettings.model_fields if model else ()), "offsets"}
     parts = [
         str(_VERSION),
         digest_files(spec.root, [path for source in sources for path in source.files()]),
-        spec.model_dump_json(include={*DifferenceSettings.model_fields, *ModelSettings.model_fields, "offsets"}),
+        spec.model_dump_json(include=settings),
         spec.model_dump_json(include={"color_matrix", "transfer", "held_out"}),
         *(f"{camera.to_dict()}" for camera in inputs.cameras().values()),
     ]
-    return hashlib.blake2b("\0".join(parts).encode(), digest_size=16).hexdigest(), folder
+    return hashlib.blake2b("\0".join(parts).encode(), digest_size=16).hexdigest()

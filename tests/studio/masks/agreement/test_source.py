@@ -1,5 +1,6 @@
 """Masks that cameras agree on, in a synthetic capture without plates, compared with exact ones."""
 
+import shutil
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -9,6 +10,7 @@ import pytest
 
 from studio.cameras import Camera, Rig
 from studio.capture import CaptureSettings, Footage, open_footage
+from studio.masks.agreement import source
 from studio.masks.matting_model import MattingModel
 from tests.studio.masks.scenes import ball, overlap
 from tests.support.errors import refuses
@@ -52,6 +54,12 @@ def even(image: np.ndarray) -> np.ndarray:
     return image[..., 0] % 2 == 0
 
 
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Estimating the set takes most of the time; it does not depend on the model."""
+    return tmp_path_factory.mktemp("cache")
+
+
 def opened(capture: Path, rig: Rig | None, cache: Path | None = None, **settings: object) -> Footage:
     spec = CaptureSettings(root=capture, images="images/{camera}/{frame}.png").replace(**settings)
     return open_footage(spec, rig, cache_folder=cache, threads=1)
@@ -61,37 +69,39 @@ def found(footage: Footage, camera: Camera, frame: int) -> float:
     return overlap(footage.mask(camera.name, frame), alpha_of(camera, frame))
 
 
-def test_cameras_agree_on_better_masks_than_each_of_them_has(capture: Path, rig: Rig, tmp_path: Path) -> None:
+def test_cameras_agree_on_better_masks_than_each_of_them_has(capture: Path, rig: Rig, cache: Path) -> None:
     """And the masks are kept for other processes."""
-    agreed = opened(capture, rig, tmp_path)
-    alone = opened(capture, rig, masks="median_background")
+    agreed = opened(capture, rig, cache)
+    alone = opened(capture, rig, cache, masks="median_background")
     assert "agreed by 8 cameras" in agreed.description
     assert "better masks with a model" in agreed.description
     together = {camera.name: found(agreed, camera, 7) for camera in rig}
     apart = {camera.name: found(alone, camera, 7) for camera in rig}
     assert np.mean(list(together.values())) > max(0.85, np.mean(list(apart.values())))
     assert together[BLIND] > apart[BLIND]
-    files = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("mask_*.png")}
-    again = opened(capture, rig, tmp_path)
+    files = {path: path.stat().st_mtime_ns for path in cache.rglob("mask_*.png")}
+    again = opened(capture, rig, cache)
     assert np.array_equal(again.mask("cam2", 7), agreed.mask("cam2", 7))
-    assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("mask_*.png")} == files != {}
+    assert {path: path.stat().st_mtime_ns for path in cache.rglob("mask_*.png")} == files != {}
 
 
-def test_a_model_sees_squares_around_people_and_counts(capture, rig, monkeypatch) -> None:
+def test_a_model_sees_squares_around_people_and_counts(capture, rig, cache, monkeypatch) -> None:
+    settings = {"masks": "agreed", "mask_model": f"selfie:{LITE}"}
     sides = []
 
     def nobody(self: MattingModel, image: np.ndarray, *_: object) -> np.ndarray:
         sides.append(image.shape[:2])
         return np.zeros(image.shape[:2], np.float32)
 
-    model = opened(capture, rig, masks="agreed", mask_model=f"selfie:{LITE}")
+    model = opened(capture, rig, cache, **settings)
     assert LITE in model.files()
     assert "a matting model" in model.description
     assert "better masks" not in model.description
     camera = next(iter(rig))
     before = found(model, camera, 7)
     monkeypatch.setattr(MattingModel, "__call__", nobody)
-    assert found(opened(capture, rig, masks="agreed", mask_model=f"selfie:{LITE}"), camera, 7) < before - 0.05
+    shutil.rmtree(cache / "masks")  # which are kept
+    assert found(opened(capture, rig, cache, **settings), camera, 7) < before - 0.05
     assert len(sides) == 2 * len(rig)  # two margins
     assert all(height == width < SIZE[0] for height, width in sides)
 
@@ -103,7 +113,8 @@ def test_what_a_model_sees_in_most_cameras_is_kept_where_the_estimated_set_shows
         shown[: rows[0] + len(rows) // 4] = False
         return np.where(shown, np.float32(4), np.float32(-4))
 
-    monkeypatch.setattr("studio.masks.agreement.source.evidence_of", without_head)
+    monkeypatch.setattr(source, "evidence_of", without_head)
+    monkeypatch.setattr(source, "_SET_FRAMES", 2)
     monkeypatch.setattr(MattingModel, "__call__", lambda self, image, *_: np.float32(even(image)))
     footage = opened(capture, rig, masks="agreed", mask_model=f"selfie:{LITE}")
     assert np.mean([found(footage, camera, 7) for camera in rig]) > 0.85
