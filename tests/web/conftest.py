@@ -5,7 +5,7 @@ import os
 import shutil
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,7 @@ FLAGS = [
     "--disable-sync",
     "--host-resolver-rules=MAP player.test 127.0.0.1",  # a host name that, unlike localhost, does not count as secure
     "--use-angle=swiftshader",
+    "--disable-gpu-rasterization",  # without a GPU, text and buttons cost less
     "--enable-precise-memory-info",
     "--js-flags=--expose-gc",
 ]
@@ -68,6 +69,7 @@ class _Chromium:
         self._playwright = playwright
         self._running: Any = None
         self._failure: str | None = None
+        self._free: dict[str, list[Page]] = {}
 
     def get(self) -> Any:
         """Raises at once after a start that failed, since each further one would wait for its minutes, too."""
@@ -76,10 +78,29 @@ class _Chromium:
         if self._running is None or not self._running.is_connected():
             try:
                 self._running = self._playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+                self._free = {}
             except Exception as error:
                 self._failure = str(error).splitlines()[0]
                 raise
         return self._running
+
+    @contextmanager
+    def page(
+        self, size: tuple[int, int], *scripts: str, reduced_motion: str = "no-preference", **options: Any
+    ) -> Iterator[Page]:
+        """An empty page. One test after another uses it, as a new one takes a second of CPU time; they are on different
+        ports, so that they share neither storage nor caches. `scripts` run before those of what it shows."""
+        browser = self.get()
+        free = self._free.setdefault(repr(options), [])
+        page = free.pop() if free else Page(browser.new_context(**options).new_page())
+        page.handle.set_viewport_size({"width": size[0], "height": size[1]})
+        page.handle.emulate_media(reduced_motion=reduced_motion)
+        with ExitStack() as added:
+            for script in scripts:
+                added.enter_context(page.handle.add_init_script(script))
+            yield page
+        page.leave()
+        free.append(page)
 
     def kill(self) -> None:
         """From any thread: what waits for the browser fails."""
@@ -129,38 +150,29 @@ def site(tmp_path: Path) -> Iterator[Site]:
 
 
 @pytest.fixture
-def open_page(browser: Any, site: Site) -> Iterator[Callable[..., Page]]:
+def open_page(chromium: _Chromium, browser: Any, site: Site) -> Iterator[Callable[..., Page]]:
     """`open_page(query, ...)`: the player's page on the stream in `site.stream`; `address`: any other page."""
-    contexts: list[Any] = []
     pages: list[Page] = []
+    with ExitStack() as opened:
 
-    def make(
-        query: str = "",
-        *,
-        size: tuple[int, int] = (400, 500),
-        wait: bool = True,
-        setup: Callable[[Any], None] | None = None,
-        host: str = "127.0.0.1",
-        path: str = "/",
-        address: str | None = None,
-        **options: Any,
-    ) -> Page:
-        context = browser.new_context(viewport={"width": size[0], "height": size[1]}, **options)
-        contexts.append(context)
-        handle = context.new_page()
-        if setup is not None:
-            setup(handle)
-        page = Page(handle)
-        pages.append(page)
-        handle.goto(address or f"http://{host}:{site.port}{path}{query}")
-        if wait:
-            page.wait_ready()
-        return page
+        def make(
+            query: str = "",
+            *scripts: str,
+            size: tuple[int, int] = (400, 500),
+            wait: bool = True,
+            path: str = "/",
+            address: str | None = None,
+            **options: Any,
+        ) -> Page:
+            page = opened.enter_context(chromium.page(size, *scripts, **options))
+            pages.append(page)
+            page.handle.goto(address or f"http://127.0.0.1:{site.port}{path}{query}")
+            if wait:
+                page.wait_ready()
+            return page
 
-    yield make
-    errors = [error for page in pages for error in page.errors]
-    for context in contexts:
-        context.close()
+        yield make
+        errors = [error for page in pages for error in page.errors]
     assert not errors, errors
 
 
@@ -205,33 +217,31 @@ def shared_page(
     baked: Callable[..., Path],
     tmp_path_factory: pytest.TempPathFactory,
 ) -> Iterator[Page]:
-    """One page for all tests of a file that only need a stream; `page` resets it. The file may have a function
-    `set_up`, which gets the page before it loads, and its `SIZE`."""
-    size = _size(request)
+    """One page for all tests of a file that only need a stream; `page` resets it. The file may have `scripts()` to run
+    before those of the page, and its `SIZE`."""
+    size, scripts = _size(request), getattr(request.module, "scripts", list)()
     folder = tmp_path_factory.mktemp("shared") / "site"
     shutil.copytree(PLAYER, folder)
     shutil.copytree(baked(), folder / "stream")
-    with Site(folder) as site:
-        context = chromium.get().new_context(
-            viewport=size, reduced_motion="reduce", permissions=["clipboard-read", "clipboard-write"]
-        )
-        page = Page(context.new_page())
-        getattr(request.module, "set_up", lambda handle: None)(page.handle)
+    clipboard = ["clipboard-read", "clipboard-write"]
+    with (
+        Site(folder) as site,
+        chromium.page(size, *scripts, reduced_motion="reduce", permissions=clipboard) as page,
+    ):
         page.handle.goto(f"http://127.0.0.1:{site.port}/?t=0")
         page.wait_ready()
         yield page
-        context.close()
 
 
-def _size(request: pytest.FixtureRequest) -> Any:
-    width, height = getattr(request.module, "SIZE", SHARED_SIZE)
-    return {"width": width, "height": height}
+def _size(request: pytest.FixtureRequest) -> tuple[int, int]:
+    return getattr(request.module, "SIZE", SHARED_SIZE)
 
 
 @pytest.fixture
 def page(request: pytest.FixtureRequest, shared_page: Page, browser: Any) -> Iterator[Page]:
     """The file's page, paused at the first frame and the first view; motion is reduced."""
-    shared_page.handle.set_viewport_size(_size(request))
+    width, height = _size(request)
+    shared_page.handle.set_viewport_size({"width": width, "height": height})
     shared_page.evaluate(_RESET)
     shared_page.wait("player.state.frame === 0 && !player.state.playing && player.state.view.azimuth === 0")
     yield shared_page

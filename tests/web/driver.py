@@ -9,7 +9,6 @@ import threading
 import time
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -70,9 +69,7 @@ class Site:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         self._server.shutdown()
         self._server.server_close()
 
@@ -80,9 +77,7 @@ class Site:
         path = handler.path.split("?")[0]
         wanted = handler.headers.get("Range")
         self.requests.append((path, wanted))
-        file = self.folder / (path.lstrip("/") or "index.html")
-        if path.endswith("/"):
-            file = self.folder / path.strip("/") / "index.html"
+        file = self.folder / path.strip("/") / ("index.html" if path.endswith("/") else "")
         if not file.is_file():
             handler.send_error(404)
             return
@@ -149,15 +144,31 @@ _BOUNDED = f"""async (run, argument) => {{
 
 
 class Page:
-    """The player's page. `seen` contains the details of the element's events by name."""
+    """The player's page. `seen` contains the details of the element's events by name.
+
+    Attributes:
+        errors, requests: what the page's scripts threw, and the addresses it requested.
+    """
 
     def __init__(self, handle: Any) -> None:
         self.handle = handle
         self.errors: list[str] = []
+        self.requests: list[str] = []
+        handle.on("request", lambda request: self.requests.append(request.url))
         handle.on("pageerror", lambda error: self.errors.append(str(error)))
         handle.add_init_script(f"document.addEventListener('DOMContentLoaded', {_PREPARE})")
         handle.set_default_timeout(PATIENCE)
-        self._session: Any = None
+        self._session = handle.context.new_cdp_session(handle)
+
+    def leave(self) -> None:
+        """Back to an empty page, as before it was opened."""
+        storage = {"origin": self.evaluate("() => origin"), "storageTypes": "all"}
+        self._session.send("Storage.clearDataForOrigin", storage)
+        self.handle.unroute_all()
+        self.handle.mouse.move(-1, -1)
+        self.handle.goto("about:blank")
+        self.errors.clear()
+        self.requests.clear()
 
     def evaluate(self, script: str, argument: Any = None) -> Any:
         """What a JavaScript function returns for the argument; a promise that stays open for `PATIENCE` fails."""
@@ -165,12 +176,8 @@ class Page:
 
     def wait(self, condition: str, argument: Any = None) -> None:
         """Wait until a JavaScript expression over `player` (the element) and `seen` is true."""
-        self.handle.wait_for_function(
-            f"(argument) => {{ const player = document.querySelector('v3-player'), seen = window.seen; "
-            f"return !!({condition}); }}",
-            arg=argument,
-            timeout=PATIENCE,
-        )
+        names = "player = document.querySelector('v3-player'), seen = window.seen"
+        self.handle.wait_for_function(f"argument => {{ const {names}; return !!({condition}); }}", arg=argument)
 
     def wait_ready(self) -> None:
         """Wait for the first picture. The page may still be the one before, or its element not yet defined."""
@@ -178,13 +185,11 @@ class Page:
         assert not self.seen("error"), self.seen("error")
 
     def seen(self, name: str) -> list[Any]:
-        found: list[Any] = self.evaluate("name => window.seen[name] ?? []", name)
-        return found
+        return self.evaluate("name => window.seen[name] ?? []", name)
 
     @property
     def state(self) -> dict[str, Any]:
-        found: dict[str, Any] = self.evaluate("() => document.querySelector('v3-player').state")
-        return found
+        return self.evaluate("() => document.querySelector('v3-player').state")
 
     def call(self, method: str, *arguments: Any) -> Any:
         return self.evaluate(
@@ -197,10 +202,15 @@ class Page:
 
     def touch(self, kind: str, points: list[tuple[float, float]]) -> None:
         """Send a touch event: touchStart, touchMove or touchEnd."""
-        if self._session is None:
-            self._session = self.handle.context.new_cdp_session(self.handle)
         places = [{"x": x, "y": y, "id": number} for number, (x, y) in enumerate(points)]
         self._session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": places})
+
+    def swipe(self, *fingers: tuple[tuple[float, float], tuple[float, float]]) -> None:
+        """Move each finger by (dx, dy) from where it touches, in steps."""
+        self.touch("touchStart", [start for start, _ in fingers])
+        for step in range(1, 9):
+            self.touch("touchMove", [(x + dx * step / 8, y + dy * step / 8) for (x, y), (dx, dy) in fingers])
+        self.touch("touchEnd", [])
 
     def seek_frame(self, frame: int) -> None:
         """Pause, go to a frame and wait until it is shown."""

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import torch
@@ -15,12 +16,12 @@ from scipy.spatial.transform import Rotation
 
 from studio.audio import SoundFile, cut_sound
 from studio.cameras import Camera
+from studio.formats.camera_path import look_at
 from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize
 from studio.stream import BakeSettings, Rung, StreamReader, bake_group, bake_sound, write_manifest
 from studio.stream.decoders.motion import MotionFrame
 from studio.stream.encode import write_manifest as manifest_writer
-from studio.stream.manifest import MotionRendition
 from studio.stream.morton import deinterleave, square_scan
 from studio.stream.motion_state import Side
 from studio.stream.reader import fetch_group
@@ -73,15 +74,9 @@ def camera(
     """A camera that looks at the figure; angles in degrees; y also points down in the world."""
     a, e = np.radians([azimuth, elevation])
     eye = distance * np.array([np.sin(a) * np.cos(e), -np.sin(e), -np.cos(a) * np.cos(e)])
-    forward = -eye / np.linalg.norm(eye)
-    right = np.cross([0.0, 1.0, 0.0], forward)
-    right /= np.linalg.norm(right)
-    pose = np.eye(4)
-    pose[:3, :3] = [right, np.cross(forward, right), forward]
-    pose[:3, 3] = -pose[:3, :3] @ eye
     width, height = size
     K = np.array([[1.05 * height, 0, width / 2], [0, 1.05 * height, height / 2], [0, 0, 1.0]])
-    return Camera(f"a{azimuth:g}", width, height, K, pose)
+    return look_at(f"a{azimuth:g}", width, height, K, eye, np.zeros(3), np.array([0.0, -1.0, 0.0]))
 
 
 def bake(
@@ -91,7 +86,6 @@ def bake(
     degree: int = 0,
     profile: str = "motion",
     qp: int = 16,
-    metadata: dict[str, Any] | None = None,
     ladder: Sequence[int] = (),
     paged: bool = False,
     clicks: Sequence[float] | None = None,
@@ -114,14 +108,8 @@ def bake(
     if clicks is not None:
         wav = SoundFile(write_wav(folder.with_suffix(".wav"), click_sound(first / FPS, clicks)))
         audio = bake_sound(cut_sound(wav, 0, first / FPS), folder)
-    inline = manifest_writer.INLINE_BYTES
-    try:
-        manifest_writer.INLINE_BYTES = 1 if paged else inline
-        write_manifest(
-            folder, entries, FPS, settings, {**view, "title": "Test figure", **(metadata or {})}, audio=audio
-        )
-    finally:
-        manifest_writer.INLINE_BYTES = inline
+    with mock.patch.object(manifest_writer, "INLINE_BYTES", 1 if paged else manifest_writer.INLINE_BYTES):
+        write_manifest(folder, entries, FPS, settings, {**view, "title": "Test figure"}, audio=audio)
     return folder
 
 
@@ -145,10 +133,7 @@ def side_arrays(folder: Path, group_index: int) -> dict[str, Any]:
     """Contents of a group's side file as Python parses it, and the pixels of splats in its tile; JSON-ready."""
     with StreamReader.open(folder) as reader:
         group = reader.groups[group_index]
-        assert isinstance(group, MotionRendition)
-        source = open_source(folder)
-        data = fetch_group(source, group)[group.side.path]
-        side = Side.parse(data, group)
+        side = Side.parse(fetch_group(open_source(folder), group)[group.side.path], group)
     order = np.lexsort((side.escapes.splat, side.escapes.frame))
     return {
         "cells": deinterleave(side.codes).astype(int).reshape(-1).tolist(),
@@ -164,8 +149,7 @@ def side_arrays(folder: Path, group_index: int) -> dict[str, Any]:
 
 
 def morton_pixels(tile: int, count: int) -> list[int]:
-    result: list[int] = square_scan(tile, count).tolist()
-    return result
+    return square_scan(tile, count).tolist()
 
 
 def draw(gaussians: Gaussians, view: Camera, background: Sequence[float] = (0.0, 0.0, 0.0)) -> np.ndarray:
@@ -176,12 +160,8 @@ def draw(gaussians: Gaussians, view: Camera, background: Sequence[float] = (0.0,
 
 def camera_values(view: Camera) -> dict[str, Any]:
     """A camera in the player's format."""
-    return {
-        "width": view.width,
-        "height": view.height,
-        "K": view.K.tolist(),
-        "worldToCamera": view.world_to_camera.tolist(),
-    }
+    size = {"width": view.width, "height": view.height}
+    return {**size, "K": view.K.tolist(), "worldToCamera": view.world_to_camera.tolist()}
 
 
 def live(source: Path, folder: Path, groups: int, live: bool = True) -> Path:

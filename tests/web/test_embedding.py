@@ -16,24 +16,16 @@ def open_host(site, open_page, attributes, **options):
     return open_page(path="/host.html", **options)
 
 
-def swipe(page, dx, dy):
-    page.touch("touchStart", [(200, 200)])
-    for step in range(1, 9):
-        page.touch("touchMove", [(200 + dx * step / 8, 200 + dy * step / 8)])
-        page.handle.wait_for_timeout(20)
-    page.touch("touchEnd", [])
-
-
 def test_fingers_turn_sideways_and_scroll_the_page_up_and_down(site, baked, open_page):
     shutil.copytree(baked(ladder=(16,), splats=300, clicks=(0.12,)), site.stream)
     page = open_host(site, open_page, "controls muted autoplay loop", has_touch=True, is_mobile=True)
     page.wait("player.state.playing && (seen.looped ?? []).length && player.engine.sound.present")
     assert page.state["muted"] is True
-    swipe(page, -120, 0)
+    page.swipe(((200, 200), (-120, 0)))
     page.wait("player.state.view.azimuth < -10")
     assert page.evaluate("() => scrollY") == 0
     before = page.state["view"]
-    swipe(page, 0, -120)
+    page.swipe(((200, 200), (0, -120)))
     page.wait("scrollY > 50")
     assert page.state["view"]["elevation"] == pytest.approx(before["elevation"])
 

@@ -50,13 +50,12 @@ _READ = """() => new Promise(done => {
 SIZE = (500, 240)
 
 
-def set_up(handle):
+def scripts():
     """The page is on a device with an emulated headset."""
     if not RUNTIME.is_file():
         message = "The emulated headset (iwer) is not installed; run `make web`."
         pytest.fail(message) if os.environ.get("CI") else pytest.skip(message)
-    handle.add_init_script(path=RUNTIME)
-    handle.add_init_script(path=Path(__file__).with_name("xr_runtime.js"))
+    return [file.read_text() for file in (RUNTIME, Path(__file__).with_name("xr_runtime.js"))]
 
 
 def start(page, kind):

@@ -30,7 +30,7 @@ def test_on_an_insecure_page_a_better_rendition_interrupts_the_first(site, baked
     """On a LAN address over plain HTTP there is neither WebCodecs nor crypto.subtle. The <video> element of a group is
     closed while it is read, as the group is fetched again in a better rendition."""
     shutil.copytree(baked(ladder=(16, 34), splats=300), site.stream)
-    page = open_page(host="player.test")
+    page = open_page(address=f"http://player.test:{site.port}/")
     page.wait("(seen.looped ?? []).length")
     assert not page.seen("notice")
     engine = "document.querySelector('v3-player').engine"

@@ -67,13 +67,13 @@ def test_a_paused_page_gets_the_best_rendition(site, baked, open_page):
 
 
 def replacing(site, new, served):
-    """A page's setup: as the bake does, another stream takes the place of the site's after so many of its files."""
+    """A page's route: as the bake does, another stream takes the place of the site's after so many of its files."""
     asked, replaced = [], []
 
-    def answer(handle, route):
+    def answer(route):
         asked.append(route.request.url)
         if served and len(asked) > served and not replaced:  # a page without an image opens the new stream unasked
-            handle.wait_for_function("() => (window.seen?.time ?? []).length > 0")
+            route.request.frame.wait_for_function("() => (window.seen?.time ?? []).length > 0")
         if len(asked) > served and not replaced:
             replaced.append(True)
             old = set((site.stream / "files").iterdir())
@@ -84,13 +84,16 @@ def replacing(site, new, served):
                 path.unlink()
         route.continue_()
 
-    return lambda handle: handle.route("**/stream/files/*", lambda route: answer(handle, route))
+    return answer
 
 
 def test_a_stream_that_is_baked_again_during_playback(site, baked, open_page):
     """One notice with a button, which shows the new version at the same time and view; no group is left out."""
     shutil.copytree(baked(lengths=(3,) * 8), site.stream)
-    page = open_page("?t=0", setup=replacing(site, baked(lengths=(3,) * 8, qp=34), 4))
+    page = open_page(address="about:blank", wait=False)
+    page.handle.route("**/stream/files/*", replacing(site, baked(lengths=(3,) * 8, qp=34), 4))
+    page.handle.goto(f"http://127.0.0.1:{site.port}/?t=0")
+    page.wait_ready()
     page.call("setView", {"azimuth": 40})
     page.call("setSpeed", 0.1)  # a busy machine drops no frames: else it may go past the groups that are there at once
     page.call("play")

@@ -14,7 +14,7 @@ pytestmark = pytest.mark.web
 PSNR = 45.0
 
 
-_TAP = """() => {
+_TAP = """{
   // What the worker sends, before the player takes it.
   window.pictures = [];
   const descriptor = Object.getOwnPropertyDescriptor(Worker.prototype, 'onmessage');
@@ -37,7 +37,7 @@ _TAP = """() => {
 )
 def test_every_luma_byte_and_what_cameras_see(site, baked, open_page, decoder, degree, b_frames):
     shutil.copytree(baked(degree=degree, b_frames=b_frames), site.stream)
-    page = open_page(f"?decoder={decoder}&t=0", setup=lambda handle: handle.add_init_script(f"({_TAP})()"))
+    page = open_page(f"?decoder={decoder}&t=0", _TAP)
     frames = support.decoded(site.stream, *range(9))
     want = [picture for group in range(2) for picture in support.luma(site.stream, group)]
     seen, drawn = [], []

@@ -134,12 +134,11 @@ def test_twenty_loops_need_no_more_memory(page):
         page.wait("(seen.looped ?? []).length >= argument", loops)
         page.evaluate("() => { window.seen = {}; }")  # what the test itself recorded
         # Some objects are freed only by the collection after the one that finds them.
-        found: int = page.evaluate(
+        return page.evaluate(
             """async () => {
               for (let i = 0; i < 3; i++) { gc(); await new Promise(done => setTimeout(done, 30)); }
               return performance.memory.usedJSHeapSize; }"""
         )
-        return found
 
     page.call("setSpeed", 4)
     page.call("play")

@@ -46,12 +46,10 @@ def address(take: Take) -> Iterator[str]:
 
 @pytest.fixture(scope="module")
 def review(chromium: Any, address: str) -> Iterator[Page]:
-    context = chromium.get().new_context(reduced_motion="reduce")
-    page = Page(context.new_page())
-    page.handle.goto(f"{address}{SECRET}/?t=0")
-    page.wait_ready()
-    yield page
-    context.close()
+    with chromium.page((640, 900), reduced_motion="reduce") as page:
+        page.handle.goto(f"{address}{SECRET}/?t=0")
+        page.wait_ready()
+        yield page
 
 
 @pytest.fixture
@@ -118,9 +116,7 @@ def test_a_comment_at_a_place_in_the_image(page, take):
     assert at() == pytest.approx([x, y], abs=1)
     page.handle.get_by_role("button", name="Save").click()
     page.handle.get_by_role("button", name="Go to frame 4").wait_for()
-    saved = read_marks(take.marks)[4].view
-    assert saved is not None
-    assert saved.place is not None
+    assert read_marks(take.marks)[4].view.place is not None
     page.seek_frame(0)
     assert pin.count() == 0
     page.call("setView", {"azimuth": 60})
@@ -131,8 +127,7 @@ def test_a_comment_at_a_place_in_the_image(page, take):
 
 
 def test_the_wipe_shows_the_footage_of_the_frame_and_moves(page, take):
-    compare = page.handle.get_by_role("button", name="Compare with footage")
-    compare.click()
+    page.handle.get_by_role("button", name="Compare with footage").click()
     assert page.handle.input_value(".v3-review select") == "cam4"
     page.handle.get_by_label("whole image").check()
     page.wait(f"{WIPE}.dataset.frame === '0'")
@@ -178,15 +173,10 @@ def test_a_mark_is_written_to_the_take_and_shown_after_reloading(page, take):
     page.wait("player.state.frame === 3")
 
 
-def view_of(page: Page) -> dict[str, Any]:
-    view: dict[str, Any] = page.state["view"]
-    return view
-
-
 def test_a_mark_keeps_its_view_and_leads_back_to_it(page, take):
     page.seek_frame(2)
     page.call("setView", {"azimuth": 35, "elevation": 12, "distance": 2.5})
-    marked = view_of(page)
+    marked = page.state["view"]
     page.handle.locator("v3-player .stage").press("n")
     page.handle.get_by_placeholder("Note").fill("hand")
     page.handle.get_by_placeholder("Note").press("Enter")
@@ -203,7 +193,7 @@ def test_a_mark_keeps_its_view_and_leads_back_to_it(page, take):
     page.handle.get_by_role("button", name="Go to frame 2").click()
     page.wait("player.state.frame === 2")
     for name, value in marked.items():
-        assert view_of(page)[name] == pytest.approx(value)
+        assert page.state["view"][name] == pytest.approx(value)
 
     # Another word in the note leaves the view as it was, the comparison that is on the screen replaces it.
     page.handle.get_by_role("button", name="Edit the mark at frame 2").click()
@@ -241,36 +231,23 @@ def test_a_note_that_is_not_saved_is_not_replaced(page, take):
     assert read_marks(take.marks)[0].note == "the hand is blurred"
 
 
-def copied(page: Page, which: str) -> str:
-    """The link that is copied after the page has asked which one, of which it copied none before."""
-    page.handle.evaluate("() => { navigator.clipboard.writeText = async text => { window.copied = text; }; }")
-    page.evaluate("() => { window.copied = ''; }")
+def test_the_link_to_watch_shows_no_review_and_cannot_write(page, take, address, open_page):
+    page.evaluate("() => { navigator.clipboard.writeText = async text => { window.copied = text; }; }")
     page.click("link")
-    button = page.handle.get_by_role("button", name=which)
+    button = page.handle.get_by_role("button", name="Share link to watch")
     button.wait_for()
-    assert page.evaluate("() => window.copied") == ""
+    assert page.evaluate("() => window.copied") is None, "before one is chosen"
     button.click()
     page.wait("window.copied")
-    link: str = page.evaluate("() => window.copied")
-    return link
-
-
-def test_the_link_to_watch_shows_no_review_and_cannot_write(page, take, address, browser):
-    link = copied(page, "Share link to watch")
+    link = page.evaluate("() => window.copied")
     assert link.startswith(f"{address}?t=0")
     assert "without the review" in page.handle.locator("v3-player .notice").inner_text()
-    context = browser.new_context()
-    watching = Page(context.new_page())
-    watching.handle.goto(link)
-    watching.wait_ready()
+    watching = open_page(address=link)
     assert watching.handle.locator(".v3-review").count() == 0
     change = {"frame": 1, "mark": {"note": "no", "author": ""}, "replaces": None}
-    status = watching.evaluate(
-        """async body => (await fetch('.review/marks', {
-          method: 'POST', headers: {'Content-Type': 'application/json'}, body: JSON.stringify(body)
-        })).status""",
-        change,
-    )
+    post = """async body => (await fetch('.review/marks', {
+      method: 'POST', headers: {'Content-Type': 'application/json'}, body: JSON.stringify(body)
+    })).status"""
+    status = watching.evaluate(post, change)
     assert status in (404, 405)
     assert all(mark.note != "no" for mark in read_marks(take.marks).values())
-    context.close()

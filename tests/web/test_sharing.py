@@ -4,10 +4,9 @@ import functools
 import http.server
 import shutil
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import pytest
 import support
@@ -26,23 +25,13 @@ SIZE = (640, 500)  # wide enough for all buttons
 @contextmanager
 def plain_server(folder: Path) -> Iterator[str]:
     """Python's own web server: no ranges, no CORS."""
-
-    class Quiet(http.server.SimpleHTTPRequestHandler):
-        def log_message(self, *_arguments: Any) -> None:
-            pass
-
-    handler = functools.partial(Quiet, directory=str(folder))
+    handler = functools.partial(http.server.SimpleHTTPRequestHandler, directory=str(folder))
     with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         try:
             yield f"http://127.0.0.1:{server.server_port}"
         finally:
             server.shutdown()
-
-
-def recording(requests: list[str]) -> Callable[[Any], None]:
-    """Appends the addresses that a page requests."""
-    return lambda handle: handle.on("request", lambda request: requests.append(request.url))
 
 
 def plays_right(page: Page, stream: Path) -> None:
@@ -60,8 +49,9 @@ def head(page: Page) -> tuple[str, str]:
     return found.locator(".title").inner_text(), found.locator(".credits").inner_text()
 
 
-def fetched_once(requests: list[str], manifest: str, stream: Path) -> None:
+def fetched_once(page: Page, manifest: str, stream: Path) -> None:
     """The page fetches the manifest and the first group before its worker starts, and nobody fetches them again."""
+    requests = page.requests
     first = first_files((stream / "manifest.json").read_bytes())
     assert len(first) == 2
     worker = next(number for number, request in enumerate(requests) if request.startswith("blob:"))
@@ -75,11 +65,10 @@ def fetched_once(requests: list[str], manifest: str, stream: Path) -> None:
 
 def test_the_served_page_plays(baked, open_page):
     with serve(baked()) as serving:
-        requests: list[str] = []
-        page = open_page(address=serving.address, setup=recording(requests), size=SIZE)
+        page = open_page(address=serving.address, size=SIZE)
         plays_right(page, baked())
         assert head(page) == ("Test figure", "")
-        fetched_once(requests, f"{serving.address}manifest.json", baked())
+        fetched_once(page, f"{serving.address}manifest.json", baked())
         assert page.handle.title() == "Test figure"
 
 
@@ -102,20 +91,19 @@ def test_a_shared_folder_plays_from_a_plain_server_below_a_path(baked, open_page
     place = tmp_path / "some" / "where é"
     share(baked(), place, TEXT)
     shutil.copytree(baked(lengths=(2,)), tmp_path / "other")
-    requests: list[str] = []
     with plain_server(tmp_path) as address:
-        page = open_page(address=f"{address}/some/where%20é/", setup=recording(requests), size=SIZE)
+        page = open_page(address=f"{address}/some/where%20é/", size=SIZE)
         plays_right(page, baked())
         assert head(page) == (TEXT.title, f"{TEXT.credits} · {TEXT.license}")
         assert page.handle.title() == TEXT.title
         page.click("link")
         page.wait("location.search.includes('t=0.24&view=')")
-        fetched_once(requests, f"{address}/some/where%20%C3%A9/stream/manifest.json", baked())
+        fetched_once(page, f"{address}/some/where%20%C3%A9/stream/manifest.json", baked())
         page.handle.goto(f"{address}/some/where%20é/?src={address}/other/manifest.json&t=0")
         page.wait_ready()
         assert page.state["frameCount"] == 9
         assert "video" in page.handle.locator("v3-player .notice").inner_text()
-    assert all(request.startswith((f"{address}/some/where", "blob:", "data:")) for request in requests), requests
+        assert all(request.startswith((f"{address}/some/where", "blob:", "data:")) for request in page.requests)
 
 
 def test_a_shared_folder_says_why_it_does_not_play_from_the_disk(baked, open_page, tmp_path):
@@ -130,8 +118,7 @@ def test_a_shared_folder_says_why_it_does_not_play_from_the_disk(baked, open_pag
 def test_a_single_file_plays_from_the_disk(baked, open_page, tmp_path):
     file = tmp_path / "take é.html"
     share(baked(), file, TEXT)
-    requests: list[str] = []
-    page = open_page(address=file.as_uri(), setup=recording(requests), size=SIZE)
+    page = open_page(address=file.as_uri(), size=SIZE)
     plays_right(page, baked())
     assert head(page) == (TEXT.title, f"{TEXT.credits} · {TEXT.license}")
     page.click("link")
@@ -140,4 +127,4 @@ def test_a_single_file_plays_from_the_disk(baked, open_page, tmp_path):
     page.wait_ready()
     assert page.state["frame"] == 5
     assert page.state["view"]["azimuth"] == pytest.approx(30)
-    assert all(request.startswith((file.as_uri(), "blob:", "data:")) for request in requests), requests
+    assert all(request.startswith((file.as_uri(), "blob:", "data:")) for request in page.requests), page.requests

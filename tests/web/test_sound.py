@@ -24,12 +24,11 @@ FAKE = """() => {
 }"""
 
 
-def without_web_audio(handle):
-    """The element plays, as at other speeds and for long loops."""
-    handle.add_init_script("delete window.AudioContext")
+WITHOUT_WEB_AUDIO = "delete window.AudioContext"
+"""The element plays, as at other speeds and for long loops."""
 
 
-LISTEN = """() => {
+LISTEN = """{
   // Records when clicks reach the output, on the clock of its samples.
   window.clicks = [];
   const connect = AudioNode.prototype.connect;
@@ -61,30 +60,9 @@ def sounding(site, baked):
     return shutil.copytree(baked(ladder=(16,), splats=300, clicks=(CLICK,)), site.stream)
 
 
-def the_frames_follow_the_sound(page):
-    page.evaluate(FAKE)
-    page.call("play")
-    page.wait("window.playing")
-    for frame in (2, 3, 6):
-        page.evaluate("at => { window.heard = at; }", (frame + 0.5) / FPS)
-        page.wait("player.state.frame === argument", frame)
-    page.handle.wait_for_timeout(200)  # five frames of the wall clock
-    assert page.state["frame"] == 6
-    page.call("pause")
-    page.wait("!window.playing")
-    page.call("seek", 1.5 / FPS)
-    page.wait("player.state.frame === 1")
-    page.call("play")
-    page.wait("window.playing && Math.abs(window.starts.at(-1) - 1 / 25) < 0.001")
-    page.evaluate("() => { window.heard = 8.9 / 25; }")
-    page.wait("player.state.frame === 8")
-    page.evaluate("() => { window.heard = 9 / 25; }")  # the end: sound and frames start over together
-    page.wait("(seen.looped ?? []).length && window.starts.at(-1) < 0.08")
-
-
 def test_loops_have_no_gap(sounding, open_page):
     """Clicks of one loop and the next are exactly a loop apart, and the frames stay with them."""
-    page = open_page("?t=0", setup=lambda handle: handle.add_init_script(f"({LISTEN})()"))
+    page = open_page("?t=0", LISTEN)
     page.wait("player.engine.sound.present")
     page.click("play")  # an input, which allows sound
     page.wait("window.clicks.length >= 6 && (seen.looped ?? []).length >= 6")
@@ -94,8 +72,8 @@ def test_loops_have_no_gap(sounding, open_page):
     assert sum(abs(one - 9 / FPS) < 0.001 for one in apart) >= 4, apart
 
 
-def test_it_really_plays_and_the_click_is_where_it_should_be(sounding, open_page):
-    page = open_page("?t=0", setup=without_web_audio)
+def test_it_plays_with_the_click_where_it_should_be_and_the_frames_follow(sounding, open_page):
+    page = open_page("?t=0", WITHOUT_WEB_AUDIO)
     page.wait("player.engine.sound.present")
     page.click("play")  # an input: without one, Chromium refuses some sounds, even muted ones
     page.wait("(seen.looped ?? []).length && player.engine.sound.element.played.length")
@@ -125,12 +103,29 @@ def test_it_really_plays_and_the_click_is_where_it_should_be(sounding, open_page
     assert found[0] == pytest.approx(CLICK, abs=0.001)
     assert found[1] >= entry.samples
     page.call("seek", 0)
-    the_frames_follow_the_sound(page)
+    page.evaluate(FAKE)
+    page.call("play")
+    page.wait("window.playing")
+    for frame in (2, 3, 6):
+        page.evaluate("at => { window.heard = at; }", (frame + 0.5) / FPS)
+        page.wait("player.state.frame === argument", frame)
+    page.handle.wait_for_timeout(200)  # five frames of the wall clock
+    assert page.state["frame"] == 6
+    page.call("pause")
+    page.wait("!window.playing")
+    page.call("seek", 1.5 / FPS)
+    page.wait("player.state.frame === 1")
+    page.call("play")
+    page.wait("window.playing && Math.abs(window.starts.at(-1) - 1 / 25) < 0.001")
+    page.evaluate("() => { window.heard = 8.9 / 25; }")
+    page.wait("player.state.frame === 8")
+    page.evaluate("() => { window.heard = 9 / 25; }")  # the end: sound and frames start over together
+    page.wait("(seen.looped ?? []).length && window.starts.at(-1) < 0.08")
 
 
 def test_a_browser_that_waits_for_the_viewer(sounding, open_page):
     """Sound is refused before the first input; muted, it plays and leads, however late the browser refuses."""
-    refuse = """() => {
+    refuse = """{
       window.refusals = []; window.silent = 0; window.loud = 0;
       const play = HTMLMediaElement.prototype.play;
       HTMLMediaElement.prototype.play = function () {
@@ -140,7 +135,7 @@ def test_a_browser_that_waits_for_the_viewer(sounding, open_page):
         return play.call(this);
       };
     }"""
-    page = open_page(setup=lambda handle: (without_web_audio(handle), handle.add_init_script(f"({refuse})()")))
+    page = open_page("", WITHOUT_WEB_AUDIO, refuse)
     page.wait("window.refusals.length === 1")
     page.call("pause")
     page.call("play")

@@ -42,10 +42,7 @@ def video_index(path: Path, codec: str) -> dict[str, Any]:
             "width": stream.width,
             "height": stream.height,
             "codec": codec,
-            "packets": [
-                [packet.pos, packet.size, packet.is_keyframe, float(packet.pts * packet.time_base)]
-                for packet in packets
-            ],
+            "packets": [[one.pos, one.size, one.is_keyframe, float(one.pts * one.time_base)] for one in packets],
         }
 
 
@@ -78,9 +75,8 @@ def main(folder: Path) -> None:
         side = json.loads((stream / "manifest.json").read_bytes())["groups"][0]["renditions"][0]["side"]
         (folder / "motion.bin").write_bytes((stream / side["path"]).read_bytes())
         (folder / "side.json").write_text(json.dumps(support.side_arrays(stream, 0)))
-        ladder = support.bake(
-            Path(temporary) / "ladder", lengths=(3, 2), splats=300, ladder=(20, 34), paged=True, clicks=[0.1]
-        )
+        options = {"lengths": (3, 2), "splats": 300, "ladder": (20, 34), "paged": True, "clicks": [0.1]}
+        ladder = support.bake(Path(temporary) / "ladder", **options)
         manifest = (ladder / "manifest.json").read_bytes()
         (folder / "ladder.json").write_bytes(manifest)
         (folder / "page.json").write_bytes((ladder / json.loads(manifest)["pages"][0]["path"]).read_bytes())
