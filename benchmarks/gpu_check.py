@@ -349,7 +349,8 @@ def settings(dry: bool) -> Config:
     if not dry:
         return Config.model_validate({"capture": capture, "train": {"joint_iterations": JOINT}})
     small = {"points": 200, "resolution": 24}
-    capture = capture.replace(frames=":3", scale=0.25)
+    cameras = [f"cam{number:02d}" for number in (0, 2, 4, 6, 8, 10, 12, 14)]
+    capture = capture.replace(frames=":3", scale=0.25, cameras=cameras, held_out=cameras[1:2])
     return Config.model_validate({"capture": capture, "initialize": small, "train": TINY, "run": {"device": "cpu"}})
 
 

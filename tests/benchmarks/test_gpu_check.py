@@ -1,16 +1,24 @@
 """The GPU check runs all its parts on the CPU, and says which failed."""
 
 import json
+import subprocess
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from benchmarks import gpu_check as script
+from tests.support.warm_python import warm_python
 
 pytestmark = pytest.mark.long
 
 
-def test_dry_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_dry_run(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    def run(command: list[str], cwd: Path, **_: Any) -> subprocess.CompletedProcess[str]:
+        return warm_python().run(command[1:], cwd=cwd, text=True)
+
+    monkeypatch.setattr(script, "subprocess", SimpleNamespace(**{**vars(subprocess), "run": run}))
     assert script.main(["--dry-run", "--out", str(tmp_path / "gpu.json")]) == 0, capsys.readouterr().out
     report = json.loads((tmp_path / "gpu.json").read_text())
     parts = report["parts"]

@@ -10,7 +10,7 @@ import pytest
 
 from studio.cameras import Camera, Rig
 from studio.capture import CaptureSettings, Footage, open_footage
-from studio.masks.agreement import source
+from studio.masks.agreement import source, vote
 from studio.masks.matting_model import MattingModel
 from tests.studio.masks.scenes import ball, overlap
 from tests.support.errors import refuses
@@ -26,6 +26,12 @@ def alpha_of(camera: Camera, frame: int) -> np.ndarray:
     """(H, W) bool: two balls, one above the other, that move."""
     x, y = 0.5 * np.sin(0.4 * frame), 0.2 * np.cos(0.4 * frame)
     return ball(camera, np.array([x, y, -0.15]), 0.32) | ball(camera, np.array([x, y, 0.3]), 0.2)
+
+
+@pytest.fixture(autouse=True)
+def few_cells(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Half of the usual number along each side, which are split once more, is as good for small images."""
+    monkeypatch.setattr(vote, "_CELLS", 24)
 
 
 @pytest.fixture(scope="module")
