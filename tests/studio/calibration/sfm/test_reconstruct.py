@@ -23,7 +23,7 @@ pytestmark = pytest.mark.long
 
 Scene = tuple[dict[str, np.ndarray], Rig]
 ONE_THREAD: dict[str, int] = {"threads": 1, "seed": 7}
-SIZE = (360, 270)
+SIZE, FOCAL = (240, 180), 220.0
 
 
 @pytest.fixture(autouse=True)
@@ -80,7 +80,7 @@ def scene() -> Scene:
     for index in range(6):
         angle = np.radians(-125 + 14 * index)
         center = np.array([3.2 * np.cos(angle), 3.2 * np.sin(angle), 1.0 + 0.3 * (index % 2)])
-        cameras.append(camera_at(f"view {index}", center, [0, 0.3, 0.6], focal=330.0, size=SIZE))
+        cameras.append(camera_at(f"view {index}", center, [0, 0.3, 0.6], focal=FOCAL, size=SIZE))
     rig = Rig(tuple(cameras))
     planes = room(np.random.default_rng(0))
     return {camera.name: render(camera, planes) for camera in rig}, rig
@@ -100,7 +100,7 @@ def test_cameras_are_found(scene: Scene, solved: Any) -> None:
     assert difference.center_percent < 1.0
     assert difference.rotation_degrees < 0.2
     for camera in result.rig:
-        assert camera.fx == pytest.approx(330.0, rel=0.02)
+        assert camera.fx == pytest.approx(FOCAL, rel=0.02)
         assert (camera.width, camera.height) == SIZE
     assert result.report.unregistered == {}
     assert result.report.reprojection.mean < 0.5
@@ -221,13 +221,13 @@ def test_bad_input(scene: Scene, tmp_path: Path) -> None:
     name = next(iter(images))
     with refuses("calibration.too_few_images", value=1, expected=2):
         calibrate_from_images({name: images[name]}, workdir=tmp_path)
-    with refuses("calibration.mask_size", value=[5, 5], camera=name, expected=[360, 270]):
+    with refuses("calibration.mask_size", value=[5, 5], camera=name, expected=[*SIZE]):
         calibrate_from_images(images, {name: np.ones((5, 5), np.uint8)}, workdir=tmp_path)
     with refuses("calibration.mask_empty", camera=name):
         calibrate_from_images(images, {name: np.zeros(SIZE[::-1], np.uint8)}, workdir=tmp_path)
     with refuses("calibration.image_format", camera=name):
         calibrate_from_images({**images, name: images[name][..., 0]}, workdir=tmp_path)
-    with refuses("calibration.intrinsics_size", value=[180, 135], camera=name, expected=[360, 270]):
+    with refuses("calibration.intrinsics_size", value=[120, 90], camera=name, expected=[*SIZE]):
         calibrate_from_images(images, workdir=tmp_path, known={name: truth[name].scaled(0.5)})
     with refuses_setting("camera_model"):
         CalibrateSettings(camera_model="BENT")  # type: ignore[arg-type]
