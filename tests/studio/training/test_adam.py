@@ -1,5 +1,9 @@
 """Adam without PyTorch's compiler."""
 
+import sys
+from types import SimpleNamespace
+
+import pytest
 import torch
 
 from studio.training.adam import Adam, ParameterGroup
@@ -10,7 +14,10 @@ def values() -> list[torch.Tensor]:
     return [torch.randn(size, generator=generator) for size in ((33, 3), (33,), (7, 1, 3))]
 
 
-def test_steps_are_those_of_pytorch_to_the_last_bit() -> None:
+def test_steps_are_those_of_pytorch_to_the_last_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+    # PyTorch's Adam asks its compiler to leave its methods alone, and importing that takes seconds
+    compiler = SimpleNamespace(disable=lambda method, *_, **__: method, graph_break=lambda: None)
+    monkeypatch.setitem(sys.modules, "torch._dynamo", compiler)
     ours, theirs = ([value.clone().requires_grad_() for value in values()] for _ in range(2))
     rates = (1e-2, 3e-3)
     adam = Adam([ParameterGroup(ours[:2], rates[0]), ParameterGroup(ours[2:], rates[1])], betas=(0.9, 0.99), eps=1e-15)
