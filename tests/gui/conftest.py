@@ -39,6 +39,9 @@ GROUPS = ((0, 8), (8, 4))  # first frame, frames
 SIZE = "1024x800"
 """Of the window, as small as all dialogs allow: a software renderer takes time for each pixel."""
 
+CLICK = ("mousedown", 1, "mouseup", 1)
+"""Arguments of xdotool."""
+
 STILL = 25
 """Ticks without a change after which a widget counts as still. Panels show a change only when they are next drawn,
 up to `gui.window.LONGER_PAUSE` later; a tick takes at least 9.5 ms."""
@@ -307,7 +310,7 @@ class RunningWindow:
 
     def press(self, x: int, y: int, until: Until | None = None) -> State:
         """Press and release the left button at a position on the screen."""
-        return self.send("mousemove", x, y, "mousedown", 1, "mouseup", 1, until=until)
+        return self.send("mousemove", x, y, *CLICK, until=until)
 
     def send(self, *arguments: object, until: Until | None = None) -> State:
         """Send an input event; return when the window has handled it and has been drawn. The query after the event
@@ -317,16 +320,15 @@ class RunningWindow:
         return self.wait_for(*until) if until is not None else self.states()[-1]
 
     def drag(self, widget: str, start: Place, end: Place, button: int = 1, until: Until | None = None) -> State:
-        """Drag across a widget in steps."""
+        """Drag across a widget in steps. The toolkit takes the pointer's position of the moment for that of a press."""
         left, top, width, height = self.box(widget)
         (a, b), (c, d) = start, end
         places = [
             (round(left + (a + t * (c - a)) * width), round(top + (b + t * (d - b)) * height)) for t in (0, 0.5, 1)
         ]
         self.send("mousemove", *places[0], "mousedown", button)
-        for place in places[1:]:
-            self.send("mousemove", *place)
-        return self.send("mouseup", button, until=until)
+        self.send("mousemove", *places[1])
+        return self.send("mousemove", *places[2], "mouseup", button, until=until)
 
     def retype(self, widget: str, text: str) -> None:
         """Replace the text of a field."""
@@ -341,7 +343,7 @@ class RunningWindow:
         """Type into the field with the keyboard focus, and wait until it contains the text: appended, or replacing its
         text if that is selected."""
         whole = text if selected else self.states()[-1]["texts"].get(widget, "") + text
-        self.xdotool("type", "--delay", 10, text)
+        self.xdotool("type", "--delay", 1, text)
         self.wait_for(f"{whole!r} in {widget}", lambda s: s["texts"].get(widget) == whole)
 
     def key(self, name: str, until: Until | None = None) -> State:

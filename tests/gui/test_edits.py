@@ -20,9 +20,8 @@ from tests.support.waiting import wait_until
 def press(window: RunningWindow, camera: str, button: int, until: Until) -> State:
     """Click what shows a camera."""
     state = window.wait_for(f"a place of {camera}", lambda s: s["settled"] and camera in s["places"])
-    window.send("mousemove", *window.point("viewport", *state["places"][camera]))
-    window.send("mousedown", button)
-    return window.send("mouseup", button, until=until)
+    place = window.point("viewport", *state["places"][camera])
+    return window.send("mousemove", *place, "mousedown", button, "mouseup", button, until=until)
 
 
 def box_pixels(window: RunningWindow) -> int:

@@ -194,4 +194,4 @@ def colored(pixels: np.ndarray) -> np.ndarray:
 
 def read_code(window: RunningWindow) -> str:
     """What the QR code says."""
-    return cv2.QRCodeDetector().detectAndDecode(np.ascontiguousarray(window.pixels("dialog qr")))[0]
+    return cv2.QRCodeDetectorAruco().detectAndDecode(np.ascontiguousarray(window.pixels("dialog qr")))[0]

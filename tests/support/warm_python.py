@@ -6,7 +6,8 @@ more than a hundred programs. A `WarmPython` imports once and forks for each pro
 Three things differ: modules of the project are imported before the program starts; environment variables that Python,
 the C library or OpenMP read as they start (LC_ALL, PYTHONUTF8) have the values of the `WarmPython`; and a program
 without a window ends without taking its libraries down. Tests of imports, of start-up and of the very end therefore use
-`subprocess`.
+`subprocess`. A `v3studio` that such a program starts in a session of its own, as the window starts a run, is forked,
+too.
 """
 
 from __future__ import annotations
@@ -42,13 +43,13 @@ class WarmProcess:
 
     Attributes:
         pid: of the program.
-        stdout, stderr: the read ends of its pipes; None if it was given a file.
+        stdin, stdout, stderr: our ends of its pipes; None if it was given a file.
         returncode: exit status, negative for a signal; None until `poll`, `wait` or `communicate` sees the end.
     """
 
-    def __init__(self, args: Sequence[str], pid: int, status: int, stdout: IO[Any] | None, stderr: IO[Any] | None):
+    def __init__(self, args: Sequence[str], pid: int, status: int, pipes: Sequence[IO[Any] | None]):
         self.args, self.pid, self._status = list(args), pid, status
-        self.stdout, self.stderr = stdout, stderr
+        self.stdin, self.stdout, self.stderr = pipes
         self.returncode: int | None = None
 
     def wait(self, timeout: float | None = None) -> int:
@@ -101,16 +102,25 @@ class WarmProcess:
         return self
 
     def __exit__(self, *_: object) -> None:
-        for pipe in (self.stdout, self.stderr):
+        for pipe in (self.stdin, self.stdout, self.stderr):
             if pipe is not None:
                 pipe.close()
         self.wait()
 
 
 class WarmPython:
-    """The process that forks. It ends with the process that made it."""
+    """The process that forks. It ends with the process that made it.
 
-    def __init__(self, env: Mapping[str, str] | None = None) -> None:
+    Args:
+        env: its environment; default: that of this process.
+        connection: to the one that has forked this process; None to start another.
+    """
+
+    def __init__(self, env: Mapping[str, str] | None = None, connection: socket.socket | None = None) -> None:
+        self._lock = threading.Lock()
+        if connection is not None:
+            self._socket = connection
+            return
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         environment = {**(os.environ if env is None else env), "PYTHONPATH": str(_ROOT)}
         self._server = subprocess.Popen(
@@ -121,7 +131,6 @@ class WarmPython:
         )
         theirs.close()
         self._socket = ours
-        self._lock = threading.Lock()
 
     def popen(
         self,
@@ -131,6 +140,9 @@ class WarmPython:
         env: Mapping[str, str] | None = None,
         text: bool = False,
         output: IO[bytes] | None = None,
+        errors: IO[bytes] | None = None,
+        tied: bool = False,
+        session: bool = False,
     ) -> WarmProcess:
         """Start a program.
 
@@ -138,22 +150,29 @@ class WarmPython:
             arguments: what follows `python`: -m MODULE ..., -c CODE ..., or FILE ....
             env: the whole environment; default: that of this process, now.
             text: the pipes give str (UTF-8) instead of bytes.
-            output: takes standard output and error instead of pipes.
+            output: takes standard output, and error unless `errors` does, instead of pipes.
+            tied: whether standard input is a pipe.
+            session: whether it begins a session of its own.
         """
         args = [str(argument) for argument in arguments]
         status_read, status_write = os.pipe()
-        ends = [] if output else [os.pipe(), os.pipe()]
-        given = [output.fileno()] * 2 if output else [write for _, write in ends]
-        where = json.dumps({"args": args, "cwd": str(cwd), "env": dict(os.environ if env is None else env)}).encode()
-        with self._lock:
-            socket.send_fds(self._socket, [where], [*given, status_write])
-            pid = int(self._socket.recv(32))
-        for descriptor in (*(write for _, write in ends), status_write):
+        ends = [os.pipe() if piped else None for piped in (tied, not output, not (errors or output))]
+        taken = [end and end[number > 0] for number, end in enumerate(ends)]
+        with open(os.devnull, "rb") as nothing:
+            files = (nothing, output or nothing, errors or output or nothing)
+            given = [file.fileno() if end is None else end for file, end in zip(files, taken, strict=True)]
+            environment = dict(os.environ if env is None else env)
+            where = json.dumps({"args": args, "cwd": str(cwd), "env": environment, "session": session}).encode()
+            with self._lock:
+                socket.send_fds(self._socket, [where], [*given, status_write])
+                pid = int(self._socket.recv(32))
+        for descriptor in (*filter(None, taken), status_write):
             os.close(descriptor)
-        pipes: list[Any] = [None, None]
-        for index, (read, _) in enumerate(ends):
-            pipes[index] = open(read, encoding="utf-8") if text else open(read, "rb")  # noqa: SIM115
-        return WarmProcess(args, pid, status_read, *pipes)
+        kind, encoding = ("", "utf-8") if text else ("b", None)
+        modes = ("w", "r", "r")
+        opened = functools.partial(open, encoding=encoding)
+        pipes = [end and opened(end[m == "w"], m + kind) for m, end in zip(modes, ends, strict=True)]
+        return WarmProcess(args, pid, status_read, pipes)
 
     def run(
         self,
@@ -185,8 +204,9 @@ def warm_python(locale: str | None = None) -> WarmPython:
     return WarmPython({**os.environ, "LC_ALL": locale, "LANG": locale} if locale else None)
 
 
-def _serve(connection: socket.socket) -> list[str]:
-    """Fork for each request. Returns in the forked processes, with the arguments of their program."""
+def _serve(connection: socket.socket) -> tuple[list[str], socket.socket]:
+    """Fork for each request, also of the forked processes, in which this returns the arguments of their program and a
+    connection for their requests."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     wake, woken = socket.socketpair()
     for end in (wake, woken):
@@ -194,8 +214,9 @@ def _serve(connection: socket.socket) -> list[str]:
     signal.signal(signal.SIGCHLD, lambda *_: None)
     signal.set_wakeup_fd(woken.fileno())
     running: dict[int, int] = {}
+    connections = [connection]
     while True:
-        ready = select.select([connection, wake], [], [])[0]
+        ready = select.select([*connections, wake], [], [])[0]
         if wake in ready:
             with contextlib.suppress(BlockingIOError):
                 wake.recv(4096)
@@ -207,38 +228,47 @@ def _serve(connection: socket.socket) -> list[str]:
                 with contextlib.suppress(BrokenPipeError):  # nobody waits for it any more
                     os.write(status, str(os.waitstatus_to_exitcode(state)).encode())
                 os.close(status)
-        if connection in ready:
-            data, descriptors, _, _ = socket.recv_fds(connection, 1 << 20, 3)
-            if not data:
+        for one in [one for one in connections if one in ready]:
+            data, descriptors, _, _ = socket.recv_fds(one, 1 << 20, 4)
+            if not data and one is connection:
                 os._exit(0)
+            if not data:
+                connections.remove(one)
+                one.close()
+                continue
             request = json.loads(data)
-            stdout, stderr, status = descriptors
+            *files, status = descriptors
+            ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
             pid = os.fork()
             if pid == 0:
                 signal.set_wakeup_fd(-1)
                 signal.signal(signal.SIGCHLD, signal.SIG_DFL)
                 signal.signal(signal.SIGINT, signal.default_int_handler)
-                for end in (connection, wake, woken):
+                for end in (*connections, wake, woken, ours):
                     end.close()
                 for descriptor in (status, *running.values()):
                     os.close(descriptor)
-                _become(request["cwd"], request["env"], stdout, stderr)
-                return request["args"]
+                if request["session"]:
+                    os.setsid()
+                _become(request["cwd"], request["env"], files)
+                return request["args"], theirs
             running[pid] = status
-            os.close(stdout)
-            os.close(stderr)
-            connection.send(str(pid).encode())
+            connections.append(ours)
+            theirs.close()
+            for descriptor in files:
+                os.close(descriptor)
+            with contextlib.suppress(BrokenPipeError):
+                one.send(str(pid).encode())
 
 
-def _become(folder: str, environment: dict[str, str], stdout: int, stderr: int) -> None:
-    """Take on a program's folder, environment and output."""
+def _become(folder: str, environment: dict[str, str], files: list[int]) -> None:
+    """Take on a program's folder, environment, input and output."""
     os.chdir(folder)
     os.environ.clear()
     os.environ.update(environment)
-    nothing = os.open(os.devnull, os.O_RDONLY)
-    for number, descriptor in enumerate((nothing, stdout, stderr)):
+    for number, descriptor in enumerate(files):
         os.dup2(descriptor, number)
-    for descriptor in {nothing, stdout, stderr}:
+    for descriptor in files:
         os.close(descriptor)
     for name, descriptor in (("stdout", 1), ("stderr", 2)):
         old = getattr(sys, name)
@@ -246,6 +276,24 @@ def _become(folder: str, environment: dict[str, str], stdout: int, stderr: int) 
         made = io.TextIOWrapper(raw, encoding=old.encoding, errors=old.errors, line_buffering=name == "stderr")
         setattr(sys, name, made)
         setattr(sys, f"__{name}__", made)
+
+
+def _forking(warm: WarmPython) -> type[subprocess.Popen[Any]]:
+    """`subprocess.Popen` that has `v3studio` forked if it gets a session of its own."""
+
+    class Popen(subprocess.Popen[Any]):
+        def __new__(cls, args: Any, **options: Any) -> Any:
+            if args[:3] != [sys.executable, "-m", "pipelines.cli"] or not options.get("start_new_session"):
+                return super().__new__(cls)
+            tied, piped = (options[name] == subprocess.PIPE for name in ("stdin", "stdout"))
+            folder = os.path.abspath(options.get("cwd", "."))
+            with open(os.devnull, "wb") as nothing:
+                output, errors = None if piped else nothing, options["stderr"]
+                return warm.popen(
+                    args[1:], cwd=folder, env=options["env"], output=output, errors=errors, tied=tied, session=True
+                )
+
+    return Popen
 
 
 def _run(arguments: list[str]) -> None:
@@ -294,11 +342,12 @@ if __name__ == "__main__":
     gc.enable()
     gc.freeze()  # otherwise the first collection in each program copies all these pages
     with socket.socket(fileno=int(sys.argv[1])) as _connection:
-        _arguments = _serve(_connection)
+        _arguments, _own = _serve(_connection)
     if "OMP_NUM_THREADS" in os.environ:  # OpenMP read it when it was loaded
         import torch
 
         torch.set_num_threads(int(os.environ["OMP_NUM_THREADS"]))
+    subprocess.Popen = _forking(WarmPython(connection=_own))  # type: ignore[assignment,misc]
     _code: object = 0
     try:
         _run(_arguments)
