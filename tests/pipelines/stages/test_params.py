@@ -1,0 +1,77 @@
+"""What makes a stage stale makes its units stale, too: else it reuses them all, and counts as up to date."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from pipelines.config import load_config
+from pipelines.stages import GROUP_STAGES, Stage, params
+from pipelines.stages.baking.plan import BakePlan
+from pipelines.stages.baking.publish import publish
+from pipelines.stages.inputs import Inputs
+from pipelines.stages.reporter import StageReporter
+from pipelines.takes.take import Take
+from tests.support.sounds import clicks, write_wav
+from tests.support.streams import contents
+
+MOST = [  # what is read only with these settings
+    ("train.joint_iterations", 1),
+    ("train.camera_colors", "splats"),
+    ("train.refine_cameras", "always"),
+    ("bake.ladder", [{"qp": 30, "splats": 0.5, "finetune_iterations": 1}]),
+]
+PUBLISHED = {  # settings of `bake` that no group depends on, and a value with which the same groups are published again
+    "bake.view_range": "none",
+    "capture.audio": "",  # a file
+    "capture.audio_offset": 0.04,
+    "capture.held_out": ["cam0"],
+    "evaluate.background": [1, 1, 1],
+}
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], object]], set[str]]:
+    """Names of the settings that a call digests."""
+    names: set[str] = set()
+    settings_of = params.settings_of
+
+    def noted(config: object, *given: str) -> object:
+        found = settings_of(config, *given)
+        names.update(found)
+        return found
+
+    monkeypatch.setattr(params, "settings_of", noted)
+
+    def during(call: Callable[[], object]) -> set[str]:
+        names.clear()
+        call()
+        return set(names)
+
+    return during
+
+
+@pytest.mark.parametrize("stage", GROUP_STAGES, ids=lambda stage: stage.name)
+def test_settings_of_a_stage_are_settings_of_its_groups(stage: Stage, finished: Path, asked: Callable) -> None:
+    take = Take.open(finished / "take")
+    inputs = Inputs(take, load_config(take.config, MOST))
+    code = stage.group_code
+    whole = asked(lambda: code.params(inputs))
+    assert len(whole) > 5
+    missing = whole - asked(lambda: code.group_key(inputs, inputs.groups[0]))
+    read_twice = {"capture.held_out"}  # fine-tuned renditions have training views, too
+    assert missing == (set(PUBLISHED) - read_twice if stage.name == "bake" else set())
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_what_no_group_depends_on_changes_what_is_published(take: Take, name: str) -> None:
+    wav = str(write_wav(take.root / "sound.wav", clicks(0.3, [0.08])))
+    sound = {"capture.audio": wav} if name == "capture.audio_offset" else {}
+    found = []
+    for changes in (sound, {**sound, name: wav if name == "capture.audio" else PUBLISHED[name]}):
+        plan = BakePlan(Inputs(take, load_config(take.config, list(changes.items()))))
+        notes = [plan.baked(part) for part in plan.parts]
+        assert None not in notes
+        publish(plan, notes, live=False, reporter=StageReporter("bake"))
+        found.append(contents(take.stream))
+    assert found[0] != found[1]
