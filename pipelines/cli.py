@@ -117,7 +117,8 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     known, unknown = parser.parse_known_args(long_settings_as_set(arguments, named))
     if unknown:
         seconds = [name.removeprefix(f"{arguments[0]} ") for name in commands if name.startswith(f"{arguments[0]} ")]
-        named.refuse(unknown, nearest(arguments[1], seconds) if seconds else "")
+        given = [word if word in arguments else word.replace("--set=", "--", 1) for word in unknown]
+        named.refuse(given, nearest(arguments[1], seconds) if seconds else "")
     return known
 
 

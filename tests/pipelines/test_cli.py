@@ -163,6 +163,8 @@ def test_typos_are_answered_with_what_is_similar(here):
     ):
         here(*words).fails(f"did you mean {meant}?", code=2)
     assert "did you mean" not in here("zzzzzz").stderr
+    here("check", "x", "--capture.masks", "y").fails(" --capture.masks=y", code=2)
+    here("check", "x", "--set=capture.masks=y").fails(" --set=capture.masks=y", code=2)
     here("models").fails("models list and models get", code=2)
 
 
