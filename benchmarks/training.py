@@ -45,7 +45,7 @@ from studio.training.keyframe import scene_extent
 from studio.training.motion import MotionField
 from studio.training.photometric import photometric_loss, photometric_loss_torch
 from studio.training.splat_optimizer import SplatOptimizer
-from studio.training.step import Stepper
+from studio.training.step import Stepper, regularized
 
 console = Console(width=112)
 
@@ -190,9 +190,7 @@ class Scene:
 
         def keyframe() -> None:
             splats = optimizer.gaussians
-            loss = stepper(splats, dropout=True).loss
-            loss = loss + settings.opacity_reg * splats.opacities.mean()
-            loss = loss + settings.scale_reg / extent * splats.scales.mean()
+            loss = regularized(stepper(splats, dropout=True).loss, splats, settings, extent)
             loss.backward()  # type: ignore[no-untyped-call]
             optimizer.step()
 
