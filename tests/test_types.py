@@ -35,7 +35,8 @@ def annotations(tree: ast.Module) -> Iterator[ast.expr]:
 
 def with_untyped_dict(source: str) -> list[int]:
     """Lines whose annotation contains `dict[str, Any]`."""
-    return [one.lineno for one in annotations(ast.parse(source)) if "dict[str, Any]" in ast.unparse(one)]
+    tree = ast.parse(source if "Any" in source else "")
+    return [one.lineno for one in annotations(tree) if "dict[str, Any]" in ast.unparse(one)]
 
 
 @pytest.mark.parametrize("package", PACKAGES)
