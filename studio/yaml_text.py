@@ -4,6 +4,8 @@ Plain values mean what they mean in YAML 1.2: 1e-3 is a number, and yes and off 
 true or false accept. Duplicate keys are errors.
 """
 
+import copy
+import functools
 import io
 import re
 from typing import Any
@@ -57,6 +59,11 @@ _Representer.add_representer(str, _Representer.represent_str)
 def parse_yaml(text: str, *, plain: bool = False) -> Any:
     """The value of a YAML document; None if it is empty. `plain`: leave every value as the text that it is, so that 01
     does not become 1. YamlError if it is not YAML; `DuplicateKey` for a key that a mapping has twice."""
+    return copy.deepcopy(_parsed(text, plain))
+
+
+@functools.lru_cache(maxsize=32)  # a run reads its settings several times, which takes 10 ms each
+def _parsed(text: str, plain: bool) -> Any:
     reader = YAML(typ="base" if plain else "safe", pure=True)
     if not plain:
         reader.Constructor = _Constructor

@@ -25,6 +25,11 @@ def test_what_plain_values_mean(text: str, value: object) -> None:
         assert type(found) is type(value)
 
 
+def test_a_value_belongs_to_who_parsed_it() -> None:
+    parse_yaml("a: {b: []}")["a"]["b"].append(1)
+    assert parse_yaml("a: {b: []}") == {"a": {"b": []}}
+
+
 @pytest.mark.parametrize(
     ("text", "line", "problem"),
     [
