@@ -2,8 +2,8 @@
 
 Each package of the library declares its settings once, as fields of a frozen pydantic model in its `settings.py`. A
 field has a default, bounds, its documentation (the string below it) and, in `Annotated`, the results that become stale
-when it changes (`Affects`) and the heading under which it is listed (`Heading`). The settings file, `v3studio config`,
-the window and the staleness check all read these models; nothing is declared twice.
+when it changes (`Affects`), the heading under which it is listed (`Heading`), and what null is called (`Empty`). The
+settings file, `v3studio config`, the window and the staleness check all read these models; nothing is declared twice.
 """
 
 import difflib
@@ -62,6 +62,13 @@ class Affects:
 @dataclass(frozen=True)
 class Heading:
     """Heading under which this field and the following ones are listed, up to the next heading."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Empty:
+    """What the window shows instead of null, an empty list, an empty mapping or an empty text."""
 
     text: str
 
@@ -129,7 +136,7 @@ class Settings(BaseModel):
         return type(self)(**{name: getattr(self, name) for name in type(self).model_fields} | changes)
 
 
-_Marker = TypeVar("_Marker", Affects, Heading, Unbounded)
+_Marker = TypeVar("_Marker", Affects, Empty, Heading, Unbounded)
 
 
 def as_list(text: str, *, plain: bool = False) -> Any:

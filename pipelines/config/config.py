@@ -12,7 +12,7 @@ from pydantic import Field, field_validator
 from studio.calibration.settings import CalibrateSettings
 from studio.capture.settings import CaptureSettings
 from studio.meshing.settings import InitializeSettings
-from studio.settings import Affects, Color, Conflict, Heading, Name, Settings
+from studio.settings import Affects, Color, Conflict, Empty, Heading, Name, Settings
 from studio.stream.settings import BakeSettings
 from studio.training.settings import GROUP_SIZE, TrainSettings
 
@@ -39,14 +39,14 @@ class EvaluateSettings(Settings):
     crop_padding: Annotated[int, Heading("Evaluation")] = Field(default=8, ge=0, le=10_000)
     """Metrics are computed in the bounding box of the performer's mask, padded by this many pixels."""
 
-    exact_masks: Name | None = None
+    exact_masks: Annotated[Name | None, Empty("as in training")] = None
     """Pattern of ground-truth masks, relative to capture.root, if the capture has them. They are never used for
     training. null: the masks that training uses."""
 
     background: Annotated[Color, Affects("evaluation", "manifest")] = (0.0, 0.0, 0.0)
     """Background color behind the performer in evaluation and previews (red, green, blue; 0 to 1)."""
 
-    lpips: Literal["alex", "vgg"] | None = None
+    lpips: Annotated[Literal["alex", "vgg"] | None, Empty("not measured")] = None
     """Also compute LPIPS, with AlexNet (alex, recommended by its authors for comparisons) or VGG16 (vgg). null: no. The
     network's weights (244 or 553 MB) are downloaded from download.pytorch.org on first use."""
 
@@ -64,10 +64,10 @@ class RunSettings(Settings):
     device: str = "auto"
     """Device for training and rendering: cpu, cuda, cuda:N, or auto (a GPU if available)."""
 
-    threads: int | None = Field(default=None, ge=1, le=1024)
+    threads: Annotated[int | None, Empty("one per core")] = Field(default=None, ge=1, le=1024)
     """CPU threads. null: one per core."""
 
-    groups_at_once: int | None = Field(default=None, ge=1, le=64)
+    groups_at_once: Annotated[int | None, Empty("automatic")] = Field(default=None, ge=1, le=64)
     """Groups trained in parallel, sharing the CPU threads. null: on a CPU as many as threads and memory allow, at most
     8; on a GPU one."""
 
@@ -94,15 +94,15 @@ class RunSettings(Settings):
     """The Ray cluster: HOST:PORT of its head node from a node of the cluster, ray://HOST:10001 from outside, auto for
     the cluster that runs on this machine, or local to start one on this machine for this run."""
 
-    gpus_per_group: float | None = Field(default=None, ge=0, le=16)
+    gpus_per_group: Annotated[float | None, Empty("automatic")] = Field(default=None, ge=0, le=16)
     """GPUs that a group takes on a Ray cluster; 0.5: two groups share one. null: 1 if the cluster has GPUs and device
     is not cpu, else 0."""
 
-    memory_per_group: float | None = Field(default=None, gt=0, le=4096)
+    memory_per_group: Annotated[float | None, Empty("automatic")] = Field(default=None, gt=0, le=4096)
     """Memory in GB that a group takes on a Ray cluster, so that fewer run at once on small nodes. null: estimated from
     the images. It is raised when a node runs out of memory."""
 
-    paths: dict[str, tuple[str, ...]] = Field(default={})
+    paths: Annotated[dict[str, tuple[str, ...]], Empty("none")] = Field(default={})
     """Other paths of shared folders on other machines; example: {/mnt/footage: [/Volumes/footage]}. A machine without
     the folder /mnt/footage looks for the footage, and for the take of a Ray run, below the first of the listed folders
     that it has."""

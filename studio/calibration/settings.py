@@ -5,7 +5,7 @@ from typing import Annotated, ClassVar, Literal, Self
 from pydantic import Field, model_validator
 
 from studio.calibration.target.pattern import CalibrationTarget
-from studio.settings import Affects, Conflict, Heading, Name, Settings, Unbounded
+from studio.settings import Affects, Conflict, Empty, Heading, Name, Settings, Unbounded
 
 CameraModel = Literal["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV"]
 
@@ -26,18 +26,18 @@ class CalibrateSettings(Settings):
 
     affects: ClassVar[Affects | None] = Affects("cameras_from_images")
 
-    board_images: Annotated[Name | None, Heading("Calibration target"), _TARGET] = None
+    board_images: Annotated[Name | None, Heading("Calibration target"), _TARGET, Empty("none")] = None
     """Path pattern of synchronized footage in which a calibration target (board) is moved in front of the cameras;
     example: board/{camera}.mp4. If set, the cameras are calibrated from it. null: from the capture's own footage."""
 
-    intrinsics_images: Annotated[Name | None, _ALL_WAYS] = None
+    intrinsics_images: Annotated[Name | None, _ALL_WAYS, Empty("none")] = None
     """Path pattern of additional images of the target for each camera, used for intrinsics only; example:
     lenses/{camera}/*_{frame}.jpg."""
 
     board: Annotated[CalibrationTarget, _ALL_WAYS] = CalibrationTarget()
     """Layout and size of the calibration target."""
 
-    board_origin: Annotated[int | None, Heading("Target detection"), _FRAME_NUMBER, _TARGET] = None
+    board_origin: Annotated[int | None, Heading("Target detection"), _FRAME_NUMBER, _TARGET, Empty("automatic")] = None
     """Frame of board_images in which the target defines the world: origin at its center, x along its rows of squares,
     z up (see board_upright). null: the origin is the point that the cameras look at, and up is the mean of their up
     directions. World units are meters in both cases."""
@@ -45,15 +45,15 @@ class CalibrateSettings(Settings):
     board_upright: Annotated[bool, _TARGET] = False
     """true: the target is upright in frame board_origin. false: it lies on the floor."""
 
-    tie_points: Annotated[Name | None, Heading("Tie points")] = None
+    tie_points: Annotated[Name | None, Heading("Tie points"), Empty("none")] = None
     """File of tie points marked manually in several cameras (docs/guides/calibrate-points.md), relative to
     capture.root. If set, the cameras are calibrated from these points. For rigs whose cameras share too few features
     to be matched automatically."""
 
-    frame: Annotated[int | None, Heading("Footage"), _FRAME_NUMBER, Affects()] = None
+    frame: Annotated[int | None, Heading("Footage"), _FRAME_NUMBER, Affects(), Empty("automatic")] = None
     """Frame to calibrate from, as numbered in the files. null: as frame_count says."""
 
-    frame_count: Annotated[int | None, Affects()] = Field(default=None, ge=1, le=100)
+    frame_count: Annotated[int | None, Affects(), Empty("as needed")] = Field(default=None, ge=1, le=100)
     """Number of frames, spread over the footage, that are used jointly for calibration; the cameras must not move. Run
     time is proportional to this number. More frames reduce noise and show more of what the performer occludes. null: 1,
     3, 6, 12 or 24, the first with which all cameras are registered with at least 300 points each and matches between
@@ -66,15 +66,15 @@ class CalibrateSettings(Settings):
     camera_model: Annotated[CameraModel, Heading("Intrinsics"), _ALL_WAYS] = "SIMPLE_RADIAL"
     """COLMAP camera model. Models with more distortion parameters fit stronger distortion but need more features."""
 
-    shared_intrinsics: Annotated[bool | None, _POINTS] = None
+    shared_intrinsics: Annotated[bool | None, _POINTS, Empty("automatic")] = None
     """true: all cameras of one image size share intrinsics (one camera moved around, or identical fixed lenses). false:
     intrinsics per camera. null: shared if they fit as well as intrinsics per camera (see the calibration report);
     with tie points: shared."""
 
-    intrinsics_groups: tuple[tuple[str, ...], ...] = ()
+    intrinsics_groups: Annotated[tuple[tuple[str, ...], ...], Empty("none")] = ()
     """Groups of cameras that share intrinsics; example: [[cam01, cam02], [cam03, cam04]]."""
 
-    known_cameras: Annotated[Name | None, Heading("Known cameras")] = None
+    known_cameras: Annotated[Name | None, Heading("Known cameras"), Empty("none")] = None
     """Camera file of these cameras, relative to capture.root. null: none."""
 
     known: Literal["intrinsics", "initial_intrinsics", "poses", "initial_poses"] = "intrinsics"
@@ -83,7 +83,9 @@ class CalibrateSettings(Settings):
     to them, which is much faster than a full calibration. initial_poses: the same, but poses are initial values, in
     case cameras have moved since."""
 
-    known_distance: Annotated[tuple[Name, Name, Meters] | None, Heading("Scale and floor"), _POINTS] = None
+    known_distance: Annotated[
+        tuple[Name, Name, Meters] | None, Heading("Scale and floor"), _POINTS, Empty("unknown")
+    ] = None
     """Two cameras and the distance between their centers in meters, which sets the scale; example: [cam01, cam05, 4.2].
     null: unknown."""
 

@@ -9,7 +9,7 @@ from pydantic import Field, ValidationError, ValidatorFunctionWrapHandler, field
 
 from studio.capture.frame_range import parse_frame_range
 from studio.capture.transfer import TransferFunction
-from studio.settings import Affects, Color, Conflict, Heading, Name, Settings, Unbounded
+from studio.settings import Affects, Color, Conflict, Empty, Heading, Name, Settings, Unbounded
 from studio.storage import StoreAddress, is_address
 from studio.storage.address import CREDENTIALS, CREDENTIALS_FIX, has_credentials
 
@@ -84,12 +84,12 @@ class FileSettings(Settings):
     camera), images/{camera}/{frame:06d}.png (one folder of images per camera), photos/{camera}.jpg (a single frame).
     auto: search the usual layouts."""
 
-    rig: Annotated[str | None, Affects()] = "auto"
+    rig: Annotated[str | None, Affects(), Empty("none")] = "auto"
     """Calibration file or folder, relative to root, in any format of docs/reference/files.md, or the pattern of
     OpenCV's files if there is one per camera: {camera}/config.xml. auto: the one found under a usual name; if there is
     none, calibrate from the footage. null: always calibrate from the footage."""
 
-    audio: Annotated[str | None, Affects("sound")] = None
+    audio: Annotated[str | None, Affects("sound"), Empty("none")] = None
     """Sound of the performance: an audio file (WAV or anything else that FFmpeg reads) relative to root, or the name of
     a camera whose video has sound. null: none. It is cut to the take, and becomes part of the stream and of exported
     movies."""
@@ -114,7 +114,7 @@ class FileSettings(Settings):
     """Pattern of the mask files: soft masks, or labels, of which all but 0 are the performer. auto: search folders with
     names such as masks, mattes, seg or alpha."""
 
-    mask_labels: tuple[Annotated[int, Field(ge=0, le=65535)], ...] = ()
+    mask_labels: Annotated[tuple[Annotated[int, Field(ge=0, le=65535)], ...], Empty("all but 0")] = ()
     """If the values of mask files are labels, such as numbers of people: the labels of the performer. Empty: all but 0.
     [0] inverts the masks, also soft ones."""
 
@@ -137,7 +137,7 @@ class DifferenceSettings(Settings):
     colored lights, or where it is very dark (down to 12% of its brightness). Thin or dark parts of the performer in
     front of a set without texture can be lost; see docs/guides/masks.md."""
 
-    mask_components: int | None = Field(default=None, ge=1)
+    mask_components: Annotated[int | None, Empty("any number")] = Field(default=None, ge=1)
     """For masks from clean plates, agreed, median, screen or model: maximum number of connected components per camera,
     largest first. null: no limit (except noise)."""
 
@@ -151,7 +151,7 @@ class ScreenSettings(Settings):
     """For masks from a screen: its approximate color in the footage (red, green, blue; 0 to 1), which must be
     saturated. auto: for each camera, the saturated color that covers most of the image."""
 
-    garbage_masks: Annotated[Name | None, Heading("Garbage masks")] = None
+    garbage_masks: Annotated[Name | None, Heading("Garbage masks"), Empty("none")] = None
     """Where the performer never is, for all sources of masks: the pattern of images that are black there and white
     elsewhere, such as garbage/{camera}.png, or a YAML file with polygons, such as garbage.yaml; take:garbage.yaml is
     what was drawn in the window. Cameras without one are not restricted. null: none. See docs/guides/masks.md."""
@@ -175,7 +175,7 @@ class ModelSettings(Settings):
 
     affects: ClassVar[Affects | None] = _DEFAULT
 
-    mask_model: Annotated[str | None, Heading("Matting model")] = None
+    mask_model: Annotated[str | None, Heading("Matting model"), Empty("none")] = None
     """Matting model for masks, as KIND:FILE; example: selfie:models/selfie.tflite. Agreed masks use it as evidence: it
     then sees each person alone. The kind (u2net, birefnet, isnet, modnet, selfie or plain) is how the model was
     trained: the normalization of its input, its size unless the file fixes it, and whether its output is logits. plain:
@@ -203,7 +203,7 @@ class ModelSettings(Settings):
 class CaptureSettings(ModelSettings, ScreenSettings, DifferenceSettings, FileSettings):
     """The footage: where its images, cameras and masks are, and which of them to use. Passed to `open_footage`."""
 
-    fps: Annotated[float | None, Heading("Rate and color"), Affects("evaluation")] = Field(
+    fps: Annotated[float | None, Heading("Rate and color"), Affects("evaluation"), Empty("as filmed")] = Field(
         default=None, gt=0, lt=10_000
     )
     """Frame rate of the footage in frames per second. null: that of the videos; 30 for still images. The take has this
@@ -226,13 +226,14 @@ class CaptureSettings(ModelSettings, ScreenSettings, DifferenceSettings, FileSet
     cameras: Annotated[
         tuple[CameraName, ...],
         Heading("Cameras"),
+        Empty("all"),
         Affects(
             "cameras_from_file", "cameras_from_images", "cameras_from_target", "cameras_from_points", *_DEFAULT.results
         ),
     ] = ()
     """Names of the cameras to use. Empty: all."""
 
-    held_out: Annotated[tuple[CameraName, ...], Affects("training_views", "evaluation", "manifest")] = ()
+    held_out: Annotated[tuple[CameraName, ...], Affects("training_views", "evaluation", "manifest"), Empty("none")] = ()
     """Cameras that are excluded from training and used for evaluation. The entry "every 8" stands for every eighth
     camera by name (the 8th, 16th, ...)."""
 
@@ -241,7 +242,7 @@ class CaptureSettings(ModelSettings, ScreenSettings, DifferenceSettings, FileSet
     )
     """Image scale: 0.5 halves width and height (area filter)."""
 
-    frames: Annotated[str | None, Affects("evaluation")] = None
+    frames: Annotated[str | None, Affects("evaluation"), Empty("all")] = None
     """Frames to use, as numbered in the files: A:B for frames A to B - 1, A:B:S for every S-th of them, each shown S
     times as long. Without A or B, it begins with the first or ends with the last frame: 60: or :20 or ::2. null: all
     frames."""
@@ -249,6 +250,7 @@ class CaptureSettings(ModelSettings, ScreenSettings, DifferenceSettings, FileSet
     offsets: Annotated[
         dict[str, int],
         Unbounded("offsets beyond the footage leave no frames"),
+        Empty("none"),
         Affects("cameras_from_images", *_DEFAULT.results),
     ] = Field(default={})
     """Synchronization offsets in frames: with {cam03: 2}, frame f + 2 of cam03 is used as frame f. Applies to images

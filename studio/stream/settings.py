@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import BeforeValidator, Field, model_validator
 
 from studio.json_types import JsonObject
-from studio.settings import Affects, Conflict, Heading, Settings, Unbounded
+from studio.settings import Affects, Conflict, Empty, Heading, Settings, Unbounded
 from studio.stream.attributes import ATTRIBUTES, QpAttribute
 from studio.stream.codecs import CODECS, QP_MAX, CodecName, Preset
 
@@ -124,18 +124,18 @@ class BakeSettings(Settings):
     codec: Annotated[CodecName, Heading("Encoding")] = "h264"
     """h264 plays on every device. hevc and av1 require profile motion."""
 
-    attribute_qps: dict[QpAttribute, QP] = Field(default={})
+    attribute_qps: Annotated[dict[QpAttribute, QP], Empty("as quality")] = Field(default={})
     """QPs of single attributes, overriding quality; example: {opacities: 26}. In profile planes, means_low is the low
     bytes of the means; in motion, it is the residuals of the means, and scales is both scale and rotation."""
 
     preset: Preset = "medium"
     """Encoder effort: slower presets produce smaller files."""
 
-    b_frames: Annotated[int, Field(ge=0, le=7)] | None = None
+    b_frames: Annotated[Annotated[int, Field(ge=0, le=7)] | None, Empty("automatic")] = None
     """Profile motion: B-frames between P-frames, each predicted from the images before and after it. They save a
     tenth to a third of the bytes. null: 5, and none with codec av1."""
 
-    smooth_paths: bool | None = None
+    smooth_paths: Annotated[bool | None, Empty("automatic")] = None
     """Profile motion: smooth each splat's position, rotation, size, opacity and color over the group, as strongly as
     its own path shows jitter (docs/STREAM.md). null: yes, except with a quality of 0, and in groups that reach their
     level only without it."""
@@ -144,12 +144,12 @@ class BakeSettings(Settings):
     """Profile planes: reverse the low bytes of the means where the high byte is odd, so that they do not jump from 255
     to 0. false: plain low bytes, as in the paper."""
 
-    ladder: Annotated[tuple[Rung, ...], Field(max_length=16), Heading("Network")] = ()
+    ladder: Annotated[tuple[Rung, ...], Field(max_length=16), Heading("Network"), Empty("none")] = ()
     """Renditions of the stream, the best first, each with qp, splats (share of the splats that are kept),
     sh_degree and finetune_iterations; players choose one at each group. Example: [{qp: 20}, {qp: 28}, {qp: 28, splats:
     0.5, sh_degree: 0}]. Empty: one rendition, by the settings above."""
 
-    first_group_size: Annotated[int, Field(ge=1)] | None = None
+    first_group_size: Annotated[Annotated[int, Field(ge=1)] | None, Empty("automatic")] = None
     """Frames of the stream's first group, so that playing starts after a small download; the rest of the trained group
     becomes a group of its own. null: groups as trained."""
 

@@ -5,7 +5,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import Field, ValidationError, ValidatorFunctionWrapHandler, field_validator
 
 from studio.dilation import DILATION, MAX_DILATION, MIN_DILATION
-from studio.settings import Affects, Conflict, Heading, Settings
+from studio.settings import Affects, Conflict, Empty, Heading, Settings
 
 GROUP_SIZE = 30
 """Frames per group at most. The paper has 20."""
@@ -97,7 +97,9 @@ class TrainSettings(Settings):
     without lens distortion."""
 
     camera_colors: Annotated[
-        Literal["splats"] | Annotated[int, Field(ge=0, strict=True)] | None, Heading("Colors of cameras")
+        Literal["splats"] | Annotated[int, Field(ge=0, strict=True)] | None,
+        Heading("Colors of cameras"),
+        Empty("not corrected"),
     ] = None
     """Correct differences in color between cameras: a 3x4 matrix (with exposure) per camera, constant in a take, fitted
     before training and stored in train/camera_colors.json. The stream has the colors of the mean camera. For rigs whose
@@ -156,7 +158,7 @@ class TrainSettings(Settings):
     motion_iterations: Annotated[int, Heading("Motion"), _LATER] = Field(default=500, ge=0)
     """Steps of the motion network per frame. The paper uses 500."""
 
-    motion_first_iterations: Annotated[int | None, _LATER] = Field(default=None, ge=0)
+    motion_first_iterations: Annotated[int | None, _LATER, Empty("as the others")] = Field(default=None, ge=0)
     """Steps for the frames next to a keyframe, which have no velocity to start from. null: motion_iterations."""
 
     motion_learning_rate: Annotated[float, _LATER] = Field(default=1e-3, gt=0)

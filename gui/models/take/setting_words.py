@@ -1,4 +1,4 @@
-"""How settings are shown: labels, words for missing values, units, paths to choose, and which ones most people need."""
+"""How settings are shown: labels, units, paths to choose, and which ones most people need."""
 
 from collections.abc import Mapping
 
@@ -37,44 +37,6 @@ LABELS: Mapping[str, str] = {  # of settings whose name is not what people say
     "train.scale_reg": "scale regularization",
     "train.sh_degree": "SH degree",
     "train.sh_degree_every": "iterations per SH degree",
-}
-
-EMPTY: Mapping[str, str] = {  # what is shown instead of null, an empty list, an empty mapping or an empty text
-    "bake.attribute_qps": "as quality",
-    "bake.b_frames": "automatic",
-    "bake.first_group_size": "automatic",
-    "bake.ladder": "none",
-    "bake.smooth_paths": "automatic",
-    "calibrate.board_images": "none",
-    "calibrate.board_origin": "automatic",
-    "calibrate.frame": "automatic",
-    "calibrate.frame_count": "as needed",
-    "calibrate.intrinsics_groups": "none",
-    "calibrate.intrinsics_images": "none",
-    "calibrate.known_cameras": "none",
-    "calibrate.known_distance": "unknown",
-    "calibrate.shared_intrinsics": "automatic",
-    "calibrate.tie_points": "none",
-    "capture.audio": "none",
-    "capture.cameras": "all",
-    "capture.fps": "as filmed",
-    "capture.garbage_masks": "none",
-    "capture.held_out": "none",
-    "capture.mask_components": "any number",
-    "capture.mask_labels": "all but 0",
-    "capture.mask_model": "none",
-    "capture.offsets": "none",
-    "capture.rig": "none",
-    "capture.frames": "all",
-    "evaluate.lpips": "not measured",
-    "evaluate.exact_masks": "as in training",
-    "run.gpus_per_group": "automatic",
-    "run.groups_at_once": "automatic",
-    "run.memory_per_group": "automatic",
-    "run.paths": "none",
-    "run.threads": "one per core",
-    "train.camera_colors": "not corrected",
-    "train.motion_first_iterations": "as the others",
 }
 
 UNITS: Mapping[str, str] = {  # shown in parentheses after the name

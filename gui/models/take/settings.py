@@ -10,13 +10,13 @@ from typing import Any, Literal, Union, get_args, get_origin
 
 from pydantic.fields import FieldInfo
 
-from gui.models.take.setting_words import BASIC, EMPTY, FOLDERS, LABELS, UNITS
+from gui.models.take.setting_words import BASIC, FOLDERS, LABELS, UNITS
 from pipelines.config import Config
 from pipelines.config.description import allowed_values, bounds
 from pipelines.config.loading import parse_override
 from pipelines.takes.path_here import path_here
 from studio.capture.settings import CameraName
-from studio.settings import Heading, Settings, marker, submodel
+from studio.settings import Empty, Heading, Settings, marker, submodel
 from studio.storage import is_address
 from studio.yaml_text import inline_yaml
 
@@ -183,7 +183,7 @@ def _fields(model: type[Settings], prefix: str, heading: str = "", within: str =
         )
         words = " ".join((field.description or "").split())
         allowed = allowed_values(field)
-        empty, unit = EMPTY.get(f"{prefix}{name}", ""), UNITS.get(f"{prefix}{name}", "")
+        empty, unit = (marker(field, Empty) or Empty("")).text, UNITS.get(f"{prefix}{name}", "")
         whole = kinds == [int]
         yield SettingField(
             name=f"{prefix}{name}",
