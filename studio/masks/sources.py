@@ -27,21 +27,23 @@ class Source:
             it raises a StudioError (`mask.*`) instead of returning None, and also if files of a camera or frame are
             missing.
         automatic: whether `auto` tries it.
+        detects: whether it finds the performer in the images, as sensitive as `capture.mask_sensitivity` says.
     """
 
     name: MaskKind
     open: Callable[[MaskInputs, bool], tuple[MaskSource, str] | None]
     automatic: bool = False
+    detects: bool = False
 
 
 SOURCES = (  # in the order in which `auto` tries them
     Source("alpha", open_alpha, automatic=True),
     Source("files", open_files, automatic=True),
-    Source("clean_plate", open_clean_plate, automatic=True),
+    Source("clean_plate", open_clean_plate, automatic=True, detects=True),
     Source("plain", open_plain, automatic=True),
-    Source("agreed", open_agreed, automatic=True),
-    Source("median_background", open_median_background, automatic=True),
-    Source("chroma_key", open_chroma_key),
+    Source("agreed", open_agreed, automatic=True, detects=True),
+    Source("median_background", open_median_background, automatic=True, detects=True),
+    Source("chroma_key", open_chroma_key, detects=True),
     Source("model", open_model),
     Source("none", open_none),
 )

@@ -12,6 +12,7 @@ from gui.models.take.workspace import setting_value
 from pipelines.config import Config
 from pipelines.events import Notice
 from studio.json_types import JsonData
+from studio.masks.sources import SOURCES
 from studio.yaml_text import inline_yaml
 
 Value = Callable[[Mapping[str, JsonData]], JsonData]  # the value from the warning's fields; None if they do not tell it
@@ -50,7 +51,7 @@ REMEDIES: Mapping[str, Remedy] = {  # by code of the warning
     "training.slow": Remedy("capture.scale", _told("suggested")),
 }
 
-_DETECTED = ("clean_plate", "agreed", "median_background", "chroma_key")  # sources of masks that have a sensitivity
+_DETECTED = {source.name for source in SOURCES if source.detects}
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 import ast
 import functools
+import inspect
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ from gui.models.take.settings import SECTIONS, fields_of, stage_of
 from gui.widgets.stage_help import HELP
 from pipelines.config.loading import load_config
 from pipelines.events import Warned
+from studio.masks.sources import SOURCES, Source
 
 ROOT = Path(__file__).parents[4]
 SETTINGS = {field.name for stage in SECTIONS for field in fields_of(stage)}
@@ -113,6 +115,13 @@ def test_the_value_of_a_warning_is_valid(
     again = fix_of(warning, changed)
     assert again.done
     assert again.words == f"{setting_words(setting)} is {value} now"
+
+
+@pytest.mark.parametrize("source", SOURCES, ids=lambda source: source.name)
+def test_masks_have_a_sensitivity_if_they_are_found_in_the_images(source: Source) -> None:
+    reads = "DifferenceSettings" in Path(inspect.getfile(source.open)).read_text(encoding="utf-8")
+    fix = fix_of(Warned(message="m", code="hull.mask_mismatch"), load_config(None, [("capture.masks", source.name)]))
+    assert fix == Fix("capture.mask_sensitivity" if reads else "capture.masks")
 
 
 def test_the_same_warning_about_several_cameras_is_one_line() -> None:
