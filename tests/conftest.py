@@ -11,13 +11,9 @@ import hypothesis
 import pytest
 
 from studio.process import passive_openmp
+from tests.support.shared import made_once
 
-passive_openmp()  # before torch is imported
-
-import torch  # noqa: E402
-
-from tests.support.shared import made_once  # noqa: E402
-from tests.support.tiny_capture import v3studio, write_project  # noqa: E402
+passive_openmp()  # before torch is imported; not here, since pytest-xdist's own process does without
 
 if TYPE_CHECKING:
     from tests.support.object_store import ObjectStore
@@ -26,6 +22,8 @@ if TYPE_CHECKING:
 @pytest.fixture(autouse=True, scope="session")
 def _few_threads() -> None:
     """Two threads, as on the smallest machine that is supported."""
+    import torch
+
     torch.set_num_threads(2)
 
 
@@ -66,6 +64,8 @@ WINDOW_TIMEOUT = 600
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Mark tests by their fixtures and folder, and put the files that take long first."""
+    import torch
+
     for item in items:
         fixtures = set(getattr(item, "fixturenames", ()))
         if fixtures & WINDOW_FIXTURES:
@@ -98,6 +98,7 @@ def pytest_runtest_makereport(item: pytest.Item) -> object:
 @pytest.fixture(scope="session")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A project with the finished take `take/`, made without interruption. Copy it before changing it."""
+    from tests.support.tiny_capture import v3studio, write_project
 
     def make(folder: Path) -> None:
         write_project(folder)
