@@ -88,23 +88,25 @@ def test_a_camera_that_is_not_corrected_is_named(copied: Path) -> None:
 
 @pytest.fixture
 def charted(copied: Path) -> tuple[Path, np.ndarray]:
-    """The tiny capture at ten times its size, used at its own, with a chart in frame 5, and the cameras' matrices. cam3
-    does not see the chart."""
+    """The tiny capture at ten times its size, used at its own, with a chart in frame 2, the last, and the cameras'
+    matrices. cam3 does not see the chart."""
     truth = matrices(4)
     chosen = dict(zip(("cam0", "cam1", "cam2", "cam5"), truth, strict=True))
     for folder in sorted((copied / "capture" / "images").iterdir()):
-        for path in folder.iterdir():
+        for path in (folder / "000.png", folder / "001.png"):
             image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
             cv2.imwrite(str(path), cv2.resize(image, None, fx=10, fy=10, interpolation=cv2.INTER_NEAREST))
         height, width = image.shape[0] * 10, image.shape[1] * 10
         chart = np.full((height, width, 3), 140, np.uint8)
         if folder.name in chosen:
             chart = view_of_chart(chosen[folder.name], int(folder.name[3:]), size=(width, height))
-        cv2.imwrite(str(folder / "005.png"), np.dstack([chart[..., ::-1], np.zeros((height, width), np.uint8)]))
+        for number in (3, 4):
+            (folder / f"{number:03d}.png").unlink()
+        cv2.imwrite(str(folder / "002.png"), np.dstack([chart[..., ::-1], np.zeros((height, width), np.uint8)]))
     return copied, truth
 
 
-CHART = ("capture.scale=0.1", "capture.frames=:5", "train.camera_colors=5")
+CHART = ("capture.scale=0.1", "capture.frames=:2", "train.camera_colors=2")
 
 
 def test_they_come_from_a_chart_outside_of_the_take(charted: tuple[Path, np.ndarray]) -> None:
@@ -115,12 +117,12 @@ def test_they_come_from_a_chart_outside_of_the_take(charted: tuple[Path, np.ndar
     events = train(project, *CHART)
     take = Take.open(project / "take")
     stored = read_json(take.camera_colors)
-    assert stored["frame"] == 5
+    assert stored["frame"] == 2
     assert set(stored["cameras"]) == {"cam0", "cam1", "cam2", "cam5"}
     found = np.stack([stored["cameras"][name] for name in ("cam0", "cam1", "cam2", "cam5")])
     assert np.abs(found @ [0.3, 0.5, 0.7, 1] - truth @ [0.3, 0.5, 0.7, 1]).max() < 0.01
     (warning,) = warnings_in(events, "training.no_color_chart")
-    assert "in frame 5, cam3: no ColorChecker" in warning.message
+    assert "in frame 2, cam3: no ColorChecker" in warning.message
 
     views = {}
     for options in (CHART[:2], CHART):
@@ -133,11 +135,11 @@ def test_they_come_from_a_chart_outside_of_the_take(charted: tuple[Path, np.ndar
 
 def test_the_command_shows_what_is_found(charted: tuple[Path, np.ndarray], here: Callable) -> None:
     project, _ = charted
-    done = here("colors", project / "ball.yaml", "--chart-frame", 5).ok()
+    done = here("colors", project / "ball.yaml", "--chart-frame", 2).ok()
     lines = done.stdout.splitlines()
     assert [line.split(":")[0] for line in lines[:5]] == ["cam0", "cam1", "cam2", "cam3", "cam5"], "no held-out camera"
     assert lines[3] == "cam3: no ColorChecker is seen; not corrected"
     before, after = (float(word) for word in lines[0].split() if word[0].isdigit() and "." in word)
     assert after < 1 < before
-    assert lines[-1] == "train: {camera_colors: 5}"
-    here("colors", project / "ball.yaml", "--chart-frame", 9).fails("frames 0 to 5")
+    assert lines[-1] == "train: {camera_colors: 2}"
+    here("colors", project / "ball.yaml", "--chart-frame", 9).fails("frames 0 to 2")
