@@ -29,8 +29,8 @@ REMOVED = (
 Ranges = dict[str, tuple[int, int] | None]
 """First and last frame by the words of a choice, numbers of the footage; None: all."""
 
-Removal = tuple[Take, EditList, EditList, Ranges]
-"""The take, its edits without a removal and with it in all frames, and where it may be removed."""
+Removal = tuple[Take, EditList, dict[str, EditList]]
+"""The take, its edits without a removal, and with it by the words of a choice."""
 
 _NUMBERS_OF = {  # what *Numbers* sets while a tool is chosen, a key of `TITLES`
     "crop": "crop",
@@ -150,7 +150,8 @@ class EditActions:
         ranges["All frames"] = None
         remove = editor.remove_selected
         window.dialogs.choose("remove", "Remove from", list(ranges), lambda line: remove(ranges[line]), note=REMOVED)
-        self._removal = window.workspace.take, editor.edits, editor.reaching(None), ranges
+        removals = {words: editor.reaching(frames) for words, frames in ranges.items()}
+        self._removal = window.workspace.take, editor.edits, removals
         self._counter.ask(self._removal)
 
     def _count(self, removal: Removal) -> list[int]:
@@ -158,15 +159,15 @@ class EditActions:
             if self._window.dialogs.name != "remove":
                 raise Cancelled
 
-        take, before, after, ranges = removal
-        return newly_removed(take, before, after, list(ranges.values()), progress)
+        take, before, after = removal
+        return newly_removed(take, before, list(after.values()), progress)
 
     def _counted(self, done: Done[Removal, list[int]]) -> None:
         """Show how many splats would be removed."""
-        dialogs, ranges = self._window.dialogs, done.request[3]
+        dialogs, choices = self._window.dialogs, done.request[2]
         if dialogs.name == "remove" and done.request is self._removal:
-            counts = [counted(count, "splat") for count in done.result or ()] or ["cannot be counted"] * len(ranges)
-            dialogs.lines = [f"{words}: {count}" for words, count in zip(ranges, counts, strict=True)]
+            counts = [counted(count, "splat") for count in done.result or ()] or ["cannot be counted"] * len(choices)
+            dialogs.lines = [f"{words}: {count}" for words, count in zip(choices, counts, strict=True)]
             for number, line in enumerate(dialogs.lines):
                 dialogs.widgets[f"choice{number}"].text = line
             self._window.changed()

@@ -52,21 +52,17 @@ def of_two_trainings(take: Take, group: int) -> StudioError:
     return StudioError("take.not_trained", problem, file=take.root, fix=fix, stage="train")
 
 
-def newly_removed(
-    take: Take, before: EditList, after: EditList, ranges: Sequence[tuple[int, int] | None], progress: ProgressFn
-) -> list[int]:
-    """How many splats `after` removes that `before` does not, in the groups that each of the ranges concerns. Reads all
-    trained frames. Raises StudioError as `read_paths`."""
+def newly_removed(take: Take, before: EditList, after: Sequence[EditList], progress: ProgressFn) -> list[int]:
+    """How many splats each of `after` removes that `before` does not. Reads all trained frames. Raises StudioError as
+    `read_paths`."""
     from studio.edits import select
 
-    counts, groups = [0] * len(ranges), trained_groups(take)
+    counts, groups = [0] * len(after), trained_groups(take)
     for done, group in enumerate(groups):
         progress(done, len(groups))
         paths = read_paths(take, group)
-        old, new = (select(edits_of_group(edits, group), paths).removed for edits in (before, after))
-        count = int((new & ~old).sum())
-        for at, frames in enumerate(ranges):
-            counts[at] += count * concerns(frames, group)
+        old, *new = (select(edits_of_group(edits, group), paths).removed for edits in (before, *after))
+        counts = [count + int((one & ~old).sum()) for count, one in zip(counts, new, strict=True)]
     return counts
 
 

@@ -1,22 +1,28 @@
 """What the buttons of the edits do that need a dialog."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 from open3d.visualization import gui
 
 from gui.actions.edits import EditActions
 from gui.models.loop import LOOP, Signal
 from gui.models.notices import Notices
+from gui.models.playback.sources import TrainedSource
 from gui.models.playback.transport import Transport
 from gui.models.scene.orbit import OrbitCamera
 from gui.models.take.workspace import Workspace
 from gui.pages.review.view import EditView
 from pipelines.takes.edits import read_edits
 from pipelines.takes.take import Take
+from studio.camera_files import read_rig
 from studio.edits import EditList, Floaters, Trim
+from tests.support.looping import wait_in_loop
+from tests.support.players import newest
 
 
 class Chosen:
@@ -24,35 +30,77 @@ class Chosen:
 
     name = ""
 
-    def choose(self, name: str, title: str, lines: list[str], chosen: Any, answers: Any = ()) -> None:
-        self.lines, self.chosen, self.answers = lines, chosen, answers
+    def choose(self, name: str, title: str, lines: list[str], chosen: Any, answers: Any = (), note: str = "") -> None:
+        self.name, self.lines, self.chosen, self.answers = name, lines, chosen, answers
+        self.widgets = {f"choice{number}": SimpleNamespace() for number in range(len(lines))}
 
 
-def test_edits_are_taken_back_in_the_list(workspace: Workspace, take_copy: Path) -> None:
+@pytest.fixture
+def stand_in(workspace: Workspace, take_copy: Path) -> Iterator[Any]:
+    """A window with the finished take, as far as its edits go."""
     workspace.open(Take.open(take_copy))
-    editor = EditView(workspace)
-    editor.begin(OrbitCamera(), np.array([0.0, 0.0, 1.0]), np.zeros((0, 3)))
+    editor, rig = EditView(workspace), read_rig(take_copy / "calibrate" / "rig.json")
+    up = np.array([0.0, 0.0, 1.0])
+    editor.begin(OrbitCamera.looking_through(rig["cam0"], np.zeros(3), up), up, np.zeros((0, 3)))
     views = SimpleNamespace(editor=editor, edits_take=True, edit_dialog=Signal())
     view = SimpleNamespace(widget=SimpleNamespace(frame=gui.Rect(100, 50, 400, 200)))
     window: Any = SimpleNamespace(
         workspace=workspace, views=views, dialogs=Chosen(), start=SimpleNamespace(shown=False),
         viewport=SimpleNamespace(picture=view), input=SimpleNamespace(pointer=None),
         notices=Notices(), player=SimpleNamespace(refresh=lambda: None, transport=Transport(5, 25.0)),
-        over_view=lambda x, y: False,
+        over_view=lambda x, y: False, changed=lambda: None,
     )  # fmt: skip
-    EditActions(window)
+    actions = EditActions(window)
+    yield window
+    actions.close()
+    editor.close()
+
+
+def splats(take: Path) -> list[int]:
+    """Number of splats of each frame that are left by the edits."""
+    source = TrainedSource(Take.open(take), 25.0)
+    return [len(source.gaussians(frame)) for frame in range(source.frame_count)]
+
+
+@pytest.mark.parametrize(("choice", "frames"), [(0, (0, 0)), (1, (1, 3)), (2, None)])
+def test_what_is_selected_is_removed_from_the_chosen_frames(
+    stand_in: Any, take_copy: Path, choice: int, frames: tuple[int, int] | None
+) -> None:
+    editor, dialogs, there = stand_in.views.editor, stand_in.dialogs, splats(take_copy)
+    newest(lambda: editor.poll((320, 240)), lambda: editor.settled)
+    stand_in.player.transport.select_span(1, 3)
+    editor.press("brush")
+    assert editor.grabs(150, 120)
+    editor.pull(170, 120)
+    editor.release()
+    newest(lambda: editor.poll((320, 240)), lambda: editor.settled)
+    selected = editor.counts["selected"]
+    editor.press("remove")
+    LOOP.run()
+    told = list(dialogs.lines)
+    wait_in_loop("counts", lambda: dialogs.lines != told)
+    dialogs.chosen(told[choice])
+    (region,) = read_edits(take_copy / "edits.json").regions
+    assert region.frames == frames
+    gone = [before - now for before, now in zip(there, splats(take_copy), strict=True)]
+    assert gone == [selected] * 3 + [gone[-1]] * 2, "the same in all frames of a group"
+    assert (gone[-1] > 0) == (choice > 0), "of the second group only where it was chosen"
+    assert int(dialogs.lines[choice].rpartition(": ")[2].split()[0]) == selected + gone[-1], "the count shown before"
+
+
+def test_edits_are_taken_back_in_the_list(stand_in: Any) -> None:
+    editor = stand_in.views.editor
     edits = EditList(trim=Trim(first=0, last=2), floaters=Floaters(opacity=0.05))
     assert editor.commit(edits, "both")
-    window.views.edit_dialog.emit("list")
+    stand_in.views.edit_dialog.emit("list")
     LOOP.run()
-    dialogs = window.dialogs
+    dialogs = stand_in.dialogs
     assert [line.partition(":")[0] for line in dialogs.lines] == ["Take back trim", "Take back floaters"]
     assert all("emove" not in words for words in (*dialogs.lines, *(label for _, label, _ in dialogs.answers)))
     dialogs.chosen(dialogs.lines[1])
-    file = window.workspace.take.edits
+    file = stand_in.workspace.take.edits
     assert read_edits(file) == EditList(trim=Trim(first=0, last=2))
-    assert window.workspace.history.undo() == "Undone: floaters taken back."
+    assert stand_in.workspace.history.undo() == "Undone: floaters taken back."
     ((_, _, take_back_all),) = dialogs.answers
     take_back_all()
     assert read_edits(file) == EditList()
-    editor.close()
