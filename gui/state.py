@@ -77,8 +77,8 @@ def state_of(window: Shell) -> JsonObject:
         "hint": window.hints.text,
         "keys": [window.input.reports.passed, window.input.reports.again],  # passed on; dropped, as of one press
         "widgets": {
-            name: [widget.frame.x, widget.frame.y, widget.frame.width, widget.frame.height]
-            for name, widget in widgets.items()
+            name: [frame.x, frame.y, frame.width, frame.height]
+            for name, frame in ((name, widget.frame) for name, widget in widgets.items())
         },
         "texts": {name: widget.text_value for name, widget in widgets.items() if hasattr(widget, "text_value")},
     }

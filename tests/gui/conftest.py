@@ -221,9 +221,9 @@ class RunningWindow:
         command = ["xdotool", *map(str, arguments)]
         return subprocess.run(command, env=self.environment, capture_output=True, text=True, check=True).stdout
 
-    def box(self, widget: str) -> tuple[int, int, int, int]:
-        """Left, top, width and height of a widget on the screen, once it is still."""
-        left, top, width, height = self._place(widget)
+    def box(self, widget: str, still: int = STILL) -> tuple[int, int, int, int]:
+        """Left, top, width and height of a widget on the screen, once it has been still for some ticks."""
+        left, top, width, height = self._place(widget, still)
         if not self._corner:  # without a window manager, nothing moves the window
             found = self.xdotool("search", "--name", "V3 Studio", "getwindowgeometry", "--shell", "%1").splitlines()
             geometry = dict(line.split("=") for line in found if "=" in line)
@@ -256,7 +256,7 @@ class RunningWindow:
         self.xdotool("getmouselocation")
         self.ticks()
 
-    def _place(self, widget: str, still: int = STILL, seconds: float = 120.0) -> list[int]:
+    def _place(self, widget: str, still: int, seconds: float = 120.0) -> list[int]:
         """The widget's frame, once it is visible and has not moved for some ticks."""
         end = time.monotonic() + seconds
         place: list[int] | None = None
@@ -265,8 +265,8 @@ class RunningWindow:
             place = self.states()[-1]["widgets"].get(widget)
             if place is not None and place == before and place[2] > 0:
                 return list(place)
-            self.ticks(still)
-            self.drawn()
+            self.ticks(max(still - 6, 0))
+            self.drawn()  # takes six ticks
         self._fail(f"{widget} never stopped moving; its frame is {place}")
 
     def across_frame(self, frame: int) -> float:
@@ -277,7 +277,8 @@ class RunningWindow:
 
     def stage(self, name: str) -> None:
         """Click a stage in the list."""
-        self.click("stages", 0.3, (list(TITLES).index(name) + 0.5) / len(TITLES))
+        left, top, width, height = self.box("stages", still=0)  # its place is always the same
+        self.press(left + int(0.3 * width), top + int((list(TITLES).index(name) + 0.5) / len(TITLES) * height))
         at = self.wait_for(name, lambda s: s["stage"] == name)["pictures"]
         # during playback there is always another picture to render
         self.wait_for(f"{name} shown", lambda s: s["settled"] or s["pictures"] > at + 2)

@@ -94,9 +94,9 @@ def test_settings_help_a_fix_and_a_span(open_window: Callable[..., RunningWindow
 
     # one change is one reason, in the words of the pages; a marked frame stays that of the footage
     window.stage("review")
-    for key in ("Home", "Right", "Right", "m"):
-        window.key(key)
-    window.wait_for("the question", lambda s: s["dialog"] == "mark" and s["typing"])
+    window.send(
+        "key", "Home", "Right", "Right", "m", until=("a question", lambda s: s["dialog"] == "mark" and s["typing"])
+    )
     window.key("Return", until=("the mark", lambda s: list(s["marks"]) == ["2"] and not s["dialog"]))
     config = load_config(take.config, [("train.max_splats", 300)])
     save_config(take.config, config)

@@ -6,8 +6,7 @@ more than a hundred programs. A `WarmPython` imports once and forks for each pro
 Three things differ: modules of the project are imported before the program starts; environment variables that Python,
 the C library or OpenMP read as they start (LC_ALL, PYTHONUTF8) have the values of the `WarmPython`; and a program
 without a window ends without taking its libraries down. Tests of imports, of start-up and of the very end therefore use
-`subprocess`. A `v3studio` that such a program starts in a session of its own, as the window starts a run, is forked,
-too.
+`subprocess`. A `v3studio` that such a program starts, as the window starts a run, is forked, too.
 """
 
 from __future__ import annotations
@@ -140,7 +139,7 @@ class WarmPython:
         env: Mapping[str, str] | None = None,
         text: bool = False,
         output: IO[bytes] | None = None,
-        errors: IO[bytes] | None = None,
+        errors: IO[bytes] | int | None = None,
         tied: bool = False,
         session: bool = False,
     ) -> WarmProcess:
@@ -151,6 +150,7 @@ class WarmPython:
             env: the whole environment; default: that of this process, now.
             text: the pipes give str (UTF-8) instead of bytes.
             output: takes standard output, and error unless `errors` does, instead of pipes.
+            errors: takes standard error; `subprocess.STDOUT` for what takes standard output.
             tied: whether standard input is a pipe.
             session: whether it begins a session of its own.
         """
@@ -160,11 +160,14 @@ class WarmPython:
         taken = [end and end[number > 0] for number, end in enumerate(ends)]
         with open(os.devnull, "rb") as nothing:
             files = (nothing, output or nothing, errors or output or nothing)
-            given = [file.fileno() if end is None else end for file, end in zip(files, taken, strict=True)]
+            given = [file if end is None else end for file, end in zip(files, taken, strict=True)]
+            if errors == subprocess.STDOUT:
+                given[2] = given[1]
+            descriptors = [one if isinstance(one, int) else one.fileno() for one in given]
             environment = dict(os.environ if env is None else env)
             where = json.dumps({"args": args, "cwd": str(cwd), "env": environment, "session": session}).encode()
             with self._lock:
-                socket.send_fds(self._socket, [where], [*given, status_write])
+                socket.send_fds(self._socket, [where], [*descriptors, status_write])
                 pid = int(self._socket.recv(32))
         for descriptor in (*filter(None, taken), status_write):
             os.close(descriptor)
@@ -278,19 +281,23 @@ def _become(folder: str, environment: dict[str, str], files: list[int]) -> None:
         setattr(sys, f"__{name}__", made)
 
 
-def _forking(warm: WarmPython) -> type[subprocess.Popen[Any]]:
-    """`subprocess.Popen` that has `v3studio` forked if it gets a session of its own."""
+def forking(warm: WarmPython) -> type[subprocess.Popen[Any]]:
+    """`subprocess.Popen` that has `v3studio` forked."""
 
     class Popen(subprocess.Popen[Any]):
         def __new__(cls, args: Any, **options: Any) -> Any:
-            if args[:3] != [sys.executable, "-m", "pipelines.cli"] or not options.get("start_new_session"):
+            if args[:3] != [sys.executable, "-m", "pipelines.cli"]:
                 return super().__new__(cls)
-            tied, piped = (options[name] == subprocess.PIPE for name in ("stdin", "stdout"))
-            folder = os.path.abspath(options.get("cwd", "."))
+            tied, piped = (options.get(name) == subprocess.PIPE for name in ("stdin", "stdout"))
             with open(os.devnull, "wb") as nothing:
-                output, errors = None if piped else nothing, options["stderr"]
                 return warm.popen(
-                    args[1:], cwd=folder, env=options["env"], output=output, errors=errors, tied=tied, session=True
+                    args[1:],
+                    cwd=os.path.abspath(options.get("cwd", ".")),
+                    env=options.get("env"),
+                    output=None if piped else nothing,
+                    errors=options["stderr"],
+                    tied=tied,
+                    session=options.get("start_new_session", False),
                 )
 
     return Popen
@@ -347,7 +354,7 @@ if __name__ == "__main__":
         import torch
 
         torch.set_num_threads(int(os.environ["OMP_NUM_THREADS"]))
-    subprocess.Popen = _forking(WarmPython(connection=_own))  # type: ignore[assignment,misc]
+    subprocess.Popen = forking(WarmPython(connection=_own))  # type: ignore[assignment,misc]
     _code: object = 0
     try:
         _run(_arguments)

@@ -27,7 +27,7 @@ from pipelines.events.event_log import EventLog
 from pipelines.takes.take import Take
 from tests.support.looping import heard, wait_in_loop
 from tests.support.waiting import wait_until
-from tests.support.warm_python import warm_python
+from tests.support.warm_python import forking, warm_python
 
 
 def progress(fraction: float, **figures: object) -> Progress:
@@ -149,8 +149,9 @@ def test_a_setting_makes_stages_stale_and_a_run_makes_them_done_again(workspace:
 
 
 def test_a_run_in_a_terminal_shows_up_can_be_stopped_and_gone_on_with(
-    workspace: Workspace, take_copy: Path, tmp_path: Path
+    workspace: Workspace, take_copy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("subprocess.Popen", forking(warm_python()))
     workspace.open(Take.open(take_copy))
     command = ("-m", "pipelines.cli", "run", "--take", take_copy, "--json")
     slow = ("--train.keyframe_iterations", 100_000, "--run.check_footage", "false")
