@@ -39,9 +39,9 @@ class Codec:
 _X264 = "keyint=infinite:scenecut=0:bframes={b}:psy=0:threads=1:lookahead-threads=1:log=0"
 # One image of many tiles: deblocking blurs across tiles, and a finer I frame does not pay off (measured).
 _X264_TILES = f"{_X264}:no-deblock=1:ipratio=1.0"
-_X265_TILES = (
+_X265_TILES = (  # the lookahead must be longer than a run of B-frames, of which there are at most 7
     "keyint=-1:scenecut=0:bframes={b}:psy-rd=0:psy-rdoq=0:aq-mode=0:cutree=0:ipratio=1.0:no-deblock=1:no-sao=1:"
-    "frame-threads=1:pools=none:no-wpp=1:info=0:log-level=none"
+    "rc-lookahead=8:frame-threads=1:pools=none:no-wpp=1:info=0:log-level=none"
 )
 
 CODECS: dict[str, Codec] = {  # codecs of images of many tiles (profile `motion`), by their names in the manifest

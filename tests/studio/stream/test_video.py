@@ -64,11 +64,12 @@ SHORT = ([1], [1, 2], [1, 3, 2])
         ({}, [1, 3, 3, 3, 3, 3, 2]),
         ({"b_frames": 0}, [1, 2, 2, 2, 2, 2, 2]),
         ({"b_frames": 1, "codec": "hevc"}, [1, 3, 2, 3, 2, 3, 2]),
+        ({"preset": "ultrafast", "codec": "hevc"}, [1, 3, 3, 3, 3, 3, 2]),
         *(({"codec": codec}, types) for codec in ("h264", "hevc") for types in SHORT),
     ],
 )
 def test_how_many_there_are(tmp_path, settings, types):
-    chosen = BakeSettings(preset="veryfast", quality=24, **settings)
+    chosen = BakeSettings(**{"preset": "veryfast", "quality": 24, **settings})
     entry = bake_group(turned_bodies(len(types), splats=60), tmp_path, 0, 0, chosen)
     with av.open(str(tmp_path / entry.best.video.path)) as container:
         assert [int(frame.pict_type) for frame in container.decode(video=0)] == types
