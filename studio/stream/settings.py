@@ -122,7 +122,7 @@ class BakeSettings(Settings):
     kilobytes (1000 bytes) per frame."""
 
     codec: Annotated[CodecName, Heading("Encoding")] = "h264"
-    """h264 plays on every device. hevc and av1 require profile motion."""
+    """h264 plays on every device. The others require profile motion."""
 
     attribute_qps: Annotated[dict[QpAttribute, QP], Empty("as quality")] = Field(default={})
     """QPs of single attributes, overriding quality; example: {opacities: 26}. In profile planes, means_low is the low
@@ -133,7 +133,7 @@ class BakeSettings(Settings):
 
     b_frames: Annotated[Annotated[int, Field(ge=0, le=7)] | None, Empty("automatic")] = None
     """Profile motion: B-frames between P-frames, each predicted from the images before and after it. They save a
-    tenth to a third of the bytes. null: 5, and none with codec av1."""
+    tenth to a third of the bytes. null: 5 with codecs h264 and hevc, otherwise none."""
 
     smooth_paths: Annotated[bool | None, Empty("automatic")] = None
     """Profile motion: smooth each splat's position, rotation, size, opacity and color over the group, as strongly as

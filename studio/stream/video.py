@@ -53,9 +53,9 @@ class PlaneEncoder:
         preset: one of `codecs.PRESETS`.
         tiles: codec of an image of many tiles; None for a plane of the profile `planes`.
         b_frames: B-frames between P-frames, each predicted from the one before and the one after. The file then has
-            the images in another order than that of display; decoders return the order of display. Not with AV1, and
-            not for planes. At most the number of images minus 2: x265 gives the packets of shorter videos time stamps
-            that are not defined, which MP4 does not take.
+            the images in another order than that of display; decoders return the order of display. Only of a codec
+            that `takes_b_frames`. At most the number of images minus 2: x265 gives the packets of shorter videos time
+            stamps that are not defined, which MP4 does not take.
         fps: frames per second that the level is chosen for; the file then also has a `colr` box. None, for VideoGS: the
             level for `NOMINAL_FPS`, and no such box.
     """
@@ -73,18 +73,16 @@ class PlaneEncoder:
         import av
 
         codec = PLANE_CODEC if tiles is None else CODECS[tiles]
-        parameters = codec.lossless if qp == 0 else codec.parameters
-        assert parameters is not None
+        options = codec.lossless if qp == 0 else codec.options
+        assert options is not None
         assert b_frames == 0 or codec.takes_b_frames
-        if b_frames > 0:
-            parameters += _B_FRAMES
         if tiles == "av1":
             os.environ.setdefault("SVT_LOG", "1")  # errors only: the library ignores FFmpeg's log level
         self._width = size[0]
         self._frames = 0
         # bitexact: no "Lavf" tag. faststart: index before the data, so that playback can start early.
-        options = {"fflags": "+bitexact", "movflags": "+faststart"}
-        self._out = av.open(str(path), "w", format="mp4", options=options)
+        own = {"fflags": "+bitexact", "movflags": "+faststart"}
+        self._out = av.open(str(path), "w", format="mp4", options=own)
         rate = NOMINAL_FPS if fps is None else Fraction(fps).limit_denominator(1001)
         stream: Any = self._out.add_stream(codec.encoder, rate=rate)
         stream.width, stream.height = size
@@ -96,12 +94,9 @@ class PlaneEncoder:
         context.thread_count = 1
         if codec.tag is not None:
             context.codec_tag = codec.tag
-        context.options = {
-            "preset": codec.own_preset(preset),
-            codec.key: parameters.format(qp=codec.own_qp(qp), b=b_frames),
-        }
-        if codec.encoder == "libx264":
-            context.options["qp"] = str(qp)
+        values = {"qp": codec.own_qp(qp), "preset": codec.own_preset(preset)}
+        values["b"] = f"{b_frames}{_B_FRAMES}" if b_frames > 0 else "0"
+        context.options = {name: text.format_map(values) for name, text in options.items()}
         self._stream = stream
         self._picture = av.VideoFrame(*size, "yuv420p")
         for plane in self._picture.planes[1:]:

@@ -16,6 +16,7 @@ import numpy as np
 import support
 
 from studio.playback import RateRule
+from studio.stream.codecs import CODECS
 
 
 def rule_steps() -> dict[str, Any]:
@@ -33,15 +34,14 @@ def rule_steps() -> dict[str, Any]:
     return {"rates": rates, "steps": steps}
 
 
-def video_index(path: Path, codec: str) -> dict[str, Any]:
-    """What FFmpeg reads of a video: [offset, bytes, key, seconds] of each packet; `codec` is named as in RFC 6381."""
+def video_index(path: Path) -> dict[str, Any]:
+    """What FFmpeg reads of a video: [offset, bytes, key, seconds] of each packet."""
     with av.open(str(path)) as container:
         stream = container.streams.video[0]
         packets = [packet for packet in container.demux(stream) if packet.size]
         return {
             "width": stream.width,
             "height": stream.height,
-            "codec": codec,
             "packets": [[one.pos, one.size, one.is_keyframe, float(one.pts * one.time_base)] for one in packets],
         }
 
@@ -49,13 +49,12 @@ def video_index(path: Path, codec: str) -> dict[str, Any]:
 def write_videos(folder: Path, temporary: Path) -> None:
     """A video of each codec."""
     found = {}
-    kinds = {"h264": ("avc1.4D400C", 5), "hevc": ("hvc1.1.6.L60.90", 2), "av1": ("av01.0.00M.08", 0)}
-    for codec, (name, b_frames) in kinds.items():
-        stream = support.bake(temporary / codec, lengths=(9,), splats=1500, codec=codec, qp=30, b_frames=b_frames)
+    for codec in CODECS:
+        stream = support.bake(temporary / codec, lengths=(9,), splats=1500, codec=codec, qp=30)
         best = json.loads((stream / "manifest.json").read_bytes())["groups"][0]["renditions"][0]
         video = stream / best["video"]["path"]
         shutil.copyfile(video, folder / f"{codec}.mp4")
-        found[codec] = video_index(video, name)
+        found[codec] = video_index(video)
     (folder / "videos.json").write_text(json.dumps(found))
 
 

@@ -23,7 +23,7 @@ def test_above_22_color_scale_and_rotation_stay_unless_they_are_set(given, qps):
         ),
         {"attribute_qps": {"means_high": 10}},
         {"attribute_qps": {"sh": 99}},
-        {"codec": "vp9"},
+        {"codec": "no-such-codec"},
         {"preset": "best"},
     ],
 )

@@ -2,6 +2,7 @@
  * data. A library would read any MP4 file, and be as large as the rest of the player. */
 
 import { StreamError } from "./errors.ts";
+import type { Codec } from "./manifest_types.ts";
 
 export interface Sample {
   /** Place in the file. */
@@ -14,7 +15,7 @@ export interface Sample {
 }
 
 export interface VideoIndex {
-  readonly codec: "h264" | "hevc" | "av1";
+  readonly codec: Codec["name"];
   readonly config: VideoDecoderConfig & { readonly codedWidth: number; readonly codedHeight: number };
   /** In the order of decoding. */
   readonly samples: readonly Sample[];
