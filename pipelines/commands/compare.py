@@ -102,13 +102,13 @@ def _print(result: Comparison, out: Path) -> None:
     from studio.comparison import FLICKER, METRICS
 
     protocol = result.protocol
-    metrics = [metric for metric in METRICS if getattr(result.takes[0], metric.name) is not None]
+    metrics = [metric for metric in METRICS if metric.name in result.takes[0].measures]
     titles = [metric.title for metric in metrics]
     table = table_of("take", *titles, FLICKER.title, "at borders", "KB/frame", "bytes", left=(0,))
     for take in result.takes:
         table.add_row(
             escaped(take.name) + ("*" if take.trained_on else ""),
-            *(metric.text(getattr(take, metric.name), unit=False) for metric in metrics),
+            *(metric.text(take.measures.get(metric.name), unit=False) for metric in metrics),
             FLICKER.text(take.flicker, unit=False),
             FLICKER.text(take.flicker_at_group_borders, unit=False),
             f"{take.bytes_per_frame / 1000:.1f}",

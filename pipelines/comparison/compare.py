@@ -143,7 +143,8 @@ def _key(described: ComparisonProtocol, takes: Sequence[OpenedTake], **choices: 
         [take.name, take.reader.manifest.manifest_sha256, digest_of_file(take.take.rig), sorted(take.group_starts)]
         for take in takes
     ]
-    return digest_of([program_version(), described.to_json(), settings, footage.digest(), sources, choices])
+    metrics = [metric.name for metric in METRICS]
+    return digest_of([program_version(), metrics, described.to_json(), settings, footage.digest(), sources, choices])
 
 
 def _image_name(camera: str, frame: int) -> str:
@@ -169,9 +170,9 @@ def _result(take: OpenedTake, found: Sequence[FrameOfTake], names: Sequence[str]
     values = [one.flicker for one in by_frame]
     borders = [one.flicker for one in by_frame if one.group_border]
     return ComparedTake(
-        **_means([_means(list(row.values())) for row in rows]).to_json(),
         name=take.name,
         folder=str(take.take.root),
+        measures=_means([_means(list(row.values())) for row in rows]),
         cameras=by_camera,
         trained_on=tuple(name for name in names if name in take.trained_on),
         flicker=round(_mean(values), 4) if values else None,
@@ -209,10 +210,10 @@ def _protocol(
 def _means(rows: Sequence[Measures]) -> Measures:
     figures = {}
     for metric in METRICS:
-        values = [value for row in rows if (value := getattr(row, metric.name)) is not None]
+        values = [row[metric.name] for row in rows if metric.name in row]
         if values:
             figures[metric.name] = round(_mean(values), 5)
-    return Measures(**figures)
+    return figures
 
 
 def _mean(values: Sequence[float]) -> float:

@@ -55,7 +55,7 @@ class FrameMeasurer:
             row: dict[str, Measures] = {}
             residuals: dict[str, Residual] = {}
             for camera, pair in self._pairs(take, frame, lambda: tick(True)):
-                row[camera] = Measures.model_validate(measure(pair, self._lpips))
+                row[camera] = measure(pair, self._lpips)
                 residuals[camera] = pair.residual
                 if keep:
                     views.setdefault(camera, {})[take.name] = pair

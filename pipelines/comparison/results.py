@@ -3,6 +3,7 @@
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
@@ -13,16 +14,8 @@ from studio.errors import StudioError
 RESULTS, FOLDER = "comparison.json", ".comparing"
 """Names of the results, and of the folder beside them with what an interrupted comparison has finished."""
 
-
-class Measures(Result):
-    """The metrics of a view of a decoded frame (`studio.comparison.METRICS`), or their means over views."""
-
-    psnr: float
-    psnr_interior: float | None = None
-    psnr_outline: float | None = None
-    psnr_color_fit: float
-    ssim: float
-    lpips: float | None = None
+Measures: TypeAlias = dict[str, float]
+"""The metrics of a view of a decoded frame (`studio.comparison.METRICS`) by name, or their means over views."""
 
 
 class FlickerOfFrame(Result):
@@ -33,11 +26,12 @@ class FlickerOfFrame(Result):
     group_border: bool  # whether a group begins with this frame
 
 
-class ComparedTake(Measures):
-    """One take: means over its cameras and frames."""
+class ComparedTake(Result):
+    """One take."""
 
     name: str
     folder: str
+    measures: Measures  # means over cameras and frames
     cameras: dict[str, Measures]
 
     trained_on: tuple[str, ...] = ()

@@ -205,7 +205,7 @@ def _difference(name: str, before: Mapping[str, object], now: Mapping[str, objec
         return f"the result of {name.removeprefix('result of ')} changed"
     if name == "cameras without calibration" and now.get(name):
         return f"{_short(now[name])} not calibrated; used since capture.held_out, capture.cameras or masks changed"
-    if name in ("footage", "camera file"):
+    if name in ("footage", "camera file", "metrics"):
         return f"the {name} changed"
     if name.startswith(PREFIX):
         return _edit_change(name, before.get(name), now.get(name))

@@ -52,8 +52,9 @@ def lpips_of(config: Config, device: str) -> Lpips | None:
 
 
 def params(inputs: Inputs) -> Params:
-    """The footage, and the settings that affect the comparison."""
+    """The footage, the metrics, and the settings that affect the comparison."""
     return {
+        "metrics": list(MEASURES),
         "footage": inputs.footage.digest,
         "frames": list(inputs.footage.raw.frames),
         **settings_affecting(inputs.config, "evaluation"),

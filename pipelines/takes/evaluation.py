@@ -1,6 +1,9 @@
 """evaluation.json: image quality of the trained Gaussians and of the decoded stream, and how it was measured."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pydantic import create_model
 
 from pipelines.takes.atomic_files import Result, read_model
 from pipelines.takes.records import read_record, result_of
@@ -11,24 +14,19 @@ from studio.counts import size_words
 MEASURES = tuple(f"{metric.name}_{what}" for metric in EVALUATED for what in ("trained", "decoded"))
 """Figures of a row, in order: metrics of trained and decoded frames. LPIPS only with evaluate.lpips."""
 
+if TYPE_CHECKING:  # type checkers do not see made fields
+    _Figures = Result
+else:
+    _Figures = create_model("_Figures", __base__=Result, **dict.fromkeys(MEASURES, (float | None, None)))
 
-class Quality(Result):
-    """Image quality of a view, or the mean over views. PSNR in dB, at most 100; SSIM and LPIPS in 0 to 1."""
+
+class Quality(_Figures):
+    """Image quality of a view, or the mean over views: fields by `MEASURES`, None if not measured. PSNR in dB, at most
+    100: interior, more than 3 pixels inside the mask (None if no part is so thick); outline, up to 3 pixels from the
+    mask's outline. SSIM and LPIPS in 0 to 1."""
 
     psnr_trained: float
     psnr_decoded: float
-    psnr_interior_trained: float | None = None
-    psnr_interior_decoded: float | None = None
-    """Of the performer, more than 3 pixels inside the mask; None if no part is so thick."""
-
-    psnr_outline_trained: float | None = None
-    psnr_outline_decoded: float | None = None
-    """Up to 3 pixels from the outline of the mask."""
-
-    ssim_trained: float
-    ssim_decoded: float
-    lpips_trained: float | None = None
-    lpips_decoded: float | None = None
 
     @property
     def measures(self) -> dict[str, float]:

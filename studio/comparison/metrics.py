@@ -1,8 +1,4 @@
-"""The metrics: one table, which the evaluation, its tables and report, `compare` and the window read.
-
-To add a metric: a row here, and fields in `Quality` (`pipelines.takes.evaluation`) and `Measures`
-(`pipelines.comparison.results`).
-"""
+"""The metrics: one table, which the evaluation, its tables and report, `compare` and the window read."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -29,6 +25,7 @@ class Metric:
         unit: behind its values; may be empty.
         measure: its value for a pair of images; None if it is not measured. None for flicker, which compares frames.
         evaluated: the evaluation of a take measures it, of trained and of decoded frames; False: only `compare` does.
+        plotted: the window's timeline shows it, of trained and of decoded frames.
         words: the values from which an image is good, and from which its loss is visible rather than bad; None: the
             metric has no words.
     """
@@ -39,6 +36,7 @@ class Metric:
     digits: int
     measure: Callable[[ViewPair, Distance | None], float | None] | None
     evaluated: bool = True
+    plotted: bool = False
     words: tuple[float, float] | None = None
 
     def text(self, value: float | None, unit: bool = True) -> str:
@@ -100,7 +98,7 @@ def _tensor(image: np.ndarray) -> Any:
 
 
 METRICS = (
-    Metric("psnr", "PSNR", "dB", 2, _psnr, words=(31.0, 25.0)),
+    Metric("psnr", "PSNR", "dB", 2, _psnr, plotted=True, words=(31.0, 25.0)),
     Metric("psnr_interior", "PSNR interior", "dB", 2, _psnr_interior),
     Metric("psnr_outline", "PSNR outline", "dB", 2, _psnr_outline),
     Metric("psnr_color_fit", "color fit", "dB", 2, _psnr_color_fit, evaluated=False),

@@ -9,7 +9,7 @@ from gui.drawing.canvas import Canvas, text_width
 from gui.drawing.palette import ACCENT, BAD, DIM, FAIR, GROUND, LINE, PANEL, RAISED, RGB, SECOND, TEXT
 from gui.models.playback.timeline import Timeline
 from pipelines.takes.frame_numbers import FrameNumbers
-from studio.comparison.metrics import FLICKER, MAIN
+from studio.comparison.metrics import FLICKER, METRICS, Metric
 
 _STEPS = [digit * 10**zeros for zeros in range(9) for digit in (1, 2, 5)]  # distances of numbered frames
 LEAST_SPAN = 2.0  # least range of an axis that does not begin at zero, dB: smaller differences must not look large
@@ -73,24 +73,24 @@ class Waveform(Plot):
 Values = Sequence[float | None]
 Series = Mapping[str, Values]
 
-PLOTTED = (f"{MAIN.name}_trained", f"{MAIN.name}_decoded", "bytes", FLICKER.name)  # what is shown of every frame
+_KINDS = {"trained": SECOND, "decoded": ACCENT}
+_QUALITY = {f"{one.name}_{kind}": (one, kind) for one in METRICS if one.plotted for kind in _KINDS}
+PLOTTED = (*_QUALITY, "bytes", FLICKER.name)  # what is shown of every frame
 
 
 def plots_of(
     series: Series, whose: str = "mean", other: Series | None = None, short: str = "", of: str = ""
 ) -> tuple[Plot, ...]:
     """The plots of a take that have values. `whose`: camera or cameras of the quality; `short`: in fewer words."""
-    trained, decoded, size, flicker = ((series.get(name, ()), (other or {}).get(name, ())) for name in PLOTTED)
+    *measured, size, flicker = ((series.get(name, ()), (other or {}).get(name, ())) for name in PLOTTED)
     kilobytes, others = ([None if one is None else one / 1000 for one in values] for values in size)
 
-    def quality(what: str, color: RGB, values: tuple[Values, Values]) -> Plot:
-        title = f"{MAIN.title} {what}"
-        own, other = values
-        return Plot(f"{title}, {whose}", own, color, MAIN.unit, other=other, short=f"{title}, {short or whose}")
+    def quality(metric: Metric, kind: str, own: Values, other: Values) -> Plot:
+        title = f"{metric.title} {kind}, "
+        return Plot(title + whose, own, _KINDS[kind], metric.unit, other=other, short=title + (short or whose))
 
     plots = (
-        quality("trained", SECOND, trained),
-        quality("decoded", ACCENT, decoded),
+        *(quality(*one, *values) for one, values in zip(_QUALITY.values(), measured, strict=True)),
         Plot(f"KB per frame{of or ', group mean'}", kilobytes, SECOND, "KB", bars=True, other=others),
         Plot(f"{FLICKER.title.capitalize()}{of}", flicker[0], ACCENT, "/255", bars=True, other=flicker[1]),
     )

@@ -33,12 +33,12 @@ def test_it_measures_what_the_evaluation_measures(two, here, tmp_path):
     fine, coarse = found["takes"]
     evaluation = read_evaluation(Take.open(two[0]).evaluation)
     assert (found["protocol"]["cameras"], found["protocol"]["frames"]) == (["cam4"], [0, 1, 2, 3, 4])
-    assert fine["psnr"] == pytest.approx(evaluation.summary.psnr_decoded, abs=2e-3)
-    assert fine["ssim"] == pytest.approx(evaluation.summary.ssim_decoded, abs=2e-4)
+    assert fine["measures"]["psnr"] == pytest.approx(evaluation.summary.psnr_decoded, abs=2e-3)
+    assert fine["measures"]["ssim"] == pytest.approx(evaluation.summary.ssim_decoded, abs=2e-4)
     assert fine["total_bytes"] == evaluation.protocol.total_bytes
     assert coarse["total_bytes"] < fine["total_bytes"]
-    assert coarse["psnr"] < fine["psnr"]
-    assert fine["psnr_color_fit"] != fine["psnr"]
+    assert coarse["measures"]["psnr"] < fine["measures"]["psnr"]
+    assert fine["measures"]["psnr_color_fit"] != fine["measures"]["psnr"]
     # groups of three frames: one border
     assert [one["group_border"] for one in fine["flicker_by_frame"]] == [False, False, True, False]
     assert fine["flicker"] == pytest.approx(np.mean([one["flicker"] for one in fine["flicker_by_frame"]]), abs=1e-3)
@@ -48,7 +48,7 @@ def test_it_measures_what_the_evaluation_measures(two, here, tmp_path):
     assert evaluation.summary.flicker_at_group_borders == evaluation.frames[3].flicker
     assert "flicker (levels of 255)" in Take.open(two[0]).report.read_text()
     assert not fine.get("trained_on")
-    assert f"{fine['psnr']:.2f}" in done.stdout
+    assert f"{fine['measures']['psnr']:.2f}" in done.stdout
     assert "own masks" in " ".join(done.stdout.split())
     images = sorted(path.name for path in (tmp_path / "out").glob("*.png"))
     assert images == ["cam4_000000.png", "cam4_000004.png"]

@@ -23,6 +23,12 @@ def test_a_stage_names_all_stages_that_must_run_first(finished: Path) -> None:
     assert all(one.state == "done" for one in status(take, load_config(take.config)).values())
 
 
+def test_with_another_metric_the_evaluation_is_stale(finished: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    take = Take.open(finished / "take")
+    monkeypatch.setattr("pipelines.stages.evaluate.MEASURES", ("psnr_trained", "psnr_decoded"))
+    assert status(take, load_config(take.config))["evaluate"].reason == "the metrics changed"
+
+
 @pytest.mark.parametrize(
     ("before", "now", "said"),
     [
