@@ -95,8 +95,9 @@ def run_groups(
         job()
 
     before = torch.get_num_threads()
-    # Training makes garbage quickly; each full collection would go through all modules that are loaded.
-    gc.collect()
+    # Training makes garbage quickly; each full collection would go through all modules that are loaded. So would one
+    # here, in a quarter of a second: what has been garbage for long may wait.
+    gc.collect(1)
     gc.freeze()
     try:
         if at_once == 1:
