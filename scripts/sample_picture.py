@@ -34,7 +34,7 @@ def row(context: Inputs, camera: str, index: int) -> list[np.ndarray]:
     exact = footage.evaluation_mask(camera, frame)
     mask = exact.astype(np.float32)[..., None] / 255
     performer = view.image * mask
-    trained = read_frame(context.take.trained_frame(group.index, index))
+    trained = read_frame(context.take.finished_frame(group.index, index))
     with StreamReader.open(context.take.stream) as reader:
         decoded = reader.gaussians(index)
     rendered = [to_bytes(render(splats, footage.rig[camera], (0.0, 0.0, 0.0), "cpu")) for splats in (trained, decoded)]

@@ -59,6 +59,9 @@ class HelpActions:
     def stage(self) -> None:
         """Show what to look for in the selected stage."""
         dialogs, stage = self._window.dialogs, self._window.stages.selected
+        if stage not in HELP:
+            self._window.notices.show(f"There is no help on {TITLES[stage]}.")
+            return
         dialogs.widgets = {}
         image = gui.ImageWidget(as_image(help_image(stage, round(WIDTH * dialogs.em), dialogs.em)))
         row = gui.Horiz(0.4 * dialogs.em)

@@ -1,7 +1,7 @@
 """StageView: the viewport's image of a stage, drawn on a worker thread from a snapshot of the state."""
 
 from collections.abc import Hashable, Sequence
-from typing import ClassVar
+from typing import ClassVar, cast
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from gui.models.take.inspector import Block
 from gui.models.take.page_words import in_page_words
 from gui.models.take.workspace import Workspace
 from gui.models.worker import LatestWorker
+from pipelines.takes.summaries import summary_words
 from studio.errors import StudioError
 
 PICK_MARGIN = 3.0  # pixels by which a click may miss a camera: frustums far away are small
@@ -21,14 +22,15 @@ _Request = tuple[Size, str, Hashable, bool]
 
 
 class StageView:
-    """Base of stage views. Subclasses define what the image depends on (`state`) and draw it (`draw`, on a thread)."""
+    """Base of stage views, which define what the image depends on (`state`) and draw it (`draw`, on a thread). It shows
+    the figures of the last run of `stage`, a key of `TITLES`, for stages without a view of their own."""
 
     modes: ClassVar[tuple[str, ...]] = ()  # images to choose from; the first is the default
     # whether it is drawn at the resolution of the viewport once it rests, though it orbits
     sharp: ClassVar[bool] = False
 
-    def __init__(self, workspace: Workspace) -> None:
-        self.workspace = workspace
+    def __init__(self, workspace: Workspace, stage: str = "") -> None:
+        self.workspace, self._stage = workspace, stage
         self.mode = self.modes[0] if self.modes else ""
         self.em = 16.0
         self.frame = 0
@@ -45,11 +47,13 @@ class StageView:
 
     def state(self) -> Hashable:
         """Everything that the image depends on except its size; compared for equality."""
-        raise NotImplementedError
+        status = self.workspace.assessment.stages.get(self._stage)
+        return (summary_words(self._stage, status.summary) if status and status.summary else "not run yet", self.em)
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
         """(height, width, 3) uint8. Called on the view's thread. Raises StudioError: shown instead of the image."""
-        raise NotImplementedError
+        words, em = cast(tuple[str, float], state)
+        return sentence(size, words, em)
 
     @property
     def blocks(self) -> Sequence[Block]:

@@ -12,6 +12,7 @@ from gui.models.scene.contents import PARTS
 from gui.models.scene.gizmo import along
 from gui.models.scene.orbit import OrbitCamera
 from gui.models.scene.rest import Rest
+from gui.models.stage_rows import TITLES
 from gui.models.take.workspace import Workspace
 from gui.pages.bake.view import BakeView
 from gui.pages.calibrate.points_view import PointsView
@@ -49,6 +50,8 @@ class StageViews:
             "train": TrainView(workspace),
             "bake": self.bake,
         }
+        for stage in TITLES.keys() - self.stage_views.keys() - {"review"}:
+            self.stage_views[stage] = StageView(workspace, stage)
         self.points = PointsView(workspace)
         self.editor = EditView(workspace)
         self.editing = False  # whether Review shows the edits

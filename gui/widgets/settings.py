@@ -189,7 +189,8 @@ class SettingsList:
             self._add(rows, field, round(room + 0.5 * self._em))
         if not found:
             given = f"Cameras from {self.camera_file}.\nTo calibrate instead, set the\ncamera file in Capture to none."
-            rows.add_child(gui.Label(given if not self._typed.strip() else "No matching settings."))
+            given = given if self.camera_file and not self._typed.strip() else "No matching settings."
+            rows.add_child(gui.Label(given))
         self._content.set_widget(rows)
         return True
 

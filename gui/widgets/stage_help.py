@@ -91,27 +91,20 @@ HELP: Mapping[str, StageHelp] = {  # by key of `TITLES`
 }
 
 
-def example_of(stage: str, kind: str) -> np.ndarray:
-    """(H, W, 3) uint8 RGB of a stage, a key of `HELP`, "good" or "bad"; FileNotFoundError: not installed."""
+def help_image(stage: str, width: int, em: float) -> np.ndarray:
+    """(H, width, 3) uint8: the sentences above the images that there are, drawn at the window's font size. `stage`: a
+    key of `HELP`."""
     import cv2
 
-    path = PICTURES / f"{stage}_{kind}.jpg"
-    pixels = cv2.imread(str(path))
-    if pixels is None:
-        raise FileNotFoundError(path)
-    return np.ascontiguousarray(pixels[..., ::-1])
-
-
-def help_image(stage: str, width: int, em: float) -> np.ndarray:
-    """(H, width, 3) uint8: the sentences above the two images, drawn at the window's font size."""
     found, size, small = HELP[stage], round(0.95 * em), round(0.85 * em)
     step = line_height(size)
     points = [wrapped(point, size, width - 1.2 * em) for point in found.points]
     each = (width - em) / 2
-    pictures = {kind: example_of(stage, kind) for kind in KINDS}
-    high = max(each * one.shape[0] / one.shape[1] for one in pictures.values())
-    captions = {kind: wrapped(getattr(found, kind), small, each) for kind in KINDS}
-    below = max(map(len, captions.values())) * line_height(small)
+    read = {kind: cv2.imread(str(path)) for kind in KINDS for path in PICTURES.glob(f"{stage}_{kind}.jpg")}
+    pictures = {kind: pixels[..., ::-1] for kind, pixels in read.items() if pixels is not None}
+    high = max((each * one.shape[0] / one.shape[1] for one in pictures.values()), default=0.0)
+    captions = {kind: wrapped(getattr(found, kind), small, each) for kind in pictures}
+    below = max(map(len, captions.values()), default=0) * line_height(small)
     above = sum(map(len, points)) * step + 0.35 * em * len(points)
     canvas = Canvas(width, above + 0.4 * em + step + high + 0.3 * em + below, DIALOG)
     y = 0.0
@@ -119,8 +112,8 @@ def help_image(stage: str, width: int, em: float) -> np.ndarray:
         canvas.dot(0.35 * em, y + 0.62 * size, 0.16 * em, DIM)
         y = canvas.lines(em, y, lines, size, TEXT) + 0.35 * em
     y += 0.4 * em
-    for number, (kind, (title, color)) in enumerate(KINDS.items()):
-        left = number * (each + em)
+    for number, kind in enumerate(pictures):
+        (title, color), left = KINDS[kind], number * (each + em)
         canvas.text(left, y, title, size, color)
         canvas.fit_image(left, y + step, each, high, pictures[kind])
         canvas.lines(left, y + step + high + 0.3 * em, captions[kind], small, DIM)

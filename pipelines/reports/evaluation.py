@@ -43,8 +43,14 @@ class Sample:
 
 
 def render_report(
-    take: Take, config: Config, groups: Sequence[Group], evaluation: Evaluation, samples: Sequence[Sample]
+    take: Take,
+    config: Config,
+    groups: Sequence[Group],
+    evaluation: Evaluation,
+    samples: Sequence[Sample],
+    stages: Sequence[str],
 ) -> str:
+    """`stages`: those before the evaluation."""
     return rendered(
         "report.html.j2",
         title=take.root.name,
@@ -59,7 +65,7 @@ def render_report(
         samples=[_images(sample) for sample in samples],
         over_time=_over_time(take, groups, evaluation),
         calibration=_calibration(take),
-        timings=_timings(take),
+        timings=_timings(take, stages),
         settings=config.model_dump(mode="json"),
     )
 
@@ -156,10 +162,10 @@ def _calibration(take: Take) -> dict[str, str | float]:
     return found
 
 
-def _timings(take: Take) -> list[tuple[str, float, str]]:
-    """Of each earlier stage: its duration in seconds, and its main figures."""
+def _timings(take: Take, stages: Sequence[str]) -> list[tuple[str, float, str]]:
+    """Of each stage: its duration in seconds, and its main figures."""
     found = []
-    for stage in ("calibrate", "initialize", "train", "bake"):
+    for stage in stages:
         record = read_record(take, stage)
         if record is not None and record.seconds is not None:
             found.append((stage, record.seconds, summary_words(stage, record.summary)))

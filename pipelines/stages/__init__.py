@@ -46,6 +46,12 @@ class Stage:
         """The same of a stage with `by_group`."""
         return cast("GroupStageCode", self.code)
 
+    def make_group(self, inputs: Inputs, group: Group, reporter: StageReporter) -> None:
+        """Make a group's results, unless they are there or another process makes them."""
+        with inputs.take.group_locked(self.name, group.index, reporter.check):
+            if not self.group_code.group_done(inputs, group):
+                self.group_code.run_group(inputs, group, reporter)
+
 
 STAGES = (
     Stage(
@@ -93,8 +99,8 @@ class StageCode(Protocol):
         """Number of finished valid units, number of all units, their name ("frames"); None if it has no units."""
 
     def run(self, inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> Result:
-        """Write the results, and return the main figures, a model of `pipelines.takes.summaries`; finished units are
-        kept.
+        """Write the results, and return the main figures (words for them: `pipelines.takes.summaries`); finished units
+        are kept.
 
         The reporter receives progress, figures and warnings; it raises Cancelled when the run is cancelled. `executor`:
         runs groups elsewhere; None: in this process. StudioError for bad input.
@@ -111,7 +117,8 @@ class GroupStageCode(StageCode, Protocol):
         """Whether the group's results are there and up to date."""
 
     def run_group(self, inputs: Inputs, group: Group, reporter: StageReporter) -> None:
-        """Make the group's results; continues from the last finished frame or checkpoint."""
+        """Make the group's results; continues from the last finished frame or checkpoint. The caller holds the group's
+        lock."""
 
 
 class Executor(Protocol):

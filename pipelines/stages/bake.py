@@ -45,7 +45,7 @@ def results(inputs: Inputs) -> list[Path]:
 def units(inputs: Inputs) -> tuple[int, int, str] | None:
     """Groups that are baked with current settings and inputs."""
     plan = BakePlan(inputs)
-    known = digests_on_record(inputs.take, "train") | digests_on_record(inputs.take, STAGE.name)
+    known = digests_on_record(inputs.take, *STAGE.dependencies, STAGE.name)
     return sum(plan.baked(part, known) is not None for part in plan.parts), len(plan.parts), "groups"
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from pipelines.config import Config
 from pipelines.reports.evaluation import Sample, render_report
-from pipelines.stages import Executor, stage_named
+from pipelines.stages import STAGE_NAMES, Executor, stage_named
 from pipelines.stages.baking.plan import baked_frames
 from pipelines.stages.compared_view import compared_cameras, compared_view
 from pipelines.stages.inputs import Inputs
@@ -156,9 +156,9 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> E
         frames=tuple(measured.frames),
     )
     reporter.progress(0.97, "writing the report")
-    write_text(
-        inputs.take.report, render_report(inputs.take, inputs.config, inputs.groups, evaluation, measured.samples)
-    )
+    before = STAGE_NAMES[: STAGE_NAMES.index(STAGE.name)]
+    report = render_report(inputs.take, inputs.config, inputs.groups, evaluation, measured.samples, before)
+    write_text(inputs.take.report, report)
     write_model(inputs.take.evaluation, evaluation)
     remove(inputs.take.work(STAGE.name))
     reporter.metrics(summary.to_json())

@@ -37,7 +37,7 @@ def read_paths(take: Take, group: Group) -> Paths:
     def frames() -> Iterator[Gaussians]:
         splats = None
         for index in group.indices:
-            frame = read_frame(take.trained_frame(group.index, index))
+            frame = read_frame(take.finished_frame(group.index, index))
             if len(frame) != (splats := splats or len(frame)):
                 raise of_two_trainings(take, group.index)
             yield frame
@@ -95,7 +95,7 @@ class EditedGroup:
 
     def unedited(self, index: int) -> Gaussians:
         """A frame as trained, counted from 0 in the take. Raises StudioError if it is missing or damaged."""
-        return read_frame(self._take.trained_frame(self._group.index, index))
+        return read_frame(self._take.finished_frame(self._group.index, index))
 
     def cut(self, gaussians: Gaussians, among: torch.Tensor | None = None) -> Gaussians:
         """All splats of a trained frame of the group, or those `among` them with these (K,) int64 numbers, without the

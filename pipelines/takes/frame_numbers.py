@@ -69,7 +69,7 @@ def frames_so_far(take: Take) -> tuple[dict[int, Path], list[Group]]:
         folder.glob("frame_*.safetensors")
     ):
         group = Group(len(groups), first, read_model(described, TrainedGroup).frames)
-        paths = {index: take.trained_frame(group.index, index) for index in group.indices}
+        paths = {index: take.finished_frame(group.index, index) for index in group.indices}
         files |= {index: path for index, path in paths.items() if path.is_file()}
         groups.append(group)
         first += len(group.frames)

@@ -89,17 +89,16 @@ def note_rewritten(take: Take, stage: str) -> None:
     write_model(take.record(stage), record.model_copy(update=update))
 
 
-def digests_on_record(take: Take, stage: str) -> dict[Path, str]:
-    """Digests of a finished stage's files that have not been written since, by path; without reading them."""
-    record, found = read_record(take, stage), dict[Path, str]()
-    if record is None:
-        return found
-    for name, digest in record.digests.items():
-        path = take.root / name
-        with contextlib.suppress(OSError):
-            state = path.stat()
-            if (state.st_mtime_ns, state.st_size) == (record.written.get(name), record.files.get(name)):
-                found[path] = digest
+def digests_on_record(take: Take, *stages: str) -> dict[Path, str]:
+    """Digests of finished stages' files that have not been written since, by path; without reading them."""
+    found = dict[Path, str]()
+    for record in filter(None, (read_record(take, stage) for stage in stages)):
+        for name, digest in record.digests.items():
+            path = take.root / name
+            with contextlib.suppress(OSError):
+                state = path.stat()
+                if (state.st_mtime_ns, state.st_size) == (record.written.get(name), record.files.get(name)):
+                    found[path] = digest
     return found
 
 

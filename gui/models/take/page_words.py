@@ -12,8 +12,9 @@ from studio.counts import listed
 
 _SECTIONS = "|".join(section for sections in SECTIONS.values() for section in sections)
 _SETTING = re.compile(rf"(?<![\w./'])(?:{_SECTIONS})(?:\.[a-z_0-9]+)+")
-_RESULT = re.compile(rf"(?<=the result of )(?:{'|'.join(stage.name for stage in STAGES)})\b")
-_COMMAND = re.compile(r"`v3studio (run|calibrate|initialize|train|bake|evaluate)\b([^`]*)`")
+_STAGES = "|".join(stage.name for stage in STAGES)
+_RESULT = re.compile(rf"(?<=the result of )(?:{_STAGES})\b")
+_COMMAND = re.compile(rf"`v3studio (run|{_STAGES})\b([^`]*)`")
 
 
 def in_page_words(text: str) -> str:

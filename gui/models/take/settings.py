@@ -10,6 +10,7 @@ from typing import Any, Literal, Union, get_args, get_origin
 
 from pydantic.fields import FieldInfo
 
+from gui.models.stage_rows import TITLES
 from gui.models.take.setting_words import BASIC, FOLDERS, LABELS, UNITS
 from pipelines.config import Config
 from pipelines.config.description import allowed_values, bounds
@@ -20,14 +21,7 @@ from studio.settings import Empty, Heading, Settings, marker, submodel
 from studio.storage import is_address
 from studio.yaml_text import inline_yaml
 
-SECTIONS = {
-    "capture": ("capture",),
-    "calibrate": ("calibrate",),
-    "initialize": ("initialize",),
-    "train": ("train",),
-    "bake": ("bake",),
-    "review": ("evaluate", "run"),
-}
+SECTIONS = {stage: (stage,) * (stage in Config.model_fields) for stage in TITLES} | {"review": ("evaluate", "run")}
 """Sections of the settings shown for each stage."""
 
 NULLS = ("", "null", "~")  # texts that mean no value, besides the setting's own word

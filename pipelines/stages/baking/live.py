@@ -8,6 +8,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING
 
 from pipelines.events.cancellation import Cancellation
+from pipelines.stages import CHAIN, stage_named
 from pipelines.stages.baking.encode import encode_once
 from pipelines.stages.baking.plan import BakePlan
 from pipelines.stages.baking.publish import publish
@@ -93,6 +94,8 @@ class LiveBake:
         notes: list[BakedGroupNote] = []
         for part in plan.parts:
             self._wait_for(part.trained.index)
+            for stage in CHAIN[CHAIN.index("train") + 1 : CHAIN.index("bake")]:
+                stage_named(stage).make_group(self._inputs, part.trained, background)
             notes.append(encode_once(plan, part, background, 0.0, 1.0))
             live = len(notes) < len(plan.parts)
             baked = [GroupEntry.from_dict(note.entry) for note in notes]

@@ -119,9 +119,9 @@ class BakePlan:
         """Digest of everything that a part is made from; `known` as for `baked`."""
         inputs, trained = self.inputs, part.trained
         edits = edits_of_group(inputs.edits, trained)
-        frames = [inputs.take.trained_frame(trained.index, index) for index in part.indices]
+        frames = [inputs.take.finished_frame(trained.index, index) for index in part.indices]
         if edits.removes:
-            frames += [inputs.take.trained_frame(trained.index, index) for index in trained.indices]
+            frames += [inputs.take.finished_frame(trained.index, index) for index in trained.indices]
         content = [(known or {}).get(path) or (digest_of_file(path) if path.is_file() else None) for path in frames]
         edited = edit_params(edits)
         if part.stream_first != part.first:

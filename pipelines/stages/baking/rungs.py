@@ -68,7 +68,7 @@ class RungTraining:
         if self._params is None:
             self._params = finetuning_params(self._inputs)
         if group.index not in self._contents:
-            paths = [self._inputs.take.trained_frame(group.index, index) for index in group.indices]
+            paths = [self._inputs.take.finished_frame(group.index, index) for index in group.indices]
             self._contents[group.index] = [digest_of_file(path) if path.is_file() else "" for path in paths]
         return key_of("rung", VERSION, self._params, list(rung.kind), group.index, self._contents[group.index])
 
@@ -112,7 +112,7 @@ class RungTraining:
         contribution = rendered_contribution(unedited, cameras, inputs.device, reporter.check)
         kept = torch.from_numpy(most_visible(ranking_of(contribution), rung.splats)).to(inputs.device)
         positions = sorted({round(x) for x in np.linspace(0, len(group.frames) - 1, FRAMES)})
-        frames = [read_frame(inputs.take.trained_frame(group.index, group.indices[at])) for at in positions]
+        frames = [read_frame(inputs.take.finished_frame(group.index, group.indices[at])) for at in positions]
         return train_offsets(
             [frame.to(inputs.device) for frame in frames],
             [training_views(inputs, reporter, group.frames[at], reading) for at in positions],

@@ -19,6 +19,7 @@ from gui.pages.bake.qp_trial import TRIED_QPS
 from gui.pages.bake.view import BakeView
 from gui.pages.calibrate.points_view import PointsView
 from gui.pages.capture.view import grid
+from gui.pages.stage_view import StageView
 from gui.pages.stage_views import StageViews
 from gui.pages.train import NOT_RUN, TrainView
 from gui.widgets.raycast import RaycastMesh
@@ -31,6 +32,7 @@ from studio.edits import EditList
 from studio.errors import StudioError
 from studio.stream import StreamReader
 from studio.stream.settings import LEVELS
+from tests.gui.conftest import RunningWindow
 from tests.support.errors import refuses
 from tests.support.looping import heard, wait_in_loop
 from tests.support.object_store import ObjectStore
@@ -38,6 +40,19 @@ from tests.support.players import newest
 from tests.support.waiting import wait_until
 
 SIZE = (720, 500)
+
+ANOTHER_STAGE = """
+import sys, types
+for name in [name for name in sys.modules if name.partition(".")[0] in ("gui", "pipelines")]:
+    del sys.modules[name]
+from pipelines import stages
+another = stages.Stage("another", "Another", "do something", version=1, weight=1, dependencies=("train",))
+stages.STAGES = (*stages.STAGES[:3], another, *stages.STAGES[3:])
+nothing = types.SimpleNamespace(params=lambda inputs: {}, results=lambda inputs: [], units=lambda inputs: None)
+sys.modules["pipelines.stages.another"] = nothing
+from gui.app import main
+sys.exit(main())
+"""
 
 
 @pytest.fixture
@@ -59,9 +74,8 @@ def shown(views: StageViews, accept: Callable[[np.ndarray], bool] = lambda pictu
 
 def test_every_stage_of_a_finished_take_has_its_picture(views: StageViews, finished: Path) -> None:
     opened(views, finished / "take")
-    for stage in ("capture", "calibrate", "initialize", "train", "bake"):
+    for stage, stage_view in views.stage_views.items():
         views.select(stage)
-        stage_view = views.stage_views[stage]
         for mode in stage_view.modes:
             views.choose(mode)
             picture = shown(views, lambda picture: (picture != GROUND).any())
@@ -74,6 +88,13 @@ def test_every_stage_of_a_finished_take_has_its_picture(views: StageViews, finis
     assert (before != GROUND).any(axis=2).sum() > 0.05 * SIZE[0] * SIZE[1], gray
     views.drag(60, 20, True, SIZE[1])
     assert (shown(views, lambda picture: bool((picture != before).any())) != before).any()
+
+
+def test_a_stage_needs_no_code_in_the_window(open_window: Callable[..., RunningWindow], take_copy: Path) -> None:
+    window = open_window(str(take_copy), program=("-c", ANOTHER_STAGE))
+    window.wait_for("its state", lambda s: s["stages"].get("another", ["", ""])[1] == "not run")
+    window.click("stages", 0.3, 4.5 / 7, until=("its page", lambda s: s["stage"] == "another" and s["settled"]))
+    window.key("F1", until=("no help", lambda s: "There is no help on Another" in s["notice"]))
 
 
 def test_the_edits_show_all_trained_frames(views: StageViews, take_copy: Path) -> None:
@@ -168,8 +189,9 @@ def test_stages_that_have_not_run_say_what_to_do(views: StageViews, footage_proj
         with refuses(code):
             stage_view.draw(SIZE, stage_view.state())
         shown(views)  # the sentence, not an exception
-    train = views.stage_views["train"]
+    train, plain = views.stage_views["train"], StageView(views.workspace, "train")
     wait_in_loop("the status", lambda: views.workspace.assessment.stages)
+    assert plain.state() == ("not run yet", plain.em)
     assert isinstance(train, TrainView)
     assert train.nothing == NOT_RUN
     views.select("review")

@@ -2,14 +2,19 @@
 
 import json
 import shutil
+import sys
+import types
 
 import pytest
 
+from pipelines import stages
 from pipelines.config import load_config
 from pipelines.stages.baking import live as live_bake
 from pipelines.stages.baking.live import LiveBake
 from pipelines.stages.inputs import Inputs
 from pipelines.stages.reporter import StageReporter
+from pipelines.takes.frame_files import FrameMetadata, read_frame, write_frame
+from pipelines.takes.take import Take
 from studio.errors import Cancelled, StudioError
 from studio.stream import StreamReader
 from tests.support.events import warnings_in
@@ -99,6 +104,24 @@ def test_training_outlives_a_failure(take, published, monkeypatch):
     with live(take, {0, 1}, events):
         pass
     assert len(warnings_in(events, "bake.live_failed")) == 1
+
+
+def test_stages_between_training_and_baking_run_first(take, published, monkeypatch):
+    def run_group(inputs, group, reporter):
+        for index in group.indices:
+            few = read_frame(take.trained_frame(group.index, index))[:50]
+            write_frame(take.finished_frame(group.index, index), few, FrameMetadata())
+
+    code = types.SimpleNamespace(group_done=lambda inputs, group: False, run_group=run_group)
+    monkeypatch.setitem(sys.modules, "pipelines.stages.fewer", code)
+    monkeypatch.setattr(stages, "STAGES", (*stages.STAGES, stages.Stage("fewer", "Fewer", "", version=1, weight=1)))
+    monkeypatch.setattr(live_bake, "CHAIN", ("initialize", "train", "fewer", "bake"))
+    monkeypatch.setattr(Take, "finished_frame", lambda take, group, index: take.root / "fewer" / f"{group}_{index}")
+    with live(take, {0, 1}):
+        pass
+    assert published == [([3], True), ([3, 2], False)]
+    with StreamReader.open(take.stream) as reader:
+        assert [len(reader.gaussians(frame)) for frame in range(5)] == [50] * 5
 
 
 @pytest.mark.parametrize("joint", [0, 2])
