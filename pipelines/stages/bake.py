@@ -21,6 +21,7 @@ from pipelines.takes.groups import Group
 from pipelines.takes.records import digests_on_record
 from pipelines.takes.summaries import BakeSummary
 from studio.capture.digest import digest_files
+from studio.stream.attributes import VERSION
 
 STAGE = stage_named("bake")
 
@@ -32,6 +33,7 @@ def params(inputs: Inputs) -> Params:
         **(finetuning_params(inputs) if finetuned_rungs(inputs.config) else {}),
         **settings_affecting(inputs.config, "videos", "manifest", "sound"),
         "frames a second": float(inputs.footage.raw.fps),
+        "version of the stream": VERSION,
         **({} if sound is None else {"sound": digest_files(sound.path.parent, [sound.path])}),
         **edit_params(inputs.edits),
     }

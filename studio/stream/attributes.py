@@ -1,18 +1,18 @@
 """The table of what the stream stores of each splat: names, order, bits, steps, and how values become those of splats.
 
 The encoders, the decoders, the manifest and the training losses read it. In `planes`, each number of a splat is a
-*component* with a range; in `motion`, each is a *channel* with a step. To add an attribute, add its row here, and its
-result to the kernel `dequantize`. Means and rotations follow blocks that move, in `encode/motion.py` and
-`decoders/motion.py`.
+*component* with a range; in `motion`, each is a *channel* with a step. `docs/stream.schema.json` has the names, for
+the player. Means and rotations follow blocks that move, in `encode/motion.py` and `decoders/motion.py`.
 """
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Final, Literal, TypeAlias
 
 import numpy as np
 
+VERSION: Final = 4  # of the stream; raised whenever the meaning of its bytes changes
 MAX_VALUE = 1e9  # largest magnitude of any value
 
 MAX_LOG_SCALE = math.log(MAX_VALUE)
@@ -68,7 +68,7 @@ QpAttribute = Literal["means_low", "opacities", "scales", "quats", "sh"]
 class Attribute:
     """One attribute of a splat."""
 
-    name: str  # means, quats, scales, opacities or sh
+    name: str  # also in the player's arrays
     label: str
     tensor: str  # in `Gaussians`
     shape: tuple[int, ...]  # of a splat in that tensor; -1: SH coefficients
@@ -132,7 +132,12 @@ ATTRIBUTES = (
 """In the order of the channels, and of the values that losses act on."""
 
 BY_NAME = {attribute.name: attribute for attribute in ATTRIBUTES}
-_COMPONENT_ORDER = ("means", "sh", "opacities", "scales", "quats")
+NAMES = {
+    "motion": {one.name: list(one.channels) for one in ATTRIBUTES},
+    "planes": {name: list(BY_NAME[name].components) for name in ("means", "sh", "opacities", "scales", "quats")},
+}
+"""In the order of the manifest. Attributes that are not rendered come last: shaders find channels by their places."""
+
 _BOUNDS = {name: (-MAX_VALUE, one.largest) for one in ATTRIBUTES for name in one.components}
 _BOUNDS |= dict.fromkeys(BY_NAME["scales"].channels, (-MAX_SHAPE, MAX_SHAPE))
 
@@ -150,45 +155,30 @@ class Component:
     attribute: Attribute
 
     @property
-    def bits(self) -> int:
-        """16 or 8."""
-        return self.attribute.bits
-
-    @property
     def levels(self) -> int:
         """Largest code: 65535 or 255."""
-        return (1 << self.bits) - 1
+        return (1 << self.attribute.bits) - 1
 
 
 def components(sh_degree: int) -> tuple[Component, ...]:
-    """All 11 + 3 (degree + 1)^2 components, in the order of the manifest. SH are coefficient-major."""
-    found = (BY_NAME[name] for name in _COMPONENT_ORDER)
-    return tuple(Component(name, one) for one in found for name in _names(one, one.components, sh_degree))
+    """All components, in the order of the manifest. SH are coefficient-major."""
+    return tuple(Component(name, BY_NAME[one]) for one, names in _names("planes", sh_degree) for name in names)
 
 
 def channels(sh_degree: int) -> tuple[str, ...]:
-    """All 10 + 3 (degree + 1)^2 channels of the profile `motion`, in the order of the manifest."""
-    return tuple(name for one in ATTRIBUTES for name in _names(one, one.channels, sh_degree))
+    """All channels of the profile `motion`, in the order of the manifest."""
+    return tuple(name for _, names in _names("motion", sh_degree) for name in names)
 
 
-def component_rows(sh_degree: int) -> dict[str, slice]:
-    """Rows of each attribute among the components."""
-    found = (BY_NAME[name] for name in _COMPONENT_ORDER)
-    return _rows((one.name, len(one.components) * one.repeats(sh_degree)) for one in found)
-
-
-def channel_rows(sh_degree: int) -> dict[str, slice]:
-    """Rows of each attribute among the channels."""
-    return _rows((one.name, len(one.channels) * one.repeats(sh_degree)) for one in ATTRIBUTES)
-
-
-def _names(one: Attribute, names: tuple[str, ...], sh_degree: int) -> tuple[str, ...]:
-    return tuple(name.format(k=k) for k in range(one.repeats(sh_degree)) for name in names)
-
-
-def _rows(parts: Iterable[tuple[str, int]]) -> dict[str, slice]:
+def attribute_rows(profile: str, sh_degree: int) -> dict[str, slice]:
+    """Rows of each attribute among the channels (`motion`) or components (`planes`)."""
     found, start = {}, 0
-    for attribute, count in parts:
-        found[attribute] = slice(start, start + count)
-        start += count
+    for one, names in _names(profile, sh_degree):
+        found[one] = slice(start, start + len(names))
+        start += len(names)
     return found
+
+
+def _names(profile: str, sh_degree: int) -> Iterator[tuple[str, list[str]]]:
+    for one, names in NAMES[profile].items():
+        yield one, [name.format(k=k) for k in range(BY_NAME[one].repeats(sh_degree)) for name in names]

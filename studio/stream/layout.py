@@ -12,7 +12,7 @@ import torch
 
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
-from studio.stream.attributes import ATTRIBUTES, BY_NAME, component_rows
+from studio.stream.attributes import ATTRIBUTES, BY_NAME, NAMES, attribute_rows
 
 _SHORTEST_QUAT = 1e-6
 
@@ -94,7 +94,7 @@ def component_frames(frames: Iterable[Gaussians], order: np.ndarray | None = Non
                 problem = f"frame {number} of the group has a value in {name} that is not finite"
                 fix = "Train the group again."
                 raise StudioError("gaussians.not_finite", problem, fix=fix, frame=number, attribute=name)
-        rows = component_rows(frame.sh_degree)
+        rows = attribute_rows("planes", frame.sh_degree)
         columns = (BY_NAME[name].activate(arrays[BY_NAME[name].tensor]) for name in rows)
         values = np.concatenate([column.reshape(len(frame), -1).T for column in columns])
         if order is not None:
@@ -125,7 +125,7 @@ class ComponentArrays:
     """Buffers for one frame in the memory layout of `Gaussians`; `rows`: (N,) views by component, to fill."""
 
     def __init__(self, splats: int, sh_degree: int) -> None:
-        shapes = {name: BY_NAME[name].tensor_shape(splats, sh_degree) for name in component_rows(sh_degree)}
+        shapes = {name: BY_NAME[name].tensor_shape(splats, sh_degree) for name in NAMES["planes"]}
         self._arrays = {name: np.empty(shape, dtype=np.float32) for name, shape in shapes.items()}
         columns = (array.reshape(splats, -1).T for array in self._arrays.values())
         self.rows: list[np.ndarray] = [row for rows in columns for row in rows]

@@ -30,13 +30,12 @@ from studio.counts import counted, short_repr
 from studio.dilation import DILATION, MAX_DILATION, MIN_DILATION
 from studio.errors import StudioError, violation
 from studio.json_types import JsonObject
-from studio.stream.attributes import MAX_VALUE, channels, components, value_bounds
+from studio.stream.attributes import MAX_VALUE, VERSION, channels, components, value_bounds
 from studio.stream.codecs import CODECS, CodecName
 from studio.stream.layout import plane_side, tile_side
 
 FORMAT: Final = "v3studio-stream"
 PAGE_FORMAT: Final = "v3studio-stream-page"
-VERSION: Final = 4
 MANIFEST_NAME: Final = "manifest.json"
 
 FILES: Final = "files"  # folder of all files but the manifest
@@ -322,7 +321,7 @@ class PlanesRendition(Rendition):
         _require(found == names, "components", f"components do not match SH degree {self.sh_degree} and its order")
         for entry, component in zip(self.components, wanted, strict=True):
             parts = tuple(plane.part for plane in entry.planes)
-            allowed = (("all",),) if component.bits == 8 else (("high", "low"), ("high", "low_mirrored"))
+            allowed = (("all",),) if component.attribute.bits == 8 else (("high", "low"), ("high", "low_mirrored"))
             choices = " or ".join(map(str, allowed))
             _require(parts in allowed, "parts", f"{entry.name} has planes {parts}; expected {choices}")
         self._check_files()
@@ -565,7 +564,7 @@ class Manifest(Model):
     """The manifest as stored.
 
     Attributes:
-        format, version: "v3studio-stream"; 4.
+        format, version: those of this program.
         profile: "planes" or "motion".
         fps: frame rate of playback.
         frame_count: over all groups.
@@ -584,7 +583,7 @@ class Manifest(Model):
     """
 
     format: Literal["v3studio-stream"] = FORMAT
-    version: Literal[4] = VERSION
+    version: Literal[VERSION] = VERSION  # type: ignore[valid-type]
     profile: Literal["motion", "planes"]
     fps: Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)]
     frame_count: Annotated[int, Field(ge=1, le=MAX_FRAMES)]

@@ -9,11 +9,11 @@ from pydantic import TypeAdapter, ValidationError
 from studio.bounded_files import Bounds, TextError, parse_json
 from studio.errors import StudioError
 from studio.json_types import JsonObject
+from studio.stream.attributes import NAMES, VERSION
 from studio.stream.manifest import (
     FORMAT,
     MAX_MANIFEST_BYTES,
     PROFILES,
-    VERSION,
     GroupEntry,
     InconsistentError,
     Manifest,
@@ -131,10 +131,11 @@ def check_growth(old: Manifest, new: Manifest, name: str) -> None:
 
 
 def manifest_schema() -> JsonObject:
-    """JSON schema (2020-12) of the manifest and of the pages of its index, published as `docs/stream.schema.json`. It
+    """JSON schema (2020-12) of the manifest and of its pages, and `NAMES`: published as `docs/stream.schema.json`. It
     cannot express constraints between values (sums, counts, order); see `docs/STREAM.md` for those."""
     kinds: TypeAdapter[Any] = TypeAdapter(Manifest | Page)
     schema = kinds.json_schema()
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
     schema["title"] = "Manifest of a v3studio-stream"
+    schema["x-names"] = NAMES
     return schema

@@ -23,6 +23,7 @@ from studio.cameras import Camera
 from studio.formats import ply
 from studio.gaussians import Gaussians
 from studio.rotations import quats_to_matrices
+from studio.stream.attributes import ATTRIBUTES
 from tests.support.glb import red_post
 from tests.support.shared import made_once
 
@@ -115,8 +116,8 @@ _IN_WORKER = """async (root) => {
     try {
       const info = await stream.open("${root}stream/");
       for (const frame of [0, 2, 6]) {
-        const { means, quats, scales, opacities, sh } = await stream.frame(frame);
-        found.push([means, quats, scales, opacities, sh].map(array => Array.from(array)));
+        const arrays = Object.entries(await stream.frame(frame)).filter(([, value]) => value instanceof Float32Array);
+        found.push(Object.fromEntries(arrays.map(([name, array]) => [name, Array.from(array)])));
       }
       const late = await Promise.all([1, 3, 8].map(frame => stream.frame(frame)));
       const refused = await stream.frame(info.frameCount).catch(error => error.message);
@@ -145,12 +146,12 @@ def test_a_worker_decodes_what_python_decodes(package_site, baked, open_page, pr
     got = page.evaluate(_IN_WORKER, root)
     assert "error" not in got, got
     for want, arrays in zip(support.decoded(package_site.stream, 0, 2, 6), got["found"], strict=True):
-        means, quats, scales, opacities, sh = (np.asarray(array, np.float32) for array in arrays)
-        assert np.allclose(means, want.means.numpy().reshape(-1), rtol=0, atol=1e-6)
-        assert np.allclose(opacities, want.opacities.numpy(), atol=1e-5)
-        assert np.allclose(sh, want.sh.numpy().reshape(-1), atol=1e-5)
+        arrays = {name: np.asarray(array, np.float32) for name, array in arrays.items()}
+        assert np.allclose(arrays["means"], want.means.numpy().reshape(-1), rtol=0, atol=1e-6)
+        for one in ATTRIBUTES[3:]:
+            assert np.allclose(arrays[one.name], one.activate(getattr(want, one.tensor).numpy()).reshape(-1), atol=1e-5)
         # Different rotations and scales may be the same splat.
-        mine = _covariances(quats.reshape(-1, 4), scales.reshape(-1, 3))
+        mine = _covariances(arrays["quats"].reshape(-1, 4), arrays["scales"].reshape(-1, 3))
         theirs = _covariances(want.quats.numpy(), want.scales.numpy())
         size = np.trace(theirs, axis1=1, axis2=2)[:, None, None]
         assert (np.abs(mine - theirs) / size).max() < 3e-5

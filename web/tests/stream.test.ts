@@ -211,8 +211,9 @@ void test("splats are sorted back to front, the later one first at equal depth",
 
 void test("another format or version is refused in a sentence", () => {
   const text = new TextDecoder().decode(bytes("motion.json"));
-  for (const version of ["3", "5", '"4"', "null"])
-    assert.throws(() => parseManifest(text.replace('"version":4', `"version":${version}`), 1), /has format version .* plays version 4/);
+  const version = Number(/"version":(\d+)/.exec(text)![1]);
+  for (const other of [version - 1, version + 1, `"${version}"`, null])
+    assert.throws(() => parseManifest(text.replace(/"version":\d+/, `"version":${other}`), 1), RegExp(`has format version .* plays version ${version}`));
   assert.throws(() => parseManifest("[", 1), /not readable JSON/);
   for (const other of ["{}", "null", "[]"]) assert.throws(() => parseManifest(other, 2), /not the manifest/);
 });
@@ -267,7 +268,7 @@ const REFUSED: readonly (readonly [place: string, value: unknown, message: RegEx
   ["groups.0.renditions.0.splats", 1e9, /groups\.0\.renditions\.0\.splats/],
   ["groups.0.renditions.0.bytes", 7, /sum of its file sizes/],
   ["groups.0.renditions.0.tile", 48, /tile does not fit/],
-  ["groups.0.renditions.0.columns", 1, /tiles for 13 channels/],
+  ["groups.0.renditions.0.columns", 1, /tiles for \d+ channels/],
   ["groups.0.renditions.0.side.path", "/etc/passwd", /not named by/],
   ["groups.0.renditions.0.side.raw_bytes", 2 ** 40, /side\.raw_bytes/],
   ["groups.0.renditions.0.video.path", `files/${"0".repeat(32)}.mp4`, /not named by/],

@@ -19,6 +19,7 @@ from pipelines.takes.groups import Group
 from pipelines.takes.stage_files import BakedGroupNote
 from pipelines.takes.take import group_name
 from studio.edits.edit_list import Trim
+from studio.stream.attributes import VERSION
 
 if TYPE_CHECKING:
     from studio.cameras import Camera
@@ -130,7 +131,7 @@ class BakePlan:
         settings["frames a second"] = float(inputs.footage.raw.fps)  # the level of the video depends on it
         finetuned = [self.training.key(trained, rung) for rung in finetuned_rungs(inputs.config)]
         more = [one for one in (finetuned, edited) if one]
-        return key_of(STAGE.name, STAGE.version, settings, part.index, part.first, content, *more)
+        return key_of(STAGE.name, STAGE.version, VERSION, settings, part.index, part.first, content, *more)
 
     def leftover_notes(self) -> Iterator[Path]:
         """Notes on parts that the stream no longer has."""

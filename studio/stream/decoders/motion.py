@@ -4,11 +4,12 @@ from collections.abc import Mapping
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from studio.gaussians import Gaussians
 from studio.rasterizer.kernels import kernels_for
 from studio.rotations import quat_multiply
-from studio.stream.attributes import ATTRIBUTES, channel_rows
+from studio.stream.attributes import ATTRIBUTES, attribute_rows
 from studio.stream.decoders.decoder import DecodedFrame, GroupDecoder, check_luma
 from studio.stream.manifest import MotionRendition
 from studio.stream.morton import square_scan
@@ -29,26 +30,28 @@ class GroupTables:
         pixels = square_scan(group.tile, group.splats)
         width = group.size[0]
         rows, columns = np.divmod(pixels, group.tile)
-        first = [
+        self.first = [
             (c // group.columns) * group.tile * width + (c % group.columns) * group.tile
             for c in range(len(group.channels))
         ]
         self.pixels = rows * width + columns
-        self.first = first
         escapes = side.escapes
         order = np.lexsort((escapes.splat, escapes.channel, escapes.frame))
         self._escapes = (escapes.channel[order], escapes.splat[order], escapes.code[order].astype(np.float32))
         self._starts = np.searchsorted(escapes.frame[order], np.arange(group.frame_count + 1))
         self._steps = np.array([entry.step for entry in group.channels], dtype=np.float32)
         self._offsets = np.array([entry.offset - 128 * entry.step for entry in group.channels], dtype=np.float32)
-        self._indices = {  # as the kernel takes them
+        self._used = attribute_rows("motion", group.sh_degree)["sh"].stop  # the channels that the kernel reads
+        self._inputs = {  # as the kernel takes them
             "pixels": self.pixels.astype(np.int32),
-            "first": np.array(first, dtype=np.int64),
+            "first": np.array(self.first[: self._used], dtype=np.int64),
+            "steps": self._steps[: self._used],
+            "offsets": self._offsets[: self._used],
             "labels": side.labels.astype(np.int32),
         }
 
     def gaussians(self, index: int, picture: np.ndarray, threads: int = 1) -> Gaussians:
-        """Splats of frame `index` of the group, in one pass of the C++ kernel; by `gaussians_numpy` if there is none.
+        """Splats of frame `index` of the group, by one pass of the C++ kernel, or `gaussians_numpy` if there is none.
 
         Opacities differ by rounding; all else has the same bits. More than one thread helps where nothing else decodes.
         """
@@ -56,52 +59,51 @@ class GroupTables:
         kernels = kernels_for(torch.empty(0))
         if kernels is None:
             return self.gaussians_numpy(index, picture)
-        shapes = {one.tensor: one.tensor_shape(group.splats, group.sh_degree) for one in ATTRIBUTES}
-        found = {name: kernels.empty_float(shape) for name, shape in shapes.items()}
+        empty, size = kernels.empty_float, (group.splats, group.sh_degree)
+        found = {one.tensor: empty(one.tensor_shape(*size)) for one in ATTRIBUTES[:5]}
         results = {"logits" if name == "logit_opacities" else name: one for name, one in found.items()}
         turned = self.state.rotations(index)
         turned = turned if turned is None else np.ascontiguousarray(turned)
         begin, end = self._starts[index : index + 2]
         channel, splat, code = (part[begin:end] for part in self._escapes)
         kernels.dequantize(
-            picture=np.ascontiguousarray(picture), **self._indices, steps=self._steps, offsets=self._offsets,
-            escape_starts=np.searchsorted(channel, np.arange(len(group.channels) + 1)).astype(np.int64),
+            picture=np.ascontiguousarray(picture), **self._inputs,
+            escape_starts=np.searchsorted(channel, np.arange(self._used + 1)).astype(np.int64),
             escape_splats=splat.astype(np.int32), escape_codes=code, gains=self.gains, keyframe=self.state.keyframe,
             local=self.state.blocks.local, maps=self.state.maps(index), rotations=turned,
             **results, threads=threads,
         )  # fmt: skip
-        return Gaussians(**found, dilation=group.dilation)
+        return self._completed(found, index, picture)
 
     def gaussians_numpy(self, index: int, picture: np.ndarray) -> Gaussians:
         """`gaussians` in plain NumPy. This is the definition."""
-        values = self.values(index, picture)
-        rows = channel_rows(self.group.sh_degree)
-        means = self.state.positions(index) + (values[rows["means"]] * self.gains).T
-        quats, log_scales = shape_axes(values[rows["scales"]])
+        means = self.state.positions(index) + (self.values(index, picture, "means") * self.gains).T
+        quats, log_scales = shape_axes(self.values(index, picture, "scales"))
         turned = self.state.rotations(index)
         if turned is not None:
             quats = quat_multiply(turned[self.state.labels], quats)
-        found = {"means": means, "quats": quats, "log_scales": log_scales}
+        made = zip(("means", "quats", "log_scales"), (means, quats, log_scales), strict=True)
+        return self._completed({name: torch.from_numpy(one) for name, one in made}, index, picture)
+
+    def _completed(self, found: dict[str, Tensor], index: int, picture: np.ndarray) -> Gaussians:
+        """With all other attributes, which need nothing but their own channels."""
         for one in ATTRIBUTES:
             if one.tensor not in found:
-                columns = np.ascontiguousarray(one.from_channels(values[rows[one.name]]).T)
-                found[one.tensor] = one.inverse(columns).reshape(len(means), *one.shape)
-        return Gaussians(**{name: torch.from_numpy(one) for name, one in found.items()}, dilation=self.group.dilation)
+                columns = np.ascontiguousarray(one.from_channels(self.values(index, picture, one.name)).T)
+                found[one.tensor] = torch.from_numpy(one.inverse(columns).reshape(len(columns), *one.shape))
+        return Gaussians(**found, dilation=self.group.dilation)
 
-    def values(self, index: int, picture: np.ndarray) -> np.ndarray:
-        """(C, N) float32 values of the channels in frame `index` of the group, classes not yet applied."""
-        group = self.group
+    def values(self, index: int, picture: np.ndarray, attribute: str) -> np.ndarray:
+        """(C, N) float32 values of an attribute's channels in frame `index` of the group, classes not yet applied."""
+        rows = attribute_rows("motion", self.group.sh_degree)[attribute]
         flat = picture.reshape(-1)
-        values = np.empty((len(group.channels), group.splats), dtype=np.float32)
-        for row, first in zip(values, self.first, strict=True):
-            row[:] = flat[first:].take(self.pixels)
+        values = np.array([flat[first:].take(self.pixels) for first in self.first[rows]], dtype=np.float32)
         begin, end = self._starts[index : index + 2]
-        if end > begin:
-            channel, splat, code = (part[begin:end] for part in self._escapes)
-            values[channel, splat] = code
-        for row, step, offset in zip(values, self._steps, self._offsets, strict=True):
-            row *= step
-            row += offset
+        channel, splat, code = (part[begin:end] for part in self._escapes)
+        own = slice(*np.searchsorted(channel, (rows.start, rows.stop)))
+        values[channel[own] - rows.start, splat[own]] = code[own]
+        values *= self._steps[rows, None]
+        values += self._offsets[rows, None]
         return values
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from studio.gaussians import Gaussians
 from studio.progress import ProgressFn
 from studio.rotations import mrp_to_quats, quat_conjugate, quat_multiply, quats_to_mrp
-from studio.stream.attributes import BY_NAME, channels, component_rows
+from studio.stream.attributes import ATTRIBUTES, BY_NAME, attribute_rows, channels
 from studio.stream.codecs import CODECS
 from studio.stream.encode.files import named_by_content
 from studio.stream.encode.paths import carry_hidden_splats, smooth_paths
@@ -45,7 +45,7 @@ class MotionBake:
     def __init__(self, frames: Sequence[Gaussians], progress: ProgressFn) -> None:
         self._count, self._splats, self._degree = len(frames), len(frames[0]), frames[0].sh_degree
         self._dilation = frames[0].dilation
-        rows = component_rows(self._degree)
+        rows = attribute_rows("planes", self._degree)
         order: np.ndarray | None = None
         values: list[np.ndarray] = []
         for components in component_frames(frames):
@@ -85,7 +85,7 @@ class MotionBake:
 
     def _unmoving(self, quats: np.ndarray) -> np.ndarray:
         """Values of the channels from `shape_xx` on, (F, C - 3, N), as they are in blocks that do not rotate."""
-        parts = {name: self._values[:, rows] for name, rows in component_rows(self._degree).items()}
+        parts = {name: self._values[:, rows] for name, rows in attribute_rows("planes", self._degree).items()}
         shapes = np.empty((self._count, 6, self._splats), dtype=np.float32)
         for frame, scales in enumerate(np.exp(parts["scales"])):
             own = quats[frame]
@@ -93,7 +93,8 @@ class MotionBake:
                 turned = mrp_to_quats(self._turns[frame - 1].T * _ROTATION_UNIT)
                 own = quat_multiply(quat_conjugate(turned)[self._labels], own)
             shapes[frame] = shapes_of(own, scales.T)
-        return np.concatenate([shapes, parts["opacities"], BY_NAME["sh"].to_channels(parts["sh"])], axis=1)
+        others = (one.to_channels(parts[one.name]) for one in ATTRIBUTES[3:])  # without means, quats and scales
+        return np.concatenate([shapes, *others], axis=1)
 
     def write(
         self,

@@ -11,7 +11,7 @@ import numpy as np
 
 from studio.gaussians import Gaussians
 from studio.progress import ProgressFn
-from studio.stream.attributes import Component, component_rows, components
+from studio.stream.attributes import Component, attribute_rows, components
 from studio.stream.encode.files import named_by_content
 from studio.stream.layout import component_frames, plane_side, scale_floor, to_plane, typical_size
 from studio.stream.manifest import Box, ComponentEntry, Part, PlaneEntry, PlanesRendition
@@ -35,7 +35,7 @@ class PlanesBake:
         self._order = _keyframe_order(frames[0])
         self._low, self._high = _ranges(component_frames(_reported(frames, progress)))
         self._box = Box(min=_point(self._low), max=_point(self._high))
-        rows = component_rows(frames[0].sh_degree)
+        rows = attribute_rows("planes", frames[0].sh_degree)
         extent = float((self._high[rows["means"]] - self._low[rows["means"]]).max())
         floor = scale_floor(typical_size(frames[0].log_scales.detach().cpu().numpy().T, extent))
         scales = rows["scales"]
@@ -111,7 +111,7 @@ def _planes(sh_degree: int, settings: BakeSettings) -> list[tuple[int, Component
     """(row of the component, component, part, QP) of each file, in the order of the manifest."""
     result: list[tuple[int, Component, Part, int]] = []
     for row, component in enumerate(components(sh_degree)):
-        if component.bits == 16:
+        if component.attribute.bits == 16:
             result.append((row, component, "high", settings.attribute_qp("means_high")))
             low: Part = "low_mirrored" if settings.mirror_low_bytes else "low"
             result.append((row, component, low, settings.attribute_qp("means_low")))

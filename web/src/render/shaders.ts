@@ -130,7 +130,7 @@ vec3 harmonics(vec3 d) {
 }`;
 };
 
-/** Channels of an image. */
+/** The channels that are rendered; others come after them. */
 function channelCount(profile: "motion" | "planes", shDegree: number): number {
   // In the profile planes, each position coordinate has two planes.
   return (profile === "motion" ? 10 : 14) + 3 * (shDegree + 1) ** 2;

@@ -1,4 +1,7 @@
-/** Names, bounds and places of what a frame's image holds, as in studio/stream/layout.py. */
+/** Names, bounds and places of what a frame's image holds, as in studio/stream/attributes.py and layout.py. */
+
+import { names } from "stream-schema";
+import type { SplatArrays } from "./manifest_types.ts";
 
 export const MAX_VALUE = 1e9;
 const MAX_LOG_SCALE = Math.log(MAX_VALUE);
@@ -10,20 +13,19 @@ export function valueBounds(name: string): readonly [low: number, high: number] 
   return [-MAX_VALUE, name.startsWith("log_scale") ? MAX_LOG_SCALE : MAX_VALUE];
 }
 
-/** Channels of the profile `motion`, in order: 10 + 3 (degree + 1)^2. */
-export function channelNames(shDegree: number): string[] {
-  const names = ["residual_x", "residual_y", "residual_z"];
-  names.push("shape_xx", "shape_yy", "shape_zz", "shape_xy", "shape_xz", "shape_yz", "opacity");
-  for (let k = 0; k < (shDegree + 1) ** 2; k++) for (const part of ["y", "co", "cg"]) names.push(`sh_${k}_${part}`);
-  return names;
+/** Attributes with the names of their channels (`motion`) or components (`planes`), in order; means are the first. Names with
+ * {k} occur for each SH coefficient, others once. */
+export function attributeNames(profile: "motion" | "planes", shDegree: number): [attribute: keyof SplatArrays, names: string[]][] {
+  const repeated = Array.from({ length: (shDegree + 1) ** 2 }, (_, k) => String(k));
+  return Object.entries(names[profile]).map(([attribute, found]) => [
+    attribute as keyof SplatArrays,
+    [...new Set(repeated.flatMap((k) => found.map((name) => name.replace("{k}", k))))],
+  ]);
 }
 
-/** Components of the profile `planes`, in order: 11 + 3 (degree + 1)^2. */
-export function componentNames(shDegree: number): string[] {
-  const names = ["mean_x", "mean_y", "mean_z"];
-  for (let k = 0; k < (shDegree + 1) ** 2; k++) for (const color of "rgb") names.push(`sh_${k}_${color}`);
-  names.push("opacity", "log_scale_0", "log_scale_1", "log_scale_2", "quat_w", "quat_x", "quat_y", "quat_z");
-  return names;
+/** The names of all channels or components, in order. */
+export function channelNames(profile: "motion" | "planes", shDegree: number): string[] {
+  return attributeNames(profile, shDegree).flatMap(([, found]) => found);
 }
 
 /** Side of the smallest square that fits `splats` pixels, rounded up to a multiple of `multiple`. */

@@ -1,15 +1,14 @@
 /** The manifest. It is checked against docs/stream.schema.json, and then for what a schema cannot say (docs/STREAM.md, "What
  * a reader must refuse"). Values keep their names in the file. */
 
-import definitions from "stream-schema";
+import { definitions } from "stream-schema";
 import { StreamError } from "./errors.ts";
 import { check, wrong } from "./json_schema.ts";
-import { channelNames, componentNames, MAX_VALUE, squareSide, valueBounds } from "./layout.ts";
+import { channelNames, MAX_VALUE, squareSide, valueBounds } from "./layout.ts";
 import type * as stored from "./manifest_types.ts";
 import { type Metadata, readMetadata } from "./metadata.ts";
 
 const FORMAT = "v3studio-stream";
-const VERSION = 4;
 export const MANIFEST_NAME = "manifest.json";
 export const MAX_MANIFEST_BYTES = 64 << 20;
 /** Files are named by the first digits of their SHA-256. */
@@ -69,8 +68,9 @@ export function parseManifest(text: string, bytes: number): Manifest {
   const { format, version } = (typeof head === "object" && head !== null ? head : {}) as Record<string, unknown>;
   if (format !== FORMAT)
     throw new StreamError(`There is no stream at this address: the file is not the manifest of a ${FORMAT}.`);
-  if (version !== VERSION)
-    throw new StreamError(`The stream has format version ${String(version).slice(0, 20)}; this player plays version ${VERSION}.`);
+  const known = definitions["Manifest"].properties!["version"].const;
+  if (version !== known)
+    throw new StreamError(`The stream has format version ${String(version).slice(0, 20)}; this player plays version ${known}.`);
   check(head, definitions["Manifest"], definitions, "");
   const manifest = head as stored.Manifest;
   const motion = manifest.profile === "motion";
@@ -182,7 +182,7 @@ function sameNames(found: readonly { readonly name: string }[], wanted: readonly
 function checkMotion(one: stored.MotionRendition, place: string): void {
   const { tile, columns, rows, channels, blocks, positions, splats } = one;
   if (tile !== squareSide(splats, 16)) throw wrong(`${place}.tile`, `does not fit ${splats} splats`, tile);
-  if (!sameNames(channels, channelNames(one.sh_degree)))
+  if (!sameNames(channels, channelNames("motion", one.sh_degree)))
     throw wrong(`${place}.channels`, `do not match SH degree ${one.sh_degree}`);
   if (columns * rows < channels.length) throw wrong(place, `has ${columns} x ${rows} tiles for ${channels.length} channels`);
   if (Math.max(columns, rows) * tile > MAX_PICTURE) throw wrong(place, `has a picture larger than ${MAX_PICTURE} pixels on a side`);
@@ -202,7 +202,7 @@ function checkPlanes(one: stored.PlanesRendition, place: string): void {
   const { side, components, splats } = one;
   if (side !== squareSide(splats, 8)) throw wrong(`${place}.side`, `does not fit ${splats} splats`, side);
   if (side > MAX_PICTURE) throw wrong(place, `has a picture larger than ${MAX_PICTURE} pixels on a side`);
-  if (!sameNames(components, componentNames(one.sh_degree)))
+  if (!sameNames(components, channelNames("planes", one.sh_degree)))
     throw wrong(`${place}.components`, `do not match SH degree ${one.sh_degree}`);
   for (const { name, min, max, planes } of components) {
     const parts = planes.map((plane) => plane.part).join(" ");

@@ -1,6 +1,7 @@
 /** Messages between the page and the worker. */
 
 import type { Span } from "../stream/manifest.ts";
+import type { SplatArrays } from "../stream/manifest_types.ts";
 import type { Metadata, Vector } from "../stream/metadata.ts";
 import type { EmbeddedFiles } from "./embedded.ts";
 
@@ -160,7 +161,7 @@ export interface Picture {
 }
 
 /** A frame's splats: float32, in one buffer. Values are those of docs/STREAM.md, "Splats". */
-export interface Splats {
+export interface Splats extends SplatArrays {
   readonly frame: number;
   readonly group: number;
   /** Id of the rendition that they are from. */

@@ -1,24 +1,24 @@
 /** Dequantizes all of a frame's splats, for engines that take arrays; the player's own shaders read the image instead. */
 
-import type { GroupSetup, Splats } from "./messages.ts";
+import type { GroupSetup } from "./messages.ts";
+import { attributeNames, channelNames } from "../stream/layout.ts";
+import type { SplatArrays } from "../stream/manifest_types.ts";
 import { BLOCK_FLOATS, type MotionTables } from "../stream/motion.ts";
-
-type Arrays = Pick<Splats, "means" | "quats" | "scales" | "opacities" | "sh">;
 
 /** Floats per splat. */
 export function splatFloats(shDegree: number): number {
-  return 11 + 3 * (shDegree + 1) ** 2;
+  return channelNames("planes", shDegree).length;
 }
 
 /** Divides a buffer of `count * splatFloats(shDegree)` floats. */
-export function splatArrays(buffer: ArrayBuffer, count: number, shDegree: number): Arrays {
+export function splatArrays(buffer: ArrayBuffer, count: number, shDegree: number): SplatArrays {
   let at = 0;
-  const next = (width: number): Float32Array<ArrayBuffer> => {
-    const part = new Float32Array(buffer, 4 * at, count * width);
-    at += count * width;
-    return part;
-  };
-  return { means: next(3), quats: next(4), scales: next(3), opacities: next(1), sh: next(3 * (shDegree + 1) ** 2) };
+  const arrays = attributeNames("planes", shDegree).map(([name, { length }]) => {
+    const part = new Float32Array(buffer, 4 * at, count * length);
+    at += count * length;
+    return [name, part];
+  });
+  return Object.fromEntries(arrays) as SplatArrays;
 }
 
 /** Where a channel's values go: an array, the distance from one splat's value to the next, and the place of the first. */
@@ -35,22 +35,19 @@ export function dequantize(
   within: number,
   luma: Uint8Array,
   blocks: Float32Array | null,
-  out: Arrays,
+  out: SplatArrays,
 ): void {
   const { splats: count, units, tile, columns, shDegree } = setup;
-  const coefficients = 3 * (shDegree + 1) ** 2;
   const offsets = tables?.offsets ?? rowOffsets(count, tile, columns);
   const { quats, scales, opacities, sh } = out;
-  // By channel; the first ones are positions.
   const motion = tables !== null;
-  const rotations: Target[] = [0, 1, 2, 3].map((k) => [quats, 4, k]);
-  const logScales: Target[] = [0, 1, 2].map((k) => [scales, 3, k]);
-  const harmonics: Target[] = Array.from({ length: coefficients }, (_, k) => [sh, coefficients, k]);
-  const opacity: Target = [opacities, 1, 0];
-  // In the profile `motion`, they hold the shapes until `findAxes`.
-  const targets = motion
-    ? [...rotations.slice(1), ...logScales, opacity, ...harmonics]
-    : [...harmonics, opacity, ...logScales, ...rotations];
+  // By channel; the first ones are positions. In the profile `motion`, quaternions and scales hold the shapes until `findAxes`.
+  const targets = attributeNames(motion ? "motion" : "planes", shDegree).slice(1).flatMap(([name, { length }]) =>
+    Array.from({ length }, (_, k): Target => {
+      if (motion && name === "scales") return k < 3 ? [quats, 4, k + 1] : [scales, 3, k - 3];
+      return [out[name], length, k];
+    }),
+  );
   const first = motion ? 3 : 6;
   const meaning = ([array]: Target): ((value: number) => number) =>
     array === scales && !motion ? Math.exp : array === opacities ? clamped : same;
