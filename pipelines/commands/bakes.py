@@ -61,7 +61,10 @@ def _print(found: list[KeptBake]) -> None:
 
     shown = table_of("name", "quality", "MB", "KB/frame", "PSNR", "baked", "", left=(0, 1, 5, 6))
     for kept in found:
-        notes = {"stream": kept.is_stream, "older training": not kept.current, "other edits": not kept.same_edits}
+        notes = {
+            "stream": kept.is_stream, "older training": not kept.current, "other edits": not kept.same_edits,
+            f"other {', '.join(kept.other_settings)}": kept.other_settings != (),
+        }  # fmt: skip
         shown.add_row(
             escaped(kept.name),
             kept.quality,

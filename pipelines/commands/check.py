@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import invalid_option
+from pipelines.commands.common.arguments import add_command, invalid_option
 from studio.counts import counted
 from studio.errors import StudioError, shown
 from studio.progress import ProgressFn
@@ -20,20 +20,17 @@ if TYPE_CHECKING:
 
 
 def register(commands: Any) -> None:
-    command = commands.add_parser(
-        "check",
-        help="find damaged files of a take, a stream or footage",
-        description="Read all results of a take, or all files of a stream, and compare them with the checksums that "
-        "were recorded when they were written. Of footage, read all frames and masks. Exit code 1 if a file is "
-        "damaged, changed or missing.",
+    more = (
+        "Results of a take and files of a stream are compared with the checksums that were recorded when they were "
+        "written. Of footage, all frames and masks are read. Exit code 1 if a file is damaged, changed or missing."
     )
+    command = add_command(commands, "check", "find damaged files of a take, a stream or footage", _check, more)
     command.add_argument(
         "place", metavar="PLACE", help="folder of a take, a stream or footage, a .v3s file, or the URL of a stream"
     )
     command.add_argument(
         "--remove", action="store_true", help="delete damaged files of a take, so that the next run makes them"
     )
-    command.set_defaults(command=_check)
 
 
 def _check(arguments: argparse.Namespace) -> int:

@@ -3,7 +3,7 @@
 import argparse
 from typing import Any
 
-from pipelines.commands.common.arguments import SETTINGS_NOTE, invalid_option, nearest, print_text
+from pipelines.commands.common.arguments import SETTINGS_NOTE, add_command, invalid_option, nearest, print_text
 from pipelines.commands.common.source import source_path
 
 SECTIONS = ("capture", "calibrate", "initialize", "train", "bake", "evaluate", "run")
@@ -11,13 +11,9 @@ SECTIONS = ("capture", "calibrate", "initialize", "train", "bake", "evaluate", "
 
 
 def register(commands: Any) -> None:
-    config = commands.add_parser(
-        "config",
-        help="print settings with their documentation",
-        description="Print settings with their documentation, as YAML that can be edited and used for a run. Without "
-        "a SOURCE, they have their defaults.",
-        epilog=SETTINGS_NOTE,
-    )
+    more = "The output is YAML that can be edited and used for a run. Without a SOURCE, settings have their defaults."
+    text = "print settings with their documentation"
+    config = add_command(commands, "config", text, _config, more, epilog=SETTINGS_NOTE)
     config.add_argument(
         "words",
         nargs="*",
@@ -27,7 +23,6 @@ def register(commands: Any) -> None:
     )
     config.add_argument("--changed", action="store_true", help="print only settings that differ from their defaults")
     config.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
-    config.set_defaults(command=_config)
 
 
 def _config(arguments: argparse.Namespace) -> int:

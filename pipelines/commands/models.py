@@ -9,15 +9,11 @@ from pipelines.commands.common.arguments import add_command
 
 def register(pairs: Any) -> None:
     add_command(pairs, "models list", "list the matting models that can be downloaded", _list)
-    get = pairs.add_parser(
-        "models get",
-        help="download a matting model for masks",
-        description="Download a matting model, check it, and print the settings that use it.",
-    )
+    more = "It is checked, and the settings that use it are printed."
+    get = add_command(pairs, "models get", "download a matting model for masks", _get, more)
     get.add_argument("name", metavar="NAME", help="name of the model")
     get.add_argument("--out", type=Path, default=Path(), metavar="FOLDER", help="where to write it (default: .)")
     get.add_argument("--package", type=Path, metavar="FILE", help="the package, if it has been downloaded before")
-    get.set_defaults(command=_get)
 
 
 def _list(arguments: argparse.Namespace) -> int:

@@ -7,7 +7,7 @@ import shlex
 import sys
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import add_frames, invalid_option
+from pipelines.commands.common.arguments import add_command, add_frames, invalid_option
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
@@ -23,17 +23,13 @@ _MOST_PIXELS = 1 << 26
 
 
 def register(commands: Any) -> None:
-    play = commands.add_parser(
-        "play",
-        help="decode a stream and measure the time and size of each frame",
-        description="Decode a stream from a folder or a web server and measure the time and size of each frame. "
-        "Damaged groups are skipped and reported, with exit code 1. To watch a stream, use `v3studio open`.",
-    )
+    more = "Damaged groups are skipped and reported, with exit code 1. To watch a stream, use `v3studio open`."
+    text = "decode a stream and measure the time and size of each frame"
+    play = add_command(commands, "play", text, _play, more)
     play.add_argument("stream", metavar="STREAM", help="folder of a stream or a take, a .v3s file, or a URL")
     play.add_argument("--realtime", action="store_true", help="play at the stream's frame rate and drop late frames")
     play.add_argument("--render", action="store_true", help="also render each frame from the stream's suggested camera")
     add_frames(play, "play", steps=False)
-    play.set_defaults(command=_play)
 
 
 def _play(arguments: argparse.Namespace) -> int:

@@ -5,19 +5,19 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from pipelines.commands.common.arguments import add_command
 from pipelines.commands.common.working import json_output, working
 from pipelines.commands.share import add_page_options, page_text
 from studio.counts import counted
 
 
 def register(commands: Any) -> None:
-    command = commands.add_parser(
-        "publish",
-        help="copy a stream to a web folder or an object store",
-        description="Copy a stream to a folder or an object store. Files that are there already are not copied "
-        "again. The manifest is replaced last, so that players see the old stream or the new one. --page adds a page "
-        "that plays it.",
+    more = (
+        "Files that are there already are not copied again. The manifest is replaced last, so that players see the old "
+        "stream or the new one. --page adds a page that plays it."
     )
+    text = "copy a stream to a web folder or an object store"
+    command = add_command(commands, "publish", text, _publish, more)
     command.add_argument("source", metavar="SOURCE", help="folder of a take or a stream, one .v3s file, or a URL")
     command.add_argument(
         "target", metavar="TARGET", help="folder, or an address such as s3://bucket/folder (needs s3fs)"
@@ -26,7 +26,6 @@ def register(commands: Any) -> None:
         "--page", action="store_true", help="also put index.html and the browser player there, with the options below"
     )
     add_page_options(command)
-    command.set_defaults(command=_publish)
 
 
 def _publish(arguments: argparse.Namespace) -> int:

@@ -4,16 +4,14 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from pipelines.commands.common.arguments import add_command
+
 
 def register(commands: Any) -> None:
-    status = commands.add_parser(
-        "status",
-        help="show which stages of a take are up to date, and why others are not",
-        description="Show which stages of a take are up to date, and why the others are not.",
-    )
+    text = "show which stages of a take are up to date, and why others are not"
+    status = add_command(commands, "status", text, _status)
     status.add_argument("take", type=Path, metavar="TAKE", help="folder of the take")
     status.add_argument("--check", action="store_true", help="exit with 1 unless all stages are known to be up to date")
-    status.set_defaults(command=_status)
 
 
 def _status(arguments: argparse.Namespace) -> int:

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.common.arguments import print_text
+from pipelines.commands.common.arguments import add_command, print_text
 from pipelines.stages import CHAIN, GROUP_STAGES
 from studio.errors import StudioError
 from studio.memory import require_memory
@@ -21,14 +21,12 @@ Then `v3studio run TAKE` puts the groups together, does what is missing, and eva
 
 
 def register(commands: Any) -> None:
-    parser = commands.add_parser(
-        "work",
-        help="process one group of a take, or print the commands for all groups",
-        description="Process one group of a take. Does nothing where the results are up to date, and continues "
-        "from the last finished frame or checkpoint, so it can be started again anywhere that sees the take and the "
-        "footage.",
-        epilog=_EPILOG,
+    text = "process one group of a take, or print the commands for all groups"
+    more = (
+        "Does nothing where the results are up to date, and continues from the last finished frame or checkpoint, so "
+        "it can be started again anywhere that sees the take and the footage."
     )
+    parser = add_command(commands, "work", text, _work, more, epilog=_EPILOG)
     parser.add_argument("take", type=Path, metavar="TAKE", help="folder of the take; its cameras must be calibrated")
     parser.add_argument(
         "--stage",
@@ -47,7 +45,6 @@ def register(commands: Any) -> None:
         "deadline, the same for Deadline's CommandScript; sbatch, a batch file for Slurm",
     )
     parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
-    parser.set_defaults(command=_work)
 
 
 def _work(arguments: argparse.Namespace) -> int:

@@ -13,18 +13,21 @@ from pathlib import Path
 
 from pydantic import JsonValue, ValidationError
 
+from pipelines.config.config import Config
+from pipelines.config.loading import load_config
 from pipelines.takes.atomic_files import link_or_copy, remove, write_text
 from pipelines.takes.edits import PREFIX, edit_params, read_edits
 from pipelines.takes.evaluation import read_evaluation
 from pipelines.takes.integrity import refuse_damage
 from pipelines.takes.records import StageRecord, read_record, result_of
-from pipelines.takes.settings_file import changed_text, set_settings
+from pipelines.takes.settings_file import changed_text, leaves, set_settings
 from pipelines.takes.summaries import BakeSummary
 from pipelines.takes.take import Take
 from studio.atomic_files import PARTIAL, atomic_path
 from studio.counts import span
 from studio.errors import StudioError
 from studio.json_types import JsonData, JsonObject
+from studio.settings import affected
 
 _NAME = re.compile(r"[^\W_][\w .-]{0,59}")
 _DEVICE = re.compile(r"(con|prn|aux|nul|(com|lpt)[0-9¹²³]) *(\..*)?", re.IGNORECASE)
@@ -34,7 +37,8 @@ _DEVICE = re.compile(r"(con|prn|aux|nul|(com|lpt)[0-9¹²³]) *(\..*)?", re.IGNO
 @dataclass(frozen=True)
 class KeptBake:
     """A kept bake: whether it is the take's stream now, was baked from the present training, and with the present
-    edits; the last is False also if those cannot be read."""
+    edits (False also if those cannot be read); and which of its settings, besides `bake.quality`, differ from the
+    take's."""
 
     name: str
     take: Take
@@ -44,6 +48,7 @@ class KeptBake:
     is_stream: bool
     current: bool
     same_edits: bool
+    other_settings: tuple[str, ...]
 
     @property
     def baked(self) -> str:
@@ -60,8 +65,8 @@ class KeptBake:
 
     @property
     def settings(self) -> dict[str, JsonValue]:
-        """Settings of `bake` that it was made with, by dotted name."""
-        return {name: value for name, value in self.record.params.items() if name.startswith("bake.")}
+        """Settings that it was made with and training does not depend on, by dotted name."""
+        return _settings_of(self.record)
 
     @property
     def quality(self) -> str:
@@ -79,6 +84,7 @@ class KeptBake:
             "is_stream": self.is_stream,
             "current": self.current,
             "same_edits": self.same_edits,
+            "other_settings": list(self.other_settings),
             "baked": self.baked,
             "bytes": self.bytes,
             "bytes_per_frame": self.summary.bytes_per_frame,
@@ -92,12 +98,24 @@ class KeptBake:
 def kept_bakes(take: Take) -> list[KeptBake]:
     """The kept bakes of a take, oldest first; damaged ones and other folders are left out."""
     folders = sorted(take.bakes.iterdir()) if take.bakes.is_dir() else []
-    edits = _present_edits(take)
-    found = [_kept(take, folder, edits) for folder in folders if _NAME.fullmatch(folder.name)]
+    edits, settings = _present_edits(take), _present_settings(take)
+    found = [_kept(take, folder, edits, settings) for folder in folders if _NAME.fullmatch(folder.name)]
     return sorted((kept for kept in found if kept is not None), key=lambda kept: (kept.baked, kept.name))
 
 
-def _kept(take: Take, folder: Path, edits: dict[str, JsonData] | None) -> KeptBake | None:
+def _settings_of(bake: StageRecord) -> dict[str, JsonValue]:
+    """See `KeptBake.settings`."""
+    results, later = affected(Config), {"videos", "manifest", "sound", "evaluation"}
+    own = {name: value for name, value in leaves(Config()) if results[name] and later.issuperset(results[name])}
+    found = {name: bake.params[name] for name in own if name in bake.params}
+    for name in (name for name, default in own.items() if isinstance(default, dict)):  # a record has its items
+        found[name] = {key[len(name) + 1 :]: value for key, value in bake.params.items() if key.startswith(f"{name}.")}
+    return found
+
+
+def _kept(
+    take: Take, folder: Path, edits: dict[str, JsonData] | None, settings: dict[str, JsonData]
+) -> KeptBake | None:
     kept = Take(folder)
     record = read_record(kept, "bake")
     if record is None or not (folder / "take.json").is_file():
@@ -115,6 +133,11 @@ def _kept(take: Take, folder: Path, edits: dict[str, JsonData] | None) -> KeptBa
         is_stream=result_of(take, "bake") == record.result,
         current=record.params.get("result of train") == result_of(take, "train"),
         same_edits={name: value for name, value in record.params.items() if name.startswith(PREFIX)} == edits,
+        other_settings=tuple(
+            name
+            for name, value in _settings_of(record).items()
+            if name != "bake.quality" and settings.get(name, value) != value
+        ),
     )
 
 
@@ -124,6 +147,14 @@ def _present_edits(take: Take) -> dict[str, JsonData] | None:
         return edit_params(read_edits(take.edits))
     except StudioError:
         return None
+
+
+def _present_settings(take: Take) -> dict[str, JsonData]:
+    """The take's settings by dotted name; none if they cannot be read."""
+    try:
+        return dict(leaves(load_config(take.config)))
+    except StudioError:
+        return {}
 
 
 def free_name(take: Take, name: str) -> str:
@@ -155,11 +186,10 @@ def keep_bake(take: Take, name: str) -> KeptBake:
     records = [record, *_evaluation_of(take, record)]
     for one in records:
         refuse_damage(take, one.stage, f"Run `v3studio {one.stage}` again, with --force if it finds nothing to do.")
-    settings = {name: value for name, value in record.params.items() if name.startswith("bake.")}
     with atomic_path(take.bakes / name, durable=True) as folder:
         for path in _files_of(take, records):
             _link(path, folder / path.relative_to(take.root))
-        text = changed_text(take.config, settings) or take.config.read_text(encoding="utf-8")
+        text = changed_text(take.config, _settings_of(record)) or take.config.read_text(encoding="utf-8")
         write_text(folder / "config.yaml", text, durable=True)
     return next(kept for kept in kept_bakes(take) if kept.name == name)
 
@@ -189,9 +219,10 @@ def kept_bake(take: Take, name: str) -> KeptBake:
 
 
 def choose_bake(take: Take, name: str) -> None:
-    """Make a kept bake the take's stream again, with its settings and evaluation. The caller holds the lock. Players
-    that read the stream meanwhile see the old one or the new one, as when it is baked. StudioError: `bakes.not_found`,
-    or the kept bake is damaged (`take.damaged`). OSError: a file cannot be written; then the stage bake runs again."""
+    """Make a kept bake the take's stream again, with its evaluation and those of its settings that training does not
+    depend on. The caller holds the lock. Players that read the stream meanwhile see the old one or the new one, as when
+    it is baked. StudioError: `bakes.not_found`, or the kept bake is damaged (`take.damaged`). OSError: a file cannot be
+    written; then the stage bake runs again."""
     kept = kept_bake(take, name)
     records = [kept.record, *_evaluation_of(kept.take, kept.record)]
     for record in records:

@@ -61,18 +61,18 @@ def save_config(path: Path, config: Config) -> None:
             before = read_yaml(path)
             if before == config.model_dump(mode="json"):
                 return
-            set_settings(path, dict(_leaves(config)))
+            set_settings(path, dict(leaves(config)))
             if load_config(path) == config:
                 return
     write_text(path, dump_config(config))
 
 
-def _leaves(config: BaseModel, prefix: str = "") -> Iterator[tuple[str, Any]]:
+def leaves(config: BaseModel, prefix: str = "") -> Iterator[tuple[str, Any]]:
     values = config.model_dump(mode="json")
     for name in type(config).model_fields:
         value = getattr(config, name)
         if isinstance(value, BaseModel):
-            yield from _leaves(value, f"{prefix}{name}.")
+            yield from leaves(value, f"{prefix}{name}.")
         else:
             yield f"{prefix}{name}", values[name]
 

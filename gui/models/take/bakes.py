@@ -22,6 +22,7 @@ def bake_words(kept: KeptBake) -> str:
         "the take's stream" if kept.is_stream else "",
         "" if kept.current else "older training",
         "" if kept.same_edits else "other edits",
+        "other settings" if kept.other_settings else "",
     ]
     return "    ".join(filter(None, parts))
 

@@ -12,6 +12,7 @@ from pipelines.takes.kept_bakes import choose_bake, keep_bake, kept_bakes
 from pipelines.takes.take import Take
 from studio.stream import StreamReader
 from tests.support.errors import refuses
+from tests.support.sounds import clicks, write_wav
 from tests.support.streams import contents
 
 
@@ -112,6 +113,24 @@ def test_a_kept_bake_is_chosen_and_removed(take: Take, here: Callable) -> None:
     here("bake", "remove", take.root, "fine").ok()
     assert kept_bakes(take) == []
     assert contents(take.stream) == first
+
+
+def test_all_settings_of_a_kept_bake_are_restored(take: Take, here: Callable) -> None:
+    before, wav = load_config(take.config), write_wav(take.root / "a.wav", clicks(0.3, [0.08]))
+    keep_bake(take, "silent")
+    others = ("--capture.audio", wav, "--bake.attribute_qps", "{sh: 40}", "--evaluate.background", "1,1,1")
+    here("bake", take.root, *others, "--keep", "loud", "--bake.quality", "40").ok()
+    changed = ["bake.attribute_qps", "capture.audio", "evaluate.background"]
+    rows = here("bake", "list", take.root, "--json").result["bakes"]
+    assert {row["name"]: sorted(row["other_settings"]) for row in rows} == {"silent": changed, "loud": []}
+    assert "evaluate.background" in here("bake", "list", take.root).stdout
+    here("bake", "choose", take.root, "silent").ok()
+    here("status", take.root, "--check").ok()
+    assert load_config(take.config) == before
+    here("bake", "choose", take.root, "loud").ok()
+    assert here("status", take.root, "--json").result["stages"]["bake"]["state"] == "done"
+    loud = load_config(take.config)
+    assert (loud.capture.audio, loud.bake.attribute_qps) == (str(wav), {"sh": 40})
 
 
 def test_a_damaged_bake_is_not_chosen(take: Take, here: Callable) -> None:
