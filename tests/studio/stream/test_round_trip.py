@@ -244,7 +244,6 @@ def test_codecs(tmp_path, codec):
         assert stream.codec_context.codec.canonical_name == codec
         assert stream.codec_context.color_range == 2  # full
         pictures = list(container.decode(stream))
-        assert stream.frames == len(pictures) == 5  # no sample that is not shown
         for plane in (plane for picture in pictures for plane in picture.planes[1:]):
             chroma = np.frombuffer(plane, np.uint8).reshape(-1, plane.line_size)[:, : plane.width]
             assert (chroma == 128).all()  # neutral
