@@ -27,6 +27,7 @@ FLAGS = [
     "--disable-component-update",
     "--disable-sync",
     "--host-resolver-rules=MAP player.test 127.0.0.1",  # a host name that, unlike localhost, does not count as secure
+    "--ignore-certificate-errors",  # the server makes its own
     "--use-angle=swiftshader",
     "--disable-gpu-rasterization",  # without a GPU, text and buttons cost less
     "--enable-precise-memory-info",
@@ -158,7 +159,7 @@ def open_page(chromium: _Chromium, browser: Any, site: Site) -> Iterator[Callabl
         def make(
             query: str = "",
             *scripts: str,
-            size: tuple[int, int] = (400, 500),
+            size: tuple[int, int] = (320, 240),
             wait: bool = True,
             path: str = "/",
             address: str | None = None,

@@ -77,7 +77,7 @@ def test_what_is_dragged_follows_the_pointer(page):
 
 
 def test_fingers_and_their_help(stream, open_page):
-    page = open_page("?t=0", has_touch=True, is_mobile=True, **CALM)
+    page = open_page("?t=0", size=(400, 500), has_touch=True, is_mobile=True, **CALM)
     page.click("settings")
     page.handle.locator("v3-player .settings [data-act='help']").click()
     text = page.handle.locator("v3-player .help").inner_text()
@@ -126,7 +126,7 @@ def test_a_first_visit_with_reduced_motion(stream, open_page):
       const seen = {opacityProperty: true, visibilityProperty: true};
       window.spinning = shadowRoot.querySelector('.spinner').checkVisibility(seen);
     })"""
-    page = open_page("", spinner, **CALM)
+    page = open_page("", spinner, size=(400, 500), **CALM)
     assert page.evaluate("() => window.spinning") is False, "it disappears with the first image"
     assert not page.state["playing"]
     hint, start = page.handle.locator("v3-player .hint"), page.handle.locator("v3-player .start")

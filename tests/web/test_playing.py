@@ -10,6 +10,7 @@ from tests.support.streams import damage, edit_manifest, group_files
 
 pytestmark = pytest.mark.web
 
+SIZE = (320, 240)
 DIFFERENT = "new Set(seen.time.map(({frame}) => frame)).size"
 """How many different frames were shown."""
 
@@ -17,7 +18,7 @@ DIFFERENT = "new Set(seen.time.map(({frame}) => frame)).size"
 def test_it_plays_automatically_and_loops_until_it_shall_stop(site, stream, open_page):
     """Loops fetch nothing again."""
     # Slow, so that a busy machine drops few frames.
-    edit_manifest(stream, lambda values: values.update(fps=4.0))
+    edit_manifest(stream, lambda values: values.update(fps=8.0))
     page = open_page()
     page.wait("(seen.looped ?? []).length >= 2")
     page.wait(f"{DIFFERENT} === 9")  # a busy machine needs more loops to show each

@@ -77,7 +77,7 @@ def test_of_several_streams_one_is_chosen_and_plays_over_https(baked, open_page,
     for name in names:
         shutil.copytree(baked(), tmp_path / name)
     with serve(tmp_path, https=True) as serving:
-        page = open_page(address=f"{serving.bases[0]}/", wait=False, ignore_https_errors=True)
+        page = open_page(address=f"{serving.bases[0]}/", wait=False)
         links = page.handle.locator("a")
         assert links.all_inner_texts() == sorted(names)
         links.first.click()
