@@ -26,9 +26,6 @@ REMOVED = (
     "removed that are inside the region in at least half of the frames."
 )
 
-Ranges = dict[str, tuple[int, int] | None]
-"""First and last frame by the words of a choice, numbers of the footage; None: all."""
-
 Removal = tuple[Take, EditList, dict[str, EditList]]
 """The take, its edits without a removal, and with it by the words of a choice."""
 
@@ -144,7 +141,7 @@ class EditActions:
         words, span = window.player.transport.range_words, window.player.transport.span
         number = window.player.transport.number
         own = number(group[0])
-        ranges: Ranges = {f"{words(group[0], group[-1])}, this frame's group": (own, own)}
+        ranges: dict[str, tuple[int, int] | None] = {f"{words(group[0], group[-1])}, this frame's group": (own, own)}
         if span is not None and span[0] <= group[-1] and group[0] <= span[1]:
             ranges[f"{words(*span)}, the span"] = number(span[0]), number(span[1])
         ranges["All frames"] = None

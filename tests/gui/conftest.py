@@ -299,7 +299,7 @@ class RunningWindow:
         above = list(itertools.takewhile(lambda key: key != name, (item.key if item else "" for item in MENUS[title])))
         separators = above.count("")
         row = len(above) - separators
-        left, top = self.point(self._whole, 0.0, 0.0)
+        left, top, _, _ = self.box(self._whole, still=0)
         middles = {"File": 22, "Edit": 61, "View": 104, "Mark": 151, "Export": 203, "Share": 257, "Help": 306}
         across = left + middles[title]
         self.press(across, top - 12)
@@ -328,7 +328,8 @@ class RunningWindow:
             (round(left + (a + t * (c - a)) * width), round(top + (b + t * (d - b)) * height)) for t in (0, 0.5, 1)
         ]
         self.send("mousemove", *places[0], "mousedown", button)
-        self.send("mousemove", *places[1])
+        self.xdotool("mousemove", *places[1], "getmouselocation")
+        self.ticks()
         return self.send("mousemove", *places[2], "mouseup", button, until=until)
 
     def retype(self, widget: str, text: str) -> None:
