@@ -6,6 +6,7 @@ from gui.models.playback.other_source import OTHER, open_other
 from gui.models.playback.player import PlayerPresenter
 from gui.models.playback.timeline_plots import plots_of
 from gui.models.take.bakes import Bakes, bake_words
+from pipelines.takes.settings_file import set_settings
 from pipelines.takes.take import Take
 from tests.support.looping import wait_in_loop
 from tests.support.players import settle
@@ -68,6 +69,10 @@ def test_bakes_are_kept_on_a_thread(take_copy: Path) -> None:
     (row,) = bakes.rows
     assert (row.name, row.is_stream, bakes.is_kept) == ("fine", True, True)
     assert "dB" in bake_words(row)
+    assert "other settings" not in bake_words(row)
+    set_settings(take.config, {"capture.audio": "a.wav"})
+    bakes.look(take)
+    assert "other settings" in bake_words(bakes.rows[0])
     bakes.keep(take, "a/b")
     assert "cannot be the name" in done()
     assert bakes.failed
