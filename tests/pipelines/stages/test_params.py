@@ -6,12 +6,14 @@ from pathlib import Path
 import pytest
 
 from pipelines.config import load_config
-from pipelines.stages import GROUP_STAGES, Stage, params
+from pipelines.stages import GROUP_STAGES, Stage, bake, params
+from pipelines.stages.baking import plan
 from pipelines.stages.baking.plan import BakePlan
 from pipelines.stages.baking.publish import publish
 from pipelines.stages.inputs import Inputs
 from pipelines.stages.reporter import StageReporter
 from pipelines.takes.take import Take
+from studio.stream.attributes import VERSION
 from tests.support.sounds import clicks, write_wav
 from tests.support.streams import contents
 
@@ -75,3 +77,15 @@ def test_what_no_group_depends_on_changes_what_is_published(take: Take, name: st
         publish(plan, notes, live=False, reporter=StageReporter("bake"))
         found.append(contents(take.stream))
     assert found[0] != found[1]
+
+
+def test_another_version_of_the_stream_makes_bakes_stale(take: Take, monkeypatch: pytest.MonkeyPatch) -> None:
+    inputs = Inputs(take, load_config(take.config))
+
+    def made_from() -> tuple[object, str]:
+        return bake.params(inputs), bake.group_key(inputs, inputs.groups[0])
+
+    before = made_from()
+    for module in (bake, plan):
+        monkeypatch.setattr(module, "VERSION", VERSION + 1)
+    assert all(old != new for old, new in zip(before, made_from(), strict=True))
