@@ -13,6 +13,7 @@ from gui.models.evaluation import Evaluation
 from gui.models.marks import Marks
 from gui.models.playback.player import PlayerPresenter
 from gui.models.preferences import RECENT, Preferences
+from gui.models.stage_rows import TITLES
 from gui.models.take.inspector import review_blocks
 from gui.models.take.workspace import Workspace
 from gui.pages.bake.qp_trial import TRIED_QPS
@@ -47,7 +48,7 @@ for name in [name for name in sys.modules if name.partition(".")[0] in ("gui", "
     del sys.modules[name]
 from pipelines import stages
 another = stages.Stage("another", "Another", "do something", version=1, weight=1, dependencies=("train",))
-stages.STAGES = (*stages.STAGES[:3], another, *stages.STAGES[3:])
+stages.STAGES = (*stages.STAGES, another)
 nothing = types.SimpleNamespace(params=lambda inputs: {}, results=lambda inputs: [], units=lambda inputs: None)
 sys.modules["pipelines.stages.another"] = nothing
 from gui.app import main
@@ -93,7 +94,12 @@ def test_every_stage_of_a_finished_take_has_its_picture(views: StageViews, finis
 def test_a_stage_needs_no_code_in_the_window(open_window: Callable[..., RunningWindow], take_copy: Path) -> None:
     window = open_window(str(take_copy), program=("-c", ANOTHER_STAGE))
     window.wait_for("its state", lambda s: s["stages"].get("another", ["", ""])[1] == "not run")
-    window.click("stages", 0.3, 4.5 / 7, until=("its page", lambda s: s["stage"] == "another" and s["settled"]))
+    window.click(
+        "stages",
+        0.3,
+        1 - 0.5 / (len(TITLES) + 1),
+        until=("its page", lambda s: s["stage"] == "another" and s["settled"]),
+    )
     window.key("F1", until=("no help", lambda s: "There is no help on Another" in s["notice"]))
 
 

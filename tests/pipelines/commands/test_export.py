@@ -51,7 +51,7 @@ def take(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for group, (first, count, splats) in enumerate(((0, 3, 60), (3, 2, 75))):
         frames = [body(index, splats) for index in range(first, first + count)]
         for index, frame in enumerate(frames, first):
-            write_frame(take.trained_frame(group, index), frame, FrameMetadata())
+            write_frame(take.finished_frame(group, index), frame, FrameMetadata())
         write_group(take, group, range(first, first + count))
         entries.append(bake_group(frames, take.stream, group, first, settings))
     metadata = {"suggested_camera": RIG["side"].to_dict(), "up": [0.0, 0.0, 1.0], "background": [1.0, 0.0, 0.0]}

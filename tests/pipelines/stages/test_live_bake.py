@@ -130,5 +130,5 @@ def test_training_with_live_gives_the_stream_of_a_bake(here, take, published, jo
     here("train", take.root, "--live", "--bake.preset", "ultrafast", "--train.joint_iterations", joint).ok()
     assert published == [([3], True), ([3, 2], False)]
     before = contents(take.stream)
-    here("bake", take.root, "--run.live", "false").ok()
+    here("run", take.root, "--until", "bake", "--run.live", "false").ok()
     assert contents(take.stream) == before

@@ -28,7 +28,7 @@ def place(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[str, str]:
     take = Take.create(tmp_path / "take")
     splats = converted_splats(0)
     for frame in range(9):
-        write_frame(take.trained_frame(0, frame), splats, FrameMetadata())
+        write_frame(take.finished_frame(0, frame), splats, FrameMetadata())
     write_group(take, 0, range(9))
     change_edits(take.edits, EditList(trim=Trim(first=2, last=7), world=WORLD), "trim")
     bake_numbered(take.stream, (6,), 25)

@@ -69,7 +69,7 @@ def make_take(root: Path, frames: int, stream: Path | None = None) -> Take:
             torch.full((50,), 0.9),
             torch.zeros(50, 1, 3),
         )
-        write_frame(take.trained_frame(index // 8, index), splats, FrameMetadata())
+        write_frame(take.finished_frame(index // 8, index), splats, FrameMetadata())
         first = index - index % 8
         write_group(take, index // 8, range(first, min(first + 8, frames)))
     pose = np.array([[1, 0, 0, 0], [0, 0, -1, 0.9], [0, 1, 0, 4], [0, 0, 0, 1]], dtype=float)

@@ -59,7 +59,7 @@ def test_views_of_a_trimmed_and_placed_take_become_those_of_what_is_exported(
     else:
         splats = converted_splats(0)
         for frame in range(9):
-            write_frame(take.trained_frame(0, frame), splats, FrameMetadata())
+            write_frame(take.finished_frame(0, frame), splats, FrameMetadata())
         write_group(take, 0, range(9))
         change_edits(take.edits, EditList(trim=Trim(first=2, last=7), world=world), "trim")
     exports, chosen = Exports(), request(kind, take.root, tmp_path / "out.mp4")
