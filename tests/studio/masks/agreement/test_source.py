@@ -104,7 +104,10 @@ def test_a_model_sees_squares_around_people_and_counts(capture, rig, cache, monk
     assert "a matting model" in model.description
     assert "better masks" not in model.description
     camera = next(iter(rig))
+    opened(capture, rig, cache).mask(camera.name, 7)
+    sets = set(cache.glob("background_*"))
     before = found(model, camera, 7)
+    assert set(cache.glob("background_*")) == sets != set(), "they do not depend on the model"
     monkeypatch.setattr(MattingModel, "__call__", nobody)
     shutil.rmtree(cache / "masks")  # which are kept
     assert found(opened(capture, rig, cache, **settings), camera, 7) < before - 0.05
