@@ -13,7 +13,7 @@ from studio.similarity import Similarity
 from studio.training import Correction, RefinedCameras, TrainingView, TrainSettings, refine_cameras
 from tests.studio.training.test_group import ball, cameras, views
 
-SETTINGS = TrainSettings(keyframe_iterations=200, dropout=0.0, opacity_reg=0.0, scale_reg=0.0)
+SETTINGS = TrainSettings(keyframe_iterations=140, dropout=0.0, opacity_reg=0.0, scale_reg=0.0)
 HELD_OUT = 3
 
 
