@@ -43,7 +43,7 @@ def test_two_bakes_are_kept_and_compared(finished: Path, take: Take, here: Calla
     assert [load_config(folder / "config.yaml").bake.quality for folder in kept] == [22, 40]
     compared = here("compare", *kept, "--frames", "::5", "--images", 0, "--out", tmp_path / "compared", "--json").ok()
     fine, coarse = compared.result["takes"]
-    assert fine["psnr"] > coarse["psnr"]
+    assert fine["measures"]["psnr"] > coarse["measures"]["psnr"]
 
     assert check_take(take, STAGE_NAMES).damage == ()
     here("evaluate", take.root).ok()
