@@ -22,7 +22,6 @@ from pipelines.takes.point_files import write_mesh, write_points
 from pipelines.takes.records import digests_on_record, result_of
 from pipelines.takes.stage_files import InitialPointsReport
 from pipelines.takes.summaries import InitializeSummary
-from pipelines.takes.take import Take
 from studio.errors import Message, StudioError
 
 if TYPE_CHECKING:
@@ -101,7 +100,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> I
                     _make(inputs, group, reporter, start, stop, f"group {group.index}")
         report = read_model(inputs.take.initialize_group(group.index) / "report.json", InitialPointsReport)
         counts.append(report.faces)
-    _drop_leftovers(inputs.take, groups)
+    inputs.take.keep_groups(STAGE.name, len(groups))
     return InitializeSummary(groups=len(groups), points_per_group=inputs.config.initialize.points, faces=tuple(counts))
 
 
@@ -215,13 +214,6 @@ def _tell_coverage(footage: Footage, reporter: StageReporter, points: np.ndarray
         fix = "Add cameras there, or let players show all views with bake.view_range = none."
         fields = {"setting": "bake.view_range", "outside": found.outside, "unseen": found.unseen}
         reporter.warn(Message("coverage.gaps", problem, fix=fix, fields=fields))
-
-
-def _drop_leftovers(take: Take, groups: tuple[Group, ...]) -> None:
-    wanted = {take.initialize_group(group.index) for group in groups}
-    for folder in (take.root / "initialize").glob("group_*"):
-        if folder not in wanted:
-            remove(folder)
 
 
 def _in_group(warning: Message | str, group: int) -> Message:

@@ -96,10 +96,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> T
         trained.append(read_model(inputs.take.train_group(group.index) / "group.json", TrainedGroup))
     if inputs.config.train.camera_colors is None:
         remove(inputs.take.camera_colors)
-    wanted = {inputs.take.train_group(group.index) for group in groups}
-    for folder in (inputs.take.root / "train").glob("group_*"):
-        if folder not in wanted:
-            remove(folder)
+    inputs.take.keep_groups(STAGE.name, len(groups))
     return TrainSummary(
         groups=len(groups),
         frames=len(footage.frames),

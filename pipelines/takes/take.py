@@ -260,6 +260,13 @@ class Take:
         except FileNotFoundError:
             return None
 
+    def keep_groups(self, stage: str, groups: int) -> None:
+        """Delete the results of a stage's groups after the first ones."""
+        wanted = {group_name(group) for group in range(groups)}
+        for folder in (self.root / stage).glob("group_*"):
+            if folder.name not in wanted:
+                remove(folder)
+
     def forget(self, stage: str) -> None:
         """Delete a stage's records, so that it runs again."""
         remove(self.record(stage))

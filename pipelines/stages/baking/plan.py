@@ -120,9 +120,8 @@ class BakePlan:
         """Digest of everything that a part is made from; `known` as for `baked`."""
         inputs, trained = self.inputs, part.trained
         edits = edits_of_group(inputs.edits, trained)
-        frames = [inputs.take.finished_frame(trained.index, index) for index in part.indices]
-        if edits.removes:
-            frames += [inputs.take.finished_frame(trained.index, index) for index in trained.indices]
+        indices = (*part.indices, *(trained.indices if edits.removes else ()))
+        frames = [inputs.take.finished_frame(trained.index, index) for index in indices]
         content = [(known or {}).get(path) or (digest_of_file(path) if path.is_file() else None) for path in frames]
         edited = edit_params(edits)
         if part.stream_first != part.first:
