@@ -11,6 +11,7 @@ from pipelines.config import Config, load_config
 from pipelines.config.loading import dump_config
 from pipelines.events import Emit
 from pipelines.runs.runner import run
+from pipelines.stages import STAGE_NAMES
 from pipelines.takes.atomic_files import digest_of, read_model, write_model
 from pipelines.takes.drawn_masks import for_another_take
 from pipelines.takes.evaluation import read_evaluation
@@ -84,7 +85,7 @@ def _measure(
     missing = [qp for qp in qps if qp not in have]
     if not missing:
         return points
-    run(take, config, emit(f"{variant.title}: training"), stages=("calibrate", "initialize", "train"))
+    run(take, config, emit(f"{variant.title}: training"), stages=STAGE_NAMES[: STAGE_NAMES.index("bake")])
     for qp in missing:
         baked = config.model_copy(update={"bake": config.bake.replace(quality=qp)})
         run(take, baked, emit(f"{variant.title}: QP {qp}"), stages=("bake", "evaluate"))
