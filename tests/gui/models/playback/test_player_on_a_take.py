@@ -17,6 +17,7 @@ from gui.models.take.inspector import review_blocks
 from pipelines.reports.images import render
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.marks import Mark, change_mark
+from pipelines.takes.take import Take
 from studio.edits import EditList
 from studio.errors import StudioError
 from tests.support.errors import refuses
@@ -56,7 +57,7 @@ def test_footage_is_what_the_camera_filmed_and_splats_are_drawn_from_there(playe
 def test_a_half_trained_group_shows_the_frames_that_are_there(take_copy: Path) -> None:
     shutil.rmtree(take_copy / "stream")
     for frame in (0, 2):
-        (take_copy / "train" / "group_000" / f"frame_{frame:06d}.safetensors").unlink()
+        Take.open(take_copy).finished_frame(0, frame).unlink()
     player = PlayerPresenter()
     assert player.open(take_copy), player.message
     assert (player.transport.frame, player.transport.frame_count) == (1, 5), "the keyframe comes first"
