@@ -76,7 +76,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> B
         reporter.progress(stop, f"group {part.index}")
     manifest = publish(plan, notes, live=False, reporter=reporter)
     remove(plan.folder)
-    for path in plan.leftover_notes():
+    for path in set(inputs.take.work(STAGE.name).glob("group_*.json")) - set(map(plan.note_path, plan.parts)):
         remove(path)
     psnrs = [one.psnr_to_trained for one in best if one.psnr_to_trained is not None]
     return BakeSummary(

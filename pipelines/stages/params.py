@@ -44,11 +44,6 @@ def settings_affecting(config: Config, *results: str) -> Params:
     return settings_of(config, *(name for name, own in _affected().items() if not set(results).isdisjoint(own)))
 
 
-def without(params: Params, *names: str) -> Params:
-    """A copy without the named entries."""
-    return {name: value for name, value in params.items() if name not in names}
-
-
 def key_of(stage: str, version: int, *parts: Any) -> str:
     """Digest of everything that a unit is made from."""
     return digest_of([stage, version, *parts])

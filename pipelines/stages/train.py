@@ -25,7 +25,7 @@ from pipelines.stages.camera_refinement import drop_refined_cameras, ensure_refi
 from pipelines.stages.footage_check import footage_check
 from pipelines.stages.group_scheduler import groups_at_once, refuse_too_little_memory, run_groups, threads_of_groups
 from pipelines.stages.inputs import Inputs
-from pipelines.stages.params import Params, key_of, settings_affecting, without
+from pipelines.stages.params import Params, key_of, settings_affecting
 from pipelines.stages.reporter import StageReporter
 from pipelines.stages.train_group import GroupWork, TrainClock, before_joint
 from pipelines.stages.training_views import details_at
@@ -45,8 +45,8 @@ STAGE = stage_named("train")
 def params(inputs: Inputs) -> Params:
     """Training views, training settings, marked details, and frames."""
     return {
-        **_recipe(inputs),
-        **settings_affecting(inputs.config, "joint_frames"),
+        **_keyframe_recipe(inputs),
+        **settings_affecting(inputs.config, "later_frames", "joint_frames"),
         **edit_params(inputs.edits, "details"),
         "frames": list(inputs.footage.raw.frames),
         "groups": [one.first for one in inputs.groups],
@@ -196,12 +196,7 @@ def _cameras_keys(inputs: Inputs, recipe: Params) -> list[str]:
 
 
 def _keyframe_recipe(inputs: Inputs) -> Params:
-    return without(_recipe(inputs), *settings_affecting(inputs.config, "later_frames"))
-
-
-def _recipe(inputs: Inputs) -> Params:
-    """Settings and inputs of all frames."""
-    return {**inputs.footage.seen_by_training(), **settings_affecting(inputs.config, "keyframe", "later_frames")}
+    return {**inputs.footage.seen_by_training(), **settings_affecting(inputs.config, "keyframe")}
 
 
 def frame_keys(inputs: Inputs, group: Group, recipe: Params | None = None) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -131,8 +131,3 @@ class BakePlan:
         finetuned = [self.training.key(trained, rung) for rung in finetuned_rungs(inputs.config)]
         more = [one for one in (finetuned, edited) if one]
         return key_of(STAGE.name, STAGE.version, VERSION, settings, part.index, part.first, content, *more)
-
-    def leftover_notes(self) -> Iterator[Path]:
-        """Notes on parts that the stream no longer has."""
-        wanted = {self.note_path(part) for part in self.parts}
-        return (path for path in self.inputs.take.work("bake").glob("group_*.json") if path not in wanted)
