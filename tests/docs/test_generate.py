@@ -1,5 +1,3 @@
-"""The generated pages of the documentation: what they find in the source."""
-
 import importlib
 import sys
 from collections.abc import Callable, Iterator

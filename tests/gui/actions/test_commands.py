@@ -1,5 +1,3 @@
-"""Keys that are held."""
-
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 

@@ -1,5 +1,3 @@
-"""What the buttons of the edits do that need a dialog."""
-
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace

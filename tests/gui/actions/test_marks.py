@@ -1,5 +1,3 @@
-"""Marks that two people change at the same time, and undo."""
-
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,5 +1,3 @@
-"""A camera path from a file, in the window's editor."""
-
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import SimpleNamespace

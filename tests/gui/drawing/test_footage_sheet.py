@@ -1,5 +1,3 @@
-"""The image of new footage: what is where in it, and what is dark because it is not used."""
-
 import numpy as np
 
 from gui.drawing.footage_sheet import FootageSheet

@@ -1,5 +1,3 @@
-"""The icons of buttons."""
-
 from PIL import Image, ImageDraw, ImageFont
 
 from gui.drawing.icons import CODES, FONT

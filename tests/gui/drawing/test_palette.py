@@ -1,5 +1,3 @@
-"""Contrast of the window's texts."""
-
 import pytest
 
 from gui.drawing import palette

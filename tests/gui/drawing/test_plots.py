@@ -1,5 +1,3 @@
-"""Line plots: where values are drawn, and which numbers stand at the axis."""
-
 import numpy as np
 import pytest
 

@@ -1,5 +1,3 @@
-"""The editor of the camera path: its views are moved, timed, undone and kept."""
-
 from pathlib import Path
 
 import numpy as np

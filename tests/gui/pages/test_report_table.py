@@ -1,5 +1,3 @@
-"""The table of the calibration report: sorting by its titles, and its text."""
-
 import pytest
 
 from gui.pages.report_table import Sorting

@@ -1,5 +1,3 @@
-"""The size of the window for a screen."""
-
 import pytest
 
 from gui.platform import screen

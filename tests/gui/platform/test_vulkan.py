@@ -1,5 +1,3 @@
-"""The Vulkan probe: its error messages, and its result if there is a driver."""
-
 import pytest
 
 from gui.app import check_display

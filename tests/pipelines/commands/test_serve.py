@@ -1,5 +1,3 @@
-"""`v3studio serve` and `v3studio play http://...`, over real local connections."""
-
 import gzip
 import json
 import os

@@ -1,5 +1,3 @@
-"""What `v3studio serve --review` gives to browsers, over real local connections."""
-
 import json
 import shutil
 from collections.abc import Iterator

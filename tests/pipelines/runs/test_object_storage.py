@@ -1,6 +1,3 @@
-"""Runs with footage in an S3 store that fails and is slow: the results of a local run, and no footage is
-fetched twice by a machine."""
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -1,5 +1,3 @@
-"""`v3studio work`: one group at a time, in any process, with the results of a local run."""
-
 import json
 import shlex
 import signal

@@ -1,5 +1,3 @@
-"""`v3studio share` of a cast: one page with several streams and static splats, and the documents that are refused."""
-
 import json
 import re
 from pathlib import Path

@@ -1,5 +1,3 @@
-"""What the window shows of a cast: everything where the document, and so the page, puts it."""
-
 import json
 from pathlib import Path
 

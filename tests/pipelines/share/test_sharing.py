@@ -1,5 +1,3 @@
-"""`v3studio share`: a folder or one HTML file with all that the page needs; what is refused; nothing half written."""
-
 import base64
 import hashlib
 import json

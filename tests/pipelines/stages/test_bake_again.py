@@ -1,5 +1,3 @@
-"""Streams that are read while they are baked again: frames of one bake, or a sentence that says so."""
-
 import hashlib
 import shutil
 import threading

@@ -1,5 +1,3 @@
-"""The colors of cameras in a take: fitted once, the same from any worker."""
-
 from collections.abc import Callable
 from pathlib import Path
 

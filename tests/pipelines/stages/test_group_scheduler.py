@@ -1,5 +1,3 @@
-"""Groups in parallel: how threads are distributed, what happens if one fails, and that the stream stays the same."""
-
 import time
 from pathlib import Path
 from types import SimpleNamespace

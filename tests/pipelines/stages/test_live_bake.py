@@ -1,5 +1,3 @@
-"""Live baking: groups are published in order while others are trained, and the stream never takes them back."""
-
 import json
 import shutil
 import sys

@@ -1,5 +1,3 @@
-"""Numbers on the command line: errors are clear and use the unit of the option."""
-
 import cv2
 import numpy as np
 import pytest

@@ -1,5 +1,3 @@
-"""Views of a frame for training: details at the size of the footage, and clean plates; never without initial points."""
-
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,5 +1,3 @@
-"""Camera paths from files see what the window shows where the file says, whatever the take's world is."""
-
 from pathlib import Path
 
 import numpy as np

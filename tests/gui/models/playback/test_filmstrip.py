@@ -1,5 +1,3 @@
-"""The strip of pictures shows frames where the timeline has them, and keeps them when it is panned or zoomed."""
-
 from pathlib import Path
 from typing import Any
 

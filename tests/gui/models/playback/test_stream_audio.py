@@ -1,5 +1,3 @@
-"""The window's sound: the transport follows it, and the timeline shows its waveform."""
-
 import shutil
 from collections.abc import Iterator
 from pathlib import Path

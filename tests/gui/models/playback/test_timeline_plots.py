@@ -1,5 +1,3 @@
-"""The plots above the timeline: what bars and lines are in proportion to, and the values under the pointer."""
-
 import numpy as np
 import pytest
 

@@ -1,5 +1,3 @@
-"""Playback with a clock that the test controls."""
-
 import pytest
 
 from gui.models.playback.transport import Transport

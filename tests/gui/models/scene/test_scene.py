@@ -1,28 +1,14 @@
-"""The scene of a real take: clicks on cameras and on the view axes."""
-
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-import pytest
 
-from gui.models.playback.player import PlayerPresenter
-from gui.models.take.workspace import Workspace
 from gui.pages.stage_views import StageViews
-from gui.widgets.raycast import RaycastMesh
 from pipelines.takes.take import Take
 from studio.camera_files import read_rig
 from tests.support.looping import heard
 from tests.support.players import newest
 
 FULL, DRAWN = (720, 500), (360, 250)
-
-
-@pytest.fixture
-def views(workspace: Workspace) -> Iterator[StageViews]:
-    found = StageViews(workspace, PlayerPresenter(now=lambda: 100.0, read_mesh=RaycastMesh), RaycastMesh)
-    yield found
-    assert found.close()
 
 
 def test_cameras_can_be_clicked(views: StageViews, finished: Path) -> None:

@@ -1,5 +1,3 @@
-"""Bakes in the window: kept on a thread, and compared with what is open at the same times."""
-
 from pathlib import Path
 
 from gui.models.playback.other_source import OTHER, open_other

@@ -1,5 +1,3 @@
-"""Estimates of presets: measured in a child process, kept for the take on this machine."""
-
 import sys
 from pathlib import Path
 

@@ -1,5 +1,3 @@
-"""Exports from the window: child processes with progress, error messages, camera paths from collected views."""
-
 import sys
 from pathlib import Path
 

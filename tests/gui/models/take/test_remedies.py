@@ -1,5 +1,3 @@
-"""Warnings lead to the setting that fixes them, and all of these settings exist."""
-
 import ast
 import functools
 import inspect

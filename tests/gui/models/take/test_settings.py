@@ -1,5 +1,3 @@
-"""The settings in the left panel: headings, distinct labels, and the filter."""
-
 import pytest
 
 from gui.models.take.settings import SECTIONS, SettingField, fields_of

@@ -1,5 +1,3 @@
-"""Shares from the window: what was chosen becomes the command line; serving starts, tells its address and ends."""
-
 import hashlib
 import ssl
 import urllib.error

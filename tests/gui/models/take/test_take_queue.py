@@ -1,5 +1,3 @@
-"""The queue as the window shows and changes it."""
-
 import itertools
 import os
 import subprocess

@@ -1,5 +1,3 @@
-"""Following runs: collected events, child processes, crashes, growing logs; and the workspace on a real take."""
-
 import os
 import signal
 import sys

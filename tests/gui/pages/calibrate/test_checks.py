@@ -1,5 +1,3 @@
-"""Calibrate, report: the grade of the cameras, and what each was checked with."""
-
 from pathlib import Path
 
 from gui.models.take.workspace import Workspace

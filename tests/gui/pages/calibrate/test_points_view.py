@@ -1,5 +1,3 @@
-"""Marking points by hand: the view with clicks, keys and the file, and the window with a real mouse."""
-
 from collections.abc import Iterator
 from pathlib import Path
 

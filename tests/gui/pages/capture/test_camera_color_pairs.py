@@ -1,5 +1,3 @@
-"""Train, camera colors: images as filmed and corrected."""
-
 from itertools import pairwise
 from pathlib import Path
 

@@ -1,5 +1,3 @@
-"""The start page: what it reads, and where the arrow keys go."""
-
 import itertools
 import shutil
 from collections.abc import Iterator

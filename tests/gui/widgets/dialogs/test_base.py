@@ -1,5 +1,3 @@
-"""Dialogs: the list of folders, the Enter key, and missing entries in the recent list."""
-
 from pathlib import Path
 
 import pytest
