@@ -20,6 +20,8 @@ from gui.actions.menus import MENUS
 from gui.models.playback.player import PlayerPresenter
 from gui.models.stage_rows import TITLES
 from gui.models.take.workspace import Workspace
+from gui.pages.stage_views import StageViews
+from gui.widgets.raycast import RaycastMesh
 from pipelines.config import load_config
 from pipelines.stages.inputs import Inputs
 from pipelines.takes.take import Take
@@ -97,6 +99,14 @@ def workspace() -> Iterator[Workspace]:
     yield found
     if found.job is not None:
         found.job.cancel()
+    assert found.close()
+
+
+@pytest.fixture
+def views(workspace: Workspace) -> Iterator[StageViews]:
+    """The stage views of that workspace."""
+    found = StageViews(workspace, PlayerPresenter(read_mesh=RaycastMesh), RaycastMesh)
+    yield found
     assert found.close()
 
 

@@ -74,16 +74,6 @@ class TwoNodes:
         self._process, self._errors = process, errors
         self.address, self.second = self._answer("ready").split()
 
-    def free_first(self) -> None:
-        """Let the first node take tasks."""
-        self._say("free")
-        self._answer("freed")
-
-    def kill_second(self) -> None:
-        """Kill all processes of the second node, as when its power fails."""
-        self._say("kill")
-        self._answer("killed")
-
     def events_while_second_is_killed(self, lines: Iterable[str]) -> Iterator[Event]:
         """The events of a run. The first node is freed when a group trains; the second is killed when it has trained a
         frame of a group that has more.
@@ -99,10 +89,12 @@ class TwoNodes:
             if not isinstance(event, GroupState) or (event.stage, event.state) != ("train", "running"):
                 continue
             if not freed:
-                self.free_first()
+                self._say("free")
+                self._answer("freed")
                 freed = True
             if not killed and event.node.endswith(self.second) and 0 < event.frames_done < event.frames:
-                self.kill_second()
+                self._say("kill")  # all its processes, as when its power fails
+                self._answer("killed")
                 killed = True
 
     def close(self) -> None:
@@ -129,23 +121,13 @@ STARTS = 4
 with many busy processes the first start, which reads all files from the disk, may take longer."""
 
 
-def _start(cpus: int, errors: IO[str]) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-c", _PROGRAM, str(cpus)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=errors,
-        text=True,
-        env={**os.environ, **SETTINGS},
-    )
-
-
 @contextmanager
 def two_nodes(cpus: int = 1) -> Iterator[TwoNodes]:
     """Start a cluster with `cpus` CPUs on each of its two nodes. Raises ClusterEnded."""
+    command, pipe, variables = [sys.executable, "-c", _PROGRAM, str(cpus)], subprocess.PIPE, {**os.environ, **SETTINGS}
     with TemporaryFile("w+") as errors:
         for left in reversed(range(STARTS)):
-            process = _start(cpus, errors)
+            process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=errors, text=True, env=variables)
             try:
                 nodes = TwoNodes(process, errors)
                 break

@@ -24,9 +24,8 @@ def test_what_is_drawn_and_what_was_filmed_lie_on_each_other(image_zoom: ImageZo
     seen = camera().project(point)[0][0]
     rows, columns = np.mgrid[0:48, 0:64] + 0.5
     spot = 255 * np.exp(-((columns - seen[0]) ** 2 + (rows - seen[1]) ** 2) / 8)
-    picture = image_zoom.picture(np.repeat(spot[..., None], 3, axis=2).astype(np.uint8), camera(), *size)[
-        ..., 0
-    ].astype(float)
+    image = np.repeat(spot[..., None], 3, axis=2).astype(np.uint8)
+    picture = image_zoom.picture(image, camera(), *size)[..., 0].astype(float)
     assert picture.shape == size[::-1]
     expected = image_zoom.camera(camera(), *size).project(point)[0][0]
     if not (8 < expected[0] < size[0] - 8 and 8 < expected[1] < size[1] - 8):

@@ -1,19 +1,11 @@
-"""Notices: passing ones go by themselves, failures stay until they are dismissed."""
-
 from pathlib import Path
-
-import pytest
 
 from gui.models.notices import SHOWN_SECONDS, Notices
 from tests.support.waiting import HandClock
 
 
-@pytest.fixture
-def notices(clock: HandClock) -> Notices:
-    return Notices(clock)
-
-
-def test_failures_stay_until_they_are_dismissed(notices: Notices, clock: HandClock) -> None:
+def test_failures_stay_until_they_are_dismissed(clock: HandClock) -> None:
+    notices = Notices(clock)
     notices.show("no such folder", bad=True)
     notices.show("the disk is full", bad=True)
     clock.time = 1e6

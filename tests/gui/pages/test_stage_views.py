@@ -1,7 +1,5 @@
-"""The stage views on a real take; settings, preferences and new takes."""
-
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -11,7 +9,6 @@ import pytest
 from gui.drawing.palette import GROUND
 from gui.models.evaluation import Evaluation
 from gui.models.marks import Marks
-from gui.models.playback.player import PlayerPresenter
 from gui.models.preferences import RECENT, Preferences
 from gui.models.stage_rows import TITLES
 from gui.models.take.inspector import review_blocks
@@ -23,7 +20,6 @@ from gui.pages.capture.view import grid
 from gui.pages.stage_view import StageView
 from gui.pages.stage_views import StageViews
 from gui.pages.train import NOT_RUN, TrainView
-from gui.widgets.raycast import RaycastMesh
 from pipelines.config import dump_config, load_config
 from pipelines.new_take import NewTake
 from pipelines.takes.atomic_files import write_text
@@ -54,13 +50,6 @@ sys.modules["pipelines.stages.another"] = nothing
 from gui.app import main
 sys.exit(main())
 """
-
-
-@pytest.fixture
-def views(workspace: Workspace) -> Iterator[StageViews]:
-    found = StageViews(workspace, PlayerPresenter(), RaycastMesh)
-    yield found
-    assert found.close()
 
 
 def opened(views: StageViews, take: Path) -> None:
@@ -94,12 +83,8 @@ def test_every_stage_of_a_finished_take_has_its_picture(views: StageViews, finis
 def test_a_stage_needs_no_code_in_the_window(open_window: Callable[..., RunningWindow], take_copy: Path) -> None:
     window = open_window(str(take_copy), program=("-c", ANOTHER_STAGE))
     window.wait_for("its state", lambda s: s["stages"].get("another", ["", ""])[1] == "not run")
-    window.click(
-        "stages",
-        0.3,
-        1 - 0.5 / (len(TITLES) + 1),
-        until=("its page", lambda s: s["stage"] == "another" and s["settled"]),
-    )
+    its_page = ("its page", lambda s: s["stage"] == "another" and s["settled"])
+    window.click("stages", 0.3, 1 - 0.5 / (len(TITLES) + 1), until=its_page)
     window.key("F1", until=("no help", lambda s: "There is no help on Another" in s["notice"]))
 
 
@@ -153,9 +138,8 @@ def test_capture_shows_the_image_of_every_camera(views: StageViews, finished: Pa
         file = finished / "capture" / "images" / f"cam{number}" / "000.png"
         filmed = cv2.imread(str(file))[..., ::-1]
         large = cv2.resize(filmed, (int(64 * scale), int(48 * scale)), interpolation=cv2.INTER_LINEAR)
-        errors = cv2.matchTemplate(
-            picture, np.ascontiguousarray(large[2:-2, 2:-2]), cv2.TM_SQDIFF
-        )  # held-out cameras have a border
+        inner = np.ascontiguousarray(large[2:-2, 2:-2])  # held-out cameras have a border
+        errors = cv2.matchTemplate(picture, inner, cv2.TM_SQDIFF)
         least, _, place, _ = cv2.minMaxLoc(errors)
         assert least / large.size < 4, f"cam{number}"
         places.add(place)

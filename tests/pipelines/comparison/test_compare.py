@@ -2,6 +2,7 @@ import json
 import shutil
 import signal
 from pathlib import Path
+from unittest.mock import Mock
 
 import cv2
 import numpy as np
@@ -101,16 +102,11 @@ def killed(*arguments: Path) -> None:
     assert found.returncode == -signal.SIGKILL, found.stderr
 
 
-def counted(monkeypatch: pytest.MonkeyPatch) -> list[object]:
-    """Gets an entry for each view that is measured."""
-    calls: list[object] = []
-
-    def counting(*arguments: object) -> object:
-        calls.append(arguments)
-        return measure(*arguments)
-
+def counted(monkeypatch: pytest.MonkeyPatch) -> Mock:
+    """Is called for each view that is measured."""
+    counting = Mock(wraps=measure)
     monkeypatch.setattr("pipelines.comparison.measuring.measure", counting)
-    return calls
+    return counting
 
 
 def test_a_comparison_that_was_killed_goes_on_where_it_was(two, tmp_path, monkeypatch):
@@ -119,9 +115,9 @@ def test_a_comparison_that_was_killed_goes_on_where_it_was(two, tmp_path, monkey
     left = contents(tmp_path / "out")
     frames = {f".comparing/{frame:06d}.json" for frame in range(3)}
     assert set(left) == {*frames, ".comparing/cam4_000000.png"}
-    calls, ticks = counted(monkeypatch), []
+    measured, ticks = counted(monkeypatch), []
     compare(two, tmp_path / "out", PROTOCOLS["box"], progress=lambda done, total: ticks.append((done, total)))
-    assert len(calls) == 2 * 2, "two frames of two takes"
+    assert measured.call_count == 2 * 2, "two frames of two takes"
     assert ticks[0] == (6, 10)
     assert ticks[-1] == (10, 10)
     assert contents(tmp_path / "out") == contents(tmp_path / "whole")
@@ -130,10 +126,10 @@ def test_a_comparison_that_was_killed_goes_on_where_it_was(two, tmp_path, monkey
 
 def test_frames_of_another_comparison_or_damaged_ones_are_measured_again(two, tmp_path, monkeypatch):
     compare(two, tmp_path / "whole", PROTOCOLS["box"], images=0)
-    calls = counted(monkeypatch)
+    measured = counted(monkeypatch)
     killed(*two, tmp_path / "out")
     compare(two, tmp_path / "out", PROTOCOLS["box"], images=0)  # the killed one drew images
-    assert len(calls) == 5 * 2
+    assert measured.call_count == 5 * 2
     assert contents(tmp_path / "out") == contents(tmp_path / "whole")
     compare(two, tmp_path / "whole", PROTOCOLS["box"])
     for name in ("000001.json", "cam4_000000.png"):
@@ -141,9 +137,9 @@ def test_frames_of_another_comparison_or_damaged_ones_are_measured_again(two, tm
         killed(*two, tmp_path / "out")
         damaged = tmp_path / "out" / ".comparing" / name
         damaged.write_bytes(b"{") if damaged.suffix == ".json" else damaged.unlink()
-        calls.clear()
+        measured.reset_mock()
         compare(two, tmp_path / "out", PROTOCOLS["box"])
-        assert len(calls) == 3 * 2
+        assert measured.call_count == 3 * 2
         assert contents(tmp_path / "out") == contents(tmp_path / "whole")
 
 

@@ -1,5 +1,3 @@
-"""The playback presenter without a window: opening, frames in order, views, bad input."""
-
 import shutil
 import threading
 from collections.abc import Iterator
@@ -14,12 +12,14 @@ from gui.models.playback.stream_source import StreamSource
 from gui.models.worker import LatestWorker
 from pipelines.takes.frame_files import FrameMetadata, write_frame
 from pipelines.takes.take import Take
+from studio.camera_files import write_rig
 from studio.cameras import Camera, Rig
 from studio.gaussians import Gaussians
 from tests.support.errors import refuses
 from tests.support.looping import heard
 from tests.support.players import settle
-from tests.support.splats import write_group
+from tests.support.rigs import camera_at
+from tests.support.splats import round_splats, write_group
 from tests.support.waiting import wait_until
 
 
@@ -57,23 +57,14 @@ def test_nothing_whole_is_a_sentence_and_playing_ends(
 
 def make_take(root: Path, frames: int, stream: Path | None = None) -> Take:
     """A take as written by the stages: trained frames in groups of 8, a rig, optionally a stream."""
-    from studio.camera_files import write_rig
-
     take = Take.create(root)
     generator = torch.Generator().manual_seed(1)
     for index in range(frames):
-        splats = Gaussians.from_activated(
-            torch.rand(50, 3, generator=generator) + index,
-            torch.ones(50, 4),
-            torch.full((50, 3), 0.01),
-            torch.full((50,), 0.9),
-            torch.zeros(50, 1, 3),
-        )
+        splats = round_splats(torch.rand(50, 3, generator=generator) + index, -4.6, 0.9)
         write_frame(take.finished_frame(index // 8, index), splats, FrameMetadata())
         first = index - index % 8
         write_group(take, index // 8, range(first, min(first + 8, frames)))
-    pose = np.array([[1, 0, 0, 0], [0, 0, -1, 0.9], [0, 1, 0, 4], [0, 0, 0, 1]], dtype=float)
-    camera = Camera("front", 640, 360, np.array([[500.0, 0, 320], [0, 500, 180], [0, 0, 1]]), pose)
+    camera = camera_at("front", (0, -4, 0.9), (0, 0, 0.9), focal=500, size=(640, 360))
     take.rig.parent.mkdir(exist_ok=True)
     write_rig(Rig((camera,)), take.rig)
     if stream is not None:
@@ -120,7 +111,6 @@ def test_frames_that_are_trained_meanwhile_show_up(player: PlayerPresenter, tmp_
 
 def test_worker_drops_what_is_overtaken_and_reports_errors() -> None:
     started: list[int] = []
-
     begun, go_on = threading.Event(), threading.Event()
 
     def work(number: int) -> int:

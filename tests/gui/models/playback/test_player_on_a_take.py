@@ -1,5 +1,3 @@
-"""The presenters of the review on a real take: figures, footage, marks, timeline plots."""
-
 import json
 import shutil
 from dataclasses import replace
@@ -32,9 +30,8 @@ def test_footage_is_what_the_camera_filmed_and_splats_are_drawn_from_there(playe
     assert player.opened is not None
     assert player.opened.take is not None
     footage = player.context.footage.calibrated
-    filmed = footage.image("cam4", footage.frames[0]).astype(float) * (
-        footage.mask("cam4", footage.frames[0])[..., None] / 255
-    )
+    mask = footage.mask("cam4", footage.frames[0])[..., None] / 255
+    filmed = footage.image("cam4", footage.frames[0]).astype(float) * mask
     shrunk = shown.reshape(48, 4, 64, 4, 3).mean(axis=(1, 3))  # shown enlarged four times
     assert np.abs(shrunk - filmed).mean() < 3.0
     assert player.choose("trained")

@@ -1,5 +1,3 @@
-"""The window's scene of a cast: models hide splats, and splats hide models."""
-
 import json
 from pathlib import Path
 
@@ -45,11 +43,8 @@ def test_models_and_splats_hide_each_other(tmp_path: Path) -> None:
     view = player.orbit.camera(320, 240)
     column, row = view.project(np.array([[0.5, 0, 0.5]]))[0][0].astype(int)
     assert player.picture.image[row, column].tolist() == [0, 230, 0]
-    for x, y, z, blue in [
-        (-0.1, 0.6, 1, False),
-        (0.1, 0.6, -1, True),
-        (0.1, 1.1, -1, False),
-    ]:  # the ball ends below 1.1
+    # the ball ends below 1.1
+    for x, y, z, blue in ((-0.1, 0.6, 1, False), (0.1, 0.6, -1, True), (0.1, 1.1, -1, False)):
         column, row = view.project(np.array([[x, y, z]]))[0][0].astype(int)
         red, _, found = player.picture.image[row, column].astype(int)
         assert red + found > 60

@@ -22,17 +22,12 @@ def splats(alpha: float, depth: float, level: float = 0.5) -> SplatLayer:
     return SplatLayer(image, np.full((1, 1), alpha, np.float32), np.full((1, 1), depth, np.float32))
 
 
-def patch(depth: float, level: int) -> Patch:
-    """A pixel of a gray."""
-    whole = slice(None)
-    return Patch(whole, whole, np.ones((1, 1), bool), np.full((1, 1, 3), level, np.uint8), np.full((1, 1), depth))
-
-
 def surface(depth: float | None, level: int = 0) -> Surfaces:
     """A pixel with a surface of a gray, or none."""
     found = Surfaces(1, 1)
     if depth is not None:
-        found.add(patch(depth, level))
+        whole, gray = slice(None), np.full((1, 1, 3), level, np.uint8)
+        found.add(Patch(whole, whole, np.ones((1, 1), bool), gray, np.full((1, 1), depth)))
     return found
 
 

@@ -1,7 +1,5 @@
-"""Garbage masks drawn in Capture: clicks in, polygons, masks and settings out."""
-
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -9,11 +7,8 @@ import numpy as np
 import pytest
 
 from gui.drawing.palette import BAD
-from gui.models.playback.player import PlayerPresenter
-from gui.models.take.workspace import Workspace
 from gui.pages.capture.view import GARBAGE
 from gui.pages.stage_views import StageViews
-from gui.widgets.raycast import RaycastMesh
 from pipelines.config import load_config
 from pipelines.runs.runner import status
 from pipelines.stages.footage import TakeFootage
@@ -27,16 +22,14 @@ CORNERS = ((4.0, 3.0), (40.0, 3.0), (40.0, 30.0), (4.0, 30.0))
 
 
 @pytest.fixture
-def views(workspace: Workspace, take_copy: Path) -> Iterator[StageViews]:
+def views(views: StageViews, take_copy: Path) -> StageViews:
     """Camera 1 of a take shown alone, to draw on."""
-    found = StageViews(workspace, PlayerPresenter(), RaycastMesh)
-    workspace.open(Take.open(take_copy))
-    wait_in_loop("the take", lambda: workspace.assessed)
-    found.select("capture")
-    found.choose(GARBAGE)
-    found.show_alone("cam1")
-    yield found
-    assert found.close()
+    views.workspace.open(Take.open(take_copy))
+    wait_in_loop("the take", lambda: views.workspace.assessed)
+    views.select("capture")
+    views.choose(GARBAGE)
+    views.show_alone("cam1")
+    return views
 
 
 def picture(views: StageViews) -> np.ndarray:

@@ -1,5 +1,3 @@
-"""Edits in the window without a window: handles, lassos, picked points, trims, undo, and numbers in fields."""
-
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -120,9 +118,8 @@ def test_a_click_marks_a_detail_and_a_drag_sizes_it(view: EditView) -> None:
     view.pull(at[0], at[1] - 30)
     view.release()
     (larger,) = view.edits.details
-    assert camera.project((larger.at(0) + larger.radius * UP)[None])[0][0] == pytest.approx(
-        [at[0], at[1] - 30], abs=1.5
-    )
+    edge = larger.at(0) + larger.radius * UP
+    assert camera.project(edge[None])[0][0] == pytest.approx([at[0], at[1] - 30], abs=1.5)
     assert larger.path == mark.path
     changed = with_numbers(view.edits, "details", {"radius": f"{larger.radius:.4g}", "weight": "7"}, UP, FrameNumbers())
     assert changed.details[0] == larger.model_copy(update={"weight": 7.0}), "what was not changed is not rounded"

@@ -1,5 +1,3 @@
-"""Cards of the start page, against the files of takes and `v3studio status`."""
-
 import json
 import os
 import shutil
@@ -44,10 +42,8 @@ def test_a_thumbnail_is_drawn_once(finished: Path, tmp_path: Path, monkeypatch: 
     take = str(finished / "take")
     first = thumbnail(take)
     assert first.shape == (SIZE[1], SIZE[0], 3)
-    corner, middle = (
-        first[:20, :20],
-        first[SIZE[1] // 2 - 20 : SIZE[1] // 2 + 20, SIZE[0] // 2 - 20 : SIZE[0] // 2 + 20],
-    )
+    corner, (x, y) = first[:20, :20], (SIZE[0] // 2, SIZE[1] // 2)
+    middle = first[y - 20 : y + 20, x - 20 : x + 20]
     assert np.abs(middle.astype(int).mean((0, 1)) - corner.astype(int).mean((0, 1))).max() > 30, "the ball is there"
     monkeypatch.setattr(thumbnails, "draw", lambda *_: pytest.fail("drawn again"))
     np.testing.assert_array_equal(thumbnail(take), first)
