@@ -60,7 +60,7 @@ def test_from_footage_to_a_wipe_and_a_run_that_outlives_the_window(
     window.click("all")
     window.saw("a run", lambda s: s["busy"])
     window.stage("train")
-    state = window.wait_for("all done", lambda s: done(s) and not s["busy"], 600)
+    window.wait_for("all done", lambda s: done(s) and not s["busy"], 600)
     window.stage("bake")
 
     # the title said what the list of stages did, which is drawn with it
@@ -72,17 +72,18 @@ def test_from_footage_to_a_wipe_and_a_run_that_outlives_the_window(
     assert titles <= {f"{row[1].split(',')[0]} {name.capitalize()}" for name, row in rows}
 
     # figures of an earlier bake say so
-    plots = [name for name in state["plots"] if "PSNR" in name]
-    assert plots
-    assert not any("earlier bake" in name for name in plots)
+    def earlier(state: dict[str, Any]) -> set[bool]:
+        return {"earlier bake" in name for name in state["plots"] if "PSNR" in name}
+
+    assert earlier(window.wait_for("figures", earlier)) == {False}
     window.retype("setting bake.quality", "26")
     window.key("Return", until=("a stale bake", lambda s: s["stages"]["bake"][0] == "stale"))
-    window.wait_for("them", lambda s: all("earlier bake" in name for name in s["plots"] if "PSNR" in name))
+    window.wait_for("them", lambda s: earlier(s) == {True})
     window.click("run")
     window.saw("a run", lambda s: s["busy"])
     state = window.wait_for("another bake", lambda s: s["stages"]["bake"][0] == "done" and not s["busy"], 600)
     assert state["stages"]["review"][0] == "stale"
-    window.wait_for("them", lambda s: all("earlier bake" in name for name in s["plots"] if "PSNR" in name))
+    window.wait_for("them", lambda s: earlier(s) == {True})
 
     window.key("3")  # to the review
     window.wait_for("the decoded stream", lambda s: s["stage"] == "review" and s["what"] == "decoded")
