@@ -6,7 +6,7 @@ import pytest
 
 from pipelines.takes.take import Take
 from tests.support.shared import made_once
-from tests.support.tiny_capture import SETTINGS, Done, environment, v3studio, write_capture, write_project
+from tests.support.tiny_capture import SETTINGS, Done, environment, write_capture, write_project
 from tests.support.warm_python import WarmProcess, warm_python
 
 
@@ -55,11 +55,6 @@ def start() -> Iterator[Callable[..., WarmProcess]]:
         if process.poll() is None:
             process.kill()
         process.communicate()
-
-
-@pytest.fixture
-def cli() -> Callable[..., Done]:
-    return v3studio
 
 
 @pytest.fixture

@@ -4,19 +4,12 @@ import signal
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from pipelines.events import Event, Finished, Metrics, Warned, parse_event, read_line
+from pipelines.events import Event, Metrics, Warned, read_line
 
 
 def events_in(text: str) -> list[Event]:
     """The events; other tests check that a command prints nothing else."""
     return [event for event, _ in map(read_line, text.splitlines()) if event is not None]
-
-
-def result_of(output: str) -> Any:
-    """The result of a command with `--json`: that of the last event that it printed."""
-    last = parse_event(output.splitlines()[-1])
-    assert isinstance(last, Finished)
-    return last.result
 
 
 def frames_in(events: Iterable[Event], *stages: str) -> list[int]:

@@ -118,7 +118,6 @@ class FakeOutput:
     def pull(self, seconds: float) -> np.ndarray:
         """Play for some time; returns the samples that the player gave meanwhile."""
         wait_until("opened", lambda: self.fill is not None)
-        assert self.fill is not None
         taken = np.empty((round(seconds * self.RATE), self.channels), np.float32)
         self.fill(taken, self.time + self.latency / self.RATE)
         self.time += seconds

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 
 from pipelines.config import Config, load_config, parse_override
-from pipelines.events import Event
+from pipelines.events import Event, Finished, parse_event
 from pipelines.takes.take import Take
-from tests.support.events import events_in, result_of
+from tests.support.events import events_in
 from tests.support.rigs import on_circle, pose
 from tests.support.warm_python import warm_python
 
@@ -105,8 +105,10 @@ class Done(NamedTuple):
 
     @property
     def result(self) -> Any:
-        """With --json."""
-        return result_of(self.stdout)
+        """With --json: that of the last event."""
+        last = parse_event(self.stdout.splitlines()[-1])
+        assert isinstance(last, Finished)
+        return last.result
 
     @property
     def events(self) -> list[Event]:

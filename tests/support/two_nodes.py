@@ -108,7 +108,6 @@ class TwoNodes:
         self._process.stdin.flush()
 
     def _answer(self, word: str) -> str:
-        assert self._process.stdout is not None
         for line in self._process.stdout:
             if line.startswith(word):
                 return line.removeprefix(word).strip()

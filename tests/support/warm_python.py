@@ -195,11 +195,6 @@ class WarmPython:
             raise
         return subprocess.CompletedProcess(process.args, process.wait(), stdout, stderr)
 
-    def close(self) -> None:
-        """End the process; programs that still run go on."""
-        self._socket.close()
-        self._server.wait(30)
-
 
 @functools.cache
 def warm_python(locale: str | None = None) -> WarmPython:

@@ -14,12 +14,11 @@ from gui.models.stage_rows import TITLES
 from gui.models.take.inspector import review_blocks
 from gui.models.take.workspace import Workspace
 from gui.pages.bake.qp_trial import TRIED_QPS
-from gui.pages.bake.view import BakeView
 from gui.pages.calibrate.points_view import PointsView
 from gui.pages.capture.view import grid
 from gui.pages.stage_view import StageView
 from gui.pages.stage_views import StageViews
-from gui.pages.train import NOT_RUN, TrainView
+from gui.pages.train import NOT_RUN
 from pipelines.config import dump_config, load_config
 from pipelines.new_take import NewTake
 from pipelines.takes.atomic_files import write_text
@@ -182,7 +181,6 @@ def test_stages_that_have_not_run_say_what_to_do(views: StageViews, footage_proj
     train, plain = views.stage_views["train"], StageView(views.workspace, "train")
     wait_in_loop("the status", lambda: views.workspace.assessment.stages)
     assert plain.state() == ("not run yet", plain.em)
-    assert isinstance(train, TrainView)
     assert train.nothing == NOT_RUN
     views.select("review")
     assert "Nothing trained" in views.message
@@ -272,7 +270,6 @@ def test_qps_are_tried_on_a_whole_group_and_chosen_by_a_click(views: StageViews,
     views.select("bake")
     views.choose("try other QPs")
     bake = views.stage_views["bake"]
-    assert isinstance(bake, BakeView)
     table = len(TRIED_QPS) + 1  # rows, with the titles
     wait_until("all QPs", lambda: shown(views) is not None and len(bake.table_text.splitlines()) == table)
     with StreamReader.open(take_copy / "stream") as reader:

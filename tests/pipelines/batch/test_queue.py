@@ -17,10 +17,9 @@ from pipelines.events import Event, Finished, RunStarted, parse_event
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 from tests.support.errors import refuses
-from tests.support.tiny_capture import ROOT
+from tests.support.tiny_capture import ROOT, v3studio
 
 pytestmark = pytest.mark.long
-
 
 RUN_QUEUE = """
 import signal, sys
@@ -39,7 +38,6 @@ def working(queue: QueueFile) -> Iterator[subprocess.Popen[str]]:
     """A process that works through a queue and has started its first take."""
     command = [sys.executable, "-c", RUN_QUEUE, str(queue.path), PROGRAM]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=ROOT, text=True) as process:
-        assert process.stdout is not None
         assert any(line == "started\n" for line in process.stdout)
         yield process
 
@@ -208,7 +206,7 @@ def test_a_take_that_another_program_runs_is_waited_for(queue: QueueFile, tmp_pa
     assert order == ["starts", "unlocked", "ended"]
 
 
-def test_the_commands(copied: Path, tmp_path: Path, here: Callable[..., Any], cli: Callable[..., Any]) -> None:
+def test_the_commands(copied: Path, tmp_path: Path, here: Callable[..., Any]) -> None:
     option = ("--queue", tmp_path / "queue.json")
     settings, take = copied / "ball.yaml", copied / "take"
     broken = settings.with_name("broken.yaml")
@@ -222,7 +220,7 @@ def test_the_commands(copied: Path, tmp_path: Path, here: Callable[..., Any], cl
     add(settings, "--take", tmp_path / "three", "--train.group_size", "-1").fails("group_size", code=2)
     add(settings).fails("--take takes/first", code=2)
     assert "queue run` starts it" in here("queue", "list", *option).stdout
-    done = cli("queue", "run", "--json", *option)
+    done = v3studio("queue", "run", "--json", *option)
     events = [parse_event(line) for line in done.stdout.splitlines()]
     assert done.fails().result == {"done": 1, "failed": 1}
     assert sum(isinstance(event, Finished) for event in events) == 1, "not those of the takes"

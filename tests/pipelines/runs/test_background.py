@@ -3,16 +3,17 @@ import pytest
 from pipelines.events import Finished
 from pipelines.runs.launch import Launched
 from tests.support.events import events_in, frames_in
+from tests.support.tiny_capture import v3studio
 from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.long
 
 
-def test_a_detached_run_is_shown_and_cancelled_and_continues(project, cli, here):
+def test_a_detached_run_is_shown_and_cancelled_and_continues(project, here):
     take = project / "take"
     slow = ("--train.keyframe_iterations", "20000")
     # in a process of its own, since the run is its child
-    begun = cli("run", project / "ball.yaml", "--take", take, "--until", "train", "--detach", *slow).ok()
+    begun = v3studio("run", project / "ball.yaml", "--take", take, "--until", "train", "--detach", *slow).ok()
     assert "Running in the background (process " in begun.stdout
     assert f"v3studio cancel {take}" in begun.stdout
     assert "run in progress: process" in here("status", take).stdout

@@ -9,9 +9,10 @@ from pipelines.stages import train_group
 from studio.errors import Cancelled
 from tests.support.events import frames_in, stop_when, trains_a_frame
 from tests.support.streams import contents
+from tests.support.tiny_capture import v3studio
 
 
-def test_stopped_and_killed_in_training_and_in_baking_gives_the_same_stream(finished, project, start, cli):
+def test_stopped_and_killed_in_training_and_in_baking_gives_the_same_stream(finished, project, start):
     take = project / "take"
     arguments = ("run", project / "ball.yaml", "--take", take, "--json")
 
@@ -38,7 +39,7 @@ def test_stopped_and_killed_in_training_and_in_baking_gives_the_same_stream(fini
     assert not set(frames_in(events)) & set(done)
     assert not (take / "stream" / "manifest.json").exists() or second.returncode == -signal.SIGKILL
 
-    events = cli(*arguments).ok().events
+    events = v3studio(*arguments).ok().events
     assert [event.stage for event in events if isinstance(event, StageStarted)][-1] == "evaluate"
     assert frames_in(events) == []
     assert contents(take / "stream") == contents(finished / "take" / "stream")
@@ -86,14 +87,14 @@ def test_stopped_inside_a_keyframe_continues_from_its_checkpoint(project, here, 
     assert not checkpoint.exists()
 
 
-def test_killed_between_frames_continues_on_the_side_of_the_keyframe(project, start, cli):
+def test_killed_between_frames_continues_on_the_side_of_the_keyframe(project, start):
     """The keyframe is frame 2, and the first guess of frame 0 takes frames 1 and 2, which a resumed run has to read."""
     one_group = ("--train.group_size", "5", "--capture.frames", ":5")
 
     def run(name: str) -> tuple:
         return ("run", project / "ball.yaml", "--take", project / name, "--json", *one_group)
 
-    cli(*run("unbroken")).ok()
+    v3studio(*run("unbroken")).ok()
     for attempt in range(5):  # on a busy machine the kill may come too late
         killed = f"killed{attempt}"
         process = start(*run(killed))
@@ -103,7 +104,7 @@ def test_killed_between_frames_continues_on_the_side_of_the_keyframe(project, st
             break
     assert not frames[1].exists(), "it was killed too late for this test to mean anything"
     assert frames_in(events) == [2, 3, 4, 1]
-    assert frames_in(cli(*run(killed)).ok().events) == [0]
+    assert frames_in(v3studio(*run(killed)).ok().events) == [0]
     assert frames[0].read_bytes() == frames[1].read_bytes()
 
 

@@ -8,12 +8,12 @@ import pytest
 from pipelines.events import StageFinished, StageStarted
 from pipelines.stages import CHAIN
 from tests.support.events import events_in, frames_in, stop_when, trains_a_frame
-from tests.support.tiny_capture import results
+from tests.support.tiny_capture import results, v3studio
 
 pytestmark = pytest.mark.long
 
 
-def test_groups_done_in_any_process_give_the_take_of_a_local_run(finished, project, start, cli, here):
+def test_groups_done_in_any_process_give_the_take_of_a_local_run(finished, project, start, here):
     take = project / "take"
     here("calibrate", project / "ball.yaml", "--take", take).ok()
     missing = here("work", take, "--stage", "train", "--group", "1")
@@ -38,7 +38,7 @@ def test_groups_done_in_any_process_give_the_take_of_a_local_run(finished, proje
     here("run", take, "--until", "bake").ok()
     for group in (0, 1):
         here("work", take, "--stage", "evaluate", "--group", group).ok()
-    events = cli("run", take, "--json").ok().events
+    events = v3studio("run", take, "--json").ok().events
     assert [event.stage for event in events if isinstance(event, StageStarted)] == ["evaluate"]
     assert frames_in(events, "train", "evaluate") == []
     assert results(take) == results(finished / "take")

@@ -70,8 +70,7 @@ BODY = b"GET /manifest.json HTTP/1.1\r\nHost: localhost\r\nContent-Length: 10000
 
 
 @pytest.mark.parametrize(
-    ("start", "code"),
-    [(b"", b"408"), (b"GET / HTTP/1.1\r\nHost", b"408"), (b"\x16\x03\x01", b"400"), (BODY, b"200")],
+    ("start", "code"), [(b"", b"408"), (b"GET / HTTP/1.1\r\nHost", b"408"), (b"\x16\x03\x01", b"400"), (BODY, b"200")]
 )
 def test_a_request_that_does_not_come_is_not_awaited(folder: Path, start: bytes, code: bytes) -> None:
     with bounded(folder, QUICK) as (port, _), connected(port, start) as client:

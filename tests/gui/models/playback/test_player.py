@@ -41,9 +41,7 @@ def player() -> Iterator[PlayerPresenter]:
 def test_nothing_whole_is_a_sentence_and_playing_ends(
     player: PlayerPresenter, stream_folder: Path, tmp_path: Path
 ) -> None:
-    source = StreamSource(stream_folder)
     shutil.copytree(stream_folder, tmp_path / "gone")
-    source.close()
     source = StreamSource(tmp_path / "gone")
     shutil.rmtree(tmp_path / "gone" / "files")
     with refuses("playback.group_skipped", group=1):

@@ -27,8 +27,6 @@ def test_footage_is_what_the_camera_filmed_and_splats_are_drawn_from_there(playe
     assert player.choose("footage")
     assert player.camera == "cam4", "the held-out camera"
     shown = picture_of(player)
-    assert player.opened is not None
-    assert player.opened.take is not None
     footage = player.context.footage.calibrated
     mask = footage.mask("cam4", footage.frames[0])[..., None] / 255
     filmed = footage.image("cam4", footage.frames[0]).astype(float) * mask

@@ -39,7 +39,6 @@ def test_models_and_splats_hide_each_other(tmp_path: Path) -> None:
     player.orbit = OrbitCamera.from_to(np.array([0, 0.6, 4]), np.array([0, 0.6, 0]), np.array([0, 1.0, 0]), 0.6)
 
     settle(player)
-    assert player.picture is not None
     view = player.orbit.camera(320, 240)
     column, row = view.project(np.array([[0.5, 0, 0.5]]))[0][0].astype(int)
     assert player.picture.image[row, column].tolist() == [0, 230, 0]

@@ -31,7 +31,6 @@ def test_serving_tells_its_address_and_ends(stream_folder: Path) -> None:
     wait_in_loop("address", lambda: serving.address, 180.0)
     assert serving.words.endswith(serving.address)
     place = urllib.parse.urlsplit(serving.address)
-    assert place.port is not None
     der = ssl.PEM_cert_to_DER_cert(ssl.get_server_certificate(("127.0.0.1", place.port)))
     assert serving.fingerprint.replace(":", "").lower() == hashlib.sha256(der).hexdigest()
     serving.stop()
@@ -49,28 +48,23 @@ def test_serving_tells_its_address_and_ends(stream_folder: Path) -> None:
     wait_until("the server is gone", gone, 60.0)
 
 
-def test_a_stream_is_not_taken_for_up_to_date_before_it_is_checked(take_copy: Path) -> None:
+def test_a_stream_is_not_taken_for_up_to_date_before_it_is_checked(workspace: Workspace, take_copy: Path) -> None:
     def told() -> str:
         return stale_words(workspace.assessment.stages.get("bake"), workspace.checked, workspace.unreadable)
 
-    workspace = Workspace()
-    try:
-        workspace.open(Take.open(take_copy))
-        assert "Checking" in told()
-        wait_in_loop("the check", lambda: workspace.checked)
-        assert told() == ""
-        config, take = workspace.config, workspace.take
-        assert take is not None
-        assert workspace.change_setting("bake.quality", config.bake.quality + 8) is None
-        assert "Checking" in told(), "what was found before the change does not count"
-        wait_in_loop("the check", lambda: workspace.checked)
-        assert "out of date: 'quality' in Bake changed" in told()
-        change_edits(take.edits, EditList(trim=Trim(first=1, last=2)), "trim")
-        workspace.inputs_changed()
-        assert "Checking" in told()
-        wait_in_loop("the check", lambda: workspace.checked)
-        (take_copy / "config.yaml").write_text("train: [")
-        wait_in_loop("the damaged file", lambda: workspace.unreadable)
-        assert "cannot be read" in told()
-    finally:
-        assert workspace.close()
+    workspace.open(Take.open(take_copy))
+    assert "Checking" in told()
+    wait_in_loop("the check", lambda: workspace.checked)
+    assert told() == ""
+    config, take = workspace.config, workspace.take
+    assert workspace.change_setting("bake.quality", config.bake.quality + 8) is None
+    assert "Checking" in told(), "what was found before the change does not count"
+    wait_in_loop("the check", lambda: workspace.checked)
+    assert "out of date: 'quality' in Bake changed" in told()
+    change_edits(take.edits, EditList(trim=Trim(first=1, last=2)), "trim")
+    workspace.inputs_changed()
+    assert "Checking" in told()
+    wait_in_loop("the check", lambda: workspace.checked)
+    (take_copy / "config.yaml").write_text("train: [")
+    wait_in_loop("the damaged file", lambda: workspace.unreadable)
+    assert "cannot be read" in told()

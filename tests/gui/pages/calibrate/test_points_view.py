@@ -38,7 +38,6 @@ def test_a_click_marks_where_the_picture_is_clicked(stage_view: PointsView) -> N
     stage_view.snaps = False
     magnifier = stage_view.magnifiers[stage_view.camera]
     stage_view.click(*magnifier.shown(30.0, 20.0))
-    assert stage_view.path is not None
     (point,) = read_tie_points(stage_view.path)
     assert point.pixels[stage_view.camera] == pytest.approx((30.0, 20.0), abs=0.02)
     assert point.frame == 0
@@ -71,16 +70,13 @@ def test_where_the_other_cameras_expect_it(stage_view: PointsView, take_copy: Pa
     names = rig.names
     two = TiePoint("both", {name: pixels[name] for name in names[:2]})
     found = expected(two, rig[names[2]], rig)
-    assert found is not None
     assert found == pytest.approx(np.array([pixels[names[2]]]), abs=1e-3)
     one = TiePoint("one", {names[0]: pixels[names[0]]})
     line = expected(one, rig[names[2]], rig)
-    assert line is not None
     ways = np.linalg.norm(line - np.array(pixels[names[2]]), axis=1)
     assert ways.min() < 0.05 * rig[names[2]].width  # the line passes through the true position
     assert expected(one, rig[names[0]], rig) is None
     picture(stage_view)
-    assert stage_view.marks is not None
     for name in names[:2]:
         stage_view.marks.mark(name, *pixels[name], 0)
     stage_view.show_camera(names[2])

@@ -1,4 +1,5 @@
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -88,7 +89,6 @@ def test_faces_of_the_box_are_dragged(view: EditView) -> None:
     assert view.counts["selected"] > 10
     view.release()
     new = view.edits.crop
-    assert new is not None
     moved = next(one for one in crop_handles(new) if one.direction @ UP > 0.9)
     assert camera.project(moved.place[None])[0][0] == pytest.approx([x, y + 25], abs=1.5)
     opposite = [next(one.place for one in crop_handles(each) if one.direction @ UP < -0.9) for each in (box, new)]
@@ -242,17 +242,13 @@ def test_a_trimmed_and_placed_stream_is_shown_as_in_its_take(take_copy: Path, mo
     world = World(up=(0, 0, 1), origin=(0.1, 0, 0), scale=50)
     # the same stream, read as one that begins with frame 2 of another world
     monkeypatch.setattr("gui.models.playback.stream_source.capture_place", lambda _: CapturePlace(2, world.similarity))
-    placed = StreamSource(take.stream, in_take=True)
-    try:
+    with closing(plain), closing(StreamSource(take.stream, in_take=True)) as placed:
         assert (placed.frame_count, list(placed.group_starts)) == (7, [2, 5])
         with pytest.raises(LeftOut):
             placed.gaussians(1)
         there, here = placed.gaussians(3).means.double(), plain.gaussians(1).means.double()
         back = world.similarity.points(there.numpy())
         assert np.allclose(back, here.numpy(), atol=1e-3)
-    finally:
-        plain.close()
-        placed.close()
 
 
 def test_numbers_in_fields_say_what_is_there_and_set_it() -> None:
