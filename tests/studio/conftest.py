@@ -1,6 +1,5 @@
 """Small synthetic footage, and the CPU's instruction sets."""
 
-import json
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from studio.cameras import Camera, Rig
+from studio.cameras import Camera
 from studio.rasterizer.cpu import load_kernels
 
 SAMPLE = Path(__file__).parents[2] / "sample_captures" / "walk16"
@@ -100,14 +99,3 @@ def image_folders(tmp_path: Path) -> Path:
             mask[16:48, 24:72] = 255
             write_image(tmp_path / "masks" / name / f"{index:06d}.png", mask)
     return tmp_path
-
-
-@pytest.fixture(scope="session")
-def sample_rig() -> Rig:
-    """The cameras of the sample capture, read independently of the library's reader."""
-    cameras = []
-    for entry in json.loads((SAMPLE / "cameras.json").read_text())["cameras"]:
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = entry["R"], entry["t"]
-        cameras.append(Camera(entry["name"], entry["width"], entry["height"], np.array(entry["K"]), pose))
-    return Rig(tuple(cameras))

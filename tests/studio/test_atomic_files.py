@@ -13,18 +13,12 @@ from studio.errors import StudioError
 from tests.support.errors import refuses
 
 
-def dead_pid():
-    """The number of a process that has ended."""
-    process = subprocess.Popen([sys.executable, "-S", "-c", ""])
-    process.wait()
-    return process.pid
-
-
 def test_only_what_ended_processes_left_is_removed(tmp_path, monkeypatch):
     target, names = tmp_path / "turn.mp4", ("turn.mp4", "turn", "other.mp4")
+    ended = subprocess.Popen([sys.executable, "-S", "-c", ""])
+    ended.wait()
     with monkeypatch.context() as patch:
-        dead = dead_pid()
-        patch.setattr(os, "getpid", lambda: dead)
+        patch.setattr(os, "getpid", lambda: ended.pid)
         gone, *others = (temporary_path(tmp_path / name) for name in names)
         old = temporary_path(target, ".old")
         patch.setattr(os, "getpid", os.getppid)

@@ -16,8 +16,6 @@ from studio.cameras import Rig
 from tests.support.errors import refuses
 from tests.support.rigs import BENT, POINTS, STRAIGHT, assert_same_images, on_circle, pose
 
-# What the programs themselves compute ---------------------------------------------------------------------------------
-
 
 def easymocap(folder: Path) -> dict[str, np.ndarray]:
     """Files written with OpenCV's FileStorage, as in EasyMocap, and cv2.projectPoints's result in OpenCV's pixels."""
@@ -355,9 +353,6 @@ def test_distortion_of_nerfstudio_in_a_list(tmp_path: Path) -> None:
     np.testing.assert_allclose(rig["cam00"].distortion, [0.1, 0.02, 0.004, 0.005, 0.003])
 
 
-# Broken files ---------------------------------------------------------------------------------------------------------
-
-
 def metashape_file(folder: Path, k4: str = "") -> Path:
     (folder / "cameras.xml").write_text(METASHAPE.format(k4=k4))
     return folder / "cameras.xml"
@@ -465,9 +460,6 @@ def test_broken_rerf(tmp_path: Path) -> None:
     intrinsics_file.write_text(intrinsics.rsplit("0 0 1", 1)[0])
     with refuses("camera_file.truncated", file=intrinsics_file, value=6, expected=9):
         read_rig(tmp_path)
-
-
-# Variants that other programs and people write ------------------------------------------------------------------------
 
 
 def test_metashape_slaves_are_placed_from_their_master(tmp_path: Path) -> None:

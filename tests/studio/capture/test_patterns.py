@@ -41,9 +41,6 @@ def test_pattern_without_camera_or_with_unknown_parts(tmp_path: Path) -> None:
     ("files", "pattern"),
     [
         (["videos/a.mp4", "videos/b.mp4", "rgba/a/0.png"], "videos/{camera}.mp4"),
-        (["images/a/0.png", "images/b/0.png", "masks/a/0.png"], "images/{camera}/{frame}.png"),
-        (["rgbs/C1/C1_rgb00.jpg", "rgbs/C2/C2_rgb00.jpg", "masks/C1/C1_mask00.png", "calibration.csv"],
-         "rgbs/{camera}/{camera}_rgb{frame}.jpg"),
         (["image_white/0/0.png", "image_white/0/1.png", "image_white/transforms.json"],
          "image_white/{frame}/{camera}.png"),
         (["image/000.mp4", "image/001.mp4", "mask/000.mp4", "CamPose.inf"], "image/{camera}.mp4"),
@@ -53,8 +50,6 @@ def test_pattern_without_camera_or_with_unknown_parts(tmp_path: Path) -> None:
         (["0/left.png", "0/right.png", "1/left.png", "1/right.png"], "{frame}/{camera}.png"),
         (["left/0.png", "left/1.png", "right/0.png", "right/1.png"], "{camera}/{frame}.png"),
         (["images/DSC_0007.jpg", "images/DSC_0008.jpg"], "images/{camera}.jpg"),
-        (["images/a_0000.jpg", "images/a_0001.jpg", "images/b_0000.jpg", "images/b_0001.jpg"],
-         "images/{camera}_{frame}.jpg"),
         (["0/images/a.png", "1/images/a.png"], "{frame}/images/{camera}.png"),
         (["a.mp4", "b.mp4", "bg/a.png"], "{camera}.mp4"),
         (["cam0/0001.png", "cam1/0001.png", "bg/0001.png"], "{camera}/{frame}.png"),

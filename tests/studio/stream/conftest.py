@@ -15,6 +15,7 @@ from studio.stream import BakeSettings, Rung, bake_group, bake_sound, write_mani
 from studio.stream.encode import write_manifest as manifest_writer
 from tests.support import sounds
 from tests.support.shared import made_once
+from tests.support.splats import noise
 
 LADDER = (Rung(qp=24), Rung(qp=34), Rung(qp=34, splats=0.5, sh_degree=0, finetune_iterations=0))
 KINDS: dict[str, dict[str, Any]] = {
@@ -85,21 +86,17 @@ def write_stream(
 
 def clouds(frames: int = 4, splats: int = 200, degree: int = 0, seed: int = 0) -> list[Gaussians]:
     """A rotating, drifting cloud; all attributes vary over time."""
-    generator = torch.Generator().manual_seed(seed)
-
-    def noise(*shape: int) -> torch.Tensor:
-        return torch.randn(*shape, generator=generator)
-
-    start, velocity = noise(splats, 3), 0.05 * noise(splats, 3)
-    quats, log_scales, logits = noise(splats, 4), noise(splats, 3) * 0.7 - 4, noise(splats) * 2
-    sh = noise(splats, (degree + 1) ** 2, 3)
+    random = noise(seed)
+    start, velocity = random(splats, 3), 0.05 * random(splats, 3)
+    quats, log_scales, logits = random(splats, 4), random(splats, 3) * 0.7 - 4, random(splats) * 2
+    sh = random(splats, (degree + 1) ** 2, 3)
     return [
         Gaussians(
             means=start + t * velocity + torch.tensor([0.1 * t, 0.0, 0.0]),
-            quats=(quats + 0.1 * t * noise(splats, 4)) * (-1.0) ** t,  # signs flip on purpose
+            quats=(quats + 0.1 * t * random(splats, 4)) * (-1.0) ** t,  # signs flip on purpose
             log_scales=log_scales + 0.02 * t,
             logit_opacities=logits - 0.05 * t,
-            sh=sh + 0.01 * noise(*sh.shape),
+            sh=sh + 0.01 * random(*sh.shape),
         )
         for t in range(frames)
     ]
@@ -107,15 +104,11 @@ def clouds(frames: int = 4, splats: int = 200, degree: int = 0, seed: int = 0) -
 
 def turned_bodies(frames: int, splats: int, degree: int = 0) -> list[Gaussians]:
     """Two rigid bodies that pass through each other, one of them rotating; colors and sizes are constant."""
-    generator = torch.Generator().manual_seed(3)
-
-    def noise(*shape: int) -> torch.Tensor:
-        return torch.randn(*shape, generator=generator)
-
-    start = noise(splats, 3) * 0.2
+    random = noise(3)
+    start = random(splats, 3) * 0.2
     second = torch.arange(splats) % 2 == 1
-    quats = torch.nn.functional.normalize(noise(splats, 4), dim=1)
-    log_scales, logits, sh = noise(splats, 3) * 0.5 - 4, noise(splats), noise(splats, (degree + 1) ** 2, 3)
+    quats = torch.nn.functional.normalize(random(splats, 4), dim=1)
+    log_scales, logits, sh = random(splats, 3) * 0.5 - 4, random(splats), random(splats, (degree + 1) ** 2, 3)
     result = []
     for t in range(frames):
         turn = Rotation.from_rotvec([0, 0, 0.2 * t])

@@ -10,7 +10,8 @@ from tests.support.streams import contents
 
 
 def test_what_is_there_is_not_copied_again(make_ladder, tmp_path):
-    folder, target = make_ladder((2, 2), splats=60), tmp_path / "web" / "stream"
+    """With the sound."""
+    folder, target = make_ladder((2, 2), splats=60, clicks=[0.05]), tmp_path / "web" / "stream"
     with StreamReader.open(folder) as reader:
         first = publish(reader, str(target))
         again = publish(reader, str(target))

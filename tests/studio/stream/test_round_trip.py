@@ -42,10 +42,6 @@ def matches(original: Gaussians, decoded: Gaussians) -> np.ndarray:
     return index
 
 
-def rotations(gaussians: Gaussians) -> Rotation:
-    return Rotation.from_quat(gaussians.quats.numpy()[:, [1, 2, 3, 0]])
-
-
 def expect_close_planes(original: Gaussians, decoded: Gaussians, entry, label: str) -> None:
     """Each component within half a step of its range in the manifest."""
     half = {e.name: 0.5 * (e.max - e.min) / (65535 if len(e.planes) == 2 else 255) for e in entry.components}
@@ -89,7 +85,7 @@ def expect_close_motion(original: Gaussians, decoded: Gaussians, entry, keyframe
         check(f"sh_{k} luma", error @ [0.25, 0.5, 0.25], y)
 
     def shape(gaussians):  # the square root of the covariance's square root
-        axes = rotations(gaussians).as_matrix()
+        axes = Rotation.from_quat(gaussians.quats.numpy(), scalar_first=True).as_matrix()
         return (axes * gaussians.scales.sqrt().numpy()[:, None]) @ axes.transpose(0, 2, 1)
 
     # blocks turn the matrices, which leaves this norm of an error
@@ -167,9 +163,6 @@ def test_frames_are_decoded_with_the_dilation_of_their_group(tmp_path, profile):
         assert [frame.dilation for frame in reader.iterate()] == [0.1, 0.1, 0.3, 0.3, 1.0, 1.0]
 
 
-# Planes
-
-
 def test_quaternion_signs_are_continuous(tmp_path):
     frames = clouds(6, 300)  # their signs flip every frame
     _, decoded = bake(tmp_path, frames, profile="planes", quality=0)
@@ -193,9 +186,6 @@ def test_high_bytes_are_lossless_and_low_errors_do_not_carry(tmp_path, mirror):
             wanted, found = codes(frame.means[order][:, i]), codes(decoded.means[:, i])
             assert np.array_equal(wanted >> 8, found >> 8)
             assert np.abs(wanted - found).max() > 0  # lossy indeed
-
-
-# Motion
 
 
 @pytest.mark.parametrize("frames", [1, 4])

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 from studio.stream import StreamReader
-from studio.stream.publish import publish
-from studio.stream.write_archive import write_archive
 from tests.support.errors import refuses
 from tests.support.sounds import click_times
 from tests.support.streams import put_file, write_sealed
@@ -42,16 +40,6 @@ def test_sound_in_the_manifest_and_decoded(stream):
         assert not around[-200:].any()
         assert np.allclose(around[100:-200], whole, atol=1e-4)
         sound.close()
-
-
-def test_one_file_and_published_streams_carry_it(stream, tmp_path):
-    with StreamReader.open(stream) as reader:
-        publish(reader, str(tmp_path / "web"))
-        write_archive(reader, tmp_path / "a.v3s")
-        data = reader.audio_bytes()
-    for place in (tmp_path / "web", tmp_path / "a.v3s"):
-        with StreamReader.open(place) as reader:
-            assert reader.audio_bytes() == data
 
 
 def test_what_is_not_the_sound_of_the_manifest(stream):

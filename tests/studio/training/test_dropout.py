@@ -6,14 +6,10 @@ import torch
 from studio.training.dropout import DROPPED_LOGIT, drop_splats, drop_splats_torch
 
 
-def logits_of_all_sizes(dtype: torch.dtype) -> torch.Tensor:
-    return torch.cat([torch.linspace(-40, 40, 4001, dtype=dtype), torch.tensor([5.3, -13.0], dtype=dtype)])
-
-
 @pytest.mark.usefixtures("instruction_set")
 @pytest.mark.parametrize(("dtype", "error"), [(torch.float32, 2e-6), (torch.float64, 1e-12)])
 def test_the_kernel_equals_the_definition(dtype: torch.dtype, error: float) -> None:
-    logits = logits_of_all_sizes(dtype)
+    logits = torch.cat([torch.linspace(-40, 40, 4001, dtype=dtype), torch.tensor([5.3, -13.0], dtype=dtype)])
     results = []
     for function, source in ((drop_splats, logits), (drop_splats_torch, logits.double())):
         leaf = source.clone().requires_grad_()

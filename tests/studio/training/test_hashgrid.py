@@ -2,7 +2,6 @@
 
 import itertools
 
-import pytest
 import torch
 
 from studio.training.hashgrid import HashGrid
@@ -50,16 +49,7 @@ def test_encoding_equals_the_literal_implementation() -> None:
 def test_gradient_equals_finite_differences() -> None:
     grid = make_grid().double()
     corners = grid.corners(torch.rand(7, 3, dtype=torch.float64))
-    weight = torch.randn(7, grid.width, dtype=torch.float64)
-    (grid(corners) * weight).sum().backward()
-    rows = grid.table.grad.abs().sum(-1).nonzero().flatten()[:12].tolist()
-    for row in rows:
-        with torch.no_grad():
-            before = (grid(corners) * weight).sum()
-            grid.table[row, 1] += 1e-6
-            after = (grid(corners) * weight).sum()
-            grid.table[row, 1] -= 1e-6
-        assert float((after - before) / 1e-6) == pytest.approx(float(grid.table.grad[row, 1]), abs=1e-6)
+    assert torch.autograd.gradcheck(lambda table: grid(corners), grid.table, fast_mode=True)
 
 
 def test_positions_outside_are_clamped() -> None:
