@@ -9,6 +9,14 @@ import pytest
 SCRIPTS = Path(__file__).parents[2] / "scripts"
 
 
+def write_program(file: Path, script: str) -> Path:
+    """A program in place of what is there."""
+    file.unlink(missing_ok=True)
+    file.write_text(f"#!/bin/sh\n{script}\n", encoding="utf-8")
+    file.chmod(0o755)
+    return file
+
+
 @pytest.fixture
 def clone(tmp_path: Path) -> Path:
     """A folder that contains only our scripts and has spaces and non-ASCII characters in its name."""

@@ -6,12 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from tests.scripts.conftest import write_program
 
-def write_program(file: Path, text: str) -> Path:
-    file.unlink(missing_ok=True)
-    file.write_text(text, encoding="utf-8")
-    file.chmod(0o755)
-    return file
+THIS_PYTHON = f'exec "{sys.executable}" "$@"'
 
 
 def find(clone: Path, programs: Path, python: str | None = None) -> subprocess.CompletedProcess[str]:
@@ -23,19 +20,19 @@ def find(clone: Path, programs: Path, python: str | None = None) -> subprocess.C
 def an_old_python(file: Path) -> Path:
     """This Python, but it reports version 3.9.2."""
     code = "import sys; sys.version_info = (3, 9, 2); exec(sys.argv[1])"
-    return write_program(file, f'#!/bin/sh\nexec "{sys.executable}" -c \'{code}\' "$2"\n')
+    return write_program(file, f'exec "{sys.executable}" -c \'{code}\' "$2"')
 
 
 def test_an_older_python3_is_passed_over(clone: Path, programs: Path) -> None:
     an_old_python(programs / "python3")
-    newer = write_program(programs / "python3.12", f'#!/bin/sh\nexec "{sys.executable}" "$@"\n')
+    newer = write_program(programs / "python3.12", THIS_PYTHON)
     answer = find(clone, programs)
     assert (answer.returncode, answer.stdout.strip()) == (0, str(newer))
 
 
 def test_python_decides_where_it_is_set(clone: Path, programs: Path) -> None:
-    write_program(programs / "python3", f'#!/bin/sh\nexec "{sys.executable}" "$@"\n')
-    mine = write_program(clone / "my python", f'#!/bin/sh\nexec "{sys.executable}" "$@"\n')
+    write_program(programs / "python3", THIS_PYTHON)
+    mine = write_program(clone / "my python", THIS_PYTHON)
     answer = find(clone, programs, str(mine))
     assert (answer.returncode, answer.stdout.strip()) == (0, str(mine))
 
@@ -45,7 +42,7 @@ def test_python_decides_where_it_is_set(clone: Path, programs: Path) -> None:
     [("no-such-python", "is not a program"), ("false", "does not run as Python"), ("old", "is Python 3.9.2;")],
 )
 def test_a_wrong_python_is_refused_by_name(clone: Path, programs: Path, python: str, reason: str) -> None:
-    write_program(programs / "python3", f'#!/bin/sh\nexec "{sys.executable}" "$@"\n')
+    write_program(programs / "python3", THIS_PYTHON)
     an_old_python(programs / "old")
     answer = find(clone, programs, python)
     assert answer.returncode == 1

@@ -6,22 +6,18 @@ from pathlib import Path
 
 import pytest
 
+from tests.scripts.conftest import write_program
+
 
 @pytest.fixture
 def bare(programs: Path) -> Path:
     """The programs of a system that has none of the libraries, and whose user has neither root nor sudo."""
-    replace(programs, "python3", f'exec "{sys.executable}" "$@"')
-    replace(programs, "ldconfig", "exit 0")
-    replace(programs, "id", "echo 1000")
+    write_program(programs / "python3", f'exec "{sys.executable}" "$@"')
+    write_program(programs / "ldconfig", "exit 0")
+    write_program(programs / "id", "echo 1000")
     (programs / "sudo").unlink(missing_ok=True)
-    replace(programs, "apt-get", "echo unexpected; exit 1")
+    write_program(programs / "apt-get", "echo unexpected; exit 1")
     return programs
-
-
-def replace(programs: Path, name: str, script: str) -> None:
-    (programs / name).unlink(missing_ok=True)
-    (programs / name).write_text(f"#!/bin/sh\n{script}\n", encoding="utf-8")
-    (programs / name).chmod(0o755)
 
 
 def look(clone: Path, programs: Path) -> subprocess.CompletedProcess[str]:
@@ -38,14 +34,14 @@ def test_a_user_without_root_gets_one_command_to_paste(clone: Path, bare: Path) 
 
 
 def test_with_sudo_where_there_is_one(clone: Path, bare: Path) -> None:
-    replace(bare, "sudo", "exit 1")  # it asks for a password
+    write_program(bare / "sudo", "exit 1")  # it asks for a password
     command = look(clone, bare).stderr.splitlines()[1].strip()
     assert command.startswith("sudo apt-get update && sudo apt-get install -y --no-install-recommends ")
 
 
 def test_root_installs(clone: Path, bare: Path, tmp_path: Path) -> None:
-    replace(bare, "id", "echo 0")
-    replace(bare, "apt-get", f'echo "$@" >>"{tmp_path}/calls"')
+    write_program(bare / "id", "echo 0")
+    write_program(bare / "apt-get", f'echo "$@" >>"{tmp_path}/calls"')
     answer = look(clone, bare)
     assert answer.returncode == 0, answer.stderr
     update, install = (tmp_path / "calls").read_text().splitlines()
@@ -62,8 +58,8 @@ def test_root_installs(clone: Path, bare: Path, tmp_path: Path) -> None:
     ],
 )
 def test_a_failure_of_apt_is_one_sentence(clone: Path, bare: Path, messages: str, sentence: str) -> None:
-    replace(bare, "id", "echo 0")
-    replace(bare, "apt-get", f'printf "%s\\n" "{messages}"\nexit 100')
+    write_program(bare / "id", "echo 0")
+    write_program(bare / "apt-get", f'printf "%s\\n" "{messages}"\nexit 100')
     answer = look(clone, bare)
     assert answer.returncode == 1
     assert len(answer.stderr.splitlines()) == 1

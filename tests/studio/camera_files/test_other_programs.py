@@ -246,17 +246,6 @@ def test_metashape(tmp_path: Path, k4: float) -> None:
     np.testing.assert_allclose(camera.project(world)[0], expected, atol=0.2 if k4 else 5e-4)
 
 
-def rerf(folder: Path) -> None:
-    (folder / "image" / "0").mkdir(parents=True)
-    poses = ""
-    for index in range(3):
-        back = np.linalg.inv(pose(on_circle(0.5 + index, 3.0, 0.3)))
-        poses += " ".join(repr(float(v)) for v in (*back[:3, 2], *back[:3, 0], *back[:3, 1], *back[:3, 3])) + "\n"
-        Image.new("RGB", (640, 360)).save(folder / "image" / "0" / f"img_{index:04d}.png")
-    (folder / "CamPose.inf").write_text(poses)
-    (folder / "Intrinsic.inf").write_text("".join(f"{n}\n500.5 0 320.25\n0 510.5 178.5\n0 0 1\n\n" for n in range(3)))
-
-
 def test_folders_of_frames_with_transforms(tmp_path: Path) -> None:
     """VideoGS: 0/transforms.json, 1/transforms.json, ...; the cameras of the first frame are used."""
     for frame in (0, 1, 10):
@@ -447,11 +436,13 @@ def test_broken_files_of_easymocap(tmp_path: Path) -> None:
 
 
 def test_broken_rerf(tmp_path: Path) -> None:
-    rerf(tmp_path)
+    """Its intact files are read in tests/studio/capture/test_layouts.py."""
     pose_file, intrinsics_file = tmp_path / "CamPose.inf", tmp_path / "Intrinsic.inf"
-    poses, intrinsics = pose_file.read_text(), intrinsics_file.read_text()
-    pose_file.write_text(poses.replace(poses.split()[13], "nan", 1))
-    with refuses("camera.not_finite", file=pose_file, camera="1", key="line 2", index="[1]"):
+    poses = "".join(f"0 0 1 1 0 0 0 1 0 {number}.5 0 3\n" for number in range(3))
+    intrinsics = "".join(f"{number}\n500.5 0 320.25\n0 510.5 178.5\n0 0 1\n\n" for number in range(3))
+    intrinsics_file.write_text(intrinsics)
+    pose_file.write_text(poses.replace("1.5", "nan"))
+    with refuses("camera.not_finite", file=pose_file, camera="1", key="line 2", index="[9]"):
         read_rig(tmp_path)
     pose_file.write_text(poses.splitlines()[0])
     with refuses("camera_file.camera_count", file=intrinsics_file, value=3, expected=1):

@@ -1,26 +1,32 @@
 """The fused photometric loss against its definition in torch."""
 
+from collections.abc import Callable
+
 import pytest
 import torch
+from torch import Tensor
 
 from studio.training.photometric import photometric_loss, photometric_loss_torch
 from tests.studio.rasterizer.conftest import assert_same_by_any_threads
 from tests.support.errors import refuses
 
 
-def pair(height: int, width: int) -> tuple[torch.Tensor, torch.Tensor]:
+def pair(height: int, width: int) -> tuple[Tensor, Tensor]:
     generator = torch.Generator().manual_seed(height * 1000 + width)
     target = torch.rand(height, width, 3, generator=generator)
     image = (target + 0.2 * torch.randn(target.shape, generator=generator)).requires_grad_()
     return image, target
 
 
-def both(image: torch.Tensor, target: torch.Tensor, weight: float) -> tuple[torch.Tensor, ...]:
-    loss = photometric_loss(image, target, weight)
-    (gradient,) = torch.autograd.grad(loss, image)
+def both(
+    image: Tensor, target: Tensor, weight: float, loss_of: Callable[..., Tensor] = photometric_loss
+) -> tuple[Tensor, ...]:
+    loss = loss_of(image, target, weight)
+    assert loss.dtype == image.dtype
+    (gradient,) = torch.autograd.grad(3 * loss, image)
     exact = image.detach().double().requires_grad_()
     true_loss = photometric_loss_torch(exact, target.double(), weight)
-    (true_gradient,) = torch.autograd.grad(true_loss, exact)
+    (true_gradient,) = torch.autograd.grad(3 * true_loss, exact)
     return loss.detach().double(), gradient.double(), true_loss.detach(), true_gradient
 
 
