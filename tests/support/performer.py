@@ -40,14 +40,14 @@ def attribute_errors(frames: Sequence[Gaussians], decoded: Sequence[Gaussians]) 
         squares["means"].append((truth.means - found.means).square().numpy().ravel())
         squares["opacity"].append((truth.opacities - found.opacities).square().numpy())
         squares["sh"].append((truth.sh - found.sh).square().numpy().ravel())
-        one, two = _covariances(truth), _covariances(found)
+        one, two = covariances(truth), covariances(found)
         error = np.linalg.norm(one - two, axis=(1, 2)) / np.trace(one, axis1=1, axis2=2)
         squares["covariance"].append(error**2)
     return {name: float(np.sqrt(np.concatenate(parts).mean())) for name, parts in squares.items()}
 
 
-def _covariances(gaussians: Gaussians) -> np.ndarray:
-    """(N, 3, 3)."""
+def covariances(gaussians: Gaussians) -> np.ndarray:
+    """(N, 3, 3), independent of the order of a splat's axes."""
     turns = Rotation.from_quat(gaussians.quats.numpy(), scalar_first=True).as_matrix()
     axes = turns * gaussians.scales.numpy()[:, None]
     return axes @ axes.transpose(0, 2, 1)

