@@ -1,5 +1,3 @@
-"""Fixtures for all tests."""
-
 import gc
 import os
 import signal

@@ -359,7 +359,6 @@ class RunningWindow:
         self.wait_for(f"{whole!r} in {widget}", lambda s: s["texts"].get(widget) == whole)
 
     def key(self, name: str, until: Until | None = None) -> State:
-        """Press a key."""
         self._enter()
         return self.send("key", name, until=until)
 

@@ -10,9 +10,8 @@ import pytest
 
 from pipelines.cli import make_parser
 from pipelines.events import Log, Progress, StageFinished, parse_event
+from tests.support.tiny_capture import ROOT
 from tests.support.warm_python import warm_python
-
-ROOT = Path(__file__).parents[2]
 
 NOISE = """
 import argparse, atexit, ctypes, os, subprocess, sys

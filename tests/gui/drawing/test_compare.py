@@ -1,5 +1,3 @@
-"""Pictures compared: wipe, side by side, heat map; and the visible part of a camera's image."""
-
 import numpy as np
 import pytest
 

@@ -200,7 +200,6 @@ def test_a_new_take_from_footage(footage_project: Path, tmp_path: Path) -> None:
     assert "no such folder" in new.found().words
     new.footage = str(footage_project / "capture")
     assert "6 cameras" in new.found().words
-    assert "cameras.json" in new.found().words
     assert "No camera is held out" in new.found().words
     assert Path(new.proposed_take()).parent == footage_project
     new.settings, new.take = str(footage_project / "ball.yaml"), str(tmp_path / "take")

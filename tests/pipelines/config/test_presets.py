@@ -1,10 +1,8 @@
 import json
-from pathlib import Path
 
 from pipelines.config import Config, load_config
 from pipelines.config.presets import PRESETS, differing, preset_of, values_of, with_values
-
-ROOT = Path(__file__).resolve().parents[3]
+from tests.support.tiny_capture import ROOT
 
 
 def test_all_presets_set_the_same_valid_settings() -> None:

@@ -1,5 +1,3 @@
-"""kill -9 and SIGTERM during a run, then `run` again: the same stream as from an uninterrupted run."""
-
 import contextlib
 import json
 import signal
