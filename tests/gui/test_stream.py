@@ -143,12 +143,12 @@ def test_a_stream_is_played_shared_and_served(open_window: Callable[..., Running
     places = window.states()[-1]["widgets"]
     assert places["dialog line"][0] == places["dialog title"][0], "the output is below the other fields"
     window.click("dialog save")
-    window.wait_for("what was written", lambda s: s["notice"].startswith("Shared: "), 180)
+    state = window.wait_for(
+        "what was written", lambda s: s["notice"].startswith("Shared: ") and "notice open_folder" in s["widgets"], 180
+    )
     shared, manifest = tmp_path / "walk-share", (folder / "manifest.json").read_bytes()
     assert (shared / "stream" / "manifest.json").read_bytes() == manifest
-    state = window.states()[-1]
     assert state["dialog"] == "", "nothing stops the work"
-    assert "notice open_folder" in state["widgets"]
     assert "<title>A walk</title>" in (shared / "index.html").read_text()
 
     state = window.menu("Share", "share folder", until=("dialog again", lambda s: s["dialog"] == "share"))
