@@ -227,8 +227,8 @@ def choose_bake(take: Take, name: str) -> None:
     records = [kept.record, *_evaluation_of(kept.take, kept.record)]
     for record in records:
         refuse_damage(kept.take, record.stage, f"Remove it: `v3studio bake remove TAKE {name}`.")
-    for stage in ("bake", "evaluate"):
-        take.forget(stage)
+    for record in records:  # an evaluation of another stream stays, and is stale
+        take.forget(record.stage)
     set_settings(take.config, kept.settings)
     remove(take.work("bake"))
     manifest = kept.take.stream / "manifest.json"

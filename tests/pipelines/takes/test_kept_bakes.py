@@ -108,6 +108,14 @@ def test_a_kept_bake_is_chosen_and_removed(take: Take, here: Callable) -> None:
     assert load_config(take.config).bake.quality == 22
     here("status", take.root, "--check").ok()
     assert check_take(take, STAGE_NAMES).damage == ()
+
+    here("bake", take.root, "--bake.quality", "40", "--keep", "unmeasured").ok()
+    here("bake", "choose", take.root, "fine").ok()
+    here("bake", "choose", take.root, "unmeasured").ok()
+    measured = here("status", take.root, "--json").result["stages"]["evaluate"]
+    assert (measured["state"], measured["reason"]) == ("stale", "the result of bake changed")
+    here("bake", "choose", take.root, "fine").ok()
+    here("bake", "remove", take.root, "unmeasured").ok()
     here("bake", "remove", take.root, "fine", "other").fails()
     assert [kept.name for kept in kept_bakes(take)] == ["fine"]
     here("bake", "remove", take.root, "fine").ok()
