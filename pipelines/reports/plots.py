@@ -32,7 +32,7 @@ def figure_with_axes(width: float, height: float) -> tuple[Any, Any]:
 
     figure = Figure(figsize=(width, height))
     # margins in inches; finding the smallest ones would draw everything twice
-    axes = figure.add_axes((0.65 / width, 0.45 / height, 1 - 0.75 / width, 1 - 0.55 / height))
+    axes = figure.add_axes((0.8 / width, 0.45 / height, 1 - 0.9 / width, 1 - 0.55 / height))
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(alpha=0.25)
     return figure, axes

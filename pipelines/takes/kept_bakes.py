@@ -227,9 +227,9 @@ def choose_bake(take: Take, name: str) -> None:
     records = [kept.record, *_evaluation_of(kept.take, kept.record)]
     for record in records:
         refuse_damage(kept.take, record.stage, f"Remove it: `v3studio bake remove TAKE {name}`.")
+    set_settings(take.config, kept.settings)  # first, since the take's file may be refused
     for record in records:  # an evaluation of another stream stays, and is stale
         take.forget(record.stage)
-    set_settings(take.config, kept.settings)
     remove(take.work("bake"))
     manifest = kept.take.stream / "manifest.json"
     names = {name: None for record in records for name in record.files}

@@ -102,6 +102,11 @@ def test_a_kept_bake_is_chosen_and_removed(take: Take, here: Callable) -> None:
     here("run", take.root, "--bake.quality", "40").ok()
     assert contents(take.stream) != first
     here("bake", "choose", take.root, "fin").fails()
+    text, record = take.config.read_text(), take.record("bake").read_bytes()
+    take.config.write_text(f"{text}\n  wrong: [")
+    here("bake", "choose", take.root, "fine").fails()
+    take.config.write_text(text)
+    assert take.record("bake").read_bytes() == record, "what is refused changes nothing"
     here("bake", "choose", take.root, "fine").ok()
     assert contents(take.stream) == first
     assert take.evaluation.read_bytes() == evaluation
