@@ -26,7 +26,7 @@ import numpy as np
 
 from studio.cameras import Camera
 from studio.capture.digest import digest_files
-from studio.capture.settings import DifferenceSettings, ModelSettings
+from studio.capture.settings import CaptureSettings, DifferenceSettings, ModelSettings
 from studio.errors import StudioError
 from studio.masks.agreement.empty_set import cover, uncovered
 from studio.masks.agreement.evidence import LIMIT, brightness, evidence_of, smoothed
@@ -137,7 +137,7 @@ class AgreedMaskSource:
 
     def _emptied(self, camera: str) -> Background:
         _, recipe, folder = self._cache or ("", "", None)
-        key = hashlib.blake2b(f"{recipe}\0{camera}".encode(), digest_size=16).hexdigest()
+        key = _digest(recipe, camera)
         return cached_background(
             folder, key, lambda: self._uncovered(camera, self._covers.get_or_make(None, self._cover))
         )
@@ -345,7 +345,8 @@ def open_agreed(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | 
         return AgreedMaskSource(inputs, None, plates, model), words
     cache = None
     if inputs.cache_folder is not None:  # the sets do not depend on the model
-        cache = _recipe(inputs, plates, model), _recipe(inputs, plates, None), inputs.cache_folder
+        sets = _recipe(inputs, plates)
+        cache = _recipe_of_masks(sets, inputs.spec, model), sets, inputs.cache_folder
     source = AgreedMaskSource(inputs, inputs.cameras(), plates, model, clean is None, cache)
     if model:
         phrase += " and a matting model"
@@ -354,17 +355,27 @@ def open_agreed(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | 
     return source, f"agreed by {voters} cameras, from the {phrase}"
 
 
-def _recipe(inputs: MaskInputs, plates: PlateMaskSource, model: MattingModel | None) -> str:
-    """Everything that the masks depend on or, without a model, the sets."""
+def _recipe(inputs: MaskInputs, plates: PlateMaskSource) -> str:
+    """Everything that the sets depend on."""
     assert inputs.cameras is not None
     spec = inputs.spec
-    sources = [*inputs.sources.values(), *(one for one in (plates, inputs.garbage, model) if one is not None)]
-    settings = {*DifferenceSettings.model_fields, *(ModelSettings.model_fields if model else ()), "offsets"}
-    parts = [
+    sources = [*inputs.sources.values(), plates, *(() if inputs.garbage is None else (inputs.garbage,))]
+    return _digest(
         str(_VERSION),
         digest_files(spec.root, [path for source in sources for path in source.files()]),
-        spec.model_dump_json(include=settings),
+        spec.model_dump_json(include={*DifferenceSettings.model_fields, "offsets"}),
         spec.model_dump_json(include={"color_matrix", "transfer", "held_out"}),
         *(f"{camera.to_dict()}" for camera in inputs.cameras().values()),
-    ]
+    )
+
+
+def _recipe_of_masks(sets: str, spec: CaptureSettings, model: MattingModel | None) -> str:
+    """Everything that the masks depend on: the recipe of the sets, and the model."""
+    if model is None:
+        return sets
+    files = digest_files(spec.root, model.files())
+    return _digest(sets, files, spec.model_dump_json(include=set(ModelSettings.model_fields)))
+
+
+def _digest(*parts: str) -> str:
     return hashlib.blake2b("\0".join(parts).encode(), digest_size=16).hexdigest()
