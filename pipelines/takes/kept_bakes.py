@@ -6,6 +6,7 @@ the folder removes it. Files are hard links to those of the take where the file 
 space until the take is baked again. Nothing in a take is changed in place, so links stay as they were.
 """
 
+import functools
 import re
 import unicodedata
 from dataclasses import dataclass
@@ -105,12 +106,18 @@ def kept_bakes(take: Take) -> list[KeptBake]:
 
 def _settings_of(bake: StageRecord) -> dict[str, JsonValue]:
     """See `KeptBake.settings`."""
-    results, later = affected(Config), {"videos", "manifest", "sound", "evaluation"}
-    own = {name: value for name, value in leaves(Config()) if results[name] and later.issuperset(results[name])}
+    own = _own_settings()
     found = {name: bake.params[name] for name in own if name in bake.params}
     for name in (name for name, default in own.items() if isinstance(default, dict)):  # a record has its items
         found[name] = {key[len(name) + 1 :]: value for key, value in bake.params.items() if key.startswith(f"{name}.")}
     return found
+
+
+@functools.cache
+def _own_settings() -> dict[str, JsonData]:
+    """The settings that training does not depend on, with their defaults."""
+    results, later = affected(Config), {"videos", "manifest", "sound", "evaluation"}
+    return {name: value for name, value in leaves(Config()) if results[name] and later.issuperset(results[name])}
 
 
 def _kept(
