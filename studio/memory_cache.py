@@ -1,9 +1,9 @@
-"""The cache in memory that everything uses: keyed values up to a total size."""
+"""What is held in memory: the cache that everything uses, and sequences that hold none of their items."""
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Iterator
-from typing import Generic, TypeAlias, TypeVar
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from typing import Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -79,6 +79,24 @@ class MemoryCache(Generic[Key, Value]):
     def _drop(self, key: Key) -> None:
         if key in self._values:
             self.used -= self.size_of(self._values.pop(key))
+
+
+class OnDemand(Sequence[Value], Generic[Key, Value]):
+    """Items that `make` makes of keys at each access: the frames of a group, or the images of a large rig, which do not
+    fit into memory together."""
+
+    def __init__(self, keys: Sequence[Key], make: Callable[[Key], Value]) -> None:
+        self._keys, self._make = keys, make
+
+    def __len__(self) -> int:
+        return len(self._keys)
+
+    def __iter__(self) -> Iterator[Value]:
+        return map(self._make, self._keys)
+
+    def __getitem__(self, index: Any) -> Any:
+        keys = self._keys[index]
+        return OnDemand(keys, self._make) if isinstance(index, slice) else self._make(keys)
 
 
 ImageCache: TypeAlias = MemoryCache[Hashable, tuple[np.ndarray, ...]]

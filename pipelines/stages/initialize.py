@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,31 +23,13 @@ from pipelines.takes.records import digests_on_record, result_of
 from pipelines.takes.stage_files import InitialPointsReport
 from pipelines.takes.summaries import InitializeSummary
 from studio.errors import Message, StudioError
+from studio.memory_cache import OnDemand
 
 if TYPE_CHECKING:
-    from studio.capture import Footage, FootageView
-    from studio.edits import CropBox
-
+    from studio.capture import Footage
 
 _SEED_WORD = "initialise"  # part of the seed: with another word, the points of every take would change
 _FEWEST_POINTS = 4  # that a keyframe can be trained from
-
-
-class TrainingViews(Sequence["FootageView"]):
-    """The training views of one frame, read on access: those of a large rig do not fit into memory together."""
-
-    def __init__(self, footage: Footage, frame: int, box: CropBox | None = None) -> None:
-        self._footage, self._frame, self._box = footage, frame, box
-
-    def __len__(self) -> int:
-        return len(self._footage.train_cameras)
-
-    def __getitem__(self, index: Any) -> Any:
-        cameras = self._footage.train_cameras[index]
-        if isinstance(index, slice):
-            return [within_box(self._footage.view(camera, self._frame), self._box) for camera in cameras]
-        return within_box(self._footage.view(cameras, self._frame), self._box)
-
 
 STAGE = stage_named("initialize")
 
@@ -147,15 +129,16 @@ def _has_report(inputs: Inputs, group: Group) -> InitialPointsReport | None:
 def _make(inputs: Inputs, group: Group, reporter: StageReporter, start: float, stop: float, label: str) -> None:
     from studio.meshing import initialize_points
 
+    footage, box = inputs.footage.calibrated, inputs.training_box
     found = initialize_points(
-        TrainingViews(inputs.footage.calibrated, group.keyframe, inputs.training_box),
+        OnDemand(footage.train_cameras, lambda camera: within_box(footage.view(camera, group.keyframe), box)),
         inputs.config.initialize,
         seed=derived_seed(inputs.config.run.seed, _SEED_WORD, group.index),
         progress=reporter.part(f"{label}: visual hull", start, stop),
     )
     points, normals, colors = found.points, found.normals, found.colors
-    if inputs.training_box is not None:
-        inside = inputs.training_box.holds(points)
+    if box is not None:
+        inside = box.holds(points)
         points, normals, colors = points[inside], normals[inside], colors[inside]
         if len(points) < _FEWEST_POINTS:
             raise StudioError(

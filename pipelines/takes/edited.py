@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.frame_numbers import trained_groups
@@ -126,18 +126,3 @@ class EditedGroup:
         problem = f"the edits remove all splats of group {self._group.index}"
         fix = "Undo an edit with `v3studio edit undo`, or make the crop box larger."
         return StudioError("edits.nothing_left", problem, file=self._take.edits, fix=fix, group=self._group.index)
-
-
-class EditedFrames(Sequence["Gaussians"]):
-    """Some frames of an edited group, read on access. `indices`: the frames, counted from 0 in the take."""
-
-    def __init__(self, group: EditedGroup, indices: range) -> None:
-        self._group, self._indices = group, indices
-
-    def __len__(self) -> int:
-        return len(self._indices)
-
-    def __getitem__(self, position: Any) -> Any:
-        if isinstance(position, slice):
-            raise TypeError("trained frames do not support slices")
-        return self._group.read(self._indices[position])

@@ -1,35 +1,15 @@
 """Bakes a SplatVideo to a stream."""
 
-from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from studio.errors import StudioError
 from studio.formats.placing import new_folder
-from studio.gaussians import Gaussians
+from studio.memory_cache import OnDemand
 from studio.progress import ProgressFn, no_progress
 from studio.splat_video import SplatVideo
 from studio.stream import BakeSettings, Manifest, StreamMetadata, bake_group, write_manifest
 from studio.training.settings import GROUP_SIZE
-
-
-class _Frames(Sequence[Gaussians]):
-    """The frames of one group, read on demand."""
-
-    def __init__(self, video: SplatVideo, indices: range) -> None:
-        self._video = video
-        self._indices = indices
-
-    def __len__(self) -> int:
-        return len(self._indices)
-
-    def __getitem__(self, position: Any) -> Any:
-        if isinstance(position, slice):
-            raise TypeError("frames cannot be sliced")
-        return self._video.read(self._indices[position])
-
-    def __iter__(self) -> Iterator[Gaussians]:
-        return (self._video.read(index) for index in self._indices)
 
 
 def cut(video: SplatVideo, group_size: int) -> list[range]:
@@ -70,7 +50,7 @@ def bake_video(
             def report(done: int, total: int, start: int = group.start, **figures: Any) -> None:
                 progress(start + done, video.frame_count, **figures)
 
-            frames, start = _Frames(video, group), group.start
+            frames, start = OnDemand(group, video.read), group.start
             entries.append(
                 bake_group(frames, temporary, number, start, settings, report, threads=threads, fps=video.fps)
             )

@@ -6,7 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from studio.memory_cache import MemoryCache, image_cache
+from studio.memory_cache import MemoryCache, OnDemand, image_cache
 
 
 def arrays(size: int) -> tuple[np.ndarray, ...]:
@@ -51,3 +51,17 @@ def test_values_are_made_once_and_keys_do_not_wait_for_each_other() -> None:
         wait.set()
         assert [result.result() for result in results] == [1, 1, 1]
     assert made == ["slow"]
+
+
+def test_items_on_demand_are_made_at_each_access() -> None:
+    made: list[int] = []
+
+    def double(key: int) -> int:
+        made.append(key)
+        return 2 * key
+
+    items = OnDemand(range(5), double)
+    part = items[1:4]
+    assert (len(items), len(part), made) == (5, 3, [])
+    assert (items[-1], part[0], list(part)) == (8, 2, [2, 4, 6])
+    assert made == [4, 1, 1, 2, 3]

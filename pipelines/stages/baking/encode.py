@@ -1,14 +1,22 @@
 """Encodes a part of the plan: fine-tunes its rungs, bakes its renditions, and notes what they were made from."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from functools import partial
+from typing import TYPE_CHECKING
 
 from pipelines.stages.baking.measures import RenderedError, rendered_contribution
 from pipelines.stages.baking.plan import BakePlan, Part, stream_cameras
-from pipelines.stages.baking.rungs import FinetunedFrames, finetuned_rungs
+from pipelines.stages.baking.rungs import finetuned_frames, finetuned_rungs
 from pipelines.stages.reporter import StageReporter
 from pipelines.takes.atomic_files import digest_of_file, remove, write_model
-from pipelines.takes.edited import EditedFrames, EditedGroup
+from pipelines.takes.edited import EditedGroup
 from pipelines.takes.stage_files import BakedGroupNote
+from studio.memory_cache import OnDemand
+
+if TYPE_CHECKING:
+    from studio.gaussians import Gaussians
 
 
 def encode_once(plan: BakePlan, part: Part, reporter: StageReporter, start: float, stop: float) -> BakedGroupNote:
@@ -25,7 +33,7 @@ def encode(plan: BakePlan, part: Part, reporter: StageReporter, start: float, st
     inputs, settings = plan.inputs, plan.inputs.config.bake
     remove(plan.note_path(part))
     edited = EditedGroup(inputs.take, part.trained, inputs.edits)
-    frames = EditedFrames(edited, part.indices)
+    frames = OnDemand(part.indices, edited.read)
     cameras, background = stream_cameras(inputs), inputs.config.evaluate.background
     finetuned, start = _finetuned(plan, part, edited, reporter, start, stop)
     rendered = RenderedError(frames, cameras, background, inputs.device)
@@ -63,9 +71,9 @@ def encode(plan: BakePlan, part: Part, reporter: StageReporter, start: float, st
 
 def _finetuned(
     plan: BakePlan, part: Part, edited: EditedGroup, reporter: StageReporter, start: float, stop: float
-) -> tuple[dict[tuple[float, int | None, int], FinetunedFrames], float]:
+) -> tuple[dict[tuple[float, int | None, int], Sequence[Gaussians]], float]:
     """Frames of the fine-tuned rungs by their kind, and the progress when they are trained."""
-    found: dict[tuple[float, int | None, int], FinetunedFrames] = {}
+    found: dict[tuple[float, int | None, int], Sequence[Gaussians]] = {}
     rungs, training = finetuned_rungs(plan.inputs.config), plan.training
     new = [rung for rung in rungs if not training.finished(part.trained, rung)]
     share = 0.7 * (stop - start) / max(1, len(new))  # of the work, roughly
@@ -73,6 +81,6 @@ def _finetuned(
         end = start + share * (rung in new)
         progress = reporter.part(f"group {part.index}: fine-tuning {rung.kept}", start, end)
         offsets = training.offsets(part.trained, rung, reporter, progress)
-        found[rung.kind] = FinetunedFrames(edited, part.indices, offsets)
+        found[rung.kind] = finetuned_frames(edited, part.indices, offsets)
         start = end
     return found, start

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,11 +14,12 @@ from pipelines.stages.params import Params, derived_seed, key_of, settings_affec
 from pipelines.stages.reporter import StageReporter
 from pipelines.stages.training_views import training_views
 from pipelines.takes.atomic_files import digest_of_file, remove
-from pipelines.takes.edited import EditedFrames, EditedGroup
+from pipelines.takes.edited import EditedGroup
 from pipelines.takes.frame_files import FrameMetadata, has_key, read_frame, read_tensors, write_tensors
 from pipelines.takes.groups import Group
 from pipelines.takes.records import result_of
 from studio.edits.edit_list import EditList
+from studio.memory_cache import OnDemand
 from studio.progress import ProgressFn
 from studio.stream.settings import Rung
 
@@ -106,7 +107,7 @@ class RungTraining:
         resume = read_tensors(checkpoint, key)
         if resume is not None:
             reporter.log(f"group {group.index}: resuming {rung.kept} at step {int(resume['done'])}")
-        unedited = EditedFrames(EditedGroup(inputs.take, group, EditList()), group.indices)
+        unedited = OnDemand(group.indices, EditedGroup(inputs.take, group, EditList()).read)
         footage = inputs.footage.trained
         cameras = [footage.rig[name] for name in footage.train_cameras]
         contribution = rendered_contribution(unedited, cameras, inputs.device, reporter.check)
@@ -128,16 +129,10 @@ class RungTraining:
         )
 
 
-class FinetunedFrames(Sequence["Gaussians"]):
-    """The frames of a rung, made on access: the splats that it keeps, with offsets, then the take's edits."""
+def finetuned_frames(group: EditedGroup, indices: range, offsets: SplatOffsets) -> Sequence[Gaussians]:
+    """The frames of a rung: the splats that it keeps, with offsets, then the take's edits."""
 
-    def __init__(self, group: EditedGroup, indices: range, offsets: SplatOffsets) -> None:
-        self._group, self._indices, self._offsets = group, indices, offsets
+    def made(index: int) -> Gaussians:
+        return group.edited(offsets.applied(offsets.selected(group.unedited(index))), offsets.kept)
 
-    def __len__(self) -> int:
-        return len(self._indices)
-
-    def __getitem__(self, position: Any) -> Any:
-        offsets = self._offsets
-        frame = offsets.applied(offsets.selected(self._group.unedited(self._indices[position])))
-        return self._group.edited(frame, offsets.kept)
+    return OnDemand(indices, made)

@@ -12,6 +12,7 @@ from pipelines.stages.baking.plan import Part, planned_parts, stream_cameras
 from pipelines.stages.inputs import Inputs
 from studio.comparison.metrics import HIGHEST_PSNR
 from studio.errors import StudioError
+from studio.memory_cache import OnDemand
 
 if TYPE_CHECKING:
     from studio.stream.settings import BakeSettings
@@ -36,10 +37,10 @@ def longest_part(context: Inputs) -> Part:
 
 def measure(context: Inputs, part: Part, settings: BakeSettings) -> Trial:
     """Bake a group with these settings into a temporary folder, and compare it with the trained frames."""
-    from pipelines.takes.edited import EditedFrames, EditedGroup
+    from pipelines.takes.edited import EditedGroup
     from studio.stream import bake_group
 
-    frames = EditedFrames(EditedGroup(context.take, part.trained, context.edits), part.indices)
+    frames = OnDemand(part.indices, EditedGroup(context.take, part.trained, context.edits).read)
     cameras, fps = stream_cameras(context), float(context.footage.raw.fps)
     quality = RenderedError(frames, cameras, context.config.evaluate.background, context.device)
     seen = partial(rendered_contribution, frames, cameras, context.device, lambda: None)

@@ -18,6 +18,7 @@ from studio.audio import SAMPLE_RATE, Cut, encode_sound
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.json_types import JsonObject
+from studio.memory_cache import OnDemand
 from studio.progress import ProgressFn, no_progress
 from studio.stream.codecs import CODECS, QP_MAX
 from studio.stream.encode.files import content_name
@@ -105,19 +106,22 @@ def bake_group(
         (directory / FILES).mkdir(parents=True, exist_ok=True)
         ranking = _ranking(rungs, len(frames[0]), contribution, group)
         made: dict[str, AnyRendition] = {}
+
+        def steps(done: int, total: int, **figures: Any) -> None:  # of one rung, as a part of all
+            progress(len(made) * total + done, len(rungs) * total, **figures)
+
         for kind in dict.fromkeys(rung.kind for rung in rungs):
             same = [rung for rung in rungs if rung.kind == kind]
             part = frames
             if finetuned is not None and same[0].finetuned:
                 part = finetuned(same[0])
             elif kind != (1.0, None, 0):
-                part = _Reduced(frames, ranking, same[0].splats, same[0].sh_degree)
+                part = _reduced(frames, ranking, same[0].splats, same[0].sh_degree)
             prepared = (PlanesBake if settings.profile == "planes" else MotionBake)(part, progress)
             for rung in same:
                 own = settings.replace(ladder=())
                 if settings.ladder:
                     own = own.replace(quality=rung.qp)
-                steps = _Steps(progress, len(made), len(rungs))
                 values = _identity(rung, group, first_frame, len(frames), single=not settings.ladder)
                 job = _Job(
                     prepared, partial, values, own, rung.qp, steps, threads, fps or NOMINAL_FPS, quality, unsmoothed
@@ -284,38 +288,17 @@ def luma_checks(data: bytes, size: tuple[int, int], codec: str, frame_count: int
     return tuple(found)
 
 
-class _Steps:
-    """Progress of one rung as a part of all; counts frames of all rungs."""
+def _reduced(
+    frames: Sequence[Gaussians], ranking: np.ndarray | None, share: float, sh_degree: int | None
+) -> Sequence[Gaussians]:
+    """Frames with fewer splats or a lower SH degree."""
+    kept = None if ranking is None or share == 1 else torch.from_numpy(most_visible(ranking, share))
 
-    def __init__(self, progress: ProgressFn, rung: int, rungs: int) -> None:
-        self._progress, self._rung, self._rungs = progress, rung, rungs
+    def reduced(index: int) -> Gaussians:
+        frame = frames[index] if kept is None else frames[index][kept]
+        return frame if sh_degree is None or sh_degree >= frame.sh_degree else frame.with_sh_degree(sh_degree)
 
-    def __call__(self, done: int, total: int, **figures: Any) -> None:
-        self._progress(self._rung * total + done, self._rungs * total, **figures)
-
-
-class _Reduced(Sequence[Gaussians]):
-    """Frames with fewer splats or a lower SH degree, made on access."""
-
-    def __init__(
-        self, frames: Sequence[Gaussians], ranking: np.ndarray | None, share: float, sh_degree: int | None
-    ) -> None:
-        self._frames, self._degree = frames, sh_degree
-        self._kept: torch.Tensor | None = None
-        if share < 1:
-            assert ranking is not None
-            self._kept = torch.from_numpy(most_visible(ranking, share))
-
-    def __len__(self) -> int:
-        return len(self._frames)
-
-    def __getitem__(self, index: Any) -> Any:
-        frame = self._frames[index]
-        if self._kept is not None:
-            frame = frame[self._kept]
-        if self._degree is not None and self._degree < frame.sh_degree:
-            frame = frame.with_sh_degree(self._degree)
-        return frame
+    return OnDemand(range(len(frames)), reduced)
 
 
 def most_visible(ranking: np.ndarray, share: float) -> np.ndarray:
