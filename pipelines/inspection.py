@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -48,11 +49,8 @@ class Inspection:
 
 
 def inspect(capture: CaptureSettings, progress: ProgressFn | None = None) -> Inspection:
-    footage = open_footage(capture, None, strict=False)
-    try:
+    with closing(open_footage(capture, None, strict=False)) as footage:
         return _found(capture, footage, progress)
-    finally:
-        footage.close()
 
 
 def found_lines(footage: Footage) -> tuple[str, ...]:

@@ -1,24 +1,17 @@
 """`v3studio board` and `v3studio sync`: preparing a capture."""
 
 import argparse
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.common.arguments import invalid_option, print_text
+from pipelines.commands.common.arguments import add_command, invalid_option, print_text
 from pipelines.commands.common.source import add_source, read_settings
 
 
 def register(commands: Any) -> None:
-    _add_board(commands)
-    _add_sync(commands)
-
-
-def _add_board(commands: Any) -> None:
-    board = commands.add_parser(
-        "board",
-        help="write a calibration target to print, as PDF",
-        description="Write a calibration target as PDF, to print at 100%, and print the settings that describe it.",
-    )
+    more = "Print it at 100%. The settings that describe it are printed."
+    board = add_command(commands, "board", "write a calibration target to print, as PDF", _board, more)
     board.add_argument("file", type=Path, metavar="FILE.pdf", help="file to write")
     board.add_argument(
         "--kind", choices=("charuco", "chessboard"), default="charuco", help="pattern (default: charuco)"
@@ -37,7 +30,17 @@ def _add_board(commands: Any) -> None:
         metavar="NAME",
         help="paper size: a4, a3, a2, a1, a0, letter, tabloid, or fit, the size of the target (default: fit)",
     )
-    board.set_defaults(command=_board)
+
+    text = "estimate time offsets between cameras"
+    sync = add_command(commands, "sync", text, _sync, "Compares sound or motion, or reads timecodes.")
+    add_source(sync)
+    sync.add_argument(
+        "--method",
+        choices=("auto", "sound", "motion", "timecode"),
+        default="auto",
+        help="what to compare (default: auto, which is sound or else motion)",
+    )
+    sync.add_argument("--seconds", type=float, default=1.0, metavar="S", help="largest offset in seconds (default: 1)")
 
 
 def _board(arguments: argparse.Namespace) -> int:
@@ -88,36 +91,15 @@ def _board(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _add_sync(commands: Any) -> None:
-    sync = commands.add_parser(
-        "sync",
-        help="estimate time offsets between cameras",
-        description="Estimate the time offsets between cameras from sound or motion, or read them from timecodes.",
-    )
-    add_source(sync)
-    sync.add_argument(
-        "--method",
-        choices=("auto", "sound", "motion", "timecode"),
-        default="auto",
-        help="what to compare (default: auto, which is sound or else motion)",
-    )
-    sync.add_argument("--seconds", type=float, default=1.0, metavar="S", help="largest offset in seconds (default: 1)")
-    sync.set_defaults(command=_sync)
-
-
 def _sync(arguments: argparse.Namespace) -> int:
     from studio.capture import open_footage, refuse_unknown_cameras
     from studio.capture.sync import check_sync
 
     capture = read_settings(arguments.source, arguments.overrides).capture
-    spec = capture.replace(offsets={}, masks="none")
-    footage = open_footage(spec, None, strict=False)
-    try:
+    with closing(open_footage(capture.replace(offsets={}, masks="none"), None, strict=False)) as footage:
         # configured offsets are ignored here, but their camera names are checked
         refuse_unknown_cameras(tuple(capture.offsets), footage.camera_names, "capture.offsets")
         report = check_sync(footage, method=arguments.method, seconds=arguments.seconds)
-    finally:
-        footage.close()
     if arguments.json:
         values = {"method": report.method, "offsets": report.offsets, "confidence": report.confidence}
         values |= {"timecodes": report.timecodes, "whole": report.whole, "unsure": list(report.unsure)}

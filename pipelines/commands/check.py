@@ -63,11 +63,11 @@ def _footage(folder: Path) -> Footage | None:
 
 
 def _check_footage(arguments: argparse.Namespace, footage: Footage) -> int:
-    from pipelines.commands.common.working import json_output, working
+    from pipelines.commands.common.working import working
     from pipelines.inspection import found_lines
     from studio.capture import check_footage
 
-    with working("check", json_output(arguments)) as report, closing(footage):
+    with working("check", arguments) as report, closing(footage):
         problems = [str(problem) for problem in check_footage(footage, report)]
         found = list(found_lines(footage))
     arguments.result = {"footage": found, "problems": problems}
@@ -78,14 +78,14 @@ def _check_footage(arguments: argparse.Namespace, footage: Footage) -> int:
 
 
 def _check_take(arguments: argparse.Namespace, take: Take, folder: Path) -> int:
-    from pipelines.commands.common.working import json_output, working
+    from pipelines.commands.common.working import working
     from pipelines.stages import STAGE_NAMES
     from pipelines.takes.integrity import check_take
 
     report: ProgressFn
     # what is deleted must not have been made again since it was checked
     with take.locked("v3studio check --remove") if arguments.remove else nullcontext():
-        with working("check", json_output(arguments)) as report:
+        with working("check", arguments) as report:
             found = check_take(take, STAGE_NAMES, report)
         for damage in found.damage if arguments.remove else ():
             path = take.root / damage.file
@@ -142,14 +142,14 @@ def _assumed(take: Take) -> list[str]:
 
 
 def _check_stream(arguments: argparse.Namespace) -> int:
-    from pipelines.commands.common.working import json_output, working
+    from pipelines.commands.common.working import working
     from pipelines.takes.videos import stream_place
     from studio.stream import StreamReader, check_stream
 
     if arguments.remove:
         problem = "--remove is for takes, whose files can be made again; this is a stream"
         raise invalid_option("--remove", problem, "Leave it out, or name the folder of the take.", arguments.place)
-    with working("check", json_output(arguments)) as report, StreamReader.open(stream_place(arguments.place)) as reader:
+    with working("check", arguments) as report, StreamReader.open(stream_place(arguments.place)) as reader:
         found = check_stream(reader, report)
     arguments.result = asdict(found)
     if arguments.json:

@@ -1,19 +1,19 @@
 """`v3studio colors`: the colors of the cameras, from a ColorChecker in the footage."""
 
 import argparse
+from contextlib import closing
 from typing import Any
 
-from pipelines.commands.common.arguments import print_text
+from pipelines.commands.common.arguments import add_command, print_text
 from pipelines.commands.common.source import add_source, read_settings
 
 
 def register(commands: Any) -> None:
-    command = commands.add_parser(
-        "colors",
-        help="compare the cameras' colors on a ColorChecker",
-        description="Find a ColorChecker Classic (24 patches) in the image of each camera, and show how far the "
-        "cameras' colors are apart before and after the correction that train.camera_colors makes.",
+    more = (
+        "Finds a ColorChecker Classic (24 patches) in the image of each camera, and shows how far the cameras' colors "
+        "are apart before and after the correction that train.camera_colors makes."
     )
+    command = add_command(commands, "colors", "compare the cameras' colors on a ColorChecker", _colors, more)
     add_source(command)
     command.add_argument(
         "--chart-frame",
@@ -22,21 +22,17 @@ def register(commands: Any) -> None:
         metavar="N",
         help="frame in which the cameras see the chart, as numbered in the files",
     )
-    command.set_defaults(command=_colors)
 
 
 def _colors(arguments: argparse.Namespace) -> int:
-    from pipelines.commands.common.working import json_output, working
+    from pipelines.commands.common.working import working
     from studio.capture import open_footage
     from studio.capture.color_chart import fit_chart_colors
 
     capture = read_settings(arguments.source, arguments.overrides).capture
     footage = open_footage(capture.replace(masks="none", audio=None), None, strict=False)
-    try:
-        with working("colors", json_output(arguments)) as progress:
-            fit = fit_chart_colors(footage, arguments.chart_frame, footage.train_cameras, progress)
-    finally:
-        footage.close()
+    with closing(footage), working("colors", arguments) as progress:
+        fit = fit_chart_colors(footage, arguments.chart_frame, footage.train_cameras, progress)
     settings = {"train": {"camera_colors": fit.frame}}
     without = {name: error.problem for name, error in fit.without.items()}
     figures = {"before": fit.before, "after": fit.after, "without": without, "patches": fit.patches}

@@ -54,7 +54,7 @@ def register(commands: Any) -> None:
 
 
 def _compare(arguments: argparse.Namespace) -> int:
-    from pipelines.commands.common.working import json_output, working
+    from pipelines.commands.common.working import working
     from pipelines.comparison.compare import compare
     from pipelines.comparison.results import RESULTS
     from pipelines.stages.inputs import choose_device
@@ -70,7 +70,7 @@ def _compare(arguments: argparse.Namespace) -> int:
         from studio.perceptual import Lpips
 
         lpips = Lpips(arguments.lpips, device)
-    with working("compare", json_output(arguments)) as progress:
+    with working("compare", arguments) as progress:
         result = compare(
             arguments.takes,
             arguments.out,

@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Callable
 from typing import Any
 
-from pipelines.commands.common.arguments import CommandParser, print_text
+from pipelines.commands.common.arguments import CommandParser, add_command, print_text
 
 _NOTE = """To use it:
   bash    v3studio completion bash > ~/.local/share/bash-completion/completions/v3studio
@@ -15,26 +15,19 @@ _WITHOUT_FILES = (int, float)
 
 def register(commands: Any, parser: Callable[[], tuple[CommandParser, dict[str, CommandParser]]]) -> None:
     """Add the command. `parser`: makes the parser of the command line, and those of its commands."""
-    command = commands.add_parser(
-        "completion",
-        help="print a script that completes commands and options in a shell",
-        description="Print a script with which a shell completes commands, options and file names.",
-        epilog=_NOTE,
-    )
+
+    def complete(arguments: argparse.Namespace) -> int:
+        import shtab
+
+        main, named = parser()
+        for one in named.values():
+            for action in one.arguments:
+                if action.choices is None and action.nargs != 0 and action.type not in _WITHOUT_FILES:
+                    action.complete = shtab.FILE  # type: ignore[attr-defined]
+        arguments.result = {"script": shtab.complete(main, shell=arguments.shell)}
+        print_text(arguments, arguments.result["script"])
+        return 0
+
+    text = "print a script that completes commands, options and file names in a shell"
+    command = add_command(commands, "completion", text, complete, epilog=_NOTE)
     command.add_argument("shell", choices=("bash", "zsh"), help="the shell")
-    command.set_defaults(command=lambda arguments: _completion(arguments, parser))
-
-
-def _completion(
-    arguments: argparse.Namespace, parser: Callable[[], tuple[CommandParser, dict[str, CommandParser]]]
-) -> int:
-    import shtab
-
-    main, commands = parser()
-    for command in commands.values():
-        for action in command.arguments:
-            if action.choices is None and action.nargs != 0 and action.type not in _WITHOUT_FILES:
-                action.complete = shtab.FILE  # type: ignore[attr-defined]
-    arguments.result = {"script": shtab.complete(main, shell=arguments.shell)}
-    print_text(arguments, arguments.result["script"])
-    return 0

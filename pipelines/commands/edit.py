@@ -35,12 +35,8 @@ _MANY = {"region": "regions", "detail": "details"}  # edits of which there may b
 
 
 def register(commands: Any) -> None:
-    command = commands.add_parser(
-        "edit",
-        help="trim a take, crop it, remove floaters, set axes and scale, mark details; with undo",
-        description="Trim a take, crop it, remove floaters, set axes and scale, mark details.",
-        epilog=_NOTE,
-    )
+    text = "trim a take, crop it, remove floaters, set axes and scale, mark details; with undo"
+    command = add_command(commands, "edit", text, epilog=_NOTE)
     kinds = command.add_subparsers(title="commands", required=True, metavar="COMMAND")
 
     _kind(kinds, "list", "show the edits", _list)
@@ -110,14 +106,18 @@ def register(commands: Any) -> None:
     _kind(kinds, "redo", "redo the last undone change", _redo)
 
 
-def _kind(kinds: Any, name: str, text: str, command: Callable[[argparse.Namespace], str]) -> argparse.ArgumentParser:
-    """Add a command that returns what it says to people; its result is the edits, as they are then."""
+def _kind(
+    kinds: Any, name: str, text: str, command: Callable[[argparse.Namespace, Take, EditList], str]
+) -> argparse.ArgumentParser:
+    """Add a command that gets the edits before it and returns what it says to people; its result is those after it."""
 
     def run(arguments: argparse.Namespace) -> int:
         from pipelines.takes.edits import read_edits
+        from pipelines.takes.take import Take
 
-        words = command(arguments)
-        arguments.result = arguments.result or read_edits(_take(arguments).edits).model_dump(mode="json")
+        take = Take.open(arguments.take)
+        words = command(arguments, take, read_edits(take.edits))
+        arguments.result = arguments.result or read_edits(take.edits).model_dump(mode="json")
         print_text(arguments, words)
         return 0
 
@@ -139,16 +139,9 @@ def _coordinate(text: str) -> float:
     return value
 
 
-def _take(arguments: argparse.Namespace) -> Take:
-    from pipelines.takes.take import Take
-
-    return Take.open(arguments.take)
-
-
-def _list(arguments: argparse.Namespace) -> str:
+def _list(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
     from pipelines.takes.edits import describe, frame_of, read_edits_file
 
-    take = _take(arguments)
     found = read_edits_file(take.edits)
     lines = [f"{name:<12}{words}" for name, words in describe(found.edits, frame_of(take)).items()]
     if found.edits == type(found.edits)():
@@ -158,13 +151,11 @@ def _list(arguments: argparse.Namespace) -> str:
     return "\n".join(lines)
 
 
-def _count(arguments: argparse.Namespace) -> str:
+def _count(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
     from pipelines.takes.edited import EditedGroup
-    from pipelines.takes.edits import read_edits
     from pipelines.takes.frame_numbers import trained_groups
 
-    take = _take(arguments)
-    edits, groups = read_edits(take.edits), trained_groups(take)
+    groups = trained_groups(take)
     if not groups:
         problem = "no trained frames yet"
         raise StudioError("take.not_trained", problem, file=take.root, fix="Run `v3studio train`.", stage="train")
@@ -182,9 +173,8 @@ def _count(arguments: argparse.Namespace) -> str:
     return "\n".join(lines)
 
 
-def _trim(arguments: argparse.Namespace) -> str:
-    take, (start, stop, step) = _take(arguments), arguments.frames
-    frames = _frames(take)
+def _trim(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
+    (start, stop, step), frames = arguments.frames, _frames(take)
     if step != 1 or (None in (start, stop) and not frames):
         raise invalid_option("A:B", "the frames to keep have a beginning, an end and no step", "Example: 12:251.")
     first, last = frames[0] if start is None else start, frames[-1] if stop is None else stop - 1
@@ -193,17 +183,16 @@ def _trim(arguments: argparse.Namespace) -> str:
         problem = f"the take has no frame {outside[0]}"
         fix = f"It has frames {frames[0]} to {frames[-1]}."
         raise invalid_option("A:B", problem, fix, outside[0], expected=[frames[0], frames[-1]])
-    return _change(take, "trim", {"first": first, "last": last})
+    return _change(take, edits, "trim", {"first": first, "last": last})
 
 
-def _crop(arguments: argparse.Namespace) -> str:
+def _crop(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
     import numpy as np
 
-    from pipelines.takes.edits import frame_of, placed_world, read_edits
+    from pipelines.takes.edits import frame_of, placed_world
     from studio.rotations import matrices_to_quats
 
-    take = _take(arguments)
-    back = placed_world(read_edits(take.edits), frame_of(take)).inverse
+    back = placed_world(edits, frame_of(take)).inverse
     low, high = np.array(arguments.min_point), np.array(arguments.max_point)
     if not (low < high).all():
         words = [" ".join(f"{value:g}" for value in corner) for corner in (low, high)]
@@ -216,18 +205,16 @@ def _crop(arguments: argparse.Namespace) -> str:
     }
     if not np.array_equal(back.rotation, np.eye(3)):
         box["rotation"] = matrices_to_quats(back.rotation).tolist()
-    return _change(take, "crop", box)
+    return _change(take, edits, "crop", box)
 
 
-def _ground(arguments: argparse.Namespace) -> str:
-    from pipelines.takes.edits import frame_of, placed_world, read_edits
+def _ground(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
+    from pipelines.takes.edits import frame_of, placed_world
 
-    take = _take(arguments)
-    edits = read_edits(take.edits)
     normal = _up(take, edits)
     placed = placed_world(edits, frame_of(take))
     point = placed.inverse.points(arguments.height * placed.directions(normal))
-    return _change(take, "ground", {"normal": normal.tolist(), "height": float(point @ normal)})
+    return _change(take, edits, "ground", {"normal": normal.tolist(), "height": float(point @ normal)})
 
 
 def _up(take: Take, edits: EditList) -> np.ndarray:
@@ -247,20 +234,18 @@ def _up(take: Take, edits: EditList) -> np.ndarray:
     return read_rig(take.rig).up
 
 
-def _floaters(arguments: argparse.Namespace) -> str:
+def _floaters(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
     names = ("opacity", "splats", "share", "distance")
     given = {name: getattr(arguments, name) for name in names if getattr(arguments, name) is not None}
-    return _change(_take(arguments), "floaters", given)
+    return _change(take, edits, "floaters", given)
 
 
-def _world(arguments: argparse.Namespace) -> str:
+def _world(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
     import numpy as np
 
-    from pipelines.takes.edits import frame_of, read_edits
+    from pipelines.takes.edits import frame_of
 
-    take = _take(arguments)
-    before = read_edits(take.edits).world
-    values: dict[str, object] = {} if before is None else before.model_dump(mode="json")
+    values: dict[str, object] = {} if edits.world is None else edits.world.model_dump(mode="json")
     if arguments.up_point is not None:
         values["up"] = arguments.up_point
     if arguments.origin_point is not None:
@@ -278,11 +263,10 @@ def _world(arguments: argparse.Namespace) -> str:
         values["scale"] = arguments.distance / apart
     elif arguments.scale is not None:
         values["scale"] = arguments.scale
-    return _change(take, "world", values)
+    return _change(take, edits, "world", values)
 
 
-def _region(arguments: argparse.Namespace) -> str:
-    from pipelines.takes.edits import read_edits
+def _region(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
     from studio.bounded_files import TextError, parse_json, read_bounded
     from studio.errors import reason_of
 
@@ -292,34 +276,30 @@ def _region(arguments: argparse.Namespace) -> str:
         problem = f"cannot be read ({reason_of(error)})"
         fix = "Specify a JSON file with one of the `regions` that `v3studio edit list TAKE --json` prints."
         raise StudioError("edits.region_unreadable", problem, file=arguments.file, fix=fix) from None
-    take = _take(arguments)
-    regions = [*read_edits(take.edits).model_dump(mode="json")["regions"], values]
-    return _change(take, "regions", regions, arguments.file)
+    regions = [*edits.model_dump(mode="json")["regions"], values]
+    return _change(take, edits, "regions", regions, arguments.file)
 
 
-def _detail(arguments: argparse.Namespace) -> str:
+def _detail(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
     import numpy as np
 
-    from pipelines.takes.edits import frame_of, placed_world, read_edits
+    from pipelines.takes.edits import frame_of, placed_world
     from pipelines.takes.followed import followed
 
-    take = _take(arguments)
-    edits = read_edits(take.edits)
     back = placed_world(edits, frame_of(take)).inverse
     center, radius = back.points(np.array(arguments.at_point)), back.scale * arguments.radius
     before = [one.model_dump(mode="json") for one in edits.details]
     numbers = {"radius": radius, "weight": arguments.weight, "path": [(0, center.tolist())]}
     _checked(edits, "details", [*before, numbers], None)
     mark = followed(take, arguments.frame, center, radius, arguments.weight)
-    return _change(take, "details", [*before, mark.model_dump(mode="json")])
+    return _change(take, edits, "details", [*before, mark.model_dump(mode="json")])
 
 
-def _remove(arguments: argparse.Namespace) -> str:
-    from pipelines.takes.edits import NAMES, change_edits, read_edits, singular
+def _remove(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
+    from pipelines.takes.edits import NAMES, change_edits, singular
     from studio.edits.edit_list import EditList
 
-    take, name = _take(arguments), _MANY.get(arguments.name, arguments.name)
-    edits = read_edits(take.edits)
+    name = _MANY.get(arguments.name, arguments.name)
     if name not in (*NAMES, "all"):
         raise invalid_option(
             "NAME", f"there is no edit named '{name}'", f"Choose one of {', '.join(NAMES)}, all.", name
@@ -340,23 +320,22 @@ def _remove(arguments: argparse.Namespace) -> str:
     return f"removed: {name if arguments.number is None else singular(f'{name} {arguments.number}')}"
 
 
-def _undo(arguments: argparse.Namespace) -> str:
+def _undo(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
     from pipelines.takes.edits import undo_edit
 
-    return f"undone: {undo_edit(_take(arguments).edits)[1]}"
+    return f"undone: {undo_edit(take.edits)[1]}"
 
 
-def _redo(arguments: argparse.Namespace) -> str:
+def _redo(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
     from pipelines.takes.edits import redo_edit
 
-    return f"redone: {redo_edit(_take(arguments).edits)[1]}"
+    return f"redone: {redo_edit(take.edits)[1]}"
 
 
-def _change(take: Take, name: str, value: object, file: Path | None = None) -> str:
+def _change(take: Take, before: EditList, name: str, value: object, file: Path | None = None) -> str:
     """Set an edit to JSON-ready values, which may come from a file; returns what it is now, in words."""
-    from pipelines.takes.edits import change_edits, describe, frame_of, read_edits
+    from pipelines.takes.edits import change_edits, describe, frame_of
 
-    before = read_edits(take.edits)
     after = _checked(before, name, value, file)
     words = list(describe(after, frame_of(take)).items())
     shown = [f"{one}: {text}" for one, text in words if one.split()[0] == name][-1:]

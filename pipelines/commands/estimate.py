@@ -6,11 +6,11 @@ import argparse
 import tempfile
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any
 
 from pipelines.commands.common.arguments import add_command
 from pipelines.commands.common.source import add_source, is_take, read_settings
-from pipelines.commands.common.working import json_output, working
+from pipelines.commands.common.working import working
 from studio.counts import counted
 from studio.errors import StudioError
 from studio.memory import require_memory
@@ -52,12 +52,11 @@ def _estimate(arguments: argparse.Namespace) -> int:
     with ExitStack() as stack:
         inputs = _inputs(arguments, stack)
         now = load()
-        output = json_output(arguments)
-        found = _rehearsed(inputs, "rehearsal", output)
+        found = _rehearsed(inputs, "rehearsal", arguments)
         if arguments.presets:
             for name, values in PRESETS.items():
                 preset = Inputs(inputs.take, with_values(inputs.config, values))
-                presets[name] = _rehearsed(preset, f"rehearsal of the preset {name}", output)
+                presets[name] = _rehearsed(preset, f"rehearsal of the preset {name}", arguments)
     more = {"presets": {name: one.to_json() for name, one in presets.items()}} if presets else {}
     arguments.result = {**found.to_json(), "load": now, **more}
     if not arguments.json:
@@ -67,7 +66,7 @@ def _estimate(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _rehearsed(inputs: Inputs, title: str, output: TextIO | None) -> Estimate:
+def _rehearsed(inputs: Inputs, title: str, arguments: argparse.Namespace) -> Estimate:
     """The estimate of a take whose cameras are known."""
     from pipelines.estimate.estimate import estimate
     from pipelines.estimate.rehearsal import rehearse
@@ -77,7 +76,7 @@ def _rehearsed(inputs: Inputs, title: str, output: TextIO | None) -> Estimate:
     known = bake.profile == "motion" and not bake.ladder and isinstance(bake.quality, int)
     qp = bake.qp if known else None
     work = Work.of(inputs)
-    with working(title, output) as progress:
+    with working(title, arguments) as progress:
         return estimate(work, rehearse(inputs, work, progress), qp)
 
 

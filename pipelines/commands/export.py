@@ -11,8 +11,15 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import ALL_FRAMES, add_frames, add_overwrite, invalid_option, three_numbers
-from pipelines.commands.common.working import json_output, say_note, working
+from pipelines.commands.common.arguments import (
+    ALL_FRAMES,
+    add_command,
+    add_frames,
+    add_overwrite,
+    invalid_option,
+    three_numbers,
+)
+from pipelines.commands.common.working import say_note, working
 from pipelines.outputs import replacing
 from studio.counts import counted
 from studio.errors import StudioError, naming
@@ -37,12 +44,8 @@ _TURNTABLE_SECONDS = 6.0  # shortest turn; a faster one is hard to watch
 
 
 def register(commands: Any) -> None:
-    export = commands.add_parser(
-        "export",
-        help="export frames as PLY, SPZ, GLB, USD, VideoGS or EXR, or as a movie",
-        description="Export frames of a take or a stream in other programs' formats, or rendered as EXR or a movie.",
-        epilog=_NOTE,
-    )
+    text = "export frames as PLY, SPZ, GLB, USD, VideoGS or EXR, or as a movie"
+    export = add_command(commands, "export", text, _export, epilog=_NOTE)
     export.add_argument("source", metavar="SOURCE", help="folder of a take or a stream, or an http(s):// URL")
     export.add_argument("--format", choices=list(EXPORTS), required=True, metavar="FORMAT", help=", ".join(EXPORTS))
     export.add_argument("--out", type=Path, required=True, metavar="PATH", help="file or folder")
@@ -107,7 +110,6 @@ def register(commands: Any) -> None:
     )
     export.add_argument("--turns", type=float, default=1.0, help="turntable: number of turns (default: 1)")
     export.add_argument("--elevation", type=float, default=10.0, help="turntable: elevation in degrees (default: 10)")
-    export.set_defaults(command=_export)
 
 
 def _export(arguments: argparse.Namespace) -> int:
@@ -136,7 +138,7 @@ def _export(arguments: argparse.Namespace) -> int:
         video = _chosen(video, arguments.frames, arguments.sh_degree)
         stack.enter_context(replacing(arguments.out, arguments.overwrite, partial(_is_export, arguments.format)))
         notes: list[str] = []
-        progress = stack.enter_context(working(f"export {arguments.format}", json_output(arguments)))
+        progress = stack.enter_context(working(f"export {arguments.format}", arguments))
         if holds == "movie":
             count, more = _movie(video, arguments, size, progress)
         elif holds == "plates":
@@ -245,7 +247,7 @@ def _whole_stream(arguments: argparse.Namespace) -> int:
     _need_stream(arguments.source)
     replaced = replacing(arguments.out, arguments.overwrite, Path.is_file)
     with open_reader(arguments.source) as reader, replaced, new_file(arguments.out) as temporary:
-        with working("export v3", json_output(arguments)) as progress:
+        with working("export v3", arguments) as progress:
             size = write_archive(reader, temporary, progress)
         frames = reader.frame_count
     if not arguments.json:

@@ -4,22 +4,22 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.common.arguments import add_overwrite, invalid_option, three_numbers
-from pipelines.commands.common.working import json_output, say_note, working
+from pipelines.commands.common.arguments import add_command, add_overwrite, invalid_option, three_numbers
+from pipelines.commands.common.working import say_note, working
 from pipelines.outputs import replacing
 from studio.counts import counted
 
 
 def register(commands: Any) -> None:
-    parser = commands.add_parser(
-        "import",
-        help="bake splat files from other programs into a stream: PLY, SPZ, SOG, .splat, .ksplat, USD, VideoGS",
-        description="Bake a folder of numbered splat files of one format, one such file, a USD file, or a folder in "
-        "the VideoGS layout into a stream. Formats: 3DGS PLY and compressed PLY, SPZ (versions 2 to 4), SOG (.sog, or "
-        "meta.json with its images), .splat and .ksplat. A new group begins where Gaussians do not correspond to those "
-        "of the previous frame.",
-        epilog="--set bake.quality=22 or --bake.quality 22 overrides a setting; `v3studio config` lists all settings.",
+    text = "bake splat files from other programs into a stream: PLY, SPZ, SOG, .splat, .ksplat, USD, VideoGS"
+    more = (
+        "SOURCE is a folder of numbered splat files of one format, one such file, a USD file, or a folder in the "
+        "VideoGS layout. Formats: 3DGS PLY and compressed PLY, SPZ (versions 2 to 4), SOG (.sog, or meta.json with its "
+        "images), .splat and .ksplat. A new group begins where Gaussians do not correspond to those of the previous "
+        "frame."
     )
+    note = "--set bake.quality=22 or --bake.quality 22 overrides a setting; `v3studio config` lists all settings."
+    parser = add_command(commands, "import", text, _import, more, epilog=note)
     parser.add_argument("source", type=Path, metavar="SOURCE", help="folder or file to import")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the stream")
     add_overwrite(parser)
@@ -33,7 +33,6 @@ def register(commands: Any) -> None:
         help="up direction (default: what the file says; otherwise 0,1,0 for SPZ, 0,-1,0 for others)",
     )
     parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
-    parser.set_defaults(command=_import)
 
 
 def _import(arguments: argparse.Namespace) -> int:
@@ -50,8 +49,7 @@ def _import(arguments: argparse.Namespace) -> int:
     from studio.formats.sequence import open_import
 
     config = load_config(None, arguments.overrides)
-    output = json_output(arguments)
-    with working("read", output) as progress:
+    with working("read", arguments) as progress:
         video = open_import(arguments.source, arguments.fps, progress)
     for note in video.notes:
         say_note(arguments, note)
@@ -60,7 +58,7 @@ def _import(arguments: argparse.Namespace) -> int:
     if up is not None:
         video = replace(video, up=np.array(up))
     replaced = replacing(arguments.out, arguments.overwrite, lambda out: (out / "manifest.json").is_file())
-    with replaced, working("bake", output) as progress:
+    with replaced, working("bake", arguments) as progress:
         size = config.train.group_size if arguments.group_size is None else arguments.group_size
         manifest = bake_video(video, arguments.out, config.bake, size, progress, threads=config.run.thread_count)
     arguments.result = {

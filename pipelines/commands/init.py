@@ -6,7 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.common.arguments import add_overwrite, invalid_option, print_text
+from pipelines.commands.common.arguments import add_command, add_overwrite, invalid_option, print_text
 from pipelines.commands.common.source import add_preset, add_source, is_footage, read_settings
 from pipelines.outputs import replacing
 from studio.errors import StudioError
@@ -16,17 +16,15 @@ _SHOWN = ("capture.root", "capture.images", "capture.rig", "capture.masks", "cap
 
 
 def register(commands: Any) -> None:
-    parser = commands.add_parser(
-        "init",
-        help="write a commented configuration for footage",
-        description="Look at footage and write a YAML file with the settings that matter for it, each with its "
-        "documentation. `v3studio config` prints all settings.",
+    more = (
+        "The YAML file has the settings that matter for this footage, each with its documentation. `v3studio config` "
+        "prints all settings."
     )
+    parser = add_command(commands, "init", "write a commented configuration for footage", _init, more)
     add_source(parser)
     add_preset(parser)
     parser.add_argument("--out", type=Path, metavar="FILE", help="file to write (default: name of the footage, .yaml)")
     add_overwrite(parser)
-    parser.set_defaults(command=_init)
 
 
 def _init(arguments: argparse.Namespace) -> int:

@@ -5,21 +5,18 @@ import os
 import sys
 from typing import Any
 
+from pipelines.commands.common.arguments import add_command
+
 
 def register(commands: Any) -> None:
-    parser = commands.add_parser(
-        "open",
-        help="open the window on a take, a stream or a cast",
-        description="Open the window on a take, a stream, the URL of a stream, or a cast; without one, on the start "
-        "page. v3studio-gui is the same, with more options.",
-    )
+    more = "Without one, the start page. v3studio-gui is the same, with more options."
+    parser = add_command(commands, "open", "open the window on a take, a stream, its URL, or a cast", _open, more)
     parser.add_argument(
         "place",
         nargs="?",
         metavar="TAKE|STREAM|CAST",
         help="folder of a take or of a stream, URL of a stream, or the .json document of a cast",
     )
-    parser.set_defaults(command=_open)
 
 
 def _open(arguments: argparse.Namespace) -> int:

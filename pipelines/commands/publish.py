@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from pipelines.commands.common.arguments import add_command
-from pipelines.commands.common.working import json_output, working
+from pipelines.commands.common.working import working
 from pipelines.commands.share import add_page_options, page_text
 from studio.counts import counted
 
@@ -34,7 +34,7 @@ def _publish(arguments: argparse.Namespace) -> int:
     from pipelines.share.publishing import publish
     from studio.storage import is_address
 
-    with working("publish", json_output(arguments)) as progress:
+    with working("publish", arguments) as progress:
         done = publish(arguments.source, arguments.target, text, page=arguments.page, progress=progress)
     path = arguments.target if is_address(arguments.target) else str(Path(arguments.target).absolute())
     arguments.result = {"path": path, **asdict(done)}

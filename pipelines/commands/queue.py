@@ -18,12 +18,8 @@ if TYPE_CHECKING:
 
 
 def register(commands: Any) -> None:
-    command = commands.add_parser(
-        "queue",
-        help="queue takes, and run them one after the other",
-        description="Queue takes, and run them one after the other. A failed take does not stop the next one; an "
-        "interrupted one resumes where it stopped.",
-    )
+    more = "A failed take does not stop the next one; an interrupted one resumes where it stopped."
+    command = add_command(commands, "queue", "queue takes, and run them one after the other", more=more)
     kinds = command.add_subparsers(title="commands", required=True, metavar="COMMAND")
 
     add = _kind(kinds, "add", "add a take at the end", _add)

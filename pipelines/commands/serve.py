@@ -11,7 +11,7 @@ import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import invalid_option
+from pipelines.commands.common.arguments import add_command, invalid_option
 from pipelines.commands.share import add_view_option
 from pipelines.events import Serving
 from studio.errors import StudioError
@@ -30,13 +30,11 @@ HTTP_NOTE = (  # what https would bring, where it is not used
 
 
 def register(commands: Any) -> None:
-    serve = commands.add_parser(
-        "serve",
-        help="serve streams and the browser player",
-        description="Serve a stream, the stream of a take, or all streams and takes in a folder, and the browser "
-        "player: open the printed address in a browser to play it. Only files of streams are served, no other files of "
-        "a take. A take that is being trained with --live is served from its first group on. Press Ctrl-C to stop.",
+    more = (
+        "Open the printed address in a browser to play them. Only files of streams are served, no other files of a "
+        "take. A take that is being trained with --live is served from its first group on. Press Ctrl-C to stop."
     )
+    serve = add_command(commands, "serve", "serve streams and the browser player", _serve, more)
     serve.add_argument("folder", metavar="DIR", help="folder of a stream or a take, or a folder of several")
     serve.add_argument(
         "--host", default="127.0.0.1", help="address to bind to; 0.0.0.0 for other machines (default: %(default)s)"
@@ -96,7 +94,6 @@ def register(commands: Any) -> None:
         action="store_true",
         help="stop when standard input closes, so that the server never outlives the program that started it",
     )
-    serve.set_defaults(command=_serve)
 
 
 def _serve(arguments: argparse.Namespace) -> int:

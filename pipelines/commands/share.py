@@ -9,20 +9,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
-from pipelines.commands.common.arguments import add_overwrite, invalid_option
-from pipelines.commands.common.working import json_output, working
+from pipelines.commands.common.arguments import add_command, add_overwrite, invalid_option
+from pipelines.commands.common.working import working
 
 if TYPE_CHECKING:
     from pipelines.share.page import PageText
 
 
 def register(commands: Any) -> None:
-    share = commands.add_parser(
-        "share",
-        help="write a web page that plays a stream, for any web server or as one file",
-        description="Write a folder with the browser player and the stream, which any web server can serve, at any "
-        "path. Nothing is loaded from elsewhere. Or write one HTML file that opens from the disk.",
+    more = (
+        "It is a folder with the browser player and the stream, which any web server can serve, at any path, or one "
+        "HTML file that opens from the disk. Nothing is loaded from elsewhere."
     )
+    text = "write a web page that plays a stream, for any web server or as one file"
+    share = add_command(commands, "share", text, _share, more)
     share.add_argument(
         "source",
         metavar="SOURCE",
@@ -33,7 +33,6 @@ def register(commands: Any) -> None:
     )
     add_overwrite(share)
     add_page_options(share)
-    share.set_defaults(command=_share)
 
 
 def add_page_options(share: argparse.ArgumentParser) -> None:
@@ -86,7 +85,7 @@ def _share(arguments: argparse.Namespace) -> int:
     text = page_text(arguments)
     from pipelines.share.sharing import share
 
-    with working("share", json_output(arguments)) as progress:
+    with working("share", arguments) as progress:
         shared = share(arguments.source, arguments.out, text, overwrite=arguments.overwrite, progress=progress)
     arguments.result = shared.to_dict()
     if arguments.json:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import closing
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -104,8 +105,7 @@ def _views(
 ) -> tuple[dict[tuple[int, str], TargetObservation], dict[str, tuple[int, int]]]:
     from studio.calibration import detect_target
 
-    footage = _open(inputs.footage.capture, pattern)
-    names = inputs.footage.raw.camera_names
+    names, footage = inputs.footage.raw.camera_names, _open(inputs.footage.capture, pattern)
     missing = [name for name in names if name not in footage.camera_names]
     if missing:
         problem = (
@@ -119,14 +119,8 @@ def _views(
     # the same frames for all cameras
     frames = sorted({frame for name in names for frame in footage.frames_of(name)})
     chosen = {frames[int(index)] for index in np.linspace(0, len(frames) - 1, min(_MOST_FRAMES, len(frames)))}
-    sync_frames, readers = {}, {}
-    for name in names:
-        sync_frames[name] = [frame for frame in footage.frames_of(name) if frame in chosen]
-        read: Callable[[int], np.ndarray] = partial(footage.raw_image, name)
-        readers[name] = read
-    try:
-        return detect_target(
-            readers, sync_frames, inputs.config.calibrate.board, reporter.part("detecting the target", start, stop)
-        )
-    finally:
-        footage.close()
+    sync_frames = {name: [frame for frame in footage.frames_of(name) if frame in chosen] for name in names}
+    readers: dict[str, Callable[[int], np.ndarray]] = {name: partial(footage.raw_image, name) for name in names}
+    detecting = reporter.part("detecting the target", start, stop)
+    with closing(footage):
+        return detect_target(readers, sync_frames, inputs.config.calibrate.board, detecting)

@@ -4,19 +4,13 @@ import argparse
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, TextIO
+from typing import Any
 
 from pipelines.events import Log, Progress
 from pipelines.events.cancellation import Cancellation, stop_on_signals
 from studio.progress import ProgressFn
 
 _JSON_SECONDS = 0.2  # between lines
-
-
-def json_output(arguments: argparse.Namespace) -> TextIO | None:
-    """Where a command prints its events; None without `--json`."""
-    output: TextIO | None = arguments.output if arguments.json else None
-    return output
 
 
 def say_note(arguments: argparse.Namespace, text: str) -> None:
@@ -28,8 +22,8 @@ def say_note(arguments: argparse.Namespace, text: str) -> None:
 
 
 @contextmanager
-def working(what: str, json_output: TextIO | None) -> Iterator[ProgressFn]:
-    """A `ProgressFn` that shows a progress bar or prints JSON lines, and raises Cancelled after Ctrl-C."""
+def working(what: str, arguments: argparse.Namespace) -> Iterator[ProgressFn]:
+    """A `ProgressFn` that shows a progress bar or, with `--json`, prints lines, and raises Cancelled after Ctrl-C."""
     from rich import progress as rich
 
     from pipelines.reports.terminal import console
@@ -43,7 +37,7 @@ def working(what: str, json_output: TextIO | None) -> Iterator[ProgressFn]:
         rich.TimeRemainingColumn(),
         console=screen,
         transient=True,
-        disable=json_output is not None or not screen.is_terminal,
+        disable=arguments.json or not screen.is_terminal,
     )
     printed = 0.0
 
@@ -51,11 +45,11 @@ def working(what: str, json_output: TextIO | None) -> Iterator[ProgressFn]:
         nonlocal printed
         cancellation.check()
         bars.update(task, completed=done, total=total)
-        if json_output is not None and (done >= total or time.monotonic() - printed > _JSON_SECONDS):
+        if arguments.json and (done >= total or time.monotonic() - printed > _JSON_SECONDS):
             printed = time.monotonic()
             part, figures = done / total if total else 0.0, {"done": done, "total": total}
             event = Progress(fraction=part, total_fraction=part, label=what, figures=figures)
-            print(event.to_json(), file=json_output, flush=True)
+            print(event.to_json(), file=arguments.output, flush=True)
 
     with stop_on_signals(cancellation, screen.file.flush), bars:
         task = bars.add_task(what, total=None)
