@@ -29,16 +29,10 @@ def _camera(row: dict[str, str]) -> Camera:
 
     value = {key: number(row, key, row["name"]) for key in COLUMNS[1:]}
     width, height = round(value["w"]), round(value["h"])
-    pose = np.eye(4)
-    pose[:3, :3] = cv2.Rodrigues(np.array([value[key] for key in ("rx", "ry", "rz")]))[0]
-    pose[:3, 3] = [value[key] for key in ("tx", "ty", "tz")]
-    K = np.array(
-        [
-            [value["fx"] * width, 0, value["px"] * width],
-            [0, value["fy"] * height, value["py"] * height],
-            [0, 0, 1.0],
-        ]
-    )
+    turn, center = (np.array([value[key + axis] for axis in "xyz"]) for key in "rt")
+    pose = np.column_stack([cv2.Rodrigues(turn)[0], center])
+    fx, fy, cx, cy = (value[key] * (width if "x" in key else height) for key in COLUMNS[-4:])
+    K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
     return Camera(row["name"], width, height, K, rigid_inverse(pose))
 
 

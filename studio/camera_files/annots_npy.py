@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from studio.camera_files.common import no_cameras
-from studio.camera_files.nearby import size_nearby
-from studio.cameras import Camera, Rig
+from studio.camera_files.keyed import KeyedForm, keyed_rig
+from studio.cameras import Rig
 from studio.counts import counted
 from studio.errors import StudioError, naming
 from studio.json_types import JsonObject
-from studio.validation import array, check_finite, missing_key
+from studio.validation import missing_key
 
 NAME = "annots.npy"
 _SAFE = {
@@ -53,21 +53,11 @@ def read_annots(path: Path) -> Rig:
             raise no_cameras(
                 f"the file has {counted(count, 'camera')}, but {counted(len(images or ()), 'image')} per frame"
             )
-        return Rig(tuple(_camera(path.parent, str(image), lists, index) for index, image in enumerate(images)))
-
-
-def _camera(folder: Path, image: str, lists: JsonObject, index: int) -> Camera:
-    name = PurePosixPath(image.replace("\\", "/")).parts[0]
-    K, D, R, T = (array(np.asarray(lists[key][index]).tolist(), key, name).astype(np.float64) for key in "KDRT")
-    for key, value, size in (("K", K, 9), ("R", R, 9), ("T", T, 3)):
-        check_finite(value, key, name)
-        if value.size != size:
-            raise missing_key(key, name)
-    K = K.reshape(3, 3).copy()
-    K[:2, 2] += 0.5
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = R.reshape(3, 3), T.ravel() / 1000
-    return Camera(name, *size_nearby(folder, name, name), K, pose, D.ravel() if D.any() else np.zeros(0))
+        entries = []
+        for index, image in enumerate(images):
+            name = PurePosixPath(str(image).replace("\\", "/")).parts[0]
+            entries.append((name, {key: np.asarray(value[index]).tolist() for key, value in lists.items()}))
+    return keyed_rig(path, entries, KeyedForm(unit=0.001))
 
 
 def _load(path: Path) -> JsonObject:

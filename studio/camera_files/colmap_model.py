@@ -165,9 +165,7 @@ def _rig(camera_path: Path, image_path: Path, by_id: dict[int, _Intrinsics], pos
                 problem = f"image '{pose.name}' has an invalid rotation quaternion {pose.quat}"
                 fix = "Export the model again."
                 raise StudioError("camera.rotation", problem, value=pose.quat, fix=fix, camera=name)
-            transform = np.eye(4)
-            transform[:3, :3] = quats_to_matrices(quat)
-            transform[:3, 3] = pose.translation
+            transform = np.column_stack([quats_to_matrices(quat), pose.translation])
             result.append(Camera(name, own.width, own.height, K, transform, distortion))
     with naming(image_path):
         return Rig(tuple(result))

@@ -187,7 +187,5 @@ def camera_names(paths: Sequence[str]) -> list[str]:
 
 def rigid_inverse(pose: np.ndarray) -> np.ndarray:
     """Inverse (4, 4) of a rigid transform (3, 4) or (4, 4)."""
-    result = np.eye(4)
-    result[:3, :3] = pose[:3, :3].T
-    result[:3, 3] = -pose[:3, :3].T @ pose[:3, 3]
-    return result
+    back = pose[:3, :3].T
+    return np.vstack([np.column_stack([back, -back @ pose[:3, 3]]), [0, 0, 0, 1]])

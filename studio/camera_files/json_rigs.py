@@ -118,9 +118,8 @@ def _of_3dgs(path: Path, entries: list[JsonObject]) -> Rig:
             for key in ("position", "rotation"):
                 if key not in entry:
                     raise missing_key(key, name)
-            pose = np.eye(4)
-            pose[:3, :3] = matrix(entry["rotation"], (3,), 3, "rotation", name)
-            pose[:3, 3] = array(entry["position"], "position", name).reshape(3)
+            turn = matrix(entry["rotation"], (3,), 3, "rotation", name)
+            pose = np.column_stack([turn, array(entry["position"], "position", name).reshape(3)])
             middle = {"cx": whole(entry, "width", name) / 2, "cy": whole(entry, "height", name) / 2}
             for key in middle:
                 middle[key] = number(entry, key, name, middle[key])

@@ -303,7 +303,7 @@ def _distortion(name: str, given: _Given) -> np.ndarray | None:
 
 
 def _pose(name: str, given: _Given, unit: float) -> np.ndarray | None:
-    """(4, 4) world to camera; None if the camera has neither a rotation nor a translation."""
+    """(3, 4) world to camera; None if the camera has neither a rotation nor a translation."""
     import cv2
 
     poses: list[tuple[str, np.ndarray]] = []
@@ -319,20 +319,16 @@ def _pose(name: str, given: _Given, unit: float) -> np.ndarray | None:
                 _check_angle(name, key, value)
             rotations.append((key, value if value.size == 9 else cv2.Rodrigues(value.reshape(3))[0]))
         translations = _arrays(name, given, "translation", ((3,), (3, 1), (1, 3)))
-        pose = np.eye(4)
-        pose[:3, :3] = agreeing(name, rotations)
-        pose[:3, 3] = agreeing(name, translations).ravel()
+        pose = np.column_stack([agreeing(name, rotations), agreeing(name, translations).ravel()])
         poses.append((rotations[0][0], pose))
     for canonical in ("world_to_camera", "camera_to_world"):
         for key, value in _arrays(name, given, canonical, ((4, 4), (3, 4))):
             check_pose(value, key, name)
-            pose = np.eye(4)
-            pose[:3] = value[:3]
-            poses.append((key, pose if canonical == "world_to_camera" else rigid_inverse(pose)))
+            poses.append((key, value[:3] if canonical == "world_to_camera" else rigid_inverse(value)[:3]))
     if not poses:
         return None
     result = agreeing(name, poses).copy()
-    result[:3, 3] *= unit
+    result[:, 3] *= unit
     return result
 
 

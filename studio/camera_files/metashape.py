@@ -175,9 +175,7 @@ def _camera(name: str, pose: np.ndarray, sensor: Element, world: Element | None)
     K = np.array([[focal + term("b1"), 0, width / 2 + term("cx")], [0, focal, height / 2 + term("cy")], [0, 0, 1.0]])
     distortion = _distortion(K, width, height, [term(f"k{i}") for i in (1, 2, 3, 4)], term("p1"), term("p2"), name)
     rotation, translation, scale = _world(world, name)
-    placed = np.eye(4)
-    placed[:3, :3] = rotation @ pose[:3, :3]
-    placed[:3, 3] = scale * rotation @ pose[:3, 3] + translation
+    placed = np.column_stack([rotation @ pose[:3, :3], scale * rotation @ pose[:3, 3] + translation])
     return Camera(name, width, height, K, rigid_inverse(placed), distortion)
 
 

@@ -35,8 +35,7 @@ def read_poses_bounds(path: Path) -> Rig:
             check_finite(row, "row", name)
             matrix = row[:15].reshape(3, 5)
             down, right, back, center = matrix[:, :4].T
-            pose = np.eye(4)
-            pose[:3] = np.column_stack([right, down, -back, center])
+            pose = np.column_stack([right, down, -back, center])
             height, width, focal = matrix[:, 4]
             K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
             cameras.append(Camera(name, round(width), round(height), K, rigid_inverse(pose)))

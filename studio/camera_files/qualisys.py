@@ -80,7 +80,5 @@ def _camera(entry: ElementTree.Element, index: int, found: Found) -> Camera:
     rotation = np.array([[number(pose, f"r{row}{column}", name) for column in (1, 2, 3)] for row in (1, 2, 3)])
     rotation = OPENGL_AXES[:3, :3] @ rotation
     center = np.array([number(pose, axis, name) for axis in "xyz"]) / 1000.0
-    world_to_camera = np.eye(4)
-    world_to_camera[:3, :3] = rotation
-    world_to_camera[:3, 3] = -rotation @ center
+    world_to_camera = np.column_stack([rotation, -rotation @ center])
     return Camera(name, width, height, K, world_to_camera, distortion if distortion.any() else np.zeros(0))

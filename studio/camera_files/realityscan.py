@@ -60,9 +60,8 @@ def _camera(name: str, row: dict[str, str], size: tuple[int, int]) -> Camera:
         raise focal_length_error(name, value["f"])
     middle = np.array([width / 2 + value["px"] * side, height / 2 + value["py"] * side])
     K = np.array([[focal, 0, middle[0]], [0, focal, middle[1]], [0, 0, 1]])
-    pose = np.eye(4)
-    pose[:3, :3] = _rotation(value["heading"], value["pitch"], value["roll"]) @ OPENGL_AXES[:3, :3]
-    pose[:3, 3] = value["x"], value["y"], value["alt"]
+    turn = _rotation(value["heading"], value["pitch"], value["roll"]) @ OPENGL_AXES[:3, :3]
+    pose = np.column_stack([turn, [value["x"], value["y"], value["alt"]]])
     k = [value[f"k{i}"] for i in (1, 2, 3, 4)]
     distortion = np.array([k[0], k[1], 0.0, 0.0, k[2]]) if any(k) else np.zeros(0)
     if k[3]:

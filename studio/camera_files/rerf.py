@@ -58,9 +58,7 @@ def _poses(path: Path) -> list[np.ndarray]:
         with naming(path):
             check_finite(np.array(values), f"line {number}", str(len(found)))
         z, x, y, center = np.array(values).reshape(4, 3)
-        pose = np.eye(4)
-        pose[:3] = np.column_stack([x, y, z, center])
-        found.append(pose)
+        found.append(np.column_stack([x, y, z, center]))
     return found
 
 
