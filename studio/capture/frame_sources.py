@@ -20,10 +20,10 @@ from studio.memory import memory_available
 
 
 class FrameSource(Protocol):
-    """Frames of one camera, as stored."""
+    """Frames of one camera, as stored. With a sync offset, its frame f is frame f + offset of the files."""
 
     camera: str
-    frames: tuple[int, ...]  # sorted frame numbers, as in the files
+    frames: tuple[int, ...]  # sorted frame numbers
     width: int  # width, height: size of every frame in pixels
     height: int
     has_alpha: bool  # whether frames have an alpha channel
@@ -45,12 +45,14 @@ class FrameSource(Protocol):
 class ImageSource(FrameSource):
     """A `FrameSource` with one image file per frame number; `transfer`: what values are, see `read_image`."""
 
-    def __init__(self, camera: str, paths: Mapping[int, Path], transfer: TransferFunction = "auto") -> None:
+    def __init__(
+        self, camera: str, paths: Mapping[int, Path], transfer: TransferFunction = "auto", offset: int = 0
+    ) -> None:
         self.camera = camera
-        self._transfer = transfer
+        self._transfer, self._offset = transfer, offset
         self._paths = dict(sorted(paths.items()))
-        self.frames = tuple(self._paths)
-        first = self._paths[self.frames[0]]
+        self.frames = tuple(number - offset for number in self._paths)
+        first = next(iter(self._paths.values()))
         self.width, self.height = image_size(first)
         self.has_alpha = has_alpha(first)
         self.fps: float | None = None
@@ -58,6 +60,7 @@ class ImageSource(FrameSource):
 
     def read(self, frame: int) -> np.ndarray:
         """See `FrameSource`. All images must have the size of the camera's first image, and its alpha channel."""
+        frame += self._offset
         path = self._paths.get(frame)
         if path is None:
             problem = f"Camera '{self.camera}' has no image for frame {frame}"
@@ -82,31 +85,8 @@ class ImageSource(FrameSource):
         return image if self.has_alpha else np.ascontiguousarray(image[:, :, :3])
 
     def files(self, frames: Iterable[int] | None = None) -> list[Path]:
-        return [self._paths[frame] for frame in (self.frames if frames is None else frames) if frame in self._paths]
-
-
-class ShiftedSource(FrameSource):
-    """A `FrameSource` that compensates a sync offset: its frame f is frame f + offset of `source`."""
-
-    def __init__(self, source: FrameSource, offset: int) -> None:
-        self.source = source
-        self.offset = offset
-        self.camera = source.camera
-        self.frames = tuple(frame - offset for frame in source.frames)
-        self.width, self.height = source.width, source.height
-        self.has_alpha = source.has_alpha
-        self.fps = source.fps
-        self.note = source.note
-
-    def read(self, frame: int) -> np.ndarray:
-        return self.source.read(frame + self.offset)
-
-    def files(self, frames: Iterable[int] | None = None) -> list[Path]:
-        return self.source.files(None if frames is None else [frame + self.offset for frame in frames])
-
-    @property
-    def chroma(self) -> ChromaSampling | None:
-        return self.source.chroma
+        numbers = [frame + self._offset for frame in (self.frames if frames is None else frames)]
+        return [self._paths[number] for number in numbers if number in self._paths]
 
 
 class DecoderPool:
@@ -137,79 +117,61 @@ class DecoderPool:
 
 
 class VideoSource(FrameSource):
-    """A `FrameSource` of one video, with frames numbered from 0. Raises StudioError, see `VideoReader`."""
+    """A `FrameSource` of one video, or of several, in order, into which a camera has split one recording. Frames are
+    numbered from 0. Raises StudioError, see `VideoReader`."""
 
     def __init__(
         self,
         camera: str,
-        path: Path,
+        paths: Sequence[Path],
         pool: DecoderPool,
         color_matrix: str = "auto",
         transfer: TransferFunction = "auto",
+        offset: int = 0,
     ) -> None:
         self.camera = camera
-        self._pool = pool
-        self.reader = VideoReader(path, color_matrix, transfer)
-        pool.touch(self.reader)
-        self.frames = tuple(range(self.reader.frame_count))
-        self.width, self.height = self.reader.width, self.reader.height
-        self.has_alpha = self.reader.has_alpha
-        self.fps = self.reader.fps
-        self.note = self.reader.note
-
-    def read(self, frame: int) -> np.ndarray:
-        self._pool.touch(self.reader)
-        return self.reader.read(frame)
-
-    def files(self, frames: Iterable[int] | None = None) -> list[Path]:
-        return [self.reader.path]
-
-    @property
-    def chroma(self) -> ChromaSampling | None:
-        return self.reader.chroma
-
-
-class ChapteredSource(FrameSource):
-    """A `FrameSource` of several videos, in order, into which a camera has split one recording."""
-
-    def __init__(self, parts: Sequence[VideoSource]) -> None:
-        self._parts = tuple(parts)
-        first = self._parts[0]
-        self.camera = first.camera
+        self._pool, self._offset = pool, offset
+        self._readers: list[VideoReader] = []
+        for path in paths:
+            self._readers.append(VideoReader(path, color_matrix, transfer))
+            pool.touch(self._readers[-1])
+        first = self._readers[0]
         self.width, self.height = first.width, first.height
         self.has_alpha, self.fps = first.has_alpha, first.fps
-        for part in self._parts:
+        for part in self._readers:
             differs = part.fps and self.fps and abs(part.fps / self.fps - 1) > 0.005
             if differs or (part.width, part.height, part.has_alpha) != (self.width, self.height, self.has_alpha):
                 raise StudioError(
                     "footage.chapters_differ",
-                    f"the video differs in size, frame rate or alpha from {first.reader.path.name}, of which it is "
-                    "taken to be a later part",
-                    file=part.reader.path,
+                    f"the video differs in size, frame rate or alpha from {first.path.name}, of which it is taken to "
+                    "be a later part",
+                    file=part.path,
                     fix="Keep the files of one recording only, or narrow the pattern in capture.images.",
-                    camera=self.camera,
+                    camera=camera,
                     setting="capture.images",
                 )
-        self._starts = tuple(accumulate((len(part.frames) for part in self._parts[:-1]), initial=0))
-        self.frames = tuple(range(self._starts[-1] + len(self._parts[-1].frames)))
-        notes = [part.note for part in self._parts if part.note]
-        joined = f"{len(self._parts)} files are read as one recording, in the order of their names"
-        self.note = "; ".join([*dict.fromkeys(notes), joined])
+        *self._starts, count = accumulate((part.frame_count for part in self._readers), initial=0)
+        self.frames = tuple(range(-offset, count - offset))
+        notes = dict.fromkeys(part.note for part in self._readers if part.note)
+        if len(paths) > 1:
+            notes[f"{len(paths)} files are read as one recording, in the order of their names"] = None
+        self.note = "; ".join(notes)
 
     def _part(self, frame: int) -> int:
-        return bisect_right(self._starts, frame) - 1
+        return max(0, bisect_right(self._starts, frame + self._offset) - 1)
 
     def read(self, frame: int) -> np.ndarray:
-        index = max(0, self._part(frame))
-        return self._parts[index].read(frame - self._starts[index])
+        index = self._part(frame)
+        self._pool.touch(self._readers[index])
+        return self._readers[index].read(frame + self._offset - self._starts[index])
 
     def files(self, frames: Iterable[int] | None = None) -> list[Path]:
-        used = range(len(self._parts)) if frames is None else sorted({max(0, self._part(frame)) for frame in frames})
-        return [path for index in used for path in self._parts[index].files()]
+        used = range(len(self._readers)) if frames is None else sorted({self._part(frame) for frame in frames})
+        return [self._readers[index].path for index in used]
 
     @property
     def chroma(self) -> ChromaSampling | None:
-        return self._parts[0].chroma
+        return self._readers[0].chroma
 
 
 def decoder_limit(width: int, height: int) -> int:
@@ -242,11 +204,12 @@ def make_sources(
                 else "Put {chapter} in the place of {frame} if the videos are parts of one recording, else name one."
             )
             raise StudioError("footage.video_as_frame", problem, file=videos[0].path, fix=fix, camera=camera)
+        offset = (offsets or {}).get(camera, 0)
         if videos:
-            parts = [VideoSource(camera, match.path, pool, color_matrix, transfer) for match in videos]
-            sources[camera] = ChapteredSource(parts) if len(parts) > 1 else parts[0]
+            paths = [match.path for match in videos]
+            sources[camera] = VideoSource(camera, paths, pool, color_matrix, transfer, offset)
         else:
-            sources[camera] = ImageSource(camera, {match.frame or 0: match.path for match in group}, transfer)
+            sources[camera] = ImageSource(camera, {match.frame or 0: match.path for match in group}, transfer, offset)
     kinds = {not isinstance(source, ImageSource): camera for camera, source in sources.items()}
     if len(kinds) > 1:
         problem = f"Camera '{kinds[True]}' is a video and camera '{kinds[False]}' is an image sequence"
@@ -254,7 +217,4 @@ def make_sources(
         raise StudioError(
             "footage.mixed_media", problem, fix=fix, cameras=[kinds[True], kinds[False]], setting="capture.images"
         )
-    for camera, offset in (offsets or {}).items():
-        if offset and camera in sources:
-            sources[camera] = ShiftedSource(sources[camera], offset)
     return sources
