@@ -1,7 +1,5 @@
 """Masks from the alpha channel of the images."""
 
-from pathlib import Path
-
 import numpy as np
 
 from studio.errors import StudioError
@@ -10,7 +8,7 @@ from studio.masks.mask_source import MaskInputs, MaskSource
 _SAMPLED_CAMERAS = 4
 
 
-class AlphaMaskSource:
+class AlphaMaskSource(MaskSource):
     """A `MaskSource` that uses the alpha channel of the images."""
 
     def mask(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
@@ -22,9 +20,6 @@ class AlphaMaskSource:
                 "mask.alpha_missing", problem, fix=fix, camera=camera, frame=frame, setting="capture.masks"
             )
         return np.ascontiguousarray(image[:, :, 3])
-
-    def files(self) -> list[Path]:
-        return []
 
 
 def open_alpha(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | None:

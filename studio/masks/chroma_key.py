@@ -6,7 +6,6 @@ the silhouette a mask solved from the screen color next to the performer: I = a 
 """
 
 import math
-from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +13,8 @@ import numpy as np
 from studio.capture.settings import DifferenceSettings
 from studio.masks.clean_plate import noise_of, solve_edges
 from studio.masks.despill import despill
-from studio.masks.filters import guided_filter, keep_components
-from studio.masks.mask_source import GarbageMasks, MaskInputs, MaskSource
+from studio.masks.filters import guided_filter, keep_components, masked_mean, reduced
+from studio.masks.mask_source import MaskInputs, MaskSource
 from studio.masks.screen_color import Screen, find_screen
 from studio.memory_cache import MemoryCache
 
@@ -28,14 +27,14 @@ _NO_SHADOW = 0.75
 
 
 def chroma_mask(
-    image: np.ndarray, screen: Screen, settings: DifferenceSettings | None = None, inside: np.ndarray | None = None
+    image: np.ndarray, screen: Screen, settings: DifferenceSettings, inside: np.ndarray | None = None
 ) -> np.ndarray:
     """Mask of `image` in front of `screen`.
 
     Args:
         image: (H, W, 3) uint8 RGB.
         screen: from `find_screen`.
-        settings: sensitivity, components and shadows; None: the defaults.
+        settings: sensitivity, components and shadows.
         inside: (H, W) bool, where the performer may be; None: everywhere.
 
     Returns:
@@ -43,19 +42,12 @@ def chroma_mask(
     """
     import cv2
 
-    settings = settings or DifferenceSettings()
     height, width = image.shape[:2]
-    shrink = min(1.0, WORK_SIDE / max(height, width))
-    small, small_inside = image, inside
-    if shrink < 1.0:
-        size = (max(1, round(width * shrink)), max(1, round(height * shrink)))
-        small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-        if inside is not None:
-            small_inside = cv2.resize(inside.astype(np.uint8), size, interpolation=cv2.INTER_AREA) > 0
-    solid = _binary(small.astype(np.float32), screen, settings, small_inside)
+    small_inside = None if inside is None else reduced(inside.astype(np.uint8), WORK_SIDE) > 0
+    solid = _binary(reduced(image, WORK_SIDE).astype(np.float32), screen, settings, small_inside)
     if not solid.any():
         return np.zeros((height, width), np.uint8)
-    if shrink < 1.0:
+    if solid.shape != (height, width):
         full = cv2.resize(solid.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR)
         solid = (full > 0.5).astype(np.uint8)
     reach = edge_reach(image)
@@ -132,7 +124,7 @@ def _extrapolate(values: np.ndarray, where: np.ndarray, sigma: float, otherwise:
         weight = cv2.resize(where.astype(np.float32), size, interpolation=cv2.INTER_AREA)
         weighted = cv2.resize(values * where[..., None].astype(np.float32), size, interpolation=cv2.INTER_AREA)
         weighted = weighted.reshape(*weight.shape, -1) / np.maximum(weight, 1e-6)[..., None]
-        mean, seen = _weighted_mean(weighted, weight, factor * sigma * shrink)
+        mean, seen = masked_mean(weighted, weight, factor * sigma * shrink)
         mean = cv2.resize(mean, (width, height), interpolation=cv2.INTER_LINEAR).reshape(values.shape)
         seen = cv2.resize(seen, (width, height), interpolation=cv2.INTER_LINEAR)[..., None]
         trust = seen / (seen + _FEW)
@@ -140,41 +132,14 @@ def _extrapolate(values: np.ndarray, where: np.ndarray, sigma: float, otherwise:
     return result
 
 
-def _weighted_mean(values: np.ndarray, weight: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray]:
-    import cv2
-
-    total = cv2.GaussianBlur(values * weight[..., None], (0, 0), sigma).reshape(values.shape)
-    seen = cv2.GaussianBlur(weight, (0, 0), sigma)
-    return total / np.maximum(seen, 1e-6)[..., None], seen
-
-
-class ChromaMaskSource:
+class ChromaMaskSource(MaskSource):
     """A `MaskSource` whose foreground is everything that differs from the screen's color.
 
     Spill is removed from the performer's outline (see `Recolors`).
-
-    Args:
-        read: returns the raw (H, W, 3) uint8 RGB image of a camera and frame.
-        frames: returns a camera's frame numbers; the screen color is estimated from `SAMPLES` of them.
-        key_color: approximate RGB in 0..1; None detects it per camera.
-        garbage: where the performer may be; None: everywhere.
-
-    Attributes:
-        screen: camera name to its `Screen`, estimated on first use.
     """
 
-    def __init__(
-        self,
-        read: Callable[[str, int], np.ndarray],
-        frames: Callable[[str], Sequence[int]],
-        key_color: Sequence[float] | None = None,
-        settings: DifferenceSettings | None = None,
-        garbage: GarbageMasks | None = None,
-    ) -> None:
-        self._read, self._frames = read, frames
-        self._key_color = key_color
-        self._settings = settings or DifferenceSettings()
-        self._garbage = garbage
+    def __init__(self, inputs: MaskInputs) -> None:
+        self._inputs = inputs
         self._screens: MemoryCache[str, Screen] = MemoryCache(math.inf)
 
     def screen(self, camera: str) -> Screen:
@@ -182,18 +147,19 @@ class ChromaMaskSource:
         return self._screens.get_or_make(camera, self._find)
 
     def _find(self, camera: str) -> Screen:
-        frames = self._frames(camera)
+        frames, key = self._inputs.sources[camera].frames, self._inputs.spec.key_color
         chosen = sorted({round(place) for place in np.linspace(0, len(frames) - 1, SAMPLES)})
-        return find_screen([self._read(camera, frames[index]) for index in chosen], camera, self._key_color)
+        images = [self._inputs.image(camera, frames[index]) for index in chosen]
+        return find_screen(images, camera, None if isinstance(key, str) else key)
 
     def mask(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
         """See `MaskSource`. Raises StudioError as `find_screen`."""
         image = np.ascontiguousarray(image[:, :, :3])
-        inside = self._garbage.inside(camera, frame, image) if self._garbage is not None else None
-        return chroma_mask(image, self.screen(camera), self._settings, inside)
+        inside = self._inputs.inside(camera, frame, image)
+        return chroma_mask(image, self.screen(camera), self._inputs.spec, inside)
 
     def files(self) -> list[Path]:
-        return self._garbage.files() if self._garbage is not None else []
+        return self._inputs.garbage.files() if self._inputs.garbage is not None else []
 
     def recolored(self, camera: str, image: np.ndarray, mask: np.ndarray) -> np.ndarray:
         behind = screen_behind(image, (mask > 127).astype(np.uint8))
@@ -202,7 +168,4 @@ class ChromaMaskSource:
 
 def open_chroma_key(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str]:
     """Masks from a screen: see `studio.masks.sources`."""
-    spec = inputs.spec
-    key = None if isinstance(spec.key_color, str) else spec.key_color
-    frames = {name: source.frames for name, source in inputs.sources.items()}
-    return ChromaMaskSource(inputs.image, frames.__getitem__, key, spec, inputs.garbage), "chroma key"
+    return ChromaMaskSource(inputs), "chroma key"

@@ -10,7 +10,15 @@ import numpy as np
 
 from studio.capture.settings import DifferenceSettings
 from studio.masks.colored_shadow import WINDOW, colored_shadow
-from studio.masks.filters import binned_color_table, color_bins, guided_filter, keep_components, look_up, masked_mean
+from studio.masks.filters import (
+    binned_color_table,
+    color_bins,
+    guided_filter,
+    keep_components,
+    look_up,
+    masked_mean,
+    reduced,
+)
 
 _NO_CHROMA = 127.5  # value of Cr and Cb for gray
 _FADED = 4.0  # in chroma levels: a smaller loss of chroma in a shadow is ignored
@@ -139,7 +147,7 @@ def _shadow(ours: np.ndarray, empty: np.ndarray, noise: np.float32) -> tuple[np.
 def difference_mask(
     image: np.ndarray,
     plate: np.ndarray,
-    settings: DifferenceSettings | None = None,
+    settings: DifferenceSettings,
     known: np.ndarray | None = None,
     doubtful: np.ndarray | None = None,
     colors: np.ndarray | None = None,
@@ -149,7 +157,6 @@ def difference_mask(
     Args:
         image: (H, W, 3) uint8 RGB.
         plate: (H, W, 3) uint8 RGB, the same view without the performer.
-        settings: None: the defaults.
         known: (H, W) bool, where the plate is reliable; None: everywhere. Elsewhere, only `colors` is used.
         doubtful: (H, W) bool, where the plate may show the performer: similarity to the plate makes no hole there.
         colors: `color_table` of performer over set, learned from all footage; None: it is learned from this image.
@@ -159,31 +166,19 @@ def difference_mask(
     """
     import cv2
 
-    settings = settings or DifferenceSettings()
     height, width = image.shape[:2]
-    shrink = min(1.0, WORK_SIDE / max(height, width))
-    size = (max(1, round(width * shrink)), max(1, round(height * shrink)))
-    small, small_plate = image, plate
-
-    def reduced(area: np.ndarray | None) -> np.ndarray | None:
-        if area is None or shrink == 1.0:
-            return area
-        return cv2.resize(area.astype(np.uint8), size, interpolation=cv2.INTER_AREA) > 0
-
-    if shrink < 1.0:
-        small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-        small_plate = cv2.resize(plate, size, interpolation=cv2.INTER_AREA)
-    ours, empty = small.astype(np.float32), small_plate.astype(np.float32)
-    gain = match_exposure(ours, empty, reduced(known))
+    ours, empty = (reduced(one, WORK_SIDE).astype(np.float32) for one in (image, plate))
+    areas = [None if area is None else reduced(area.astype(np.uint8), WORK_SIDE) > 0 for area in (known, doubtful)]
+    gain = match_exposure(ours, empty, areas[0])
     empty *= gain
-    mask = foreground_mask(ours, empty, settings, reduced(known), reduced(doubtful), colors)
+    mask = foreground_mask(ours, empty, settings, *areas, colors)
     if not mask.any():
         return np.zeros((height, width), np.uint8)
-    if shrink < 1.0:
-        mask = (cv2.resize(mask.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR) > 0.5).astype(
-            np.uint8
-        )
-    return solve_edges(image, plate, gain, mask, reach=max(2.0, 2.0 / shrink), known=known)
+    if mask.shape != (height, width):
+        larger = cv2.resize(mask.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR)
+        mask = (larger > 0.5).astype(np.uint8)
+    reach = max(2.0, 2.0 / (WORK_SIDE / max(height, width)))
+    return solve_edges(image, plate, gain, mask, reach, known)
 
 
 def foreground_mask(

@@ -3,6 +3,18 @@
 import numpy as np
 
 
+def reduced(image: np.ndarray, side: int) -> np.ndarray:
+    """An image (H, W, ...) that is at most `side` pixels long, of the same aspect ratio; itself if it is smaller."""
+    import cv2
+
+    height, width = image.shape[:2]
+    shrink = min(1.0, side / max(height, width))
+    if shrink == 1.0:
+        return image
+    size = (max(1, round(width * shrink)), max(1, round(height * shrink)))
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+
+
 def guided_filter(guide: np.ndarray, values: np.ndarray, radius: int, epsilon: float) -> np.ndarray:
     """Edge-preserving smoothing of `values` (He, Sun and Tang, "Guided Image Filtering", ECCV 2010; gray guide).
 
@@ -74,20 +86,13 @@ def look_up(table: np.ndarray, image: np.ndarray) -> np.ndarray:
 
 
 def masked_mean(image: np.ndarray, mask: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray]:
-    """Gaussian mean of the pixels where `mask` is 1.
-
-    Args:
-        image: (H, W, 3) float32.
-        mask: (H, W) uint8, 0 or 1.
-        sigma: standard deviation in pixels.
-
-    Returns:
-        (H, W, 3) float32 mean, and (H, W) float32 its total weight in 0..1.
-    """
+    """Gaussian mean of an (H, W, C) float32 image, weighted by a mask (H, W) in 0..1, with a standard deviation of
+    `sigma` pixels: (H, W, C) float32, and (H, W) float32 its total weight in 0..1."""
     import cv2
 
-    weight = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), sigma)
-    total = cv2.GaussianBlur(image * mask[..., None].astype(np.float32), (0, 0), sigma)
+    given = mask.astype(np.float32)
+    weight = cv2.GaussianBlur(given, (0, 0), sigma)
+    total = cv2.GaussianBlur(image * given[..., None], (0, 0), sigma).reshape(image.shape)
     return total / np.maximum(weight, 1e-6)[..., None], weight
 
 

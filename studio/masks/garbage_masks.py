@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from studio.capture.frame_sources import DecoderPool, make_sources
-from studio.capture.patterns import VIDEO_EXTENSIONS, Match, find_files
+from studio.capture.patterns import VIDEO_EXTENSIONS, Match
 from studio.capture.settings import CaptureSettings
 from studio.errors import StudioError
 from studio.masks.garbage_polygons import EXTENSIONS, GarbagePolygons, read_garbage_polygons
-from studio.masks.mask_files import FileMaskSource
+from studio.masks.mask_files import FileMaskSource, matching
 from studio.masks.mask_source import GarbageMasks
 from studio.storage import whole_files
 
@@ -76,14 +76,8 @@ def garbage_masks(spec: CaptureSettings, names: tuple[str, ...], pool: DecoderPo
         return None
     if Path(spec.garbage_masks).suffix.lower() in EXTENSIONS:
         return _drawn(spec, spec.garbage_masks, names)
-    matches = [match for match in find_files(spec.root, spec.garbage_masks) if match.camera in names]
-    if not matches:
-        problem = f"no garbage mask of the footage's cameras matches the pattern '{spec.garbage_masks}'"
-        value = spec.garbage_masks
-        fix = "Check capture.garbage_masks."
-        raise StudioError(
-            "mask.garbage_not_found", problem, file=spec.root, value=value, fix=fix, setting="capture.garbage_masks"
-        )
+    setting = "capture.garbage_masks"
+    matches = matching(spec.root, spec.garbage_masks, names, "mask.garbage_not_found", "garbage mask", setting)
     return GarbageImages(matches, pool, spec.offsets)
 
 

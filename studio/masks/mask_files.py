@@ -1,7 +1,7 @@
 """Masks that were made elsewhere: images or videos."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -202,18 +202,22 @@ def find_files_of(
     """Pattern and files of a setting, or of usual `folders` if it is auto; or None. Raises StudioError: `code`."""
     root, wanted = inputs.spec.root, getattr(inputs.spec, setting)
     if wanted != "auto":
-        matches = [match for match in find_files(root, wanted) if match.camera in inputs.sources]
-        if not matches:
-            problem = f"no {what} of the footage's cameras matches the pattern '{wanted}'"
-            fix = f"Check capture.{setting}."
-            raise StudioError(code, problem, file=root, value=wanted, fix=fix, setting=f"capture.{setting}")
-        return wanted, matches
+        return wanted, matching(root, wanted, inputs.sources, code, what, f"capture.{setting}")
     found = find_beside(root, folders, inputs.sources)
     if found is None and required:
         problem = f"no {what}s found" if what != "mask" else "no mask files found"
         fix = f"Set capture.{setting}, for example '{example}'."
         raise StudioError(code, problem, file=root, fix=fix, setting=f"capture.{setting}")
     return found
+
+
+def matching(root: Path, pattern: str, cameras: Container[str], code: str, what: str, setting: str) -> list[Match]:
+    """The files of some cameras that match a setting's pattern. Raises StudioError: `code`: there are none."""
+    matches = [match for match in find_files(root, pattern) if match.camera in cameras]
+    if not matches:
+        problem = f"no {what} of the footage's cameras matches the pattern '{pattern}'"
+        raise StudioError(code, problem, file=root, value=pattern, fix=f"Check {setting}.", setting=setting)
+    return matches
 
 
 def find_beside(
@@ -289,12 +293,6 @@ def exact_masks(
     """
     if pattern is None:
         return None, ""
-    matches = [match for match in find_files(spec.root, pattern) if match.camera in names]
-    if not matches:
-        problem = f"no evaluation mask matches the pattern '{pattern}'"
-        fix = "Check evaluate.exact_masks."
-        raise StudioError(
-            "mask.not_found", problem, file=spec.root, value=pattern, fix=fix, setting="evaluate.exact_masks"
-        )
+    matches = matching(spec.root, pattern, names, "mask.not_found", "evaluation mask", "evaluate.exact_masks")
     mask_source = _file_mask_source(matches, spec, names, frames, DecoderPool(len(names)), "evaluation mask")
     return mask_source, f"Evaluation within the exact masks '{pattern}'."

@@ -39,6 +39,7 @@ class MaskSource(Protocol):
 
     def files(self) -> list[Path]:
         """The files that the masks depend on, excluding the footage."""
+        return []
 
 
 @runtime_checkable
@@ -123,19 +124,20 @@ class MaskInputs:
         """(H, W, 3) uint8 raw image. Raises StudioError if it cannot be read."""
         return self.sources[camera].read(frame)[:, :, :3]
 
+    def inside(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray | None:
+        """Where the performer may be, as `GarbageMasks.inside`."""
+        return None if self.garbage is None else self.garbage.inside(camera, frame, image)
+
     def first_image(self, camera: str) -> np.ndarray:
         """(H, W, 3) uint8 raw image of the camera's first frame. Raises StudioError if it cannot be read."""
         return self.image(camera, self.sources[camera].frames[0])
 
 
-class FullMaskSource:
+class FullMaskSource(MaskSource):
     """A `MaskSource` for which everything is foreground."""
 
     def mask(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
         return np.full(image.shape[:2], 255, np.uint8)
-
-    def files(self) -> list[Path]:
-        return []
 
 
 def open_none(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str]:
@@ -143,7 +145,7 @@ def open_none(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str]:
     return FullMaskSource(), "none; everything is foreground"
 
 
-class MissingMaskSource:
+class MissingMaskSource(MaskSource):
     """A `MaskSource` where none was found: what needs masks stops there, with the `reasons`, clauses."""
 
     def __init__(self, reasons: str) -> None:
@@ -157,6 +159,3 @@ class MissingMaskSource:
     def mask(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
         """See `MaskSource`. Raises StudioError `mask.no_source`."""
         raise StudioError.of(self.message)
-
-    def files(self) -> list[Path]:
-        return []

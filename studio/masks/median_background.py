@@ -21,7 +21,7 @@ import numpy as np
 from studio.atomic_files import atomic_path
 from studio.capture.settings import DifferenceSettings
 from studio.masks.clean_plate import difference_evidence
-from studio.masks.filters import color_table, guided_filter, look_up
+from studio.masks.filters import color_table, guided_filter, look_up, reduced
 from studio.memory_cache import MemoryCache
 
 _SIDE = 480  # longest side while estimating
@@ -79,9 +79,7 @@ def estimate_background(read: Callable[[int], np.ndarray], frames: Sequence[int]
     small = []
     for frame in chosen:
         image = read(frame)
-        shrink = min(1.0, _SIDE / max(image.shape[:2]))
-        size = (max(1, round(image.shape[1] * shrink)), max(1, round(image.shape[0] * shrink)))
-        small.append(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+        small.append(reduced(image, _SIDE))
     stack = np.stack(small)
     plate, members, known, doubtful, colors = _estimate_small(stack)
     height, width = image.shape[:2]

@@ -3,9 +3,8 @@ as in many published data sets.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 
@@ -107,27 +106,24 @@ def spread(cameras: Sequence[str], count: int = 9) -> list[str]:
     return [cameras[round(index * (len(cameras) - 1) / (count - 1))] for index in range(count)]
 
 
-class PlainMaskSource:
+class PlainMaskSource(MaskSource):
     """A `MaskSource` whose foreground is everything that differs from a plain background color.
 
     The background color is also removed from the outline (see `Recolors`).
 
-    Args:
-        first: returns a camera's first image (H, W, 3) uint8, in which the background color is measured.
-        cameras: all cameras. Where the performer hides most of the border, or is not yet in the image, the color is
-            that of most others.
+    That color is measured in each camera's first image. Where the performer hides most of the border, or is not yet in
+    the image, it is that of most others.
     """
 
-    def __init__(self, first: Callable[[str], np.ndarray], cameras: Sequence[str] = ()) -> None:
-        self._first = first
-        self._cameras = tuple(cameras)
+    def __init__(self, inputs: MaskInputs) -> None:
+        self._inputs = inputs
         self._colors: MemoryCache[str, np.ndarray] = MemoryCache(math.inf)
 
     def _color(self, camera: str) -> np.ndarray:
         return self._colors.get_or_make(camera, self._find)
 
     def _find(self, camera: str) -> np.ndarray:
-        image = self._first(camera)
+        image = self._inputs.first_image(camera)
         color = plain_color(image)
         if color is None:
             shared = self._shared
@@ -153,7 +149,7 @@ class PlainMaskSource:
     @cached_property
     def _shared(self) -> np.ndarray | None:
         """The color of most of up to nine cameras; None if fewer than half agree."""
-        colors = [plain_color(self._first(camera)) for camera in spread(self._cameras)]
+        colors = [plain_color(self._inputs.first_image(camera)) for camera in spread(self._inputs.names)]
         found = [color for color in colors if color is not None]
         for color in found:
             if 2 * sum(bool(_near(other, color)) for other in found) >= max(2, len(colors)):
@@ -173,13 +169,10 @@ class PlainMaskSource:
         result[rows, columns] = np.clip(mixed / alpha + 0.5, 0, 255).astype(np.uint8)
         return result
 
-    def files(self) -> list[Path]:
-        return []
-
 
 def open_plain(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | None:
     """Masks from a plain background: see `studio.masks.sources`."""
-    source = PlainMaskSource(inputs.first_image, inputs.names)
+    source = PlainMaskSource(inputs)
     if not required and not _is_plain(inputs, source):
         return None
     return source, "difference from the plain background"

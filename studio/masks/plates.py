@@ -10,12 +10,11 @@ from studio.capture.detect import PLATE_FOLDERS
 from studio.capture.digest import digest_files
 from studio.capture.images import read_image
 from studio.capture.patterns import VIDEO_EXTENSIONS, Match, natural_key
-from studio.capture.settings import DifferenceSettings
 from studio.capture.transfer import TransferFunction
 from studio.errors import StudioError
 from studio.masks.clean_plate import difference_mask
 from studio.masks.mask_files import find_files_of
-from studio.masks.mask_source import GarbageMasks, MaskInputs, MaskSource
+from studio.masks.mask_source import MaskInputs, MaskSource
 from studio.masks.median_background import (
     Background,
     background_cache,
@@ -27,26 +26,16 @@ from studio.masks.median_background import (
 FEW_FRAMES = 10  # with fewer frames, the performer hides too much of the set for auto to choose its median
 
 
-class PlateMaskSource:
+class PlateMaskSource(MaskSource):
     """A `MaskSource` from the difference to the empty set, whose image is loaded or estimated once per camera.
 
     Args:
         background: loads or estimates the background of a camera; once per camera, as far as they fit into memory.
         files: files that the backgrounds depend on.
-        garbage: where the performer may be; None: everywhere.
     """
 
-    def __init__(
-        self,
-        background: Callable[[str], Background],
-        files: list[Path],
-        settings: DifferenceSettings | None = None,
-        garbage: GarbageMasks | None = None,
-    ) -> None:
-        self._files = files
-        self._garbage = garbage
-        self._settings = settings or DifferenceSettings()
-        self._load = background
+    def __init__(self, inputs: MaskInputs, background: Callable[[str], Background], files: list[Path]) -> None:
+        self._inputs, self._load, self._files = inputs, background, files
         self._backgrounds = background_cache()
 
     def background(self, camera: str) -> Background:
@@ -64,10 +53,10 @@ class PlateMaskSource:
             fix = "Clean plates must have the size of the footage."
             raise StudioError("mask.plate_size", problem, value=size, fix=fix, camera=camera, expected=expected)
         image = np.ascontiguousarray(image[:, :, :3])
-        inside = self._garbage.inside(camera, frame, image) if self._garbage is not None else None
+        inside = self._inputs.inside(camera, frame, image)
         if inside is not None:  # here, so that garbage does not count as a component
             image = np.where(inside[:, :, None], image, behind.plate)
-        return difference_mask(image, behind.plate, self._settings, behind.known, behind.doubtful, behind.colors)
+        return difference_mask(image, behind.plate, self._inputs.spec, behind.known, behind.doubtful, behind.colors)
 
     def plate(self, camera: str) -> np.ndarray:
         return shown(self.background(camera))
@@ -147,7 +136,7 @@ def open_clean_plate(inputs: MaskInputs, required: bool) -> tuple[MaskSource, st
             "mask.plate_missing", problem, file=spec.root, value=pattern, fix=fix, camera=camera, setting=setting
         )
     load = plates_from_files(matches, spec.color_matrix, spec.transfer)
-    source = PlateMaskSource(load, [match.path for match in matches], spec, inputs.garbage)
+    source = PlateMaskSource(inputs, load, [match.path for match in matches])
     return source, f"difference from the clean plates '{pattern}'"
 
 
@@ -170,5 +159,5 @@ def open_median_background(inputs: MaskInputs, required: bool) -> tuple[MaskSour
         return cached_background(folder, key, estimate)
 
     paths = [path for source in inputs.sources.values() for path in source.files()]
-    source = PlateMaskSource(background, paths, spec, inputs.garbage)
+    source = PlateMaskSource(inputs, background, paths)
     return source, "difference from the background estimated from the footage"

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from studio.errors import StudioError
+from studio.masks.filters import reduced
 
 _SIDE = 320  # longest side of the images in which the color is estimated
 _HUES = 72  # bins of 5 degrees
@@ -69,13 +70,9 @@ def find_screen(images: Sequence[np.ndarray], camera: str, key_color: Sequence[f
     Raises:
         StudioError: `mask.no_screen`: no saturated color covers enough of the image; `mask.key_color_not_found`.
     """
-    import cv2
-
     pixels, weights = [], []
     for image in images:
-        shrink = min(1.0, _SIDE / max(image.shape[:2]))
-        size = (max(1, round(image.shape[1] * shrink)), max(1, round(image.shape[0] * shrink)))
-        small = cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.float32)
+        small = reduced(image, _SIDE).astype(np.float32)
         weight = np.full(small.shape[:2], 2.0, np.float32)
         margin = max(1, round(0.12 * min(small.shape[:2])))
         weight[margin:-margin, margin:-margin] = 1.0

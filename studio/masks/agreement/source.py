@@ -34,7 +34,7 @@ from studio.masks.agreement.outlines import BINS, color_odds, cut
 from studio.masks.agreement.people import odds_of_people
 from studio.masks.agreement.vote import heard
 from studio.masks.clean_plate import match_exposure, solve_edges
-from studio.masks.filters import color_bins, keep_components
+from studio.masks.filters import color_bins, keep_components, reduced
 from studio.masks.mask_cache import MaskCache
 from studio.masks.mask_source import MaskInputs, MaskSource
 from studio.masks.matting_model import MattingModel, load_model
@@ -71,7 +71,7 @@ _SMALLEST = 1e-4  # component, in fractions of the image
 _VERSION = 6  # of the algorithm; part of the names of cached files
 
 
-class AgreedMaskSource:
+class AgreedMaskSource(MaskSource):
     """A `MaskSource` whose masks all cameras agree on; see the module docstring.
 
     Args:
@@ -178,22 +178,22 @@ class AgreedMaskSource:
         """(h, w) float32 log-odds of the model; `solid`: roughly where the performer is."""
         assert self._model is not None
         odds = odds_of_people(self._inputs.image(camera, frame), solid, self._model)
-        return self._allowed(camera, frame, _reduced(odds, _WORK_SIDE), _WORK_SIDE)
+        return self._allowed(camera, frame, reduced(odds, _WORK_SIDE), _WORK_SIDE)
 
     def _allowed(self, camera: str, frame: int, odds: np.ndarray, side: int) -> np.ndarray:
         """Log-odds, the lowest where the garbage mask excludes the performer."""
         if self._inputs.garbage is None:
             return odds
-        inside = self._inputs.garbage.inside(camera, frame, self._inputs.image(camera, frame))
-        return odds if inside is None else np.where(_reduced(inside.astype(np.float32), side) > 0.5, odds, -LIMIT)
+        inside = self._inputs.inside(camera, frame, self._inputs.image(camera, frame))
+        return odds if inside is None else np.where(reduced(inside.astype(np.float32), side) > 0.5, odds, -LIMIT)
 
     def agree(self, frame: int) -> dict[str, np.ndarray]:
         """By camera: (h, w) bool, where all cameras together see the performer, at reduced size; with cameras only."""
 
-        def reduced(name: str) -> Background:
+        def small(name: str) -> Background:
             return _reduced_background(self.background(name))
 
-        sets = {name: self._small_sets.get_or_make(name, reduced) for name in self._inputs.names}
+        sets = {name: self._small_sets.get_or_make(name, small) for name in self._inputs.names}
         if self._model is None:
             return self._vote(frame, sets, _WORK_SIDE, _ROUNDS, {})
         coarse = {name: _reduced_background(behind, _COARSE_SIDE) for name, behind in sets.items()}
@@ -253,7 +253,7 @@ class AgreedMaskSource:
 
     def _image(self, camera: str, frame: int, side: int) -> np.ndarray:
         def load(key: tuple[str, int, int]) -> np.ndarray:
-            return _reduced(self._inputs.image(*key[:2]), side)
+            return reduced(self._inputs.image(*key[:2]), side)
 
         return self._small.get_or_make((camera, frame, side), load)
 
@@ -299,23 +299,12 @@ def _after_cut(odds: np.ndarray, solid: np.ndarray) -> np.ndarray:
     return _UNCUT * np.clip(odds, -2.0, 2.0) + np.where(solid, np.float32(_CUT), np.float32(-_CUT))
 
 
-def _reduced(values: np.ndarray, side: int = _WORK_SIDE) -> np.ndarray:
-    import cv2
-
-    height, width = values.shape[:2]
-    shrink = min(1.0, side / max(height, width))
-    if shrink == 1.0:
-        return values
-    size = (max(1, round(width * shrink)), max(1, round(height * shrink)))
-    return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA))
-
-
 def _reduced_background(behind: Background, side: int = _WORK_SIDE) -> Background:
     def area(where: np.ndarray | None) -> np.ndarray | None:
-        return None if where is None else _reduced(where.astype(np.float32), side) > 0.5
+        return None if where is None else reduced(where.astype(np.float32), side) > 0.5
 
     return Background(
-        _reduced(behind.plate, side), area(behind.known), area(behind.doubtful), behind.colors, area(behind.agreed)
+        reduced(behind.plate, side), area(behind.known), area(behind.doubtful), behind.colors, area(behind.agreed)
     )
 
 

@@ -3,6 +3,9 @@
 import numpy as np
 
 from studio.cameras import Camera
+from studio.capture.settings import DifferenceSettings
+
+USUAL = DifferenceSettings()
 
 
 def disc(shape: tuple[int, int], x: float, y: float, across: float, down: float | None = None) -> np.ndarray:

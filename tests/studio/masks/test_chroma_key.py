@@ -14,7 +14,7 @@ from studio.masks.chroma_key import chroma_mask
 from studio.masks.clean_plate import DifferenceSettings
 from studio.masks.despill import despill
 from studio.masks.screen_color import find_screen
-from tests.studio.masks.scenes import disc, edge_error, filmed, over, overlap
+from tests.studio.masks.scenes import USUAL, disc, edge_error, filmed, over, overlap
 from tests.support.errors import refuses
 from tests.support.settings import refuses_setting
 
@@ -62,7 +62,7 @@ def performer_of(make: SimpleNamespace, camera: str, frame: int) -> tuple[np.nda
 def test_the_sample_performer_on_a_screen(make, camera, frame, color) -> None:
     front, alpha = performer_of(make, camera, frame)
     image = before(color, alpha, front)
-    mask = chroma_mask(image, find_screen([image], camera))
+    mask = chroma_mask(image, find_screen([image], camera), USUAL)
     assert overlap(mask, alpha) > 0.985
     assert np.abs(mask / 255 - alpha).mean() < 0.002
 
@@ -75,7 +75,7 @@ def test_screens_of_any_color(color: tuple[int, int, int], front: tuple[int, int
     screen = find_screen([image], "cam")
     cosine = screen.color @ np.array(color) / np.linalg.norm(screen.color) / np.linalg.norm(color)
     assert cosine > 0.999
-    mask = chroma_mask(image, screen)
+    mask = chroma_mask(image, screen, USUAL)
     assert overlap(mask, DISC) > 0.97
     assert np.abs(mask / 255 - DISC).mean() < 0.004
 
@@ -83,14 +83,14 @@ def test_screens_of_any_color(color: tuple[int, int, int], front: tuple[int, int
 def test_edges_have_the_true_softness() -> None:
     alpha = disc(SHAPE, 110.3, 80.7, 40)
     image = before(GREEN, alpha, shadow=0.0)
-    assert edge_error(chroma_mask(image, find_screen([image], "cam")), alpha) < 0.5
+    assert edge_error(chroma_mask(image, find_screen([image], "cam"), USUAL), alpha) < 0.5
 
 
 def test_shadows_are_screen_by_default() -> None:
     alpha = disc(SHAPE, 80, 80, 40)
     image = before(GREEN, alpha, shadow=0.6)
     screen = find_screen([image], "cam")
-    assert overlap(chroma_mask(image, screen), alpha) > 0.97
+    assert overlap(chroma_mask(image, screen, USUAL), alpha) > 0.97
     assert overlap(chroma_mask(image, screen, DifferenceSettings(mask_shadows="none")), alpha) < 0.9
 
 
@@ -107,7 +107,7 @@ def test_components_sensitivity_and_large_images(monkeypatch: pytest.MonkeyPatch
     assert few < 0.1 * many
     monkeypatch.setattr(chroma_key, "WORK_SIDE", 320)  # larger images are reduced to this
     large = cv2.resize(DISC, (480, 320), interpolation=cv2.INTER_CUBIC).clip(0, 1)
-    mask = chroma_mask(before(GREEN, large, shadow=0.0), screen)
+    mask = chroma_mask(before(GREEN, large, shadow=0.0), screen, USUAL)
     assert mask.shape == large.shape
     assert overlap(mask, large) > 0.99
 
