@@ -5,11 +5,9 @@ import io
 import os
 import re
 import struct
-import threading
 import zipfile
 from bisect import bisect_right
 from pathlib import Path
-from typing import Protocol
 
 from studio.errors import StudioError, reason_of
 from studio.stream.sources.http import HttpSource
@@ -25,22 +23,8 @@ _NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}(/[A-Za-z0-9_-][A-Za-z0-9.
 _LOCAL_HEADER = struct.Struct("<4s5H3L2H")
 
 
-class Ranges(Protocol):
-    """A file that is read in parts. Thread safe."""
-
-    @property
-    def name(self) -> str:
-        """For messages."""
-
-    def read_at(self, offset: int, count: int) -> tuple[bytes, int]:
-        """At most `count` bytes from `offset` on, fewer only at the end, and the file's size. Raises StudioError."""
-
-    def close(self) -> None:
-        """Abort reads in progress."""
-
-
 class FileRanges:
-    """A local file. Raises StudioError if it cannot be opened."""
+    """A local file that is read in parts. Thread safe. Raises StudioError if it cannot be opened."""
 
     def __init__(self, path: Path) -> None:
         self.name = str(path)
@@ -52,6 +36,7 @@ class FileRanges:
         self._size = os.fstat(self._file.fileno()).st_size
 
     def read_at(self, offset: int, count: int) -> tuple[bytes, int]:
+        """At most `count` bytes from `offset` on, fewer only at the end, and the file's size. Raises StudioError."""
         try:
             return os.pread(self._file.fileno(), count, offset), self._size
         except (OSError, ValueError) as error:
@@ -62,28 +47,15 @@ class FileRanges:
         self._file.close()
 
 
-class HttpRanges:
-    """A file on a web server that answers range requests. `name` is its URL without credentials and query."""
-
-    def __init__(self, address: str) -> None:
-        self._source = HttpSource(address)
-        self.name = self._source.name
-
-    def read_at(self, offset: int, count: int) -> tuple[bytes, int]:
-        return self._source.read_part(offset, count)
-
-    def close(self) -> None:
-        self._source.close()
-
-
 class ArchiveSource:
-    """The files of a one-file stream. Thread safe; opening reads its directory. `close` closes `ranges`, too."""
+    """The files of a one-file stream, which is a local file, or on a web server that answers range requests. Thread
+    safe; opening reads its directory. `close` closes `ranges`, too."""
 
-    def __init__(self, ranges: Ranges) -> None:
+    def __init__(self, ranges: FileRanges | HttpSource) -> None:
         self._ranges = ranges
         self.name = ranges.name
-        if isinstance(ranges, HttpRanges):
-            self.parallel = HttpSource.parallel
+        if isinstance(ranges, HttpSource):
+            self.parallel = ranges.parallel
         try:
             with zipfile.ZipFile(_Seekable(ranges)) as archive:
                 entries, directory = archive.infolist(), archive.start_dir
@@ -146,9 +118,8 @@ class ArchiveSource:
 class _Seekable(io.RawIOBase):
     """What `zipfile` reads the directory through. Keeps the last block, which has most directories."""
 
-    def __init__(self, ranges: Ranges) -> None:
+    def __init__(self, ranges: FileRanges | HttpSource) -> None:
         self._ranges = ranges
-        self._lock = threading.Lock()
         self._at = 0
         head, self._size = ranges.read_at(0, 1 if isinstance(ranges, FileRanges) else _BLOCK)
         self._tail_at = max(self._size - _BLOCK, 0)

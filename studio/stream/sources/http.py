@@ -146,7 +146,7 @@ class HttpSource:
         self._known[path] = partial.tag
         return bytes(partial.data)
 
-    def read_part(self, offset: int, count: int) -> tuple[bytes, int]:
+    def read_at(self, offset: int, count: int) -> tuple[bytes, int]:
         """Up to `count` bytes from `offset` of the file that the URL itself names, fewer only at its end, and its size.
         StudioError as `read`, or if the server does not answer range requests."""
         partial = _Partial((offset, count))
@@ -346,8 +346,6 @@ def _problem(name: str, error: Exception) -> Exception:
         return StudioError("source.tls", problem, file=name, fix="Check the server's certificate.")
     if isinstance(reason, urllib3.exceptions.LocationParseError):
         return StudioError("source.invalid_url", f"invalid URL ({reason})", file=name)
-    if isinstance(reason, urllib3.exceptions.ResponseError):  # too many redirects
-        return StudioError("source.redirect_loop", f"too many redirects ({reason})", file=name, fix="Check the URL.")
     if isinstance(reason, urllib3.exceptions.NameResolutionError):
         return _Temporary("unknown_host", "the host name cannot be resolved")
     if isinstance(reason, urllib3.exceptions.NewConnectionError):

@@ -4,7 +4,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from studio.errors import StudioError
-from studio.stream.sources.archive import SUFFIX, ArchiveSource, FileRanges, HttpRanges, Ranges
+from studio.stream.sources.archive import SUFFIX, ArchiveSource, FileRanges
 from studio.stream.sources.http import HttpSource
 from studio.stream.sources.source import FolderSource, Source, is_address
 
@@ -15,7 +15,7 @@ def open_source(place: Path | str | Source) -> Source:
         return place
     if isinstance(place, str) and is_address(place):
         if urlsplit(place).path.lower().endswith(SUFFIX):
-            return _archive(HttpRanges(place))
+            return _archive(HttpSource(place))
         return HttpSource(place)
     if isinstance(place, str) and "://" in place:
         problem = "streams are read from folders and from http:// or https:// URLs only"
@@ -27,7 +27,7 @@ def open_source(place: Path | str | Source) -> Source:
     return FolderSource(place)
 
 
-def _archive(ranges: Ranges) -> Source:
+def _archive(ranges: FileRanges | HttpSource) -> Source:
     try:
         return ArchiveSource(ranges)
     except BaseException:

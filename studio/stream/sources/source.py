@@ -46,11 +46,7 @@ class FolderSource:
 
     def __init__(self, root: Path | str) -> None:
         self._root = Path(root).resolve()
-
-    @property
-    def name(self) -> str:
-        """The folder's path."""
-        return str(self._root)
+        self.name = str(self._root)
 
     def read(self, path: str, limit: int) -> bytes:
         file = self._root / path
