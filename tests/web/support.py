@@ -20,7 +20,6 @@ from studio.formats.camera_path import look_at
 from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize
 from studio.stream import BakeSettings, Rung, StreamReader, bake_group, bake_sound, write_manifest
-from studio.stream.decoders.motion import MotionFrame
 from studio.stream.encode import write_manifest as manifest_writer
 from studio.stream.morton import deinterleave, square_scan
 from studio.stream.motion_state import Side
@@ -126,7 +125,7 @@ def luma(folder: Path, group_index: int) -> list[np.ndarray]:
         decoder = reader.open_group(group)
         frames = [decoder.read() for _ in range(group.frame_count)]
         decoder.close()
-    return [frame.picture if isinstance(frame, MotionFrame) else frame.planes for frame in frames]
+    return [frame.picture for frame in frames]
 
 
 def side_arrays(folder: Path, group_index: int) -> dict[str, Any]:

@@ -2,6 +2,8 @@
 
 import zlib
 from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,12 +12,17 @@ from studio.gaussians import Gaussians
 from studio.stream.manifest import PlaneEntry, Rendition, VideoEntry
 
 
-class DecodedFrame(ABC):
-    """One frame, decoded but not dequantized."""
+@dataclass(frozen=True, eq=False)
+class DecodedFrame:
+    """One frame, decoded but not dequantized: what its video shows, (height, width) uint8, or one such image for each
+    of several videos, in the order of the manifest; and what makes splats of it."""
 
-    @abstractmethod
+    picture: np.ndarray
+    convert: Callable[[np.ndarray], Gaussians]
+
     def gaussians(self) -> Gaussians:
         """The splats in the stream's order (Morton order of the keyframe), float32 on the CPU. Thread safe."""
+        return self.convert(self.picture)
 
 
 class GroupDecoder(ABC):

@@ -1,6 +1,7 @@
 """Decoder of the profile `motion`, the exact inverse of `bake_motion`: one video and a side file to Gaussians."""
 
 from collections.abc import Mapping
+from functools import partial
 
 import numpy as np
 import torch
@@ -107,16 +108,6 @@ class GroupTables:
         return values
 
 
-class MotionFrame(DecodedFrame):
-    """One frame: image (height, width) uint8 and 0-based index within the group."""
-
-    def __init__(self, tables: GroupTables, index: int, picture: np.ndarray) -> None:
-        self.tables, self.index, self.picture = tables, index, picture
-
-    def gaussians(self) -> Gaussians:
-        return self.tables.gaussians(self.index, self.picture)
-
-
 class MotionDecoder(GroupDecoder):
     """Decodes one group of the profile `motion`. Raises StudioError: a file does not match the manifest."""
 
@@ -133,11 +124,11 @@ class MotionDecoder(GroupDecoder):
                 "stream.side_file_damaged", f"the side file is damaged: {error}", f"{name}/{group.side.path}"
             ) from None
 
-    def _read(self, index: int) -> MotionFrame:
+    def _read(self, index: int) -> DecodedFrame:
         picture = np.empty(self._size[::-1], dtype=np.uint8)
         self._video.read(picture)
         check_luma(self._entry, index, picture, self._name)
-        return MotionFrame(self._tables, index, picture)
+        return DecodedFrame(picture, partial(self._tables.gaussians, index))
 
     def close(self) -> None:
         self._video.close()

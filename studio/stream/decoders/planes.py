@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor, wait
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,28 +11,6 @@ from studio.stream.layout import ComponentArrays
 from studio.stream.manifest import PlanesRendition
 from studio.stream.quantize import LEVELS_8, LEVELS_16, dequantize, join_bytes
 from studio.stream.video import PlaneDecoder
-
-
-@dataclass(frozen=True, eq=False)
-class PlanesFrame(DecodedFrame):
-    """One frame's planes. `planes`: (P, side, side) uint8 in the order of `group.videos`."""
-
-    group: PlanesRendition
-    planes: np.ndarray
-
-    def gaussians(self) -> Gaussians:
-        group = self.group
-        flat = self.planes.reshape(len(self.planes), -1)[:, : group.splats]
-        arrays = ComponentArrays(group.splats, group.sh_degree)
-        index = 0
-        for row, entry in zip(arrays.rows, group.components, strict=True):
-            if len(entry.planes) == 1:
-                row[:] = dequantize(flat[index], entry.min, entry.max, LEVELS_8)
-            else:
-                codes = join_bytes(flat[index], flat[index + 1], mirrored=entry.planes[1].part == "low_mirrored")
-                row[:] = dequantize(codes, entry.min, entry.max, LEVELS_16)
-            index += len(entry.planes)
-        return arrays.gaussians(group.dilation)
 
 
 class PlanesDecoder(GroupDecoder):
@@ -56,7 +33,7 @@ class PlanesDecoder(GroupDecoder):
                 self.close()
                 raise error
 
-    def _read(self, index: int) -> PlanesFrame:
+    def _read(self, index: int) -> DecodedFrame:
         group = self._planes_group
         planes = np.empty((len(self._decoders), group.side, group.side), dtype=np.uint8)
         reading = [
@@ -67,7 +44,21 @@ class PlanesDecoder(GroupDecoder):
             future.result()
         for entry, plane in zip(group.videos, planes, strict=True):
             check_luma(entry, index, plane, self._name)
-        return PlanesFrame(group, planes)
+        return DecodedFrame(planes, self._gaussians)
+
+    def _gaussians(self, planes: np.ndarray) -> Gaussians:
+        group = self._planes_group
+        flat = planes.reshape(len(planes), -1)[:, : group.splats]
+        arrays = ComponentArrays(group.splats, group.sh_degree)
+        index = 0
+        for row, entry in zip(arrays.rows, group.components, strict=True):
+            if len(entry.planes) == 1:
+                row[:] = dequantize(flat[index], entry.min, entry.max, LEVELS_8)
+            else:
+                codes = join_bytes(flat[index], flat[index + 1], mirrored=entry.planes[1].part == "low_mirrored")
+                row[:] = dequantize(codes, entry.min, entry.max, LEVELS_16)
+            index += len(entry.planes)
+        return arrays.gaussians(group.dilation)
 
     def close(self) -> None:
         for decoder in self._decoders:
