@@ -1,15 +1,14 @@
 """The groups of a stream: those in the manifest, and those in pages, which are read when needed."""
 
 from bisect import bisect_right
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from itertools import accumulate
-from typing import overload
 
 from studio.errors import StudioError
 from studio.memory_cache import MemoryCache
-from studio.stream.manifest import MANIFEST_NAME, GroupEntry, Manifest, PageEntry, Rendition
-from studio.stream.manifest_file import check_total, parse_page
+from studio.stream.manifest import MANIFEST_NAME, GroupEntry, Manifest, PageEntry
+from studio.stream.manifest_file import parse_page
 from studio.stream.sources.source import Source
 
 _KEPT_PAGES = 16
@@ -18,12 +17,11 @@ _KEPT_PAGES = 16
 class GroupIndex:
     """All groups of a stream. Thread safe. `reading`: a context around each read of a page, to change errors."""
 
-    def __init__(self, manifest: Manifest, source: Source, manifest_bytes: int) -> None:
+    def __init__(self, manifest: Manifest, source: Source) -> None:
         self.manifest = manifest
         self.reading: Callable[[], AbstractContextManager[None]] = nullcontext
         self.starts = tuple(accumulate(manifest.frame_counts[:-1], initial=0))
         self._source = source
-        self._manifest_bytes = manifest_bytes
         counts = [len(manifest.groups), *(len(page.frames) for page in manifest.pages)]
         self._page_starts = list(accumulate(counts, initial=0))[:-1]  # first group of the manifest and of each page
         self._pages: MemoryCache[int, tuple[GroupEntry, ...]] = MemoryCache(_KEPT_PAGES)
@@ -57,10 +55,6 @@ class GroupIndex:
             data = self._source.read(page.path, page.bytes)
             return parse_page(data, page, self.manifest, first, self.starts[first], name)
 
-    def check_total(self, group_bytes: int) -> None:
-        """Raises StudioError unless `total_bytes` is right, given the size of all files of all groups, each once."""
-        check_total(self.manifest, group_bytes, self._manifest_bytes, f"{self._source.name}/{MANIFEST_NAME}")
-
     def rendition_number(self, rendition: str | None) -> int:
         """Position of a rendition by id; None is the best. Raises StudioError if there is none with this id."""
         ids = [one.id for one in self.manifest.renditions]
@@ -76,30 +70,6 @@ class GroupIndex:
                 renditions=ids,
             )
         return ids.index(rendition)
-
-
-class RenditionGroups(Sequence[Rendition]):
-    """The groups of a stream in one rendition, by its position; an item may be read from the source."""
-
-    def __init__(self, index: GroupIndex, rendition: int) -> None:
-        self._index, self._rendition = index, rendition
-
-    def __len__(self) -> int:
-        return len(self._index)
-
-    @overload
-    def __getitem__(self, at: int) -> Rendition: ...
-
-    @overload
-    def __getitem__(self, at: slice) -> Sequence[Rendition]: ...
-
-    def __getitem__(self, at: int | slice) -> Rendition | Sequence[Rendition]:
-        if isinstance(at, slice):
-            return [self[number] for number in range(*at.indices(len(self)))]
-        number = at + len(self) if at < 0 else at
-        if not 0 <= number < len(self):
-            raise IndexError(at)
-        return self._index.group(number).renditions[self._rendition]
 
 
 def no_such_frame(frame: int, frame_count: int) -> StudioError:

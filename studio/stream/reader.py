@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,8 +13,9 @@ from types import TracebackType
 
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
+from studio.memory_cache import OnDemand
 from studio.stream.decoders import GroupDecoder, open_decoder
-from studio.stream.group_index import GroupIndex, RenditionGroups
+from studio.stream.group_index import GroupIndex
 from studio.stream.manifest import (
     MANIFEST_NAME,
     MAX_MANIFEST_BYTES,
@@ -24,7 +25,7 @@ from studio.stream.manifest import (
     Rendition,
     RenditionEntry,
 )
-from studio.stream.manifest_file import check_growth, parse_manifest
+from studio.stream.manifest_file import check_growth, check_total, parse_manifest
 from studio.stream.sound import StreamSound
 from studio.stream.sources.open_source import open_source
 from studio.stream.sources.source import Source, SourceUnavailable, close_source, damaged, read_files
@@ -98,7 +99,7 @@ class StreamReader:
         return reader
 
     def _indexed(self, data: bytes) -> GroupIndex:
-        index = GroupIndex(parse_manifest(data, self._manifest_name), self.source, len(data))
+        index = GroupIndex(parse_manifest(data, self._manifest_name), self.source)
         index.reading = self._reading
         return index
 
@@ -122,9 +123,10 @@ class StreamReader:
         return self.renditions[self._rendition]
 
     @property
-    def groups(self) -> RenditionGroups:
+    def groups(self) -> Sequence[Rendition]:
         """All groups in the chosen rendition; an item may be read from the source, with the errors of `group`."""
-        return RenditionGroups(self.index, self._rendition)
+        index, chosen = self.index, self._rendition
+        return OnDemand(range(len(index)), lambda number: index.group(number).renditions[chosen])
 
     @property
     def played_bytes(self) -> int:
@@ -298,7 +300,7 @@ class StreamReader:
             sizes.update((file.path, file.bytes) for file in group.files)
             for one in group.renditions:
                 self.fetch(one)
-        self.index.check_total(sum(sizes.values()))
+        check_total(self.manifest, sum(sizes.values()), len(self.manifest_bytes), self._manifest_name)
 
     def _drop_decoder(self) -> None:
         if self._decoder is not None:

@@ -1,11 +1,10 @@
 """Writes a stream into one file: a ZIP archive of stored entries (docs/STREAM.md, "One file")."""
 
 import zipfile
-from collections.abc import Iterator
 from pathlib import Path
 
 from studio.progress import ProgressFn, no_progress
-from studio.stream.manifest import MANIFEST_NAME, FileEntry
+from studio.stream.manifest import MANIFEST_NAME
 from studio.stream.reader import StreamReader
 
 _DATE = (1980, 1, 1, 0, 0, 0)  # equal streams give equal archives
@@ -23,19 +22,12 @@ def write_archive(reader: StreamReader, out: Path, progress: ProgressFn = no_pro
             archive.writestr(entry, data)
 
         add(MANIFEST_NAME, reader.manifest_bytes)
-        for number, files in enumerate(_files_by_group(reader)):
-            for file in files:
+        index, first = reader.index, () if reader.audio is None else (reader.audio,)
+        for number in range(len(index)):  # in the order in which a player needs them
+            page = index.page_of(number)
+            for file in (*first, *(() if page is None else (page,)), *index.group(number).files):
                 if file.path not in written:
                     written.add(file.path)
                     add(file.path, reader.checked(file))
-            progress(number + 1, len(reader.index))
+            progress(number + 1, len(index))
     return out.stat().st_size
-
-
-def _files_by_group(reader: StreamReader) -> Iterator[tuple[FileEntry, ...]]:
-    """In the order in which a player needs them: per group its page, then the files of all renditions; sound first."""
-    index, audio = reader.index, reader.audio
-    for number in range(len(index)):
-        page = index.page_of(number)
-        first = (*((audio,) if audio is not None and number == 0 else ()), *((page,) if page is not None else ()))
-        yield (*first, *index.group(number).files)

@@ -102,7 +102,7 @@ def write_manifest(
             manifest_sha256="0" * 64,
         )
         manifest, data = seal(draft, distinct_bytes(groups))
-        index = GroupIndex(manifest, FolderSource(directory), len(data))
+        index = GroupIndex(manifest, FolderSource(directory))
         for number in range(len(groups)):  # what a reader of the pages would refuse
             index.group(number)
     except (ValueError, TypeError) as error:
