@@ -19,10 +19,8 @@ read.
 """
 
 import json
-import os
 import threading
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -39,17 +37,14 @@ from studio.gaussians import Gaussians
 from studio.json_types import JsonObject
 from studio.own_frame import frame_sentence, splats_frame
 from studio.progress import ProgressFn, no_progress
-from studio.similarity import Similarity
 from studio.splat_video import SplatVideo
 from studio.stream.layout import component_frames, plane_side
 from studio.stream.morton import morton_order
 from studio.stream.quantize import quantize
 from studio.stream.settings import QP_KNEE
-from studio.stream.video import PlaneEncoder
+from studio.stream.video import PlaneEncoder, encoding
 
 POSITIONS, NORMALS = 3, 3
-
-EXPORT_AGAIN = "Export or copy the sequence again."
 
 MAX_FRAMES = 1_000_000
 MAX_SPLATS = 4 << 20
@@ -73,24 +68,18 @@ def export_videogs(video: SplatVideo, folder: Path, qp: int = 22, progress: Prog
             place = temporary / f"group{number}"
             place.mkdir()
             encoders: list[PlaneEncoder] = []
-            try:  # around the pool: FFmpeg crashes if a file is closed while a thread writes it
-                with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-                    for index, values in zip(group, _attributes(video, group), strict=True):
-                        progress(index, video.frame_count)
-                        side = plane_side(values.shape[1])
-                        if not encoders:
-                            encoders = _encoders(place, values.shape[0], side, qp)
-                        low, high = _ranges(values, qp)
-                        list(pool.map(PlaneEncoder.add, encoders, _planes(values, low, high, side)))
-                        placed = np.zeros(len(low))
-                        placed[:POSITIONS] = video.original.translation
-                        info = np.stack([low + placed, high + placed], axis=1).ravel().tolist()
-                        frames[str(index)] = {"num": values.shape[1], "info": info}
-                    list(pool.map(PlaneEncoder.close, encoders))
-            except BaseException:
-                for encoder in encoders:
-                    encoder.abandon()
-                raise
+            with encoding(encoders) as pool:
+                for index, values in zip(group, _attributes(video, group), strict=True):
+                    progress(index, video.frame_count)
+                    side = plane_side(values.shape[1])
+                    if not encoders:
+                        encoders += _encoders(place, values.shape[0], side, qp)
+                    low, high = _ranges(values, qp)
+                    list(pool.map(PlaneEncoder.add, encoders, _planes(values, low, high, side)))
+                    placed = np.zeros(len(low))
+                    placed[:POSITIONS] = video.original.translation
+                    info = np.stack([low + placed, high + placed], axis=1).ravel().tolist()
+                    frames[str(index)] = {"num": values.shape[1], "info": info}
             names = [video.number(group[0]), video.number(group[-1])]
             groups[str(number)] = {"frame_index": [group[0], group[-1]], "name_index": names}
         for name, content in (("group_info.json", groups), ("viewer_min_max.json", frames)):
@@ -200,19 +189,22 @@ def open_videogs(folder: Path, fps: float = DEFAULT_FPS) -> SplatVideo:
     if a JSON file is missing or damaged, there are gaps between groups, values are out of bounds, or (when reading a
     frame) a video is missing, damaged or too short."""
     groups = _groups(folder)
-    table = _read_json(folder / "viewer_min_max.json")
+    path = folder / "viewer_min_max.json"
+    table = _read_json(path)
+    # otherwise keys are frame numbers of the footage, so that some indices are missing
+    by_index = all(str(index) in table for frame_range, _ in groups for index in frame_range)
     frames: list[_Frame] = []
     for frame_range, first_name in groups:
         for index in frame_range:
-            name = str(first_name + index - frame_range.start)
-            key = str(index) if str(index) in table and not _named(table, groups) else name
-            path = folder / "viewer_min_max.json"
+            key = str(index if by_index else first_name + index - frame_range.start)
             if key not in table:
                 raise damaged("videogs.missing_frame", f"frame {key} is missing", path, frame=key)
             frames.append(_Frame(path, key, table[key]))
     if len({frame.degree for frame in frames}) > 1:
         raise damaged("videogs.mixed_degrees", "frames have different numbers of attributes", folder)
-    place = _own_frame(frames)
+    boxes = np.stack([frame.ranges[:POSITIONS] for frame in frames])
+    radius = float(np.median(np.ptp(boxes, axis=2).max(axis=1))) / 2
+    place = splats_frame(np.median(boxes.mean(axis=2), axis=0), radius)
     for frame in frames:
         frame.ranges[:POSITIONS] = place.scale * frame.ranges[:POSITIONS] + place.translation[:, None]
         frame.ranges[-7:-4] *= place.scale
@@ -225,16 +217,6 @@ def open_videogs(folder: Path, fps: float = DEFAULT_FPS) -> SplatVideo:
     return SplatVideo(
         str(folder), fps, len(frames), tuple(starts), decoder.read, up=up, notes=notes, original=place.inverse
     )
-
-
-def _own_frame(frames: list[_Frame]) -> Similarity:
-    boxes = np.stack([frame.ranges[:POSITIONS] for frame in frames])
-    return splats_frame(np.median(boxes.mean(axis=2), axis=0), float(np.median(np.ptp(boxes, axis=2).max(axis=1))) / 2)
-
-
-def _named(table: JsonObject, groups: list[tuple[range, int]]) -> bool:
-    """Whether the keys are frame numbers of the footage, in which case some indices are missing."""
-    return any(str(index) not in table for frame_range, _ in groups for index in frame_range)
 
 
 def _groups(folder: Path) -> list[tuple[range, int]]:

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Final, Literal, TypeAlias
 
+import numpy as np
 from pydantic import (
     BaseModel,
     ConfigDict,
@@ -91,11 +92,6 @@ def _require(holds: bool, rule: str, problem: str) -> None:
         raise InconsistentError(rule, problem)
 
 
-def hashed_path(sha256: str, suffix: str) -> str:
-    """Path of a file with this SHA-256; `suffix` with its dot."""
-    return f"{FILES}/{sha256[:NAME_DIGITS]}{suffix}"
-
-
 class Model(BaseModel):
     """Immutable, strict types, unknown keys ignored."""
 
@@ -111,6 +107,11 @@ class Model(BaseModel):
 def compact(values: Any) -> bytes:
     """JSON without spaces, with a final newline."""
     return (json.dumps(values, separators=(",", ":"), allow_nan=False) + "\n").encode()
+
+
+def point(values: np.ndarray) -> tuple[float, float, float]:
+    """The first three numbers of an array as a `Point`."""
+    return float(values[0]), float(values[1]), float(values[2])
 
 
 class Box(Model):

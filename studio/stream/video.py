@@ -7,6 +7,8 @@ import contextlib
 import io
 import os
 import threading
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,8 +21,6 @@ from studio.stream.codecs import CODECS, PLANE_CODEC
 from studio.stream.sources.source import damaged
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     import av
     from av.container import InputContainer
 
@@ -123,6 +123,20 @@ class PlaneEncoder:
         """Close the file after an error; its content is undefined."""
         with contextlib.suppress(OSError, ValueError):
             self._out.close()
+
+
+@contextlib.contextmanager
+def encoding(encoders: Sequence[PlaneEncoder], threads: int = 0) -> Iterator[ThreadPoolExecutor]:
+    """A pool of threads (0: one per core) to add images with; in the end all `encoders` are closed, which may be opened
+    within, or abandoned after an error."""
+    try:  # around the pool: FFmpeg crashes if a file is closed while a thread writes it
+        with ThreadPoolExecutor(threads or os.cpu_count() or 1, thread_name_prefix="encode") as pool:
+            yield pool
+            list(pool.map(PlaneEncoder.close, encoders))
+    except BaseException:
+        for encoder in encoders:
+            encoder.abandon()
+        raise
 
 
 _NO_PROBING: Any = [{"skip_frame": "all"}]  # PyAV's own types are wrong here

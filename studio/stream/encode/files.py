@@ -3,27 +3,19 @@
 import hashlib
 import os
 from pathlib import Path
-from typing import TypedDict
+from typing import Any
 
-from studio.stream.manifest import hashed_path
-
-
-class FileFacts(TypedDict):
-    """The values of a `FileEntry`."""
-
-    path: str
-    bytes: int
-    sha256: str
+from studio.stream.manifest import FILES, NAME_DIGITS
 
 
 def content_name(data: bytes, suffix: str) -> tuple[str, str]:
     """Path and SHA-256 of a file with this content; `suffix` with its dot."""
     digest = hashlib.sha256(data).hexdigest()
-    return hashed_path(digest, suffix), digest
+    return f"{FILES}/{digest[:NAME_DIGITS]}{suffix}", digest
 
 
-def named_by_content(file: Path) -> FileFacts:
-    """Rename a file by its content, in its folder. Returns its values for the manifest."""
+def named_by_content(file: Path) -> dict[str, Any]:
+    """Rename a file by its content, in its folder. Returns the values of its `FileEntry`."""
     data = file.read_bytes()
     path, digest = content_name(data, file.suffix)
     os.replace(file, file.parent / Path(path).name)

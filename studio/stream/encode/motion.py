@@ -18,14 +18,14 @@ from studio.stream.codecs import CODECS
 from studio.stream.encode.files import named_by_content
 from studio.stream.encode.paths import carry_hidden_splats, smooth_paths
 from studio.stream.layout import component_frames, tile_grid, tile_side, typical_size
-from studio.stream.manifest import BlockTable, Box, ChannelEntry, Lattice, MotionRendition, SideEntry, VideoEntry
+from studio.stream.manifest import BlockTable, Box, ChannelEntry, Lattice, MotionRendition, SideEntry, VideoEntry, point
 from studio.stream.morton import deinterleave, interleave, square_scan
 from studio.stream.motion_blocks import Blocks, find_blocks
 from studio.stream.motion_state import MAX_BITS, MAX_CLASS, Escapes, MotionState, Side, compress, keyframe_bits
 from studio.stream.profiles.motion import channel_range, channel_steps
 from studio.stream.settings import BakeSettings
 from studio.stream.shapes import shapes_of
-from studio.stream.video import PlaneEncoder
+from studio.stream.video import PlaneEncoder, encoding
 
 _USUAL_OPACITY = 0.15  # median of the trained splats for which the steps were tuned
 _BLOCK_STEP = 1.5  # times the position step: unit of the affine parameters
@@ -57,7 +57,7 @@ class MotionBake:
         opacities, scales = self._values[:, rows["opacities"]][:, 0], self._values[:, rows["scales"]]
         positions = self._values[:, rows["means"]].transpose(0, 2, 1).astype(np.float64)
         self._positions = positions = carry_hidden_splats(positions, opacities)
-        self._box = Box(min=_point(positions.min(axis=(0, 1))), max=_point(positions.max(axis=(0, 1))))
+        self._box = Box(min=point(positions.min(axis=(0, 1))), max=point(positions.max(axis=(0, 1))))
         self._typical = typical_size(scales[0], self._extent)
         # opaque splats show shifts more; the square root works best (measured, as in _importance)
         opaque = float(np.clip(np.median(opacities[0]) / _USUAL_OPACITY, 0.25, 16))
@@ -110,7 +110,7 @@ class MotionBake:
         coarse = 2.0 ** ((settings.qp - _REFERENCE_QP) / 6)  # 6 QPs double the quantizer step of the codec
         cell = _KEYFRAME_STEP * coarse * self._step
         bits = MAX_BITS if settings.qp == 0 else keyframe_bits(self._extent, cell)
-        lattice = Lattice(bits=bits, min=_point(self._origin), step=max(self._extent, 1e-9) / (1 << bits))
+        lattice = Lattice(bits=bits, min=point(self._origin), step=max(self._extent, 1e-9) / (1 << bits))
         codes = self._codes >> np.uint64(3 * (MAX_BITS - bits))
         table, affine = self._motions(codes, lattice, threads)
         residuals = self._residuals(codes, lattice, table, affine)
@@ -188,14 +188,10 @@ class MotionBake:
         size = (pictures.shape[2], pictures.shape[1])
         b_frames = min(settings.b_frame_count, max(self._count - 2, 0))
         encoder = PlaneEncoder(path, size, settings.qp, settings.preset, settings.codec, b_frames=b_frames, fps=fps)
-        try:
+        with encoding([encoder], threads=1):
             for number, picture in enumerate(pictures):
                 encoder.add(picture)
                 progress(number + 1, self._count)
-            encoder.close()
-        except BaseException:
-            encoder.abandon()
-            raise
 
     def _residuals(self, codes: np.ndarray, lattice: Lattice, table: BlockTable, affine: np.ndarray) -> np.ndarray:
         """What the motion of the blocks leaves of the means, (F, N, 3). 0 in the keyframe, whose cells have them."""
@@ -240,10 +236,6 @@ class MotionBake:
             numbers[np.linalg.norm(numbers, axis=1) < _TURN] = 0
             turns[frame - 1] = np.rint(numbers / _ROTATION_UNIT).T
         return turns
-
-
-def _point(values: np.ndarray) -> tuple[float, float, float]:
-    return float(values[0]), float(values[1]), float(values[2])
 
 
 def _stored(value: float) -> float:

@@ -1,8 +1,6 @@
 """Encoder of the profile `planes` (paper, "Baking 3D Gaussians"): one video per component of a splat."""
 
-import os
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from itertools import repeat
 from pathlib import Path
 from typing import Any
@@ -14,11 +12,11 @@ from studio.progress import ProgressFn
 from studio.stream.attributes import Component, attribute_rows, components
 from studio.stream.encode.files import named_by_content
 from studio.stream.layout import component_frames, plane_side, scale_floor, to_plane, typical_size
-from studio.stream.manifest import Box, ComponentEntry, Part, PlaneEntry, PlanesRendition
+from studio.stream.manifest import Box, ComponentEntry, Part, PlaneEntry, PlanesRendition, point
 from studio.stream.morton import morton_order
 from studio.stream.quantize import quantize, split_bytes
 from studio.stream.settings import BakeSettings
-from studio.stream.video import PlaneEncoder
+from studio.stream.video import PlaneEncoder, encoding
 
 
 class PlanesBake:
@@ -34,7 +32,7 @@ class PlanesBake:
         self._frames = frames
         self._order = _keyframe_order(frames[0])
         self._low, self._high = _ranges(component_frames(_reported(frames, progress)))
-        self._box = Box(min=_point(self._low), max=_point(self._high))
+        self._box = Box(min=point(self._low), max=point(self._high))
         rows = attribute_rows("planes", frames[0].sh_degree)
         extent = float((self._high[rows["means"]] - self._low[rows["means"]]).max())
         floor = scale_floor(typical_size(frames[0].log_scales.detach().cpu().numpy().T, extent))
@@ -52,9 +50,23 @@ class PlanesBake:
     ) -> PlanesRendition:
         """Write the videos into `folder`, under the names of their content; see `MotionBake.write`."""
         keyframe, low, high = self._frames[0], self._low, self._high
-        planes = _planes(keyframe.sh_degree, settings)
-        values = component_frames(self._frames, self._order)
-        _encode(values, folder, planes, low, high, settings, len(self._frames), progress, threads, fps)
+        planes, side = _planes(keyframe.sh_degree, settings), plane_side(len(keyframe))
+        encoders: list[PlaneEncoder] = []
+
+        def encode(index: int, frame: np.ndarray) -> None:
+            row, component, part, _ = planes[index]
+            codes = quantize(frame[row], low[row], high[row], component.levels)
+            if part != "all":
+                codes = split_bytes(codes, mirrored=part == "low_mirrored")[0 if part == "high" else 1]
+            encoders[index].add(to_plane(codes, side))
+
+        with encoding(encoders, threads) as pool:
+            for _, component, part, qp in planes:
+                path = folder / _file_name(component, part)
+                encoders.append(PlaneEncoder(path, (side, side), qp, settings.preset, fps=fps))
+            for number, frame in enumerate(component_frames(self._frames, self._order)):
+                list(pool.map(encode, range(len(planes)), repeat(frame)))
+                progress(number + 1, len(self._frames))
         entries: dict[int, list[PlaneEntry]] = {}
         for row, component, part, qp in planes:
             facts = named_by_content(folder / _file_name(component, part))
@@ -65,7 +77,7 @@ class PlanesBake:
             **identity,
             splats=len(keyframe),
             sh_degree=keyframe.sh_degree,
-            side=plane_side(len(keyframe)),
+            side=side,
             bounding_box=self._box,
             bytes=sum(plane.bytes for files in entries.values() for plane in files),
             dilation=keyframe.dilation,
@@ -76,10 +88,6 @@ class PlanesBake:
                 for row, files in entries.items()
             ),
         )
-
-
-def _point(values: np.ndarray) -> tuple[float, float, float]:
-    return float(values[0]), float(values[1]), float(values[2])
 
 
 def _keyframe_order(keyframe: Gaussians) -> np.ndarray:
@@ -122,41 +130,3 @@ def _planes(sh_degree: int, settings: BakeSettings) -> list[tuple[int, Component
 
 def _file_name(component: Component, part: Part) -> str:
     return f"{component.name}.mp4" if part == "all" else f"{component.name}_{part.removesuffix('_mirrored')}.mp4"
-
-
-def _encode(
-    values: Iterator[np.ndarray],
-    folder: Path,
-    planes: list[tuple[int, Component, Part, int]],
-    low: np.ndarray,
-    high: np.ndarray,
-    settings: BakeSettings,
-    frame_count: int,
-    progress: ProgressFn,
-    threads: int,
-    fps: float,
-) -> None:
-    encoders: list[PlaneEncoder] = []
-
-    def encode(index: int, frame: np.ndarray) -> None:
-        row, component, part, _ = planes[index]
-        codes = quantize(frame[row], low[row], high[row], component.levels)
-        if part != "all":
-            codes = split_bytes(codes, mirrored=part == "low_mirrored")[0 if part == "high" else 1]
-        encoders[index].add(to_plane(codes, plane_side(frame.shape[1])))
-
-    try:
-        with ThreadPoolExecutor(threads or os.cpu_count() or 1, thread_name_prefix="bake") as pool:
-            for number, frame in enumerate(values):
-                if not encoders:
-                    side = plane_side(frame.shape[1])
-                    for _, component, part, qp in planes:
-                        path = folder / _file_name(component, part)
-                        encoders.append(PlaneEncoder(path, (side, side), qp, settings.preset, fps=fps))
-                list(pool.map(encode, range(len(planes)), repeat(frame)))
-                progress(number + 1, frame_count)
-            list(pool.map(PlaneEncoder.close, encoders))
-    except BaseException:
-        for encoder in encoders:
-            encoder.abandon()
-        raise
