@@ -16,8 +16,8 @@ from pydantic import JsonValue, ValidationError
 
 from pipelines.config.config import Config
 from pipelines.config.loading import load_config
-from pipelines.takes.atomic_files import link_or_copy, remove, write_text
-from pipelines.takes.edits import PREFIX, edit_params, read_edits
+from pipelines.takes.atomic_files import link_or_copy, remove, write_json, write_text
+from pipelines.takes.edits import EDITS_FORMAT, PREFIX, edit_params, read_edits
 from pipelines.takes.evaluation import read_evaluation
 from pipelines.takes.integrity import refuse_damage
 from pipelines.takes.records import StageRecord, read_record, result_of
@@ -28,7 +28,7 @@ from studio.atomic_files import PARTIAL, atomic_path
 from studio.counts import span
 from studio.errors import StudioError
 from studio.json_types import JsonData, JsonObject
-from studio.settings import affected
+from studio.settings import affected, field_named
 
 _NAME = re.compile(r"[^\W_][\w .-]{0,59}")
 _DEVICE = re.compile(r"(con|prn|aux|nul|(com|lpt)[0-9¹²³]) *(\..*)?", re.IGNORECASE)
@@ -37,14 +37,15 @@ _DEVICE = re.compile(r"(con|prn|aux|nul|(com|lpt)[0-9¹²³]) *(\..*)?", re.IGNO
 
 @dataclass(frozen=True)
 class KeptBake:
-    """A kept bake: whether it is the take's stream now, was baked from the present training, and with the present
-    edits (False also if those cannot be read); and which of its settings, besides `bake.quality`, differ from the
-    take's."""
+    """A kept bake: the settings that it was made and measured with, by dotted name, without those that training depends
+    on; whether it is the take's stream now, was baked from the present training, and with the present edits (False also
+    if those cannot be read); and which of its settings, besides `bake.quality`, differ from the take's."""
 
     name: str
     take: Take
     record: StageRecord
     summary: BakeSummary
+    settings: dict[str, JsonValue]
     bytes: int
     is_stream: bool
     current: bool
@@ -63,11 +64,6 @@ class KeptBake:
             return read_evaluation(self.take.evaluation).summary.psnr_decoded
         except StudioError:  # there is none, or it is damaged, which `v3studio check` reports
             return None
-
-    @property
-    def settings(self) -> dict[str, JsonValue]:
-        """Settings that it was made with and training does not depend on, by dotted name."""
-        return _settings_of(self.record)
 
     @property
     def quality(self) -> str:
@@ -104,20 +100,27 @@ def kept_bakes(take: Take) -> list[KeptBake]:
     return sorted((kept for kept in found if kept is not None), key=lambda kept: (kept.baked, kept.name))
 
 
-def _settings_of(bake: StageRecord) -> dict[str, JsonValue]:
-    """See `KeptBake.settings`."""
-    own = _own_settings()
-    found = {name: bake.params[name] for name in own if name in bake.params}
-    for name in (name for name, default in own.items() if isinstance(default, dict)):  # a record has its items
-        found[name] = {key[len(name) + 1 :]: value for key, value in bake.params.items() if key.startswith(f"{name}.")}
+def _params(records: list[StageRecord]) -> dict[str, JsonValue]:
+    return {name: value for record in records for name, value in record.params.items()}
+
+
+def _settings_of(params: dict[str, JsonValue]) -> dict[str, JsonValue]:
+    """The settings among parameters of stages, by dotted name, also those that this version does not have."""
+    results = affected(Config)
+    found = {name: value for name, value in params.items() if name.partition(".")[0] in Config.model_fields}
+    known = {results.get(name) for name in found}
+    for name, default in leaves(Config()):
+        if isinstance(default, dict) and results[name] in known:  # a record has its items, if there are any
+            items = [key for key in found if key.startswith(f"{name}.")]
+            found[name] = {key[len(name) + 1 :]: found.pop(key) for key in items}
     return found
 
 
 @functools.cache
-def _own_settings() -> dict[str, JsonData]:
-    """The settings that training does not depend on, with their defaults."""
-    results, later = affected(Config), {"videos", "manifest", "sound", "evaluation"}
-    return {name: value for name, value in leaves(Config()) if results[name] and later.issuperset(results[name])}
+def _of_training() -> frozenset[str]:
+    """The settings that training depends on."""
+    later = {"videos", "manifest", "sound", "evaluation"}
+    return frozenset(name for name, results in affected(Config).items() if not later.issuperset(results))
 
 
 def _kept(
@@ -131,21 +134,26 @@ def _kept(
         summary = BakeSummary.model_validate(record.summary)
     except ValidationError:  # damaged
         return None
+    params = _params([record, *_evaluation_of(kept, record)])
+    own = {name: value for name, value in _settings_of(params).items() if name not in _of_training()}
     return KeptBake(
         name=folder.name,
         take=kept,
         record=record,
         summary=summary,
+        settings=own,
         bytes=sum(path.stat().st_size for path in kept.stream.rglob("*") if path.is_file()),
         is_stream=result_of(take, "bake") == record.result,
-        current=record.params.get("result of train") == result_of(take, "train"),
-        same_edits={name: value for name, value in record.params.items() if name.startswith(PREFIX)} == edits,
+        current=all(result_of(take, stage) == result for stage, result in _sources(record).items()),
+        same_edits=_edits_of(record.params) == edits,
         other_settings=tuple(
-            name
-            for name, value in _settings_of(record).items()
-            if name != "bake.quality" and settings.get(name, value) != value
+            name for name, value in own.items() if name != "bake.quality" and settings.get(name, value) != value
         ),
     )
+
+
+def _edits_of(params: dict[str, JsonValue]) -> dict[str, JsonValue]:
+    return {name: value for name, value in params.items() if name.startswith(PREFIX)}
 
 
 def _present_edits(take: Take) -> dict[str, JsonData] | None:
@@ -191,13 +199,18 @@ def keep_bake(take: Take, name: str) -> KeptBake:
         fix = "Run `v3studio bake` first."
         raise StudioError("bakes.not_baked", "there is no finished bake to keep", file=take.root, fix=fix, stage="bake")
     records = [record, *_evaluation_of(take, record)]
+    params = _params([*_made_from(take, record), *records[1:]])
+    settings = {name: value for name, value in _settings_of(params).items() if field_named(Config, name)}
     for one in records:
         refuse_damage(take, one.stage, f"Run `v3studio {one.stage}` again, with --force if it finds nothing to do.")
     with atomic_path(take.bakes / name, durable=True) as folder:
         for path in _files_of(take, records):
             _link(path, folder / path.relative_to(take.root))
-        text = changed_text(take.config, _settings_of(record)) or take.config.read_text(encoding="utf-8")
+        text = changed_text(take.config, settings) or take.config.read_text(encoding="utf-8")
         write_text(folder / "config.yaml", text, durable=True)
+        if _present_edits(take) != _edits_of(record.params):  # it was edited since
+            edits = {name.removeprefix(PREFIX): value for name, value in _edits_of(params).items()}
+            write_json(folder / "edits.json", {"format": EDITS_FORMAT, "edits": edits}, durable=True)
     return next(kept for kept in kept_bakes(take) if kept.name == name)
 
 
@@ -208,6 +221,24 @@ def _files_of(take: Take, records: list[StageRecord]) -> list[Path]:
     files += [take.root / name for record in records for name in record.files]
     files += sorted(take.work("bake").glob("group_*.json"))
     return [path for path in files if path.is_file()]
+
+
+def _sources(record: StageRecord) -> dict[str, JsonValue]:
+    """The results that a stage was made from, by the stage that made each."""
+    start, params = "result of ", record.params
+    names = [name for name in params if name.startswith(start) and name.replace(" ", "").isalpha()]
+    return {name.removeprefix(start): params[name] for name in names}
+
+
+def _made_from(take: Take, record: StageRecord) -> list[StageRecord]:
+    """The record after those of all that the stage was made from, as far as the take still has these results."""
+    found = [record]
+    for one in found:
+        for stage, result in _sources(one).items():
+            source = read_record(take, stage)
+            if source is not None and source.result == result and source not in found:
+                found.append(source)
+    return found[::-1]
 
 
 def _evaluation_of(take: Take, bake: StageRecord) -> list[StageRecord]:
@@ -228,13 +259,21 @@ def kept_bake(take: Take, name: str) -> KeptBake:
 def choose_bake(take: Take, name: str) -> None:
     """Make a kept bake the take's stream again, with its evaluation and those of its settings that training does not
     depend on. The caller holds the lock. Players that read the stream meanwhile see the old one or the new one, as when
-    it is baked. StudioError: `bakes.not_found`, or the kept bake is damaged (`take.damaged`). OSError: a file cannot be
-    written; then the stage bake runs again."""
+    it is baked. StudioError: `bakes.not_found`, the kept bake is damaged (`take.damaged`), or settings are refused
+    (`settings.*`). OSError: a file cannot be written; then the stage bake runs again."""
     kept = kept_bake(take, name)
     records = [kept.record, *_evaluation_of(kept.take, kept.record)]
     for record in records:
         refuse_damage(kept.take, record.stage, f"Remove it: `v3studio bake remove TAKE {name}`.")
-    set_settings(take.config, kept.settings)  # first, since the take's file may be refused
+    load_config(take.config)
+    try:
+        load_config(take.config, kept.settings.items())
+    except StudioError as error:
+        problem = f"the bake was made with settings that this version or the take refuses ({error.problem})"
+        fix = f"Bake with other settings, and remove this one: `v3studio bake remove TAKE {name}`."
+        file = kept.take.record("bake")
+        raise StudioError(error.code, problem, file=file, value=error.value, fix=fix, **error.fields) from None
+    set_settings(take.config, kept.settings)
     for record in records:  # an evaluation of another stream stays, and is stale
         take.forget(record.stage)
     remove(take.work("bake"))

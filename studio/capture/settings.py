@@ -203,8 +203,8 @@ class ModelSettings(Settings):
 class CaptureSettings(ModelSettings, ScreenSettings, DifferenceSettings, FileSettings):
     """The footage: where its images, cameras and masks are, and which of them to use. Passed to `open_footage`."""
 
-    fps: Annotated[float | None, Heading("Rate and color"), Affects("evaluation"), Empty("as filmed")] = Field(
-        default=None, gt=0, lt=10_000
+    fps: Annotated[float | None, Heading("Rate and color"), Affects("manifest", "evaluation"), Empty("as filmed")] = (
+        Field(default=None, gt=0, lt=10_000)
     )
     """Frame rate of the footage in frames per second. null: that of the videos; 30 for still images. The take has this
     rate divided by the step of capture.frames."""
@@ -242,7 +242,7 @@ class CaptureSettings(ModelSettings, ScreenSettings, DifferenceSettings, FileSet
     )
     """Image scale: 0.5 halves width and height (area filter)."""
 
-    frames: Annotated[str | None, Affects("evaluation"), Empty("all")] = None
+    frames: Annotated[str | None, Affects("grouping", "evaluation"), Empty("all")] = None
     """Frames to use, as numbered in the files: A:B for frames A to B - 1, A:B:S for every S-th of them, each shown S
     times as long. Without A or B, it begins with the first or ends with the last frame: 60: or :20 or ::2. null: all
     frames."""

@@ -7,9 +7,12 @@ import pytest
 
 from pipelines.config import load_config
 from pipelines.stages import STAGE_NAMES
+from pipelines.takes.edits import read_edits
 from pipelines.takes.integrity import check_take
 from pipelines.takes.kept_bakes import choose_bake, keep_bake, kept_bakes
+from pipelines.takes.settings_file import set_settings
 from pipelines.takes.take import Take
+from studio.edits.edit_list import EditList
 from studio.stream import StreamReader
 from tests.support.errors import refuses
 from tests.support.sounds import clicks, write_wav
@@ -132,8 +135,9 @@ def test_all_settings_of_a_kept_bake_are_restored(take: Take, here: Callable) ->
     before, wav = load_config(take.config), write_wav(take.root / "a.wav", clicks(0.3, [0.08]))
     keep_bake(take, "silent")
     others = ("--capture.audio", wav, "--bake.attribute_qps", "{sh: 40}", "--evaluate.background", "1,1,1")
-    here("bake", take.root, *others, "--keep", "loud", "--bake.quality", "40").ok()
-    changed = ["bake.attribute_qps", "capture.audio", "evaluate.background"]
+    measured = ("--capture.fps", "50", "--evaluate.crop_padding", "3")
+    here("bake", take.root, *others, *measured, "--keep", "loud", "--bake.quality", "40").ok()
+    changed = ["bake.attribute_qps", "capture.audio", "capture.fps", "evaluate.background", "evaluate.crop_padding"]
     rows = here("bake", "list", take.root, "--json").result["bakes"]
     assert {row["name"]: sorted(row["other_settings"]) for row in rows} == {"silent": changed, "loud": []}
     assert "evaluate.background" in here("bake", "list", take.root).stdout
@@ -143,7 +147,37 @@ def test_all_settings_of_a_kept_bake_are_restored(take: Take, here: Callable) ->
     here("bake", "choose", take.root, "loud").ok()
     assert here("status", take.root, "--json").result["stages"]["bake"]["state"] == "done"
     loud = load_config(take.config)
-    assert (loud.capture.audio, loud.bake.attribute_qps) == (str(wav), {"sh": 40})
+    assert (loud.capture.audio, loud.capture.fps, loud.bake.attribute_qps) == (str(wav), 50, {"sh": 40})
+
+
+def test_a_bake_is_kept_with_the_settings_and_edits_that_it_was_made_with(take: Take, here: Callable) -> None:
+    before = load_config(take.config)
+    changed = {"bake.quality": 30, "bake.attribute_qps": {"sh": 40}, "capture.fps": 50, "capture.offsets": {"cam1": 1}}
+    set_settings(take.config, {**changed, "train.dilation": 0.2, "evaluate.crop_padding": 3})
+    here("edit", "trim", take.root, "1:3").ok()
+    kept = keep_bake(take, "fine").take
+    assert load_config(kept.config) == before
+    assert read_edits(kept.edits) == EditList() != read_edits(take.edits)
+
+
+@pytest.mark.parametrize(("name", "value", "code"), [("quality", 99, "invalid"), ("removed", 1, "unknown")])
+def test_a_bake_with_settings_of_another_version_is_not_chosen(take: Take, name: str, value: int, code: str) -> None:
+    record = keep_bake(take, "fine").take.record("bake")
+    found = json.loads(record.read_bytes())
+    found["params"][f"bake.{name}"] = value
+    replace_file(record, json.dumps(found).encode())
+    before = contents(take.root)
+    with refuses(f"settings.{code}", file=record, setting=f"bake.{name}"):
+        choose_bake(take, "fine")
+    assert contents(take.root) == before
+
+
+def test_a_bake_is_current_if_all_that_it_was_made_from_is(take: Take) -> None:
+    kept = keep_bake(take, "fine")
+    assert kept.current
+    params = {**kept.record.params, "result of calibrate": "of others"}  # fine-tuned renditions have cameras, too
+    replace_file(kept.take.record("bake"), kept.record.model_copy(update={"params": params}).model_dump_json().encode())
+    assert not kept_bakes(take)[0].current
 
 
 def test_a_damaged_bake_is_not_chosen(take: Take, here: Callable) -> None:
