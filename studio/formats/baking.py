@@ -12,12 +12,13 @@ from studio.stream import BakeSettings, Manifest, StreamMetadata, bake_group, wr
 from studio.training.settings import GROUP_SIZE
 
 
-def cut(video: SplatVideo, group_size: int) -> list[range]:
-    """The groups of the video, split into groups of at most `group_size` frames."""
+def cut(video: SplatVideo, group_size: int, first_size: int | None = None) -> list[range]:
+    """The groups of the video, split into groups of at most `group_size` frames, the first of at most `first_size`."""
     if group_size < 1:
         problem = f"group size is {group_size}; it must be at least 1"
         raise StudioError("import.invalid_group_size", problem, value=group_size)
-    return [group[start : start + group_size] for group in video.groups for start in range(0, len(group), group_size)]
+    first, *others = [group[at : at + group_size] for group in video.groups for at in range(0, len(group), group_size)]
+    return [part for part in (first[:first_size], first[first_size or len(first) :]) if part] + others
 
 
 def bake_video(
@@ -45,7 +46,7 @@ def bake_video(
     metadata = StreamMetadata(suggested_camera=video.view, background=video.background, up=up, original=video.original)
     with new_folder(folder) as temporary:
         entries = []
-        for number, group in enumerate(cut(video, group_size)):
+        for number, group in enumerate(cut(video, group_size, settings.first_group_size)):
 
             def report(done: int, total: int, start: int = group.start, **figures: Any) -> None:
                 progress(start + done, video.frame_count, **figures)

@@ -119,8 +119,11 @@ def test_viewer_axes(here, take, tmp_path):
 def test_videogs_there_and_back(here, take, tmp_path):
     here("export", take, "--format", "videogs", "--qp", "0", "--out", tmp_path / "vgs").ok()
     options = ("--fps", "12.5", "--bake.quality", "0", "--up", "0,0,2")
-    done = here("import", tmp_path / "vgs", "--out", tmp_path / "back", *options).ok()
-    assert "back: 5 frames in 2 groups, " in done.stdout
+    done = here("import", tmp_path / "vgs", "--out", tmp_path / "back", *options, "--bake.first_group_size", "2").ok()
+    assert "back: 5 frames in 3 groups, " in done.stdout
+    for unused in (("--train.dilation", "0.2"), ("--bake.view_range", "none")):
+        done = here("import", tmp_path / "vgs", "--out", tmp_path / "other", *unused, "--json").fails(code=2)
+        assert done.events[-1].code == "import.setting_not_used"
     with StreamReader.open(tmp_path / "back") as reader:
         assert (reader.fps, reader.manifest.settings["qp"]) == (12.5, 0)
         assert reader.manifest.metadata["up"] == [0, 0, 1]

@@ -226,7 +226,8 @@ def test_groups_begin_where_splats_can_no_longer_be_followed(folder):
     assert video.group_starts == (0, 2, 4, 5)
     assert told == [(index, 7) for index in range(8)]
     assert cut(video, 1) == [range(index, index + 1) for index in range(7)]
-    assert cut(video, 20) == [range(2), range(2, 4), range(4, 5), range(5, 7)]
+    assert cut(video, 20) == cut(video, 20, 2) == [range(2), range(2, 4), range(4, 5), range(5, 7)]
+    assert cut(video, 20, 1) == [range(1), range(1, 2), range(2, 4), range(4, 5), range(5, 7)]
 
 
 def test_baked_and_played(folder, tmp_path):
