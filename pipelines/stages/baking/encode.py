@@ -7,7 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from pipelines.stages.baking.measures import RenderedError, rendered_contribution
-from pipelines.stages.baking.plan import BakePlan, Part, stream_cameras
+from pipelines.stages.baking.plan import BakePlan, Part, group_to_bake, stream_cameras
 from pipelines.stages.baking.rungs import finetuned_frames, finetuned_rungs
 from pipelines.stages.reporter import StageReporter
 from pipelines.takes.atomic_files import digest_of_file, remove, write_model
@@ -32,7 +32,7 @@ def encode(plan: BakePlan, part: Part, reporter: StageReporter, start: float, st
 
     inputs, settings = plan.inputs, plan.inputs.config.bake
     remove(plan.note_path(part))
-    edited = EditedGroup(inputs.take, part.trained, inputs.edits)
+    edited = group_to_bake(inputs, part)
     frames = OnDemand(part.indices, edited.read)
     cameras, background = stream_cameras(inputs), inputs.config.evaluate.background
     finetuned, start = _finetuned(plan, part, edited, reporter, start, stop)

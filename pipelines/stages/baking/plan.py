@@ -12,7 +12,7 @@ from pipelines.stages.baking.rungs import RungTraining, finetuned_rungs
 from pipelines.stages.inputs import Inputs
 from pipelines.stages.params import key_of, settings_affecting
 from pipelines.takes.atomic_files import digest_of_file, read_model
-from pipelines.takes.edited import edits_of_group
+from pipelines.takes.edited import EditedGroup, edits_of_group
 from pipelines.takes.edits import edit_params, no_frames_left
 from pipelines.takes.frame_numbers import FrameNumbers
 from pipelines.takes.groups import Group
@@ -70,6 +70,11 @@ def baked_frames(inputs: Inputs) -> range:
     """The frames of the stream, counted from 0 in the take. Raises StudioError as `planned_parts`."""
     parts = planned_parts(inputs)
     return range(parts[0].first, parts[-1].indices[-1] + 1)
+
+
+def group_to_bake(inputs: Inputs, part: Part) -> EditedGroup:
+    """The trained group of a part, as it is baked."""
+    return EditedGroup(inputs.take, part.trained, inputs.edits)
 
 
 def stream_cameras(inputs: Inputs) -> list[Camera]:

@@ -8,7 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from pipelines.stages.baking.measures import RenderedError, rendered_contribution
-from pipelines.stages.baking.plan import Part, planned_parts, stream_cameras
+from pipelines.stages.baking.plan import Part, group_to_bake, planned_parts, stream_cameras
 from pipelines.stages.inputs import Inputs
 from studio.comparison.metrics import HIGHEST_PSNR
 from studio.errors import StudioError
@@ -37,10 +37,9 @@ def longest_part(context: Inputs) -> Part:
 
 def measure(context: Inputs, part: Part, settings: BakeSettings) -> Trial:
     """Bake a group with these settings into a temporary folder, and compare it with the trained frames."""
-    from pipelines.takes.edited import EditedGroup
     from studio.stream import bake_group
 
-    frames = OnDemand(part.indices, EditedGroup(context.take, part.trained, context.edits).read)
+    frames = OnDemand(part.indices, group_to_bake(context, part).read)
     cameras, fps = stream_cameras(context), float(context.footage.raw.fps)
     quality = RenderedError(frames, cameras, context.config.evaluate.background, context.device)
     seen = partial(rendered_contribution, frames, cameras, context.device, lambda: None)
