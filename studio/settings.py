@@ -24,39 +24,15 @@ COMMAND_LINE = "command line"
 OVERRIDES = "overrides"
 """Named in place of a file in errors about what was given there; overrides come from a command or from Python."""
 
-RESULTS = {
-    "cameras_from_file": "cameras read from the capture's calibration file",
-    "cameras_from_images": "cameras calibrated from the footage by structure from motion",
-    "cameras_from_target": "cameras calibrated from footage of a calibration target",
-    "cameras_from_points": "cameras calibrated from manually marked tie points",
-    "calibration_masks": "masks used to restrict feature detection during calibration",
-    "training_views": "images, masks and cameras as training sees them",
-    "grouping": "which frames form a group",
-    "initial_points": "the initial points of each keyframe",
-    "keyframe": "trained keyframes, and with them all frames after them",
-    "later_frames": "trained frames after a keyframe",
-    "joint_frames": "frames of a group after joint training",
-    "videos": "the encoded groups of the stream",
-    "manifest": "the stream's manifest",
-    "sound": "the stream's sound",
-    "evaluation": "the evaluation and its report",
-}
-"""Results that settings can affect: name to description. A result is stale when a setting that affects it changes."""
 
-
-@dataclass(frozen=True)
 class Affects:
-    """Results, all in `RESULTS`, that become stale when the field changes. `Affects()`: none. A field without this
-    marker uses `Settings.affects` of its class; if that is None, it affects the same results as the field that contains
-    its model."""
-
-    results: tuple[str, ...]
+    """Results that become stale when the field changes, by the names with which stages ask for their settings
+    (`settings_affecting` in `pipelines.stages.params`), such as "keyframe": keyframes, and with them all frames after
+    them. `Affects()`: none. A field without this marker uses `Settings.affects` of its class; if that is None, it
+    affects the same results as the field that contains its model."""
 
     def __init__(self, *results: str) -> None:
-        unknown = [name for name in results if name not in RESULTS]
-        if unknown:
-            raise ValueError(f"'{unknown[0]}' is not a result; known results: {', '.join(RESULTS)}")
-        object.__setattr__(self, "results", results)
+        self.results = results
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,7 @@ def _affected() -> dict[str, tuple[str, ...]]:
 
 
 def settings_affecting(config: Config, *results: str) -> Params:
-    """Settings by dotted name that affect any of `results` (`studio.settings.RESULTS`), as their fields declare."""
+    """Settings by dotted name that affect any of `results`, as their fields declare with `Affects`."""
     return settings_of(config, *(name for name, own in _affected().items() if not set(results).isdisjoint(own)))
 
 
