@@ -83,8 +83,8 @@ class Take:
     @classmethod
     def open(cls, root: Path | str) -> Take:
         """Open an existing take; StudioError: an address in object storage (`take.needs_folder`), no such folder
-        (`take.not_found`), no take.json (`take.not_a_take`), another format (`take.unknown_format`), or a damaged
-        take.json (`take.damaged`)."""
+        (`take.not_found`), no take.json (`take.not_a_take`, `take.is_stream`), another format (`take.unknown_format`),
+        or a damaged take.json (`take.damaged`)."""
         root = root if isinstance(root, Path) else Path(root)
         root = _checked(root)
         command = f"`v3studio run CONFIG --take {shlex.quote(str(root))}`"
@@ -94,6 +94,10 @@ class Take:
         if not root.is_dir():
             raise StudioError("take.not_found", "no such folder", file=root, fix=f"Create a take with {command}.")
         if not (root / "take.json").is_file():
+            if (root / "manifest.json").is_file():
+                problem = "is a stream, without the footage and cameras of a take"
+                fix = "Specify the folder of a take; `v3studio play`, `serve`, `share` and `export` also take streams."
+                raise StudioError("take.is_stream", problem, file=root, fix=fix)
             lost = _looks_like(root)
             fix = f"If take.json was lost, {command} writes a new one." if lost else "Specify the folder of a take."
             raise StudioError("take.not_a_take", "not a take: it has no take.json", file=root, fix=fix, lost=lost)

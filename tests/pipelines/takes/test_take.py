@@ -17,6 +17,9 @@ def test_what_is_no_take_is_not_taken_over(tmp_path):
         Take.create(tmp_path)
     with refuses("take.not_a_take", file=tmp_path, lost=False):
         Take.open(tmp_path)
+    (tmp_path / "manifest.json").write_bytes(b"{}")
+    with refuses("take.is_stream", file=tmp_path):
+        Take.open(tmp_path)
     with refuses("take.is_file", file=tmp_path / "holiday.jpg"):
         Take.create(tmp_path / "holiday.jpg")
     (tmp_path / "take.json").write_text("{")
