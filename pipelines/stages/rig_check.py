@@ -122,12 +122,12 @@ def judge_views(
     """Judge a rig by the images and masks of a frame, the latter those of `views`, if they are enough. `near` gives
     masks of a camera in other frames, by frame; asked if one of a few cameras contradicts the others."""
     from studio.meshing.agreement import LEAST_CAMERAS, PIXELS, contradicting, frame_that_fits, mask_agreement
-    from studio.meshing.silhouettes import Silhouettes
+    from studio.meshing.silhouettes import silhouettes
 
     if len(views) < LEAST_CAMERAS:
         return judge(cameras, pairs, None)
     least = max(3, len(views) // 3)
-    shapes = Silhouettes(views, max_pixels=PIXELS * len(views))
+    shapes = silhouettes(views, max_pixels=PIXELS * len(views))
     agreement = mask_agreement(shapes, least)
     disagreeing = contradicting(agreement)
     verdict = judge(cameras, pairs, {name: one.error for name, one in agreement.items()}, disagreeing)

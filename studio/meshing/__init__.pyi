@@ -1,7 +1,6 @@
 from .hull import Hull
 from .initialize import InitResult, initialize_points
 from .settings import InitializeSettings
-from .silhouettes import Silhouettes
 from .surface import Mesh, sample_surface
 from .visual_hull import HullResult, visual_hull
 
@@ -11,7 +10,6 @@ __all__ = [
     "InitResult",
     "InitializeSettings",
     "Mesh",
-    "Silhouettes",
     "initialize_points",
     "sample_surface",
     "visual_hull",

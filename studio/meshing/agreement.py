@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from studio.cameras import Rig
-from studio.meshing.silhouettes import Silhouettes
+from studio.meshing.silhouettes import Silhouette
 
 _COARSE, _FINE = 48, 96  # voxels along each side while the volume is located, and for the comparison
 _OUTVOTED = 0.15  # fraction of the cameras, besides one, that may reject a voxel of the common volume
@@ -44,7 +44,7 @@ class MaskAgreement:
         return self.missing + self.extra
 
 
-def mask_agreement(shapes: Silhouettes, min_views: int) -> dict[str, MaskAgreement]:
+def mask_agreement(shapes: list[Silhouette], min_views: int) -> dict[str, MaskAgreement]:
     """Compare each mask, of at least `LEAST_CAMERAS`, with the volume that most of the other cameras see as foreground;
     empty if they have none in common. Differences of two voxels, a 48th of the volume's size, are tolerated."""
     least = max(2, min_views - 1)  # without one of them
@@ -52,25 +52,26 @@ def mask_agreement(shapes: Silhouettes, min_views: int) -> dict[str, MaskAgreeme
     if common is None:
         return {}
     return {
-        name: _compare(shapes, index, shapes.masks[index], common.without(index, least), common.voxel)
-        for index, name in enumerate(shapes.names)
+        shape.camera.name: _compare(shape, shape.mask, common.without(index, least), common.voxel)
+        for index, shape in enumerate(shapes)
     }
 
 
-def frame_that_fits(shapes: Silhouettes, name: str, masks: Mapping[int, np.ndarray], min_views: int) -> int | None:
+def frame_that_fits(shapes: list[Silhouette], name: str, masks: Mapping[int, np.ndarray], min_views: int) -> int | None:
     """The frame whose mask of a camera, (H, W) uint8 of full or reduced size, fits the volume of the other cameras,
     though that in `shapes` does not; None if none contradicts them a third as much."""
     import cv2
 
-    index, least = shapes.names.index(name), max(2, min_views - 1)
+    index = next(index for index, shape in enumerate(shapes) if shape.camera.name == name)
+    shape, least = shapes[index], max(2, min_views - 1)
     common = _common_volume(shapes, least)
     if common is None or not masks:
         return None
-    size = shapes.cameras[index].width, shapes.cameras[index].height
+    size = shape.camera.width, shape.camera.height
     volume = common.without(index, least)
     reduced = {frame: cv2.resize(mask, size, interpolation=cv2.INTER_AREA) for frame, mask in masks.items()}
-    found = {frame: _compare(shapes, index, mask, volume, common.voxel) for frame, mask in reduced.items()}
-    now = _compare(shapes, index, shapes.masks[index], volume, common.voxel)
+    found = {frame: _compare(shape, mask, volume, common.voxel) for frame, mask in reduced.items()}
+    now = _compare(shape, shape.mask, volume, common.voxel)
     best = min(found, key=lambda frame: found[frame].error)
     return best if found[best].missing < now.missing / 3 and found[best].error < now.error else None
 
@@ -92,9 +93,9 @@ class _Common:
         return self.points[_agreed(accepting, self.views - self.seen[index].int(), least)]
 
 
-def _common_volume(shapes: Silhouettes, least: int) -> _Common | None:
+def _common_volume(shapes: list[Silhouette], least: int) -> _Common | None:
     """Coarse to fine; None: there is none."""
-    rig = Rig(tuple(shapes.cameras))
+    rig = Rig(tuple(shape.camera for shape in shapes))
     middle = rig.focus
     half = 0.6 * float(np.linalg.norm(rig.centers - middle, axis=1).mean())
     for count in (_COARSE, _COARSE, _FINE):
@@ -124,11 +125,11 @@ def contradicting(agreement: dict[str, MaskAgreement]) -> list[str]:
     return [name for name in worst if agreement[name].missing > outside or agreement[name].error > most]
 
 
-def _votes(shapes: Silhouettes, points: torch.Tensor, slack: float) -> tuple[torch.Tensor, torch.Tensor]:
+def _votes(shapes: list[Silhouette], points: torch.Tensor, slack: float) -> tuple[torch.Tensor, torch.Tensor]:
     """(cameras, N) bool: whether each camera's mask holds a point, give or take `slack`, and whether it sees it."""
     inside, seen = [], []
-    for index in range(len(shapes)):
-        distance, visible = shapes.distance(index, points)
+    for shape in shapes:
+        distance, visible = shape.distance(points)
         inside.append(visible & (distance > -slack))
         seen.append(visible)
     return torch.stack(inside), torch.stack(seen)
@@ -138,12 +139,12 @@ def _agreed(accepting: torch.Tensor, views: torch.Tensor, least: int) -> torch.T
     return (views >= least) & (accepting >= (1 - _OUTVOTED) * views)
 
 
-def _compare(shapes: Silhouettes, index: int, own: np.ndarray, volume: torch.Tensor, voxel: float) -> MaskAgreement:
+def _compare(shape: Silhouette, own: np.ndarray, volume: torch.Tensor, voxel: float) -> MaskAgreement:
     """A camera's `own` mask (h, w) against points of the others' volume."""
     import cv2
 
-    camera, mask = shapes.cameras[index], (own >= 128).astype(np.uint8)
-    pixels, depth = shapes.project(index, volume)
+    camera, mask = shape.camera, (own >= 128).astype(np.uint8)
+    pixels, depth = shape.project(volume)
     column, row = pixels.floor().long().T
     shown = (depth > 0) & (column >= 0) & (row >= 0) & (column < camera.width) & (row < camera.height)
     radii = (_REACH * voxel * camera.fx / depth).ceil().clamp(1, max(mask.shape) // 8).long()  # closes gaps
@@ -161,7 +162,7 @@ def _compare(shapes: Silhouettes, index: int, own: np.ndarray, volume: torch.Ten
     return MaskAgreement(
         int(missing.sum()) / max(int(mask.sum()), 1),
         int(extra.sum()) / max(int(cover.sum()), 1),
-        _largest_box(missing | extra, shapes.footprints[index] / max(camera.fx, camera.fy)),
+        _largest_box(missing | extra, shape.footprint / max(camera.fx, camera.fy)),
     )
 
 

@@ -19,7 +19,7 @@ import torch
 
 from studio.cameras import nearest_point_to_rays
 from studio.meshing.diagnostics import raise_disagreement
-from studio.meshing.silhouettes import Silhouettes
+from studio.meshing.silhouettes import Silhouette
 
 _CHUNK = 1 << 18
 
@@ -83,7 +83,7 @@ def _cells(parents: torch.Tensor, size: float, split: int) -> torch.Tensor:
 
 
 def _keep(
-    shapes: Silhouettes, centers: torch.Tensor, size: float, allowed: int, min_views: int, tick: Tick = no_tick
+    shapes: list[Silhouette], centers: torch.Tensor, size: float, allowed: int, min_views: int, tick: Tick = no_tick
 ) -> torch.Tensor:
     """(N,) bool: cells that may contain a part of the hull."""
     kept = torch.empty(len(centers), dtype=torch.bool)
@@ -94,8 +94,8 @@ def _keep(
         alive = torch.arange(len(part))
         rejections = torch.zeros(len(part), dtype=torch.int16)
         views = torch.zeros(len(part), dtype=torch.int16)
-        for index in range(len(shapes)):
-            rejected, seen = shapes.touches(index, part[alive], radius)
+        for shape in shapes:
+            rejected, seen = shape.touches(part[alive], radius)
             rejections[alive] += rejected
             views[alive] += seen
             # Skip cells that are already discarded.
@@ -106,10 +106,10 @@ def _keep(
     return kept
 
 
-def _start(shapes: Silhouettes) -> tuple[np.ndarray, float]:
+def _start(shapes: list[Silhouette]) -> tuple[np.ndarray, float]:
     """Center (3,) and edge length of a cube that contains everything that the cameras may look at."""
     origins, directions = [], []
-    for camera, box in zip(shapes.cameras, shapes.boxes, strict=True):
+    for camera, box in ((shape.camera, shape.box) for shape in shapes):
         if box is None:
             continue
         middle = np.array([(box[0] + box[2]) / 2, (box[1] + box[3]) / 2, 1.0])
@@ -117,7 +117,7 @@ def _start(shapes: Silhouettes) -> tuple[np.ndarray, float]:
         origins.append(camera.center)
         directions.append(ray / np.linalg.norm(ray))
     at, to = np.array(origins), np.array(directions)
-    centers = np.array([camera.center for camera in shapes.cameras])
+    centers = np.array([shape.camera.center for shape in shapes])
     spread = np.linalg.norm(centers - centers.mean(0), axis=1).max()
     # Nearest point to all rays, with lower weights for masks whose center is far off.
     weights = np.ones(len(at))
@@ -131,7 +131,7 @@ def _start(shapes: Silhouettes) -> tuple[np.ndarray, float]:
     return center, 2.0 * float(max(reach, spread, 1e-9))
 
 
-def locate(shapes: Silhouettes, allowed: int, min_views: int) -> tuple[np.ndarray, np.ndarray]:
+def locate(shapes: list[Silhouette], allowed: int, min_views: int) -> tuple[np.ndarray, np.ndarray]:
     """Lower and upper corner, (3,) world units, of the volume that the masks agree on; a few percent too wide."""
     center, edge = _start(shapes)
     cells = torch.from_numpy(center[None].astype(np.float32))
@@ -154,7 +154,7 @@ def locate(shapes: Silhouettes, allowed: int, min_views: int) -> tuple[np.ndarra
 
 
 def _evaluate(
-    shapes: Silhouettes, points: torch.Tensor, allowed: int, min_views: int, band: float, tick: Tick
+    shapes: list[Silhouette], points: torch.Tensor, allowed: int, min_views: int, band: float, tick: Tick
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Strict field values (N,) clamped to +-band; and (N,) bool, true where at most `allowed` cameras reject."""
     strict, tolerated = torch.empty(len(points)), torch.empty(len(points), dtype=torch.bool)
@@ -162,7 +162,7 @@ def _evaluate(
     stride = max(1, round(len(shapes) * 0.382))
     while math.gcd(stride, len(shapes)) > 1:
         stride += 1
-    order = [index * stride % len(shapes) for index in range(len(shapes))]
+    order = [shapes[index * stride % len(shapes)] for index in range(len(shapes))]
     for start in range(0, len(points), _CHUNK):
         part = points[start : start + _CHUNK]
         tick()
@@ -170,8 +170,8 @@ def _evaluate(
         rejections = torch.zeros(len(part), dtype=torch.int16)
         views = torch.zeros(len(part), dtype=torch.int16)
         alive = torch.arange(len(part))
-        for turn, index in enumerate(order):
-            value, seen = shapes.distance(index, part[alive])
+        for turn, shape in enumerate(order):
+            value, seen = shape.distance(part[alive])
             value = torch.where(seen, value.clamp(-band, band), band)
             least[alive] = torch.minimum(least[alive], value)
             rejections[alive] += value <= 0
@@ -187,7 +187,7 @@ def _evaluate(
 
 
 def carve(
-    shapes: Silhouettes,
+    shapes: list[Silhouette],
     bounds: tuple[np.ndarray, np.ndarray],
     *,
     resolution: int,
@@ -203,14 +203,7 @@ def carve(
     """
     low, high = bounds
     middle = (low + high) / 2
-    footprint = float(
-        np.median(
-            [
-                np.linalg.norm(camera.center - middle) / focal
-                for camera, focal in zip(shapes.cameras, shapes.footprints, strict=True)
-            ]
-        )
-    )
+    footprint = float(np.median([np.linalg.norm(shape.camera.center - middle) / shape.footprint for shape in shapes]))
     # Voxels smaller than half a pixel's footprint add no detail.
     voxel = max(float((high - low).max()) / resolution, 0.5 * footprint)
     block = 8

@@ -6,27 +6,25 @@ alone. If all masks are correct, no foreground is uncovered and the hull does no
 """
 
 import itertools
-from collections.abc import Collection
 
 import numpy as np
 import torch
 
 from studio.meshing.hull import Hull, Tick, no_tick
-from studio.meshing.silhouettes import Silhouettes
+from studio.meshing.silhouettes import Silhouette
 
 
-def _without(shapes: Silhouettes, points: torch.Tensor, left_out: Collection[int], band: float) -> torch.Tensor:
-    """(N,) signed distance to the hull of all cameras except those left out, clamped to +-band."""
+def _field(shapes: list[Silhouette], points: torch.Tensor, band: float) -> torch.Tensor:
+    """(N,) signed distance to the hull of these cameras, clamped to +-band."""
     least = torch.full((len(points),), band)
-    for index in range(len(shapes)):
-        if index not in left_out:
-            value, seen = shapes.distance(index, points)
-            least = torch.where(seen, torch.minimum(least, value), least)
+    for shape in shapes:
+        value, seen = shape.distance(points)
+        least = torch.where(seen, torch.minimum(least, value), least)
     return least.clamp_min(-band)
 
 
 def restore(
-    hull: Hull, tolerant: np.ndarray, shapes: Silhouettes, uncovered: list[np.ndarray], tick: Tick = no_tick
+    hull: Hull, tolerant: np.ndarray, shapes: list[Silhouette], uncovered: list[np.ndarray], tick: Tick = no_tick
 ) -> Hull:
     """Restore the volume that outlier masks carved away; `hull` itself if there is none.
 
@@ -44,12 +42,12 @@ def restore(
     missing = torch.zeros(len(points), dtype=torch.int16)
     accepting = torch.zeros(len(points), dtype=torch.int16)
     rejecting = torch.zeros((len(shapes), len(points)), dtype=torch.bool)
-    for index, camera in enumerate(shapes.cameras):
+    for index, shape in enumerate(shapes):
         tick()
-        value, seen = shapes.distance(index, points)
-        pixels, _ = shapes.project(index, points)
-        column = pixels[:, 0].clamp(0, camera.width - 1).long()
-        row = pixels[:, 1].clamp(0, camera.height - 1).long()
+        value, seen = shape.distance(points)
+        pixels, _ = shape.project(points)
+        column = pixels[:, 0].clamp(0, shape.camera.width - 1).long()
+        row = pixels[:, 1].clamp(0, shape.camera.height - 1).long()
         gap = torch.from_numpy(uncovered[index])[row, column]
         accepting += seen & (value > 0)
         rejecting[index] = seen & (value <= 0)
@@ -63,7 +61,8 @@ def restore(
     allowed = int(rejecting.sum(0).max())
     worst = torch.argsort(votes, descending=True)[:allowed].tolist()
     bad = [index for index in worst if votes[index] > 0.2 * int(back.sum())]
-    back &= _without(shapes, points, bad, hull.band) > 0
+    others = [shape for index, shape in enumerate(shapes) if index not in bad]
+    back &= _field(others, points, hull.band) > 0
     if not back.any():
         return hull
     shape = hull.field.shape
@@ -75,8 +74,7 @@ def restore(
     rim = np.flatnonzero(near)
     rim_points = torch.from_numpy(hull.points(rim).astype(np.float32))
     merged = hull.field.copy()
-    merged.ravel()[rim] = np.maximum(merged.ravel()[rim], _without(shapes, rim_points, bad, hull.band).numpy())
-    outliers = {
-        shapes.names[index]: int(rejecting[index, back].sum()) for index in bad if bool(rejecting[index, back].any())
-    }
+    merged.ravel()[rim] = np.maximum(merged.ravel()[rim], _field(others, rim_points, hull.band).numpy())
+    counts = {shapes[index].camera.name: int(rejecting[index, back].sum()) for index in bad}
+    outliers = {name: count for name, count in counts.items() if count}
     return Hull(merged, hull.origin, hull.voxel, hull.band, hull.min_views, int(back.sum()), outliers)

@@ -6,10 +6,8 @@ the distance in world units between a point and the silhouette's viewing cone. A
 whether a ball of a given radius can touch the silhouette, which coarse-to-fine carving needs.
 """
 
-from __future__ import annotations
-
-import copy
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -42,119 +40,50 @@ def signed_distance(mask: np.ndarray) -> np.ndarray:
     return np.where(edge, np.where(inside > 0, np.minimum(coverage, 0.5), np.maximum(coverage, -0.5)), distance)
 
 
-class Silhouettes:
-    """Signed distance maps of all views, with bounded memory.
-
-    Args:
-        views: at least two views with pinhole cameras. Each is read once, so a lazy sequence works.
-        max_pixels: maximum total number of pixels of all maps, at 4 bytes per pixel; larger masks are downscaled.
-        progress: called per view; may raise `Cancelled`.
+@dataclass(frozen=True, eq=False)
+class Silhouette:
+    """The signed distance map of a view.
 
     Attributes:
-        names: the cameras' names.
-        cameras: cameras reduced to the size of the maps.
-        maps: (1, 1, h, w) float32 per camera: signed distance in pixels of the reduced image.
-        boxes: (4,) float64 left, top, right, bottom of the foreground in reduced pixels; None for an empty mask.
-        masks: (h, w) uint8 reduced masks.
-        footprints: focal lengths in full-size pixels; a pixel covers depth / footprint in world units.
-
-    Raises:
-        StudioError: `hull.too_few_cameras`, `hull.lens_distortion`, `hull.mask_size`, or `hull.empty_masks`: no mask
-            has any foreground.
+        camera: reduced to the size of the map.
+        map: (1, 1, h, w) float32: signed distance in pixels of the reduced image.
+        mask: (h, w) uint8 reduced mask.
+        box: (4,) float64 left, top, right, bottom of the foreground in reduced pixels; None for an empty mask.
+        footprint: focal length in full-size pixels; a pixel covers depth / footprint in world units.
     """
 
-    def __init__(
-        self, views: Sequence[ViewLike], *, max_pixels: float = 60e6, progress: ProgressFn = no_progress
-    ) -> None:
-        if len(views) < 2:
-            problem = f"A visual hull needs at least two cameras, found {len(views)}"
-            raise StudioError("hull.too_few_cameras", problem, value=len(views), fix="Add cameras.", expected=2)
-        self.names: list[str] = []
-        self.cameras: list[Camera] = []
-        self.maps: list[torch.Tensor] = []
-        self.boxes: list[np.ndarray | None] = []
-        self.masks: list[np.ndarray] = []
-        self.footprints: list[float] = []
-        budget = max_pixels / len(views)
-        for index, view in enumerate(views):
-            self._add(view.camera, view.mask, budget)
-            progress(index + 1, len(views))
-        if all(box is None for box in self.boxes):
-            problem = f"The masks of all {len(views)} cameras are empty"
-            raise StudioError("hull.empty_masks", problem, fix="Check capture.masks.", setting="capture.masks")
+    camera: Camera
+    map: torch.Tensor
+    mask: np.ndarray
+    box: np.ndarray | None
+    footprint: float
 
-    def _add(self, camera: Camera, mask: np.ndarray, budget: float) -> None:
-        import cv2
-
-        if not camera.is_pinhole:
-            problem = f"Camera '{camera.name}' has lens distortion"
-            fix = "Undistort its images before meshing."
-            raise StudioError("hull.lens_distortion", problem, fix=fix, camera=camera.name)
-        if mask.shape != (camera.height, camera.width):
-            raise StudioError(
-                "hull.mask_size",
-                f"Camera '{camera.name}': the mask is {mask.shape[1]}x{mask.shape[0]}, but the camera "
-                f"{camera.width}x{camera.height}",
-                value=(mask.shape[1], mask.shape[0]),
-                fix="Masks must have the size of the images.",
-                camera=camera.name,
-                expected=(camera.width, camera.height),
-            )
-        factor = min(1.0, float(np.sqrt(budget / mask.size)))
-        reduced = camera
-        if factor < 1.0:
-            reduced = camera.scaled(factor)
-            mask = cv2.resize(mask, (reduced.width, reduced.height), interpolation=cv2.INTER_AREA)
-        rows, columns = np.nonzero(mask >= 128)
-        box = (
-            None
-            if len(rows) == 0
-            else np.array([columns.min(), rows.min(), columns.max() + 1, rows.max() + 1], np.float64)
-        )
-        self.names.append(camera.name)
-        self.cameras.append(reduced)
-        self.footprints.append(max(camera.fx, camera.fy))
-        self.maps.append(torch.from_numpy(signed_distance(mask))[None, None])
-        self.masks.append(mask)
-        self.boxes.append(box)
-
-    def __len__(self) -> int:
-        return len(self.cameras)
-
-    def without(self, names: Collection[str]) -> Silhouettes:
-        """A copy without some cameras; the maps are shared."""
-        kept = [index for index, name in enumerate(self.names) if name not in names]
-        result = copy.copy(self)
-        for part in ("names", "cameras", "maps", "boxes", "masks", "footprints"):
-            setattr(result, part, [getattr(self, part)[index] for index in kept])
-        return result
-
-    def project(self, index: int, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Project world points (N, 3) float32 to pixels (N, 2) in the reduced image of one camera, and depths (N,)."""
-        camera = self.cameras[index]
+    def project(self, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Project world points (N, 3) float32 to pixels (N, 2) in the reduced image, and depths (N,)."""
+        camera = self.camera
         matrix = torch.from_numpy((camera.K @ camera.world_to_camera[:3]).astype(np.float32))
         local = points @ matrix[:, :3].T + matrix[:, 3]
         depth = local[:, 2]
         return local[:, :2] / depth.clamp_min(1e-9)[:, None], depth
 
-    def distance(self, index: int, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Signed distance (N,) float32 in world units, positive inside, of (N, 3) float32 world points to one camera's
-        silhouette cone, sampled bilinearly; and (N,) bool: whether the camera has the point in its image."""
-        camera = self.cameras[index]
-        pixels, depth = self.project(index, points)
+    def distance(self, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Signed distance (N,) float32 in world units, positive inside, of (N, 3) float32 world points to the
+        silhouette's cone, sampled bilinearly; and (N,) bool: whether the camera has the point in its image."""
+        camera = self.camera
+        pixels, depth = self.project(points)
         grid = torch.stack([pixels[:, 0] * (2.0 / camera.width) - 1, pixels[:, 1] * (2.0 / camera.height) - 1], -1)
         seen = (depth > 1e-9) & (grid.abs() <= 1).all(-1)
         sampled = torch.nn.functional.grid_sample(
-            self.maps[index], grid.clamp(-2, 2)[None, None], mode="bilinear", padding_mode="border", align_corners=False
+            self.map, grid.clamp(-2, 2)[None, None], mode="bilinear", padding_mode="border", align_corners=False
         )[0, 0, 0]
         return sampled * (depth / (0.5 * (camera.fx + camera.fy))), seen
 
-    def touches(self, index: int, points: torch.Tensor, radius: float) -> tuple[torch.Tensor, torch.Tensor]:
-        """Conservative test of whether balls with (N, 3) float32 centers and a radius in world units may touch one
-        camera's silhouette cone: (N,) bool: the whole ball is certainly inside the image and outside the silhouette;
+    def touches(self, points: torch.Tensor, radius: float) -> tuple[torch.Tensor, torch.Tensor]:
+        """Conservative test of whether balls with (N, 3) float32 centers and a radius in world units may touch the
+        silhouette's cone: (N,) bool: the whole ball is certainly inside the image and outside the silhouette;
         and (N,) bool: a part of the ball may be inside the image."""
-        camera = self.cameras[index]
-        pixels, depth = self.project(index, points)
+        camera = self.camera
+        pixels, depth = self.project(points)
         focal = max(camera.fx, camera.fy)
         # Off the optical axis, a ball projects to an ellipse that is elongated by 1 / cos of its angle; includes a
         # margin for the error of the 5x5 distance transform.
@@ -162,20 +91,77 @@ class Silhouettes:
         stretch = (1 + (away * away).sum(-1)).sqrt()
         reach = focal * radius / (depth - radius).clamp_min(1e-9) * stretch * 1.05 + 1.5
         # Distance to the nearest side of the viewing frustum, positive inside.
-        planes = self._planes(index)
+        planes = self._planes()
         margin = (points @ planes[:, :3].T + planes[:, 3]).amin(-1)
         seen = (margin > -radius) & (depth > -radius)
         whole = (margin > radius) & (depth > radius)
         size = torch.tensor([camera.width, camera.height], dtype=torch.float32)
         corner = torch.minimum(pixels.clamp_min(0), size - 1)
         corner = torch.nan_to_num(corner).long()
-        value = self.maps[index][0, 0][corner[:, 1], corner[:, 0]]
+        value = self.map[0, 0][corner[:, 1], corner[:, 0]]
         return whole & (value < -reach), seen
 
-    def _planes(self, index: int) -> torch.Tensor:
+    def _planes(self) -> torch.Tensor:
         """(4, 4) float32: inward unit normals and offsets, in world coordinates, of the viewing frustum's sides."""
-        camera = self.cameras[index]
+        camera = self.camera
         K = camera.K
         sides = np.stack([K[0], camera.width * K[2] - K[0], K[1], camera.height * K[2] - K[1]])
         sides /= np.linalg.norm(sides, axis=1, keepdims=True)
         return torch.from_numpy((sides @ camera.world_to_camera[:3]).astype(np.float32))
+
+
+def silhouettes(
+    views: Sequence[ViewLike], *, max_pixels: float = 60e6, progress: ProgressFn = no_progress
+) -> list[Silhouette]:
+    """Signed distance maps of all views, with bounded memory.
+
+    Args:
+        views: at least two views with pinhole cameras. Each is read once, so a lazy sequence works.
+        max_pixels: maximum total number of pixels of all maps, at 4 bytes per pixel; larger masks are downscaled.
+        progress: called per view; may raise `Cancelled`.
+
+    Raises:
+        StudioError: `hull.too_few_cameras`, `hull.lens_distortion`, `hull.mask_size`, or `hull.empty_masks`: no mask
+            has any foreground.
+    """
+    if len(views) < 2:
+        problem = f"A visual hull needs at least two cameras, found {len(views)}"
+        raise StudioError("hull.too_few_cameras", problem, value=len(views), fix="Add cameras.", expected=2)
+    found = []
+    for index, view in enumerate(views):
+        found.append(_silhouette(view.camera, view.mask, max_pixels / len(views)))
+        progress(index + 1, len(views))
+    if all(shape.box is None for shape in found):
+        problem = f"The masks of all {len(views)} cameras are empty"
+        raise StudioError("hull.empty_masks", problem, fix="Check capture.masks.", setting="capture.masks")
+    return found
+
+
+def _silhouette(camera: Camera, mask: np.ndarray, budget: float) -> Silhouette:
+    import cv2
+
+    if not camera.is_pinhole:
+        problem = f"Camera '{camera.name}' has lens distortion"
+        fix = "Undistort its images before meshing."
+        raise StudioError("hull.lens_distortion", problem, fix=fix, camera=camera.name)
+    if mask.shape != (camera.height, camera.width):
+        raise StudioError(
+            "hull.mask_size",
+            f"Camera '{camera.name}': the mask is {mask.shape[1]}x{mask.shape[0]}, but the camera "
+            f"{camera.width}x{camera.height}",
+            value=(mask.shape[1], mask.shape[0]),
+            fix="Masks must have the size of the images.",
+            camera=camera.name,
+            expected=(camera.width, camera.height),
+        )
+    factor = min(1.0, float(np.sqrt(budget / mask.size)))
+    reduced = camera
+    if factor < 1.0:
+        reduced = camera.scaled(factor)
+        mask = cv2.resize(mask, (reduced.width, reduced.height), interpolation=cv2.INTER_AREA)
+    rows, columns = np.nonzero(mask >= 128)
+    box = None
+    if len(rows):
+        box = np.array([columns.min(), rows.min(), columns.max() + 1, rows.max() + 1], np.float64)
+    distance = torch.from_numpy(signed_distance(mask))[None, None]
+    return Silhouette(reduced, distance, mask, box, max(camera.fx, camera.fy))

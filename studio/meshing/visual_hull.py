@@ -13,7 +13,7 @@ from studio.meshing.diagnostics import raise_disagreement
 from studio.meshing.hull import Hull, Tick, carve, locate
 from studio.meshing.outlier_masks import restore
 from studio.meshing.settings import InitializeSettings
-from studio.meshing.silhouettes import Silhouettes
+from studio.meshing.silhouettes import Silhouette, silhouettes
 from studio.meshing.surface import Mesh, MeshViews, extract_surface, refined
 from studio.progress import ProgressFn, no_progress, part_of
 
@@ -51,10 +51,10 @@ def visual_hull(
     """Carve the visual hull of one frame and extract its surface, from at least two pinhole views, each read once.
 
     `progress` is called with percentages and may raise `Cancelled`. StudioError if cameras or masks are unusable (see
-    `Silhouettes`), or the hull is empty (see `raise_disagreement`).
+    `silhouettes`), or the hull is empty (see `raise_disagreement`).
     """
     settings = settings or InitializeSettings()
-    shapes = Silhouettes(views, progress=part_of(progress, 0, 20))
+    shapes = silhouettes(views, progress=part_of(progress, 0, 20))
 
     def at(step: int) -> Tick:
         return lambda: progress(step, 100)
@@ -65,7 +65,7 @@ def visual_hull(
     used = shapes
     if gross and len(shapes) - len(gross) >= 3:
         # These masks were ignored where they are wrong, but they are not reliable at the seams either.
-        used = shapes.without(gross)
+        used = [shape for shape in shapes if shape.camera.name not in gross]
         coarse = _zoom(used, settings, min(coarse.hull.min_views, len(used)), at(50))
     hull, mesh = _carve_corrected(
         used,
@@ -85,10 +85,10 @@ def visual_hull(
     return HullResult(hull, mesh, disagreement, uncovered, {**shares, **small})
 
 
-def _outlier_shares(hull: Hull, shapes: Silhouettes) -> dict[str, float]:
+def _outlier_shares(hull: Hull, shapes: list[Silhouette]) -> dict[str, float]:
     """Camera name to the fraction of the hull that its mask wrongly rejects."""
     inside = max(int((hull.field > 0).sum()), 1)
-    return {name: hull.outliers.get(name, 0) / inside for name in shapes.names}
+    return {shape.camera.name: hull.outliers.get(shape.camera.name, 0) / inside for shape in shapes}
 
 
 @dataclass
@@ -105,7 +105,7 @@ class _Coarse:
         return float(np.mean(list(self.disagreement.values())))
 
 
-def _choose_min_views(shapes: Silhouettes, settings: InitializeSettings, tick: Tick) -> _Coarse:
+def _choose_min_views(shapes: list[Silhouette], settings: InitializeSettings, tick: Tick) -> _Coarse:
     """Choose the number of cameras that must see a point of the hull.
 
     Space that only a few cameras see is carved by only these, so its shape is unreliable. Nearly all cameras are
@@ -131,7 +131,7 @@ def _choose_min_views(shapes: Silhouettes, settings: InitializeSettings, tick: T
     return best
 
 
-def _zoom(shapes: Silhouettes, settings: InitializeSettings, min_views: int, tick: Tick) -> _Coarse:
+def _zoom(shapes: list[Silhouette], settings: InitializeSettings, min_views: int, tick: Tick) -> _Coarse:
     """The hull at low resolution. Bounds are refined repeatedly: if cameras overlap little, they start too wide."""
     allowed = settings.outvoted(len(shapes))
     bounds = locate(shapes, allowed, min_views)
@@ -147,14 +147,14 @@ def _zoom(shapes: Silhouettes, settings: InitializeSettings, min_views: int, tic
     return _Coarse(hull, bounds, disagreement, uncovered)
 
 
-def _raise_empty(shapes: Silhouettes, bounds: tuple[np.ndarray, np.ndarray], min_views: int) -> NoReturn:
+def _raise_empty(shapes: list[Silhouette], bounds: tuple[np.ndarray, np.ndarray], min_views: int) -> NoReturn:
     """Diagnose an empty hull on a grid of points within the bounds."""
     axes = [torch.linspace(float(low), float(high), 48) for low, high in zip(*bounds, strict=True)]
     raise_disagreement(shapes, torch.cartesian_prod(*axes), 0.0, min_views)
 
 
 def _carve_corrected(
-    shapes: Silhouettes,
+    shapes: list[Silhouette],
     bounds: tuple[np.ndarray, np.ndarray],
     resolution: int,
     allowed: int,
@@ -174,7 +174,7 @@ def _carve_corrected(
 
 
 def _compare(
-    mesh: Mesh, shapes: Silhouettes, tick: Tick
+    mesh: Mesh, shapes: list[Silhouette], tick: Tick
 ) -> tuple[list[np.ndarray], dict[str, float], dict[str, float]]:
     """Per camera: uncovered foreground (h, w) bool, 1 - IoU, and the uncovered share of the mask."""
     import cv2
@@ -183,15 +183,15 @@ def _compare(
     uncovered_areas: list[np.ndarray] = []
     disagreement: dict[str, float] = {}
     uncovered: dict[str, float] = {}
-    for name, camera, mask in zip(shapes.names, shapes.cameras, shapes.masks, strict=True):
+    for camera, mask in ((shape.camera, shape.mask) for shape in shapes):
         tick()
         small = camera.scaled(min(1.0, float(np.sqrt(_COMPARE_PIXELS / mask.size))))
         cover = np.isfinite(rays.depth(small)) if rays else np.zeros((small.height, small.width), bool)
         foreground = cv2.resize(mask, (small.width, small.height), interpolation=cv2.INTER_AREA) >= 128
         union = int((cover | foreground).sum())
-        disagreement[name] = 1.0 - int((cover & foreground).sum()) / union if union else 0.0
+        disagreement[camera.name] = 1.0 - int((cover & foreground).sum()) / union if union else 0.0
         gap = foreground & ~cover
-        uncovered[name] = int(gap.sum()) / max(int(foreground.sum()), 1)
+        uncovered[camera.name] = int(gap.sum()) / max(int(foreground.sum()), 1)
         # Thin rims are caused by smoothing and small calibration errors; a missing limb is thicker.
         gap = cv2.morphologyEx(gap.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
         gap = cv2.dilate(gap, np.ones((3, 3), np.uint8)) * foreground.astype(np.uint8)

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from studio.meshing.agreement import contradicting, frame_that_fits, mask_agreement
-from studio.meshing.silhouettes import Silhouettes
+from studio.meshing.silhouettes import silhouettes
 from tests.studio.meshing.conftest import two_balls
 
 
 @pytest.mark.parametrize(("scale", "origin"), [(1.0, (0, 0, 0)), (0.01, (5, -3, 2))])
 def test_correct_masks_agree(scale, origin):
-    agreement = mask_agreement(Silhouettes(two_balls(9, scale, origin)), 4)
+    agreement = mask_agreement(silhouettes(two_balls(9, scale, origin)), 4)
     assert len(agreement) == 9
     assert max(one.missing for one in agreement.values()) < 0.01
     assert not contradicting(agreement)
@@ -24,7 +24,7 @@ def test_a_wrong_mask_is_named(what):
     mask = views[4].mask
     wrong = {"empty": np.zeros_like(mask), "of another camera": views[8].mask, "shifted": np.roll(mask, 40, 1)}
     views[4] = replace(views[4], mask=np.ascontiguousarray(wrong[what]))
-    assert contradicting(mask_agreement(Silhouettes(views), 4)) == ["cam04"]
+    assert contradicting(mask_agreement(silhouettes(views), 4)) == ["cam04"]
 
 
 @pytest.mark.parametrize("pixels", [1e9, 4000.0])
@@ -36,7 +36,7 @@ def test_the_place_of_a_contradiction_is_named(pixels):
     assert not mask[patch[1] : patch[3], patch[0] : patch[2]].any()
     mask[patch[1] : patch[3], patch[0] : patch[2]] = 255
     views[4] = replace(views[4], mask=mask)
-    box = mask_agreement(Silhouettes(views, max_pixels=pixels * 9), 4)["cam04"].box
+    box = mask_agreement(silhouettes(views, max_pixels=pixels * 9), 4)["cam04"].box
     assert box is not None
     assert np.abs(np.subtract(box, patch)).max() <= 6
 
@@ -56,7 +56,7 @@ def test_a_performer_near_a_camera_does_not_contradict():
     shown = (column >= 0) & (row >= 0) & (column < near.width) & (row < near.height)
     mask[row[shown], column[shown]] = 255
     views[4] = replace(views[4], camera=near, mask=mask)
-    agreement = mask_agreement(Silhouettes(views), 4)
+    agreement = mask_agreement(silhouettes(views), 4)
     assert agreement["cam04"].missing < 0.01
     assert not contradicting(agreement)
 
@@ -65,7 +65,7 @@ def test_the_frame_of_a_late_camera_is_found():
     views = two_balls(9)
     right = views[4].mask
     views[4] = replace(views[4], mask=np.roll(right, 20, 1))
-    shapes = Silhouettes(views)
+    shapes = silhouettes(views)
     others = {frame: np.roll(right, 20 + 5 * frame, 1) for frame in range(-8, 9) if frame}
     assert frame_that_fits(shapes, "cam04", others, 4) == pytest.approx(-4, abs=1)
     assert frame_that_fits(shapes, "cam04", {3: others[3]}, 4) is None

@@ -11,7 +11,7 @@ from studio.camera_files import read_rig
 from studio.capture.video import VideoReader
 from studio.errors import StudioError
 from studio.meshing import HullResult, InitializeSettings, Mesh, initialize_points, sample_surface, visual_hull
-from studio.meshing.silhouettes import Silhouettes, signed_distance
+from studio.meshing.silhouettes import signed_distance, silhouettes
 from tests.studio.meshing.conftest import Shot, color_of, distance_to_balls, two_balls
 from tests.support.errors import refuses
 from tests.support.rigs import camera_at
@@ -126,13 +126,13 @@ def test_bad_settings_and_views():
 
 def test_maps_respect_the_pixel_limit():
     views = two_balls(6)
-    shapes = Silhouettes(views, max_pixels=6 * 2000)
-    assert sum(grid.numel() for grid in shapes.maps) <= 6 * 2000 * 1.02
+    shapes = silhouettes(views, max_pixels=6 * 2000)
+    assert sum(shape.map.numel() for shape in shapes) <= 6 * 2000 * 1.02
     points = torch.tensor([[0.0, 0, 0], [0.9, 0.9, 0.9]])
-    full = Silhouettes(views)  # reduced maps agree with full ones
-    for index in range(6):
-        reduced, seen = shapes.distance(index, points)
-        exact, seen_too = full.distance(index, points)
+    full = silhouettes(views)  # reduced maps agree with full ones
+    for one, other in zip(shapes, full, strict=True):
+        reduced, seen = one.distance(points)
+        exact, seen_too = other.distance(points)
         assert seen.tolist() == seen_too.tolist()
         np.testing.assert_allclose(reduced[seen], exact[seen], atol=0.05)  # the footprint of a reduced pixel is 0.045
 
