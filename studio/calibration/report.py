@@ -153,15 +153,9 @@ class ReprojectionReport(_Model):
     cameras: dict[str, CameraReport]
 
 
-class CalibrationReport(ReprojectionReport):
-    """Report of a calibration."""
+class SolutionReport(_Model):
+    """How a solution was found, and what determines it."""
 
-    unregistered: dict[str, str] = {}
-    """Cameras without a pose, with the reason."""
-    uncertain: dict[str, float] = {}
-    """1-sigma uncertainty of each camera's position, as a fraction of the distance to the points."""
-
-    # structure from motion
     mapper: str | None = None
     """The attempt that found the solution: incremental, lenient, global, known poses."""
     features: dict[str, int] = {}
@@ -174,11 +168,22 @@ class CalibrationReport(ReprojectionReport):
     """The same per camera, if its matches were counted."""
     uncertain_degrees: dict[str, float] = {}
     """1-sigma uncertainty of each camera's orientation, in degrees."""
+    uncertain: dict[str, float] = {}
+    """1-sigma uncertainty of each camera's position, as a fraction of the distance to the points."""
     sharing: list[SharedIntrinsicsReport] = []
     recentered: bool = False
     """Whether principal points were estimated; otherwise they are in the middle of the images or known."""
     aspect: float = 1.0
     """Height of a pixel divided by its width, of all cameras; 1 unless estimated."""
+
+
+class CalibrationReport(SolutionReport, ReprojectionReport):
+    """Report of a calibration."""
+
+    unregistered: dict[str, str] = {}
+    """Cameras without a pose, with the reason."""
+
+    # structure from motion
     sync_frames: int | None = None
     """Images per camera."""
     moved: dict[str, CameraMotion] = {}

@@ -4,7 +4,7 @@ Uses SciPy's least squares, because COLMAP's bundle adjustment has no priors on 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,23 +15,15 @@ _FOCAL, _RADIAL = 0.5, 0.1
 _LOSS = 2.0  # width of the soft L1 loss in standard deviations
 
 
-@dataclass(frozen=True)
-class Accuracy:
-    """Standard deviations of the input: of marks in pixels, and of measured positions in meters."""
-
-    mark: float
-    world: float
-
-
-ACCURACY = Accuracy(mark=1.0, world=0.01)
-"""Marks are set by hand to about a pixel; positions are measured with a tape measure to about a centimeter."""
+MARK, WORLD = 1.0, 0.01
+"""Standard deviations of the input: marks are set by hand to about a pixel; positions are measured with a tape measure
+to about a centimeter, of which world units are meters."""
 
 
 def adjust(
     rig: TieRig,
     observations: Observations,
     groups: Sequence[Sequence[str]],
-    accuracy: Accuracy,
     *,
     radial: bool = True,
     steps: int = 200,
@@ -39,7 +31,7 @@ def adjust(
     """The rig after bundle adjustment. `groups`: cameras with shared unknown intrinsics; others keep theirs."""
     from scipy.optimize import least_squares
 
-    problem = Problem(rig, observations, groups, accuracy, radial)
+    problem = Problem(rig, observations, groups, radial)
     solution = least_squares(
         problem.residuals,
         problem.start(),
@@ -60,10 +52,8 @@ class Problem:
     relative to its initial value and, if estimated, the first radial distortion term.
     """
 
-    def __init__(
-        self, rig: TieRig, observations: Observations, groups: Sequence[Sequence[str]], accuracy: Accuracy, radial: bool
-    ) -> None:
-        self.initial, self.accuracy = rig, accuracy
+    def __init__(self, rig: TieRig, observations: Observations, groups: Sequence[Sequence[str]], radial: bool) -> None:
+        self.initial = rig
         self.names = list(rig.cameras)
         self.terms = 2 if radial else 1
         used = [[name for name in group if name in rig.cameras] for group in groups]
@@ -111,8 +101,7 @@ class Problem:
         cameras = {}
         for number, name in enumerate(self.names):
             own = values[6 * number : 6 * number + 6]
-            pose = np.eye(4)
-            pose[:3, :3], pose[:3, 3] = Rotation.from_rotvec(own[:3]).as_matrix(), own[3:]
+            pose = np.column_stack([Rotation.from_rotvec(own[:3]).as_matrix(), own[3:]])
             K, distortion = self._intrinsics(values, name)
             distortion = distortion if distortion.any() else np.zeros(0)
             cameras[name] = replace(self.initial.cameras[name], world_to_camera=pose, K=K, distortion=distortion)
@@ -134,7 +123,7 @@ class Problem:
         """(R,) errors in standard deviations: marks, measured positions, intrinsics priors."""
         points3d = values[self.first_point :].reshape(-1, 3)
         marks = [
-            ((self._project(values, name)[0] - self.pixels[name]) / self.accuracy.mark).ravel()
+            ((self._project(values, name)[0] - self.pixels[name]) / MARK).ravel()
             for name in self.names
             if len(self.columns[name])
         ]
@@ -142,7 +131,7 @@ class Problem:
         return np.concatenate(
             [
                 *marks,
-                ((points3d[self.measured] - self.world) / self.accuracy.world).ravel(),
+                ((points3d[self.measured] - self.world) / WORLD).ravel(),
                 (intrinsics / np.array([_FOCAL, _RADIAL])[: self.terms]).ravel(),
             ]
         )
@@ -157,7 +146,7 @@ class Problem:
             if not len(columns):
                 continue
             _, derivatives = self._project(values, name)
-            derivatives = derivatives / self.accuracy.mark
+            derivatives = derivatives / MARK
             block = np.zeros((2 * len(columns), len(values)))
             block[:, 6 * number : 6 * number + 6] = derivatives[:, :6]
             if name in self.group_of:
@@ -173,7 +162,7 @@ class Problem:
             blocks.append(block)
         points3d = np.zeros((3 * len(self.measured), len(values)))
         columns = (self.first_point + 3 * self.measured[:, None] + np.arange(3)).ravel()
-        points3d[np.arange(len(columns)), columns] = 1 / self.accuracy.world
+        points3d[np.arange(len(columns)), columns] = 1 / WORLD
         intrinsics = np.zeros((self.first_point - self.first_intrinsics, len(values)))
         intrinsics[:, self.first_intrinsics : self.first_point] = np.diag(
             np.tile(1 / np.array([_FOCAL, _RADIAL])[: self.terms], len(self.groups))

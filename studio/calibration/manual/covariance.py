@@ -7,7 +7,7 @@ import numpy as np
 
 from studio.calibration.alignment import align_points
 from studio.calibration.manual.bootstrap import Observations, TieRig
-from studio.calibration.manual.bundle_adjustment import Accuracy, Problem
+from studio.calibration.manual.bundle_adjustment import WORLD, Problem
 from studio.errors import StudioError
 
 _STEP = 1e-6
@@ -41,14 +41,14 @@ def check_plausible(rig: TieRig, observations: Observations) -> None:
         raise StudioError("tie_points.behind", problem, fix="Check the marks.")
 
 
-def check_handedness(rig: TieRig, observations: Observations, accuracy: Accuracy) -> None:
+def check_handedness(rig: TieRig, observations: Observations) -> None:
     """Check that the measured positions are not a mirror image of what the marks say."""
     which = observations.measured & rig.triangulated
     if which.sum() < 4:
         return
     points3d, world = rig.points3d[which], observations.world[which]
     proper, mirrored = (_misfit(points3d, world * signs) for signs in ([1, 1, 1], [1, 1, -1]))
-    if proper > 3 * accuracy.world and mirrored < proper / 4:
+    if proper > 3 * WORLD and mirrored < proper / 4:
         problem = "the measured positions are a mirror image of what the marks say"
         fix = "Check the measured positions; their axes must be right-handed with z up."
         raise StudioError("tie_points.contradiction", problem, value=round(proper, 3), fix=fix)
@@ -61,17 +61,16 @@ def _misfit(points3d: np.ndarray, world: np.ndarray) -> float:
 
 
 def uncertainty(
-    rig: TieRig, observations: Observations, groups: Sequence[Sequence[str]], accuracy: Accuracy, *, radial: bool = True
+    rig: TieRig, observations: Observations, groups: Sequence[Sequence[str]], *, radial: bool = True
 ) -> dict[str, float]:
     """1-sigma uncertainty of each camera's center, as a fraction of the mean distance between cameras and points.
 
     Computed from the Jacobian at the solution. The uncertainty is relative to the other cameras: the position,
     orientation and scale of the world as a whole are excluded.
     """
-    problem = Problem(rig, observations, groups, accuracy, radial)
-    marks = Problem(
-        rig, replace(observations, world=np.full_like(observations.world, np.nan)), groups, accuracy, radial
-    )
+    problem = Problem(rig, observations, groups, radial)
+    unmeasured = replace(observations, world=np.full_like(observations.world, np.nan))
+    marks = Problem(rig, unmeasured, groups, radial)
     values = problem.start()
     points3d = rig.points3d[problem.triangulated]
     size = float(np.mean([np.linalg.norm(points3d - c.center, axis=1).mean() for c in rig.cameras.values()]))

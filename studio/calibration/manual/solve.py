@@ -13,7 +13,7 @@ import numpy as np
 from studio.calibration.alignment import align_points, scale_to_distance, upright
 from studio.calibration.checks import check_intrinsics_size
 from studio.calibration.manual.bootstrap import LEAST_KNOWN, LEAST_SHARED, Observations, TieRig, initial_rigs
-from studio.calibration.manual.bundle_adjustment import ACCURACY, adjust
+from studio.calibration.manual.bundle_adjustment import MARK, WORLD, adjust
 from studio.calibration.manual.covariance import check_handedness, check_plausible, spread_of_positions, uncertainty
 from studio.calibration.manual.file import TiePoint
 from studio.calibration.report import RejectedMark, TiePointReport
@@ -74,14 +74,14 @@ def calibrate_from_tie_points(
             intrinsics = _intrinsics(sizes, known, focal_lengths or {}, guess)
             for start in initial_rigs(intrinsics, observations, seed):
                 if len(start.cameras) >= 2:
-                    yield adjust(start, observations, groups, ACCURACY, radial=False, steps=_ROUGH)
+                    yield adjust(start, observations, groups, radial=False, steps=_ROUGH)
 
-    best = _best(attempts(), observations, _GOOD * ACCURACY.mark)
+    best = _best(attempts(), observations, _GOOD * MARK)
     if best is None or len(best.cameras) < len(sizes):
         raise _unregistered(observations, sizes, best)
     best, left_out = _adjust_without_outliers(best, observations, groups, settings)
-    check_handedness(best, observations, ACCURACY)
-    uncertain = uncertainty(best, observations, groups, ACCURACY, radial=settings.has_distortion)
+    check_handedness(best, observations)
+    uncertain = uncertainty(best, observations, groups, radial=settings.has_distortion)
     vague = [name for name in sizes if uncertain[name] > _VAGUE]
     if vague:
         problem = (
@@ -95,7 +95,7 @@ def calibrate_from_tie_points(
     update = {
         "known_intrinsics": [name for name in sizes if name in known],
         "uncertain": {name: round(uncertain[name], 4) for name in sizes},
-        "world_accuracy": ACCURACY.world,
+        "world_accuracy": WORLD,
     }
     return replace(result, report=result.report.model_copy(update=update))
 
@@ -174,7 +174,7 @@ def _adjust_without_outliers(
     """Bundle adjustment with outlier rejection, one mark at a time, the worst first."""
     left_out: list[RejectedMark] = []
     while True:
-        rig = adjust(rig, observations, groups, ACCURACY, radial=settings.has_distortion)
+        rig = adjust(rig, observations, groups, radial=settings.has_distortion)
         errors = rig.errors(observations)
         check_plausible(rig, observations)
         usual = float(np.nanmedian(np.concatenate(list(errors.values()))))

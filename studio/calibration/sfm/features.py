@@ -89,12 +89,11 @@ def _import(path: Path, job: SfmJob) -> None:
     """Register all images in a fixed order, so that their ids do not depend on threads."""
     import pycolmap
 
-    database = pycolmap.Database.open(path)
-    cameras = write_cameras(database, job)
-    for number, index in enumerate(job.intrinsics_of):
-        for sync_frame in range(job.sync_frames):
-            write_image(database, file_name(number, sync_frame), *cameras[index])
-    database.close()
+    with pycolmap.Database.open(path) as database:
+        cameras = write_cameras(database, job)
+        for number, index in enumerate(job.intrinsics_of):
+            for sync_frame in range(job.sync_frames):
+                write_image(database, file_name(number, sync_frame), *cameras[index])
 
 
 def write_cameras(database: Any, job: SfmJob) -> list[tuple[Any, Any]]:

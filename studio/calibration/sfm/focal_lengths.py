@@ -43,10 +43,8 @@ def is_any_unknown(database: Path) -> bool:
     """Whether any camera in the database has neither a given nor an estimated focal length."""
     import pycolmap
 
-    opened = pycolmap.Database.open(database)
-    found = not all(camera.has_prior_focal_length for camera in opened.read_all_cameras())
-    opened.close()
-    return found
+    with pycolmap.Database.open(database) as opened:
+        return not all(camera.has_prior_focal_length for camera in opened.read_all_cameras())
 
 
 def focal_ratio(camera: Any) -> float:

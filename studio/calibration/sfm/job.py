@@ -7,10 +7,12 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from studio.calibration.checks import check_intrinsics_size
+from studio.calibration.report import SolutionReport
 from studio.calibration.settings import CalibrateSettings
 from studio.camera_files.colmap_model import camera_model
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
+from studio.json_types import JsonObject
 
 MAX_FEATURES = 8192  # per image
 MAX_IMAGE_SIZE = 2400  # longer side in pixels; larger images are downscaled for feature detection
@@ -65,37 +67,12 @@ class SfmJob(_Model):
     find_shared: bool = False  # whether to test if cameras share intrinsics
 
 
-class SolvedCamera(_Model):
-    """A registered camera in COLMAP's gauge."""
-
-    number: int  # index into the job's names
-    model: str  # COLMAP camera model
-    params: tuple[float, ...]
-    pose: tuple[tuple[float, ...], ...]  # (3, 4) world to camera
-    agree: float | None  # see `verdict.match_inlier_ratios`; None without matches
-    uncertain: tuple[float, float] | None  # see `uncertainty.uncertainties`; None if not known
-
-
-class SharedIntrinsicsTest(_Model):
-    """Comparison of shared with separate intrinsics for a set of images."""
-
-    images: tuple[int, ...]  # image ids; camera numbers in the solution file
-    shared: bool  # whether shared intrinsics were accepted
-    misfit: float  # increase of the misfit per parameter removed by sharing, in units of the noise variance
-
-
 class SfmSolution(_Model):
     """Output of the worker process, solution.json; points and observations are in points.npz."""
 
-    mapper: str  # the attempt that found the solution
-    cameras: tuple[SolvedCamera, ...]
-    features: dict[int, int]  # camera number to number of features
-    pairs: tuple[tuple[int, int, int], ...]
-    """Two camera numbers and their number of verified matches, for pairs that have any."""
-    match_inlier_ratio: float  # see `verdict.match_inlier_ratio`
-    sharing: tuple[SharedIntrinsicsTest, ...]
-    recentered: bool = False  # whether principal points were estimated
-    aspect: float = 1.0  # height of a pixel divided by its width
+    cameras: tuple[JsonObject, ...]  # `Camera.to_dict` of the registered cameras, in COLMAP's gauge
+    partners: dict[str, int]  # camera to its largest number of verified matches with another one
+    report: SolutionReport
 
 
 def sfm_job(

@@ -11,10 +11,11 @@ from studio.calibration.sfm.bundle_adjustment import adjust, known_model
 from studio.calibration.sfm.features import say
 from studio.calibration.sfm.focal_lengths import focal_ratio, guess_focal_lengths, is_any_unknown, longer_side
 from studio.calibration.sfm.guided import write_guided_matches
-from studio.calibration.sfm.job import SfmJob, SharedIntrinsicsTest
+from studio.calibration.sfm.job import SfmJob
 from studio.calibration.sfm.shared_intrinsics import (
     ASPECT_LIMIT,
     LIMIT,
+    Tests,
     camera_of_image,
     focal_spread,
     misfit_growth,
@@ -53,7 +54,7 @@ class Mapper:
         self.folder, self.database = folder, database
         self.sync_frames = folder / "sync_frames.db"  # features of each sync frame, from `features.find_matches`
         self.job, self.threads, self.seed = job, job.threads, job.seed
-        self.sharing: list[SharedIntrinsicsTest] = []  # results of the tests for shared intrinsics
+        self.sharing: Tests = []
         self.recentered = False  # whether principal points were estimated
         self.aspect = 1.0  # see `shared_intrinsics.stretched`, of the databases and the solution
         self.held: set[int] = set()  # camera ids whose intrinsics are temporarily fixed
@@ -241,9 +242,8 @@ class Mapper:
 
         options = self._options()
         options.mapper.abs_pose_min_inlier_ratio = _LEAST_INLIERS
-        database = pycolmap.Database.open(self.database)
-        cache = pycolmap.DatabaseCache.create(database, pycolmap.DatabaseCacheOptions())
-        database.close()
+        with pycolmap.Database.open(self.database) as database:
+            cache = pycolmap.DatabaseCache.create(database, pycolmap.DatabaseCacheOptions())
         for image in images:
             changed = pycolmap.Reconstruction(model)
             changed.deregister_frame(changed.images[image].frame_id)
@@ -266,10 +266,9 @@ class Mapper:
         joint, intrinsics_of = camera_of_image(model), self.job.intrinsics_of
         own = {image: intrinsics_of[image - 1] + 1 for image in joint}
         model = rebuilt(model, {own[image]: model.cameras[joint[image]] for image in joint}, own)
-        database = pycolmap.Database.open(self.database)
-        for camera in model.cameras.values():
-            database.update_camera(camera)
-        database.close()
+        with pycolmap.Database.open(self.database) as database:
+            for camera in model.cameras.values():
+                database.update_camera(camera)
         model = change(model)
         return rebuilt(model, {joint[image]: model.cameras[own[image]] for image in joint}, joint)
 

@@ -65,9 +65,8 @@ def preview_pairs(
     full.close()
     small.close()
     match(preview, list(combinations(range(len(pictures)), 2)))
-    small = pycolmap.Database.open(preview)
-    keys, counts = small.read_two_view_geometry_num_inliers()
-    small.close()
+    with pycolmap.Database.open(preview) as small:
+        keys, counts = small.read_two_view_geometry_num_inliers()
     of = {image: camera for camera, image in enumerate(images)}
     found = {}
     for key, number in zip(keys, counts, strict=True):

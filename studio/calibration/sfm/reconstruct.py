@@ -8,13 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from studio.calibration.alignment import align_rigs, compare_rigs, scale_to_distance, upright
-from studio.calibration.report import CalibrationReport, CameraMotion, SharedIntrinsicsReport
+from studio.calibration.report import CalibrationReport, CameraMotion
 from studio.calibration.result import CalibrationResult, reprojection_report
 from studio.calibration.settings import CalibrateSettings
 from studio.calibration.sfm.child import WorkerProgress, run_reporting
 from studio.calibration.sfm.images import Pictures, write_pictures
 from studio.calibration.sfm.job import SfmSolution, sfm_job
-from studio.camera_files.colmap_model import intrinsics
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
 from studio.progress import ProgressFn, no_progress
@@ -102,7 +101,7 @@ def calibrate_from_images(
         progress(at["done"], 100)
 
     run_reporting("studio.calibration.sfm.worker", [str(path)], relay, what="Structure from motion")
-    result = _read(workdir, names, sizes)
+    result = _read(workdir, names)
     transform = _gauge(result, poses, distance, settings.known == "poses")
     report = result.report.model_copy(
         update={"sync_frames": sync_frames, "seconds": round(time.monotonic() - started, 1)}
@@ -124,30 +123,16 @@ def _moved(result: CalibrationResult, before: Rig, settings: CalibrateSettings) 
     }
 
 
-def _read(folder: Path, names: Sequence[str], sizes: Mapping[str, tuple[int, int]]) -> CalibrationResult:
+def _read(folder: Path, names: Sequence[str]) -> CalibrationResult:
     """The worker's solution in COLMAP's gauge."""
     solution = SfmSolution.model_validate_json((folder / "solution.json").read_text(encoding="utf-8"))
     with np.load(folder / "points.npz") as arrays:
         points, colors, seen = arrays["points"], arrays["colors"], arrays["observations"]
-    features = {name: solution.features[number] for number, name in enumerate(names)}
-    matches = dict.fromkeys(names, 0)
-    partners = dict.fromkeys(names, 0)
-    for first, second, count in solution.pairs:
-        for number in (first, second):
-            matches[names[number]] += count
-            partners[names[number]] = max(partners[names[number]], count)
-    found: dict[int, Camera] = {}
-    for entry in solution.cameras:
-        number = entry.number
-        width, height = sizes[names[number]]
-        K, distortion = intrinsics(entry.model, entry.params)
-        pose = np.vstack([np.array(entry.pose), [0, 0, 0, 1]])
-        found[number] = Camera(names[number], width, height, K, pose, distortion if distortion.any() else np.zeros(0))
-    missing = {
-        name: _reason(features[name], partners[name]) for number, name in enumerate(names) if number not in found
-    }
+    found = tuple(map(Camera.from_dict, solution.cameras))
+    told, known = solution.report, [camera.name for camera in found]
+    missing = {name: _reason(told.features[name], solution.partners[name]) for name in names if name not in known}
     if len(found) < 2:
-        worst = min(names, key=lambda name: matches[name])
+        worst = min(names, key=lambda name: told.matches[name])
         raise StudioError(
             "calibration.no_solution",
             f"structure from motion found no solution for {len(names)} cameras; camera '{worst}' has the fewest "
@@ -165,29 +150,10 @@ def _read(folder: Path, names: Sequence[str], sizes: Mapping[str, tuple[int, int
         raise StudioError(
             "calibration.unregistered", problem, value=value, fix=fix, unregistered=missing, setting="calibrate.frame"
         )
-    rig = Rig(tuple(found[number] for number in sorted(found)))
-    observations = {names[n]: seen[seen[:, 0] == n][:, 1:] for n in found}
-    report = reprojection_report(rig, points, observations)
-    sharing = [
-        SharedIntrinsicsReport(images=[names[number] for number in test.images], shared=test.shared, misfit=test.misfit)
-        for test in solution.sharing
-    ]
-    uncertain = {names[one.number]: one.uncertain for one in solution.cameras if one.uncertain is not None}
-    report = report.model_copy(
-        update={
-            "unregistered": {},
-            "mapper": solution.mapper,
-            "features": features,
-            "matches": matches,
-            "match_inlier_ratio": solution.match_inlier_ratio,
-            "agree": {names[one.number]: round(one.agree, 3) for one in solution.cameras if one.agree is not None},
-            "uncertain": {n: round(position, 5) for n, (position, _) in uncertain.items()},
-            "uncertain_degrees": {n: round(degrees, 3) for n, (_, degrees) in uncertain.items()},
-            "sharing": sharing,
-            "recentered": solution.recentered,
-            "aspect": round(solution.aspect, 6),
-        }
-    )
+    rig = Rig(found)
+    observations = {name: seen[seen[:, 0] == number][:, 1:] for number, name in enumerate(names) if name in known}
+    update = {"unregistered": {}, **dict(told), "aspect": round(told.aspect, 6)}
+    report = reprojection_report(rig, points, observations).model_copy(update=update)
     return CalibrationResult(rig, points, colors, _with_usual_focal(report, rig))
 
 

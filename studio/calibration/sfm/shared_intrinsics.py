@@ -9,11 +9,10 @@ import sqlite3
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
-from studio.calibration.sfm.job import SharedIntrinsicsTest
 from studio.calibration.sfm.verdict import noise, reprojection_errors
 from studio.camera_files.colmap_model import intrinsics
 
@@ -27,12 +26,13 @@ ASPECT_LIMIT = 50.0
 _ASPECT_STEP = 0.0025
 _FEWEST = 3
 
+Tests: TypeAlias = list[tuple[list[int], float]]
+"""Ids of the images that would share intrinsics, and `misfit_growth`: below `LIMIT`, they do."""
 
-def try_shared_intrinsics(
-    model: Any, free: set[int], width: float, adjust: Callable[[Any], None]
-) -> tuple[Any, list[SharedIntrinsicsTest]]:
+
+def try_shared_intrinsics(model: Any, free: set[int], width: float, adjust: Callable[[Any], None]) -> tuple[Any, Tests]:
     """The model with shared intrinsics by image size where they fit equally well, and the tests."""
-    tests = []
+    tests: Tests = []
     sizes: dict[tuple[Any, int, int], list[int]] = {}
     used = {model.images[image_id].camera_id for image_id in model.reg_image_ids()}
     for key in sorted(used & free):
@@ -44,15 +44,16 @@ def try_shared_intrinsics(
         one = joined(model, keys)
         adjust(one)
         images = [i for i in sorted(model.reg_image_ids()) if model.images[i].camera_id in keys]
-        tests.append(_compared(one, model, width, images, (len(keys) - 1) * _free_parameters(model.cameras[keys[0]])))
-        if tests[-1].shared:
+        growth = misfit_growth(one, model, width, (len(keys) - 1) * _free_parameters(model.cameras[keys[0]]))
+        tests.append((images, growth))
+        if growth < LIMIT:
             model = one
     return model, tests
 
 
 def try_separate_intrinsics(
     model: Any, own: dict[int, int], width: float, adjust: Callable[[Any], None]
-) -> tuple[Any, list[SharedIntrinsicsTest]]:
+) -> tuple[Any, Tests]:
     """The model with separate intrinsics, if they fit much better than its shared ones; see `try_shared_intrinsics`.
 
     Args:
@@ -64,10 +65,9 @@ def try_separate_intrinsics(
     tests = []
     for key in sorted(set(joint.values())):
         images = [image for image in joint if joint[image] == key]
-        if len(images) < 2:
-            continue
-        tests.append(_compared(model, apart, width, images, (len(images) - 1) * _free_parameters(model.cameras[key])))
-    return (model if all(test.shared for test in tests) else apart), tests
+        given_up = (len(images) - 1) * _free_parameters(model.cameras[key])
+        tests.append((images, misfit_growth(model, apart, width, given_up)))
+    return (model if all(growth < LIMIT for _, growth in tests) else apart), tests
 
 
 def focal_spread(model: Any, free: set[int]) -> float:
@@ -173,14 +173,11 @@ def stretched_keypoints(database: Path, ratio: float) -> None:
             rows.execute("UPDATE keypoints SET data = ? WHERE image_id = ?", (keypoints.tobytes(), image))
 
 
-def in_given_pixels(camera: Any, ratio: float) -> tuple[str, tuple[float, ...]]:
-    """COLMAP model and parameters of a camera of a `stretched` model for the original pixels."""
-    if ratio == 1:
-        return camera.model.name, tuple(map(float, camera.params))
+def in_given_pixels(camera: Any, ratio: float) -> tuple[np.ndarray, np.ndarray]:
+    """K (3, 3) and distortion of a camera of a `stretched` model for the original pixels."""
     K, distortion = intrinsics(camera.model.name, list(camera.params))
     K[:2] /= square_pixels(ratio)[:, None]
-    terms = (K[0, 0], K[1, 1], K[0, 2], K[1, 2], *distortion, 0, 0, 0, 0)[:8]
-    return "OPENCV", tuple(map(float, terms))
+    return K, distortion if distortion.any() else np.zeros(0)
 
 
 def square_pixels(ratio: float) -> np.ndarray:
@@ -226,12 +223,6 @@ def rebuilt(model: Any, cameras: dict[int, Any], of: dict[int, int], poses: Any 
         point = model.points3D[key]
         copy.add_point3D(point.xyz, point.track, point.color)
     return copy
-
-
-def _compared(one: Any, apart: Any, width: float, images: list[int], given_up: int) -> SharedIntrinsicsTest:
-    """Compare shared intrinsics for `images` with separate ones, which have `given_up` additional parameters."""
-    growth = misfit_growth(one, apart, width, given_up)
-    return SharedIntrinsicsTest(images=tuple(images), shared=bool(growth < LIMIT), misfit=round(float(growth), 2))
 
 
 def misfit_growth(simple: Any, rich: Any, width: float, parameters: int) -> float:

@@ -4,11 +4,14 @@ To COLMAP, the target is the static world, and the cameras are one rig that move
 sync frame. The corners are constant points, so the result is metric and free of drift.
 """
 
+import os
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from studio.calibration.target.intrinsics import reprojection
 from studio.calibration.target.pattern import CalibrationTarget, TargetObservation
 from studio.camera_files.colmap_model import MODELS, intrinsics
 from studio.cameras import Camera
@@ -32,6 +35,27 @@ class TargetRig:
             found[sync_frame, name] = np.linalg.norm(self.cameras[name].project(corners)[0] - view.pixels, axis=1)
         return found
 
+    def consensus(
+        self, sync_frame: int, target: CalibrationTarget, poses: Mapping[tuple[int, str], np.ndarray], most: float
+    ) -> np.ndarray:
+        """The target pose of a sync frame that fits most observations: the current pose, or that of a single camera.
+
+        `poses`: (4, 4) target to camera, of each observation alone. Of each camera, the median error in pixels counts,
+        but not more than `most`.
+        """
+        seen = [name for name in self.cameras if (sync_frame, name) in self.views]
+        ways = [np.linalg.inv(self.cameras[name].world_to_camera) @ poses[sync_frame, name] for name in seen]
+        if sync_frame in self.target_poses:
+            ways.insert(0, self.target_poses[sync_frame])
+        costs = []
+        for way in ways:
+            errors = (
+                reprojection(camera, camera.world_to_camera @ way, target, self.views[sync_frame, camera.name])
+                for camera in (self.cameras[name] for name in seen)
+            )
+            costs.append(sum(min(float(np.median(error)), most) for error in errors))
+        return ways[int(np.argmin(costs))]
+
 
 def _apply(transform: np.ndarray, points: np.ndarray) -> np.ndarray:
     return points @ transform[:3, :3].T + transform[:3, 3]
@@ -40,7 +64,8 @@ def _apply(transform: np.ndarray, points: np.ndarray) -> np.ndarray:
 def refine(
     state: TargetRig, target: CalibrationTarget, model: str, *, principal_point: bool, threads: int
 ) -> TargetRig:
-    """Bundle adjustment of intrinsics, camera and target poses, which all need observations; robust loss."""
+    """Bundle adjustment of intrinsics, camera and target poses, which all need observations; robust loss.
+    `threads`: 0 = all cores."""
     import pycolmap
 
     world = pycolmap.Reconstruction()
@@ -91,7 +116,7 @@ def refine(
     options.print_summary = False
     # robust, so that motion blur in one sync frame does not affect the others
     options.ceres.loss_function_type = pycolmap.LossFunctionType.SOFT_L1
-    options.ceres.solver_options.num_threads = max(1, threads)
+    options.ceres.solver_options.num_threads = threads or os.cpu_count() or 1
     options.ceres.solver_options.function_tolerance = 1e-10
     summary = pycolmap.create_default_bundle_adjuster(options, config, world).solve()
     if not summary.is_solution_usable():

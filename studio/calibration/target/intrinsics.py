@@ -134,14 +134,16 @@ def target_pose(camera: Camera, target: CalibrationTarget, view: TargetObservati
         turn, shift = cv2.solvePnPRefineLM(
             world, (view.pixels - 0.5).reshape(-1, 1, 2), camera.cv2_K, coefficients, turns[index], shifts[index]
         )
-        candidate = np.eye(4)
-        candidate[:3, :3], candidate[:3, 3] = cv2.Rodrigues(turn)[0], np.ravel(shift)
-        error = float(np.sqrt((reprojection(camera, candidate, world, view.pixels) ** 2).mean()))
+        candidate = np.vstack([np.column_stack([cv2.Rodrigues(turn)[0], shift]), [0, 0, 0, 1]])
+        error = float(np.sqrt((reprojection(camera, candidate, target, view) ** 2).mean()))
         if error < best and candidate[2, 3] > 0:
             best, pose = error, candidate
     return pose, best
 
 
-def reprojection(camera: Camera, to_camera: np.ndarray, world: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """(N,) reprojection errors in pixels of points (N, 3) at a pose (4, 4), observed at pixels (N, 2)."""
-    return np.linalg.norm(replace(camera, world_to_camera=to_camera).project(world)[0] - pixels, axis=1)
+def reprojection(
+    camera: Camera, to_camera: np.ndarray, target: CalibrationTarget, view: TargetObservation
+) -> np.ndarray:
+    """(M,) reprojection errors in pixels of an observation of a target at a pose (4, 4), target to camera."""
+    pixels, _ = replace(camera, world_to_camera=to_camera).project(target.corners[view.ids])
+    return np.linalg.norm(pixels - view.pixels, axis=1)

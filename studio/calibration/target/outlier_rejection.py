@@ -5,30 +5,33 @@ from collections.abc import Mapping
 import numpy as np
 
 from studio.calibration.target.bundle_adjustment import TargetRig, refine
-from studio.calibration.target.intrinsics import reprojection, target_pose
+from studio.calibration.target.intrinsics import target_pose
 from studio.calibration.target.pattern import CalibrationTarget, TargetObservation
 from studio.errors import StudioError
 
+_OUTLIER = 4.0
+"""Outlier threshold as a multiple of the median error of the views, each at its own best target pose. Larger errors
+mean that the target moved and the cameras are not exactly synchronized."""
+
 
 def refine_without_outliers(
-    state: TargetRig, target: CalibrationTarget, model: str, outlier: float, *, principal_point: bool, threads: int
+    state: TargetRig, target: CalibrationTarget, model: str, *, principal_point: bool, threads: int
 ) -> tuple[TargetRig, int]:
     """Alternate bundle adjustment and outlier rejection; returns the rig and the number of rejected corners.
 
     A camera that is not exactly synchronized sees a moving target at a different position, so its whole observation is
     wrong even if it is sharp. The threshold is therefore derived from the error of each observation at its own best
-    target pose, not at the common pose: `outlier` times the median of these errors, at least 0.5 pixels.
+    target pose, not at the common pose: `_OUTLIER` times the median of these errors, at least 0.5 pixels.
     """
-    poses = {key: target_pose(state.cameras[key[1]], target, view) for key, view in state.views.items()}
-    limit = max(0.5, outlier * float(np.median([error for _, error in poses.values()])))
+    alone = {key: target_pose(state.cameras[key[1]], target, view) for key, view in state.views.items()}
+    poses = {key: pose for key, (pose, _) in alone.items()}
+    limit = max(0.5, _OUTLIER * float(np.median([error for _, error in alone.values()])))
     everything = dict(state.views)
     counts: list[dict[tuple[int, str], int]] = []
     for widening in (3.0, 2.0, 1.0, 1.0, 1.0):
         state = refine(state, target, model, principal_point=principal_point, threads=threads)
-        target_poses = {
-            sync_frame: _consensus(sync_frame, state, target, everything, poses, limit)
-            for sync_frame in _sync_frames(everything)
-        }
+        before = TargetRig(state.cameras, state.target_poses, everything)
+        target_poses = {at: before.consensus(at, target, poses, 4 * limit) for at in _sync_frames(everything)}
         kept = _fitting(TargetRig(state.cameras, target_poses, everything), target, widening * limit)
         if {name for _, name in kept} != set(state.cameras):
             lost = sorted(set(state.cameras) - {name for _, name in kept})
@@ -37,9 +40,7 @@ def refine_without_outliers(
             raise StudioError(
                 "target.inconsistent", problem, value=lost, fix=fix, camera=lost[0], setting="calibrate.board"
             )
-        state = TargetRig(
-            state.cameras, {sync_frame: target_poses[sync_frame] for sync_frame in _sync_frames(kept)}, kept
-        )
+        state = TargetRig(state.cameras, {at: target_poses[at] for at in _sync_frames(kept)}, kept)
         counts.append({key: len(view.ids) for key, view in kept.items()})
         if widening == 1.0 and len(counts) > 1 and counts[-1] == counts[-2]:
             break
@@ -50,31 +51,6 @@ def refine_without_outliers(
 
 def _sync_frames(views: Mapping[tuple[int, str], TargetObservation]) -> list[int]:
     return sorted({sync_frame for sync_frame, _ in views})
-
-
-def _consensus(
-    sync_frame: int,
-    state: TargetRig,
-    target: CalibrationTarget,
-    views: Mapping[tuple[int, str], TargetObservation],
-    poses: Mapping[tuple[int, str], tuple[np.ndarray, float]],
-    limit: float,
-) -> np.ndarray:
-    """The target pose of a sync frame that fits most observations: the current pose, or that of a single camera."""
-    seen = [name for name in state.cameras if (sync_frame, name) in views]
-    ways = [np.linalg.inv(state.cameras[name].world_to_camera) @ poses[sync_frame, name][0] for name in seen]
-    if sync_frame in state.target_poses:
-        ways.insert(0, state.target_poses[sync_frame])
-    best, found = np.inf, ways[0]
-    for way in ways:
-        cost = 0.0
-        for name in seen:
-            view, camera = views[sync_frame, name], state.cameras[name]
-            errors = reprojection(camera, camera.world_to_camera @ way, target.corners[view.ids], view.pixels)
-            cost += min(float(np.median(errors)), 4 * limit)
-        if cost < best:
-            best, found = cost, way
-    return found
 
 
 def _fitting(state: TargetRig, target: CalibrationTarget, limit: float) -> dict[tuple[int, str], TargetObservation]:

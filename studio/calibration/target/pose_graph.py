@@ -1,6 +1,6 @@
 """Initial camera poses from sync frames in which two cameras see the target."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from itertools import combinations
 
@@ -13,6 +13,7 @@ from studio.cameras import Camera
 from studio.errors import StudioError
 
 _WORST = 5.0  # observations with a larger RMS error at their own best target pose are ignored; in pixels
+_MOST = 50.0  # pixels that the median error of an observation counts at most when poses are compared
 
 
 def chain_poses(
@@ -29,14 +30,7 @@ def chain_poses(
         if error < _WORST:
             poses[key] = pose
     kept = {key: views[key] for key in poses}
-    sync_frames: dict[str, set[int]] = {name: set() for name in intrinsics}
-    for sync_frame, name in poses:
-        sync_frames[name].add(sync_frame)
-    links = {}
-    for first, second in combinations(intrinsics, 2):
-        shared = sorted(sync_frames[first] & sync_frames[second])
-        if shared:
-            links[first, second] = shared
+    links = shared_sync_frames(intrinsics, poses)
     registered = {next(iter(intrinsics)): np.eye(4)}
     while True:
         # the strongest link from a registered camera to one that has not been placed
@@ -45,7 +39,7 @@ def chain_poses(
             break
         _, pair = max(ways)
         known, new = pair if pair[0] in registered else pair[::-1]
-        relative = _relative(intrinsics, target, kept, poses, known, new, links[pair])
+        relative = _relative(intrinsics[new], known, target, kept, poses, links[pair])
         registered[new] = relative @ registered[known]
     lost = [name for name in intrinsics if name not in registered]
     if lost:
@@ -55,52 +49,34 @@ def chain_poses(
         fix = "Film the target where cameras of both groups see it."
         raise StudioError("target.not_connected", problem, value=lost, fix=fix, camera=lost[0], cameras=lost)
     cameras = {name: replace(intrinsics[name], world_to_camera=registered[name]) for name in intrinsics}
-    target_poses = {}
-    for sync_frame in sorted({sync_frame for sync_frame, _ in kept}):
-        seen = [name for name in intrinsics if (sync_frame, name) in kept]
-        candidates = [np.linalg.inv(registered[name]) @ poses[sync_frame, name] for name in seen]
-        costs = []
-        for candidate in candidates:
-            errors = (
-                reprojection(intrinsics[name], registered[name] @ candidate, *_seen(target, kept[sync_frame, name]))
-                for name in seen
-            )
-            costs.append(sum(min(50.0, float(np.median(error))) for error in errors))
-        target_poses[sync_frame] = candidates[int(np.argmin(costs))]
-    return TargetRig(cameras, target_poses, kept)
+    state = TargetRig(cameras, {}, kept)
+    frames = sorted({sync_frame for sync_frame, _ in kept})
+    return replace(state, target_poses={at: state.consensus(at, target, poses, _MOST) for at in frames})
 
 
-def _seen(target: CalibrationTarget, view: TargetObservation) -> tuple[np.ndarray, np.ndarray]:
-    return target.corners[view.ids], view.pixels
+def shared_sync_frames(names: Iterable[str], seen: Iterable[tuple[int, str]]) -> dict[tuple[str, str], list[int]]:
+    """Two camera names to the sync frames in which both see the target, if there are any, from all (sync frame, camera)
+    in which one does."""
+    sync_frames: dict[str, set[int]] = {name: set() for name in names}
+    for sync_frame, name in seen:
+        sync_frames[name].add(sync_frame)
+    shared = {pair: sorted(sync_frames[pair[0]] & sync_frames[pair[1]]) for pair in combinations(sync_frames, 2)}
+    return {pair: found for pair, found in shared.items() if found}
 
 
 def _relative(
-    intrinsics: Mapping[str, Camera],
+    camera: Camera,
+    other: str,
     target: CalibrationTarget,
     views: Mapping[tuple[int, str], TargetObservation],
     poses: Mapping[tuple[int, str], np.ndarray],
-    first: str,
-    second: str,
     shared: list[int],
 ) -> np.ndarray:
-    """(4, 4) first to second camera: the candidate, one per sync frame, that fits all sync frames best."""
+    """(4, 4) from another camera to this one: the candidate, one per sync frame, that fits all sync frames best."""
     trial = shared if len(shared) <= 24 else [shared[i] for i in np.linspace(0, len(shared) - 1, 24).astype(int)]
-    best, found = np.inf, np.eye(4)
-    for sync_frame in trial:
-        candidate = poses[sync_frame, second] @ np.linalg.inv(poses[sync_frame, first])
-        cost = sum(
-            min(
-                50.0,
-                float(
-                    np.median(
-                        reprojection(
-                            intrinsics[second], candidate @ poses[other, first], *_seen(target, views[other, second])
-                        )
-                    )
-                ),
-            )
-            for other in trial
-        )
-        if cost < best:
-            best, found = cost, candidate
-    return found
+    candidates = [poses[at, camera.name] @ np.linalg.inv(poses[at, other]) for at in trial]
+    costs = []
+    for candidate in candidates:
+        errors = (reprojection(camera, candidate @ poses[at, other], target, views[at, camera.name]) for at in trial)
+        costs.append(sum(min(_MOST, float(np.median(error))) for error in errors))
+    return candidates[int(np.argmin(costs))]

@@ -1,6 +1,5 @@
 """Calibration of a rig from images of a calibration target: intrinsics, poses, scale and report."""
 
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
@@ -14,16 +13,12 @@ from studio.calibration.target.bundle_adjustment import TargetRig
 from studio.calibration.target.intrinsics import intrinsics_from_views
 from studio.calibration.target.outlier_rejection import refine_without_outliers
 from studio.calibration.target.pattern import CalibrationTarget, TargetObservation
-from studio.calibration.target.pose_graph import chain_poses
-from studio.calibration.target.scale_accuracy import scale_check, shared_sync_frames
+from studio.calibration.target.pose_graph import chain_poses, shared_sync_frames
+from studio.calibration.target.scale_accuracy import scale_check
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
 from studio.progress import ProgressFn, no_progress
 from studio.similarity import Similarity
-
-_OUTLIER = 4.0
-"""Outlier threshold as a multiple of the median error of the views, each at its own best target pose; see
-`refine_without_outliers`. Larger errors mean that the target moved and the cameras are not exactly synchronized."""
 
 _COVERED = 0.6
 """Fraction of the image that views must cover for the principal point to be estimated: with less, a shifted principal
@@ -103,7 +98,9 @@ def calibrate_intrinsics(
             raise StudioError(
                 "target.no_fit", problem, value=len(seen), fix=fix, camera=name, setting="calibrate.board"
             )
-        state, _ = _refine(state, target, settings, principal_point, threads)
+        state, _ = refine_without_outliers(
+            state, target, settings.camera_model, principal_point=principal_point, threads=threads
+        )
         cameras[name] = state.cameras[name]
         errors = np.concatenate(list(state.errors(target).values()))
         figures[name] = IntrinsicsReport(**error_statistics(errors).model_dump(), views=len(state.views))
@@ -161,7 +158,9 @@ def calibrate_from_target(
     progress(len(sizes), 2 * len(sizes) + 3)
     state = chain_poses(intrinsics, target, views)
     progress(2 * len(sizes), 2 * len(sizes) + 3)
-    state, dropped = _refine(state, target, settings, all(principal_points.values()), threads)
+    state, dropped = refine_without_outliers(
+        state, target, settings.camera_model, principal_point=all(principal_points.values()), threads=threads
+    )
     progress(2 * len(sizes) + 2, 2 * len(sizes) + 3)
     result = _result(state, target, settings)
     figures = TargetReport(
@@ -170,7 +169,7 @@ def calibrate_from_target(
         corners=sum(len(view.ids) for view in state.views.values()),
         views_left_out=len(views) - len(state.views),
         corners_left_out=dropped,
-        shared=shared_sync_frames(state),
+        shared={" ".join(pair): len(both) for pair, both in shared_sync_frames(state.cameras, state.views).items()},
     )
     accuracy = scale_check(state, target)
     if accuracy is not None:
@@ -179,19 +178,6 @@ def calibrate_from_target(
     result = replace(result, report=result.report.model_copy(update=update))
     progress(2 * len(sizes) + 3, 2 * len(sizes) + 3)
     return result
-
-
-def _refine(
-    state: TargetRig, target: CalibrationTarget, settings: CalibrateSettings, principal_point: bool, threads: int
-) -> tuple[TargetRig, int]:
-    return refine_without_outliers(
-        state,
-        target,
-        settings.camera_model,
-        _OUTLIER,
-        principal_point=principal_point,
-        threads=threads or os.cpu_count() or 1,
-    )
 
 
 def _result(state: TargetRig, target: CalibrationTarget, settings: CalibrateSettings) -> CalibrationResult:

@@ -8,20 +8,6 @@ from studio.calibration.target.pattern import CalibrationTarget
 from studio.cameras import Camera, nearest_point_to_rays
 
 
-def shared_sync_frames(state: TargetRig) -> dict[str, int]:
-    """Two camera names ("cam0 cam1") to the number of sync frames in which both see the target, if above 0."""
-    sync_frames: dict[str, set[int]] = {name: set() for name in state.cameras}
-    for sync_frame, name in state.views:
-        sync_frames[name].add(sync_frame)
-    names = list(state.cameras)
-    return {
-        f"{a} {b}": len(sync_frames[a] & sync_frames[b])
-        for i, a in enumerate(names)
-        for b in names[i + 1 :]
-        if sync_frames[a] & sync_frames[b]
-    }
-
-
 def scale_check(state: TargetRig, target: CalibrationTarget) -> tuple[float, float] | None:
     """Triangulate the corners with the calibrated cameras and compare them with the target: relative error of the
     distances between corners (0.001 is 1 mm per meter), and RMS distance in millimeters between the triangulated

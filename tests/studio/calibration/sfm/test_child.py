@@ -59,7 +59,7 @@ def test_the_worker_does_not_outlive_its_parent(tmp_path: Path) -> None:
     (tmp_path / "job.json").write_text('{"names": [], "intrinsics": [], "intrinsics_of": []}')
     child = subprocess.Popen(
         [sys.executable, "-c", "import studio.calibration.sfm.worker as w, sys, time\n"
-         "w.Worker.run = lambda self: (print('running', flush=True), time.sleep(1e6))\nw.main()",
+         "w.run = lambda *given: (print('running', flush=True), time.sleep(1e6))\nw.main()",
          str(tmp_path / "job.json")],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
