@@ -6,6 +6,7 @@ from torch import Tensor
 from studio.gaussians import Gaussians
 from studio.training.adam import Adam, ParameterGroup
 from studio.training.settings import MEANS_FINAL_RATE, LearningRates
+from studio.training.step import part_of
 
 
 class SplatOptimizer:
@@ -120,12 +121,9 @@ class SplatOptimizer:
     def restore(self, state: dict[str, Tensor]) -> None:
         """Continue from a `state()`, bit for bit."""
         for name, leaf in list(self._leaves.items()):
-            moments = {
-                key.removeprefix(f"{name}."): value.to(leaf.device)
-                for key, value in state.items()
-                if key.startswith(f"{name}.") and not key.endswith(".value")
-            }
             self._replace(name, state[f"{name}.value"].to(leaf.device), {})
+            own = part_of(state, f"{name}.")
+            moments = {key: value.to(leaf.device) for key, value in own.items() if key != "value"}
             if moments:
                 self._adam.state[self._leaves[name]] = moments
 

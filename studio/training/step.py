@@ -17,7 +17,7 @@ from studio.training.dropout import drop_splats
 from studio.training.noise import draw_seed
 from studio.training.photometric import photometric_loss
 from studio.training.settings import TrainSettings
-from studio.training.views import Shuffled, TrainingView, backgrounds
+from studio.training.views import TrainingView, backgrounds
 
 FIGURES_EVERY = 20  # steps from one report of loss and PSNR to the next
 Checkpoint = dict[str, Tensor]  # the complete state of a training, by name; can be stored as safetensors
@@ -59,11 +59,11 @@ class Step:
 
 
 class Stepper:
-    """Renders random views over random backgrounds, both drawn by the generator, and computes equation 7.
+    """Renders the views in a random order, new in each epoch, over random backgrounds, both drawn by the generator, and
+    computes equation 7.
 
     Attributes:
-        dropout: fraction of the splats that a step with dropout leaves out.
-        alpha_weight: weight of the difference between rendered alpha and mask.
+        views: the training views; may be replaced by as many others.
         chroma_shift: drawings of views with subsampled chroma go through the same subsampling before they are compared;
             this is the encoder's shift, see `studio.chroma.resampled`. None: they do not.
         moved: where a view's camera sees the splats: moved ones, and their (N, 2) offsets in the image. None: where
@@ -71,28 +71,25 @@ class Stepper:
     """
 
     def __init__(self, views: Sequence[TrainingView], settings: TrainSettings, generator: torch.Generator) -> None:
-        self._settings = settings
-        self._generator = generator
-        self._views = Shuffled(views, generator)
+        if not views:
+            fix = "Remove at least one camera from capture.held_out"
+            raise StudioError("training.no_views", "there are no training views", fix=fix, setting="capture.held_out")
+        self.views, self._settings, self._generator = views, settings, generator
+        self._left: list[int] = []  # indices of the views of this epoch that have not been rendered, in order
         self._backgrounds = backgrounds(settings.background, generator, views[0].device)
-        self.dropout, self.alpha_weight = settings.dropout, settings.alpha_weight
         self.chroma_shift: float | None = None
         self.moved: Callable[[Gaussians, TrainingView], tuple[Gaussians, Tensor]] | None = None
 
-    @property
-    def views(self) -> Sequence[TrainingView]:
-        """The training views; may be replaced by as many others."""
-        return self._views.views
-
-    @views.setter
-    def views(self, views: Sequence[TrainingView]) -> None:
-        self._views.views = views
+    def _next(self) -> tuple[TrainingView, Tensor]:
+        if not self._left:
+            self._left = torch.randperm(len(self.views), generator=self._generator).tolist()
+        return self.views[self._left.pop(0)], next(self._backgrounds)
 
     def __call__(self, gaussians: Gaussians, dropout: bool = False) -> Step:
         """Render the next view and compare it with the footage; with `dropout`, a random subset of the splats."""
-        view, background = next(self._views), next(self._backgrounds)
-        if dropout and self.dropout:
-            logits = drop_splats(gaussians.logit_opacities, self.dropout, draw_seed(self._generator))
+        view, background = self._next()
+        if dropout and self._settings.dropout:
+            logits = drop_splats(gaussians.logit_opacities, self._settings.dropout, draw_seed(self._generator))
             gaussians = replace(gaussians, logit_opacities=logits)
         screen_offsets = None
         if self.moved is not None:
@@ -103,7 +100,7 @@ class Stepper:
 
     def several(self, gaussians: Gaussians, count: int) -> list[Step]:
         """The same as `count` calls with these splats, which are rendered in one call of the rasterizer."""
-        seen = [(next(self._views), next(self._backgrounds)) for _ in range(count)]
+        seen = [self._next() for _ in range(count)]
         over = [view.over(background) for view, background in seen]
         renders = rasterize_views(gaussians, [view.camera for view, _ in seen], [behind for _, behind in over])
         drawn = zip(seen, over, renders, strict=True)
@@ -127,9 +124,9 @@ class Stepper:
                 near, behind = closer.over(background)
                 parts = self._compared(rasterize(gaussians, closer.camera, behind), closer, near, behind)
             loss = loss + detail_loss(image, target, box, self._settings.dssim_weight, parts)
-        if self.alpha_weight:
+        if self._settings.alpha_weight:
             off = (render.alpha - view.mask).abs()
-            loss = loss + self.alpha_weight * (off if view.hidden is None else off * ~view.hidden).mean()
+            loss = loss + self._settings.alpha_weight * (off if view.hidden is None else off * ~view.hidden).mean()
         return Step(loss, target, render, view, image)
 
     def _compared(self, render: Render, view: TrainingView, target: Tensor, behind: Tensor) -> tuple[Tensor, Tensor]:
@@ -152,11 +149,11 @@ class Stepper:
 
     def state(self) -> dict[str, Tensor]:
         """Position in the sequence of views. The caller stores the state of the generator."""
-        return {"views": self._views.state()}
+        return {"views": torch.tensor(self._left, dtype=torch.int64)}
 
     def restore(self, state: dict[str, Tensor]) -> None:
         """Continue from a `state()`."""
-        self._views.restore(state["views"])
+        self._left = [int(index) for index in state["views"]]
 
 
 def regularized(loss: Tensor, gaussians: Gaussians, settings: TrainSettings, extent: float) -> Tensor:

@@ -313,33 +313,6 @@ def mask_box(mask: np.ndarray, margin: float, name: str) -> tuple[int, int, int,
     return int(left), int(top), int(right - left), int(bottom - top)
 
 
-class Shuffled:
-    """An endless iterator over views, in a new random order in each epoch. Its position can be saved and restored."""
-
-    def __init__(self, views: Sequence[TrainingView], generator: torch.Generator) -> None:
-        if not views:
-            fix = "Remove at least one camera from capture.held_out"
-            raise StudioError("training.no_views", "there are no training views", fix=fix, setting="capture.held_out")
-        self.views, self._generator = views, generator
-        self._left: list[int] = []
-
-    def __iter__(self) -> Iterator[TrainingView]:
-        return self
-
-    def __next__(self) -> TrainingView:
-        if not self._left:
-            self._left = torch.randperm(len(self.views), generator=self._generator).tolist()
-        return self.views[self._left.pop(0)]
-
-    def state(self) -> Tensor:
-        """(M,) int64 indices of the remaining views of this epoch, in order."""
-        return torch.tensor(self._left, dtype=torch.int64)
-
-    def restore(self, state: Tensor) -> None:
-        """Continue from a `state()`. The caller restores the generator."""
-        self._left = [int(index) for index in state]
-
-
 def backgrounds(kind: str, generator: torch.Generator, device: torch.device) -> Iterator[Tensor]:
     """Endless (3,) RGB background colors of a `kind`: "random", "black" or "white"."""
     if kind != "random":
