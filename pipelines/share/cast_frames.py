@@ -15,9 +15,9 @@ from pipelines.share.cast import Item, beside, read_cast
 from pipelines.share.cast_ground import Ground, Shadow
 from pipelines.takes.videos import FALLBACK_FPS, stream_place
 from studio.cameras import Camera
-from studio.edits.moving import moved
 from studio.errors import StudioError
 from studio.formats import read_splats
+from studio.formats.rigid_motion import placed
 from studio.gaussians import Gaussians
 from studio.similarity import Similarity, rotation_between
 
@@ -88,7 +88,7 @@ class CastFrames:
         for one in self._streams:
             seconds = max(frame / self.fps - one.start, 0.0)
             own = one.reader.gaussians(int(seconds * one.reader.fps + 1e-6) % one.reader.frame_count)
-            parts.append(moved(own, one.place.after(one.standing)))
+            parts.append(placed(own, one.place.after(one.standing)))
             if self._plane is not None and self._plane.shadow > 0:
                 shadows.append(Shadow.of(parts[-1], _bounds(one), one.place, self._plane.shadow))
         parts += self._still
@@ -135,7 +135,7 @@ class CastFrames:
             reader = stack.enter_context(StreamReader.open(stream_place(beside(item.stream, source))))
             self._streams.append(_Stream(reader, standing(reader), place, item.start))
         elif item.splats is not None:
-            self._still.append(moved(read_splats(beside(item.splats, source)), place))
+            self._still.append(placed(read_splats(beside(item.splats, source)), place))
         elif item.model is not None:
             path = Path(beside(item.model, source))
             if not path.is_file():

@@ -114,9 +114,9 @@ class EditedGroup:
 
     def edited(self, gaussians: Gaussians, among: torch.Tensor | None = None) -> Gaussians:
         """As `cut`, in the world of the stream."""
-        from studio.edits import moved
+        from studio.formats.rigid_motion import placed
 
-        return moved(self.cut(gaussians, among), self._edits.similarity)
+        return placed(self.cut(gaussians, among), self._edits.similarity)
 
     def read(self, index: int) -> Gaussians:
         """A frame, counted from 0 in the take, as it is baked. Raises StudioError: `edits.nothing_left`, or damage."""

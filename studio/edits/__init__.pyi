@@ -1,6 +1,5 @@
 from .edit_list import CropBox, DetailMark, EditList, Floaters, Ground, Region, RegionView, Trim, World
 from .following import follow
-from .moving import moved
 from .selection import Paths, Selection, select
 from .silhouette import silhouette
 
@@ -17,7 +16,6 @@ __all__ = [
     "Trim",
     "World",
     "follow",
-    "moved",
     "select",
     "silhouette",
 ]

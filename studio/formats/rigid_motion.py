@@ -41,6 +41,15 @@ def moved(gaussians: Gaussians, frame: Similarity) -> Gaussians:
     return replace(scaled(gaussians, frame.scale), means=means.to(gaussians.means.dtype)).to(torch.float32)
 
 
+def placed(gaussians: Gaussians, similarity: Similarity) -> Gaussians:
+    """Splats of the old world in the new one, including their spherical harmonics: `similarity.camera` sees of them
+    what the camera sees of `gaussians`."""
+    if similarity.is_identity:
+        return gaussians
+    found = scaled(turned(gaussians, similarity.rotation), similarity.scale)
+    return replace(found, means=found.means + torch.from_numpy(similarity.translation).to(found.means))
+
+
 def _sh_rotation(matrix: torch.Tensor, degree: int) -> torch.Tensor:
     """(K, K) float64 matrix that maps SH coefficients of a function to those of the rotated function. The value at d
     moves to R d, so Y(R d) new = Y(d) old for all d. Harmonics up to a given degree are closed under rotation, so

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from studio.edits.moving import moved
-from studio.formats.rigid_motion import turned
+from studio.formats.rigid_motion import placed, turned
 from studio.gaussians import Gaussians, common_dilation
 from studio.similarity import Similarity
 from studio.training import LearningRates
@@ -39,7 +38,7 @@ WAYS: dict[str, Callable[[Gaussians], Gaussians]] = {
     "cat": lambda one: Gaussians.cat(one, one),
     "state": lambda one: Gaussians.from_state_dict(one.state_dict()),
     "turned": lambda one: turned(one, np.eye(3)),
-    "moved": lambda one: moved(one, Similarity(2.0)),
+    "placed": lambda one: placed(one, Similarity(2.0)),
     "offsets": lambda one: SplatOffsets.zeros(torch.arange(2), 1).applied(one[:2]),
     "optimizer": optimized,
 }

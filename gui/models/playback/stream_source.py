@@ -16,8 +16,8 @@ from gui.models.playback.frame_cache import AHEAD, frame_cache
 from pipelines.takes.videos import capture_place
 from studio.cameras import Camera
 from studio.coverage import ViewRange
-from studio.edits.moving import moved
 from studio.errors import Message, StudioError
+from studio.formats.rigid_motion import placed
 from studio.gaussians import Gaussians
 from studio.similarity import Similarity
 
@@ -121,7 +121,7 @@ class StreamSource:
                     return
                 assert frame is not None
             try:
-                decoded = moved(self._decoded(frame), self._back)
+                decoded = placed(self._decoded(frame), self._back)
             except Exception as error:  # raised when the frame is requested
                 with self._changed:
                     self._note(frame, error)

@@ -11,7 +11,7 @@ from pipelines.takes.point_files import read_points
 from pipelines.takes.take import Take
 from pipelines.takes.videos import decoded_video, trained_video
 from studio.camera_files import read_rig
-from studio.edits import moved
+from studio.formats.rigid_motion import placed
 from studio.rasterizer import rasterize
 from studio.stream import StreamMetadata, StreamReader
 from tests.support.streams import contents
@@ -56,7 +56,7 @@ def test_a_take_is_trimmed_cropped_and_placed_and_as_before_when_that_is_undone(
             assert 0 < len(decoded) == len(edited) < len(whole)
             assert float(edited.means[:, 1].median()) > 50
             # what is kept is where it was, seen by the same camera
-            apart = moved(whole, edits.similarity).means[:, None] - edited.means
+            apart = placed(whole, edits.similarity).means[:, None] - edited.means
             kept = apart.norm(dim=2).min(dim=1).values < 1e-4
             assert int(kept.sum()) == len(edited)
             pictures = [rasterize(one, video.view).image for one in (edited, decoded)]

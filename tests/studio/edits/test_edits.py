@@ -9,8 +9,9 @@ import pytest
 import torch
 from pydantic import ValidationError
 
-from studio.edits import CropBox, EditList, Floaters, Ground, Paths, Region, RegionView, moved, select, silhouette
+from studio.edits import CropBox, EditList, Floaters, Ground, Paths, Region, RegionView, select, silhouette
 from studio.edits.selection import distance_to_path, in_polygon
+from studio.formats.rigid_motion import placed
 from studio.rasterizer import rasterize
 from studio.similarity import Similarity, rotation_between
 from studio.stream import CapturePlace, StreamMetadata
@@ -30,7 +31,7 @@ def still(means: np.ndarray, opacities: np.ndarray | None = None, frames: int = 
 def test_a_moved_camera_sees_the_same_of_moved_splats() -> None:
     splats = converted_splats(3)
     before = rasterize(splats, SIDE, background=(0.2, 0.4, 0.6)).image
-    after = rasterize(moved(splats, WORLD), WORLD.camera(SIDE), background=(0.2, 0.4, 0.6)).image
+    after = rasterize(placed(splats, WORLD), WORLD.camera(SIDE), background=(0.2, 0.4, 0.6)).image
     assert torch.allclose(before, after, atol=2e-3)
     points = np.array([[0.1, 0.2, 0.3], [1.0, -1.0, 2.0]])
     pixels, depth = SIDE.project(points)
@@ -39,7 +40,7 @@ def test_a_moved_camera_sees_the_same_of_moved_splats() -> None:
     assert np.allclose(far, WORLD.scale * depth)
     assert np.allclose(WORLD.inverse.points(WORLD.points(points)), points)
     assert np.allclose(WORLD.inverse.camera(WORLD.camera(SIDE)).world_to_camera, SIDE.world_to_camera)
-    assert moved(splats, Similarity()) is splats
+    assert placed(splats, Similarity()) is splats
 
 
 @pytest.mark.parametrize("end", [(0, 1, 0), (1, 2, 3), (-0.3, -0.2, -1), (0.3, 0.2, 1)])
