@@ -46,34 +46,13 @@ class Metric:
         return f"{value:.{self.digits}f}{f' {self.unit}' if unit and self.unit else ''}"
 
 
-def _psnr(pair: ViewPair, lpips: Distance | None) -> float:
+def _psnr(image: np.ndarray | None, pair: ViewPair, where: np.ndarray | None = None) -> float | None:
     from studio.metrics import psnr
 
-    return min(float(psnr(_tensor(pair.rendered), _tensor(pair.footage))), HIGHEST_PSNR)
-
-
-def _psnr_interior(pair: ViewPair, lpips: Distance | None) -> float | None:
-    return _psnr_where(pair, pair.depth > OUTLINE)
-
-
-def _psnr_outline(pair: ViewPair, lpips: Distance | None) -> float | None:
-    return _psnr_where(pair, np.abs(pair.depth) <= OUTLINE)
-
-
-def _psnr_where(pair: ViewPair, where: np.ndarray) -> float | None:
-    from studio.metrics import psnr
-
-    if not where.any():
+    if image is None or (where is not None and not where.any()):
         return None
-    return min(float(psnr(_tensor(pair.rendered), _tensor(pair.footage), _tensor(where))), HIGHEST_PSNR)
-
-
-def _psnr_color_fit(pair: ViewPair, lpips: Distance | None) -> float | None:
-    from studio.metrics import psnr
-
-    if pair.fitted is None:
-        return None
-    return min(float(psnr(_tensor(pair.fitted), _tensor(pair.footage))), HIGHEST_PSNR)
+    mask = None if where is None else _tensor(where)
+    return min(float(psnr(_tensor(image), _tensor(pair.footage), mask)), HIGHEST_PSNR)
 
 
 def _ssim(pair: ViewPair, lpips: Distance | None) -> float:
@@ -98,10 +77,10 @@ def _tensor(image: np.ndarray) -> Any:
 
 
 METRICS = (
-    Metric("psnr", "PSNR", "dB", 2, _psnr, plotted=True, words=(31.0, 25.0)),
-    Metric("psnr_interior", "PSNR interior", "dB", 2, _psnr_interior),
-    Metric("psnr_outline", "PSNR outline", "dB", 2, _psnr_outline),
-    Metric("psnr_color_fit", "color fit", "dB", 2, _psnr_color_fit, evaluated=False),
+    Metric("psnr", "PSNR", "dB", 2, lambda one, _: _psnr(one.rendered, one), plotted=True, words=(31.0, 25.0)),
+    Metric("psnr_interior", "PSNR interior", "dB", 2, lambda one, _: _psnr(one.rendered, one, one.depth > OUTLINE)),
+    Metric("psnr_outline", "PSNR outline", "dB", 2, lambda one, _: _psnr(one.rendered, one, abs(one.depth) <= OUTLINE)),
+    Metric("psnr_color_fit", "color fit", "dB", 2, lambda one, _: _psnr(one.fitted, one), evaluated=False),
     Metric("ssim", "SSIM", "", 4, _ssim),
     Metric("lpips", "LPIPS", "", 4, _lpips),
 )
