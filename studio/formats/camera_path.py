@@ -317,13 +317,7 @@ def turntable(
     def camera(fraction: float) -> Camera:
         angle = 2 * math.pi * turns * fraction
         outwards = level * (math.cos(angle) * front + math.sin(angle) * right) + lift * up
-        return look_at(f"turntable {fraction:.4f}", width, height, K, center + distance * outwards, center, up)
+        pose = look_at_pose(center + distance * outwards, center, up)
+        return Camera(f"turntable {fraction:.4f}", width, height, K, pose)
 
     return camera
-
-
-def look_at(
-    name: str, width: int, height: int, K: np.ndarray, eye: np.ndarray, target: np.ndarray, up: np.ndarray
-) -> Camera:
-    """An upright camera at `eye` that looks at `target`; `up` must not be parallel to the viewing direction."""
-    return Camera(name, width, height, K, look_at_pose(eye, target, up))

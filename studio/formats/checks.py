@@ -19,15 +19,13 @@ MAX_SPLATS = 1 << 26  # larger than any real frame: a header with more splats is
 LOGIT_LIMIT = 13.8  # replaces infinite opacity logits; the opacity is within 1e-6 of 0 or 1
 LEAST_SCALE = 1e-12  # replaces linear scales of 0, which have no logarithm
 
-EXPORT_AGAIN = "Export or copy it again."
-
 _FREE_SIZE, _EXPANSION = 64 << 20, 100
 _MOST_BYTES = 256 * MAX_SPLATS  # 62 floats and some more for each splat
 
 
 def damaged(code: str, problem: str, path: Path, value: Any = None, **fields: Any) -> StudioError:
     """The error for a file with which something went wrong when it was written or copied."""
-    return StudioError(code, problem, file=path, value=value, fix=EXPORT_AGAIN, **fields)
+    return StudioError(code, problem, file=path, value=value, fix="Export or copy it again.", **fields)
 
 
 @contextmanager

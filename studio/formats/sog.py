@@ -19,7 +19,7 @@ import struct
 import zipfile
 import zlib
 from pathlib import Path
-from typing import Protocol
+from typing import TypeAlias
 
 import numpy as np
 
@@ -204,28 +204,19 @@ def _harmonics(parts: Parts, meta: _Meta, pixels: np.ndarray) -> np.ndarray:
     return meta.numbers("shN", "codebook", _CODES)[codes]
 
 
-class Parts(Protocol):
-    """The files of one data set."""
-
-    def read(self, name: str) -> bytes:
-        """A file's content. Raises StudioError: it is missing, damaged or too large."""
-
-    def path(self, name: str) -> Path:
-        """The file, or the archive with it, for messages."""
-
-
 class FolderParts:
-    """Files beside a `meta.json`."""
+    """The files of one data set, beside a `meta.json`."""
 
     def __init__(self, meta: Path) -> None:
         self._folder = meta.parent
         self._meta = meta
 
     def path(self, name: str) -> Path:
+        """The file, for messages."""
         return self._meta if name == META else self._folder / name
 
     def read(self, name: str) -> bytes:
-        """A file's content."""
+        """A file's content. Raises StudioError: it is missing, damaged or too large."""
         path = self.path(name)
         if path.is_file():
             _check_size(path, name, path.stat().st_size)
@@ -238,7 +229,9 @@ class ArchiveParts:
     def __init__(self, archive: Path) -> None:
         self._archive = archive
         # decided here, since zipfile searches the whole file for an archive
-        if not read_start(archive).startswith(b"PK"):
+        with opening(archive), archive.open("rb") as file:
+            start = file.read(2)
+        if start != b"PK":
             raise damaged("splat_file.unreadable", "not a SOG bundle (ZIP)", archive)
 
     def path(self, name: str) -> Path:
@@ -263,10 +256,7 @@ class ArchiveParts:
             raise damaged("splat_file.unreadable", f"the SOG bundle is damaged ({error})", self._archive) from None
 
 
-def read_start(path: Path) -> bytes:
-    """The first bytes of a file. Raises StudioError as `checks.read_bytes`."""
-    with opening(path), path.open("rb") as file:
-        return file.read(4)
+Parts: TypeAlias = FolderParts | ArchiveParts
 
 
 def read_pixels(parts: Parts, name: str, least: int) -> np.ndarray:

@@ -28,6 +28,7 @@ from studio.formats.checks import (
     damaged,
     from_arrays,
     logits,
+    quats_of_three,
     read_bytes,
     to_arrays,
     truncated,
@@ -95,7 +96,7 @@ def write(path: Path, gaussians: Gaussians, version: int = DEFAULT_VERSION, offs
         _byte(sh[:, 0] * (_COLOR_SCALE * 255) + 127.5),
         _byte((arrays["log_scales"] + 10) * 16),
         _pack_quats(arrays["quats"]).astype("<u4").tobytes(),
-        _byte_buckets(sh[:, 1:4], _SH_BITS[0], sh[:, 4:], _SH_BITS[1]),
+        _byte_buckets(sh),
     ]
     write_container(path, Head(version, len(means), gaussians.sh_degree, bits), attributes)
 
@@ -104,15 +105,12 @@ def _byte(values: np.ndarray) -> bytes:
     return np.clip(np.rint(values), 0, 255).astype(np.uint8).tobytes()
 
 
-def _byte_buckets(first: np.ndarray, first_bits: int, others: np.ndarray, other_bits: int) -> bytes:
-    """SH coefficients as bytes, rounded to bucket centers for better compression."""
-
-    def rounded(values: np.ndarray, bits: int) -> np.ndarray:
-        bucket = 1 << (8 - bits)
-        codes = np.rint(values * 128).astype(np.int64) + 128
-        return np.clip((codes + bucket // 2) // bucket * bucket, 0, 255).astype(np.uint8)
-
-    return np.concatenate([rounded(first, first_bits), rounded(others, other_bits)], axis=1).tobytes()
+def _byte_buckets(sh: np.ndarray) -> bytes:
+    """SH coefficients above degree 0 as bytes, rounded to bucket centers for better compression."""
+    bits = np.where(np.arange(1, sh.shape[1]) < 4, *_SH_BITS)
+    bucket = (1 << (8 - bits))[:, None]
+    codes = np.rint(sh[:, 1:] * 128).astype(np.int64) + 128
+    return np.clip((codes + bucket // 2) // bucket * bucket, 0, 255).astype(np.uint8).tobytes()
 
 
 def _pack_quats(wxyz: np.ndarray) -> np.ndarray:
@@ -132,17 +130,9 @@ def _pack_quats(wxyz: np.ndarray) -> np.ndarray:
 
 def _unpack_quats(packed: np.ndarray) -> np.ndarray:
     """Inverse of `_pack_quats`: (N, 4) wxyz."""
-    largest = packed >> np.uint32(30)
-    rest = packed.copy()
-    xyzw = np.zeros((len(packed), 4))
-    for component in (3, 2, 1, 0):
-        stored = largest != component
-        size = (rest & np.uint32(511)) / (_SMALLEST * math.sqrt(2))
-        xyzw[stored, component] = np.where(rest & np.uint32(512), -size, size)[stored]
-        rest = np.where(stored, rest >> np.uint32(10), rest)
-    rows = np.arange(len(packed))
-    xyzw[rows, largest] = np.sqrt(np.maximum(0, 1 - (xyzw**2).sum(axis=1)))
-    return xyzw[:, [3, 0, 1, 2]]
+    codes = np.stack([packed >> np.uint32(shift) & np.uint32(1023) for shift in (20, 10, 0)], axis=-1)
+    sizes = (codes & np.uint32(511)) / (_SMALLEST * math.sqrt(2))
+    return quats_of_three(np.where(codes & np.uint32(512), -sizes, sizes), packed >> np.uint32(30))[:, [3, 0, 1, 2]]
 
 
 def size(path: Path) -> tuple[int, int]:

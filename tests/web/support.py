@@ -15,8 +15,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from studio.audio import SoundFile, cut_sound
-from studio.cameras import Camera
-from studio.formats.camera_path import look_at
+from studio.cameras import Camera, look_at_pose
 from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize
 from studio.stream import BakeSettings, Rung, StreamReader, bake_group, bake_sound, write_manifest
@@ -75,7 +74,8 @@ def camera(
     eye = distance * np.array([np.sin(a) * np.cos(e), -np.sin(e), -np.cos(a) * np.cos(e)])
     width, height = size
     K = np.array([[1.05 * height, 0, width / 2], [0, 1.05 * height, height / 2], [0, 0, 1.0]])
-    return look_at(f"a{azimuth:g}", width, height, K, eye, np.zeros(3), np.array([0.0, -1.0, 0.0]))
+    pose = look_at_pose(eye, np.zeros(3), np.array([0.0, -1.0, 0.0]))
+    return Camera(f"a{azimuth:g}", width, height, K, pose)
 
 
 def bake(

@@ -7,10 +7,9 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from studio.cameras import Camera
+from studio.cameras import Camera, look_at_pose
 from studio.errors import StudioError
 from studio.formats import read_splats
-from studio.formats.camera_path import look_at
 from studio.formats.rigid_motion import turned, upright
 from studio.formats.sequence import axes_of, export_frame, export_sequence
 from studio.rasterizer import rasterize
@@ -20,7 +19,7 @@ K = np.array([[90.0, 0, 40], [0, 90, 32], [0, 0, 1]])
 
 
 def camera(eye, target=(0, 0, 0), up=(0, 0, 1)) -> Camera:
-    return look_at("test", 80, 64, K, np.array(eye, float), np.array(target, float), np.array(up, float))
+    return Camera("test", 80, 64, K, look_at_pose(np.array(eye, float), np.array(target, float), np.array(up, float)))
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
@@ -55,7 +54,7 @@ def test_upright_brings_up_to_y_and_the_front_to_z(make_video):
     assert axes_of(video, (0, -1, 0), False) is None
     # without view and up: 180 degrees about x, as the SPZ converter does for PLY
     np.testing.assert_allclose(upright(replace(video, up=None, view=None)), np.diag([1, -1, -1]), atol=1e-12)
-    straight_down = look_at("top", 80, 64, K, np.array([0, 0, 3.0]), np.zeros(3), np.array([0, 1.0, 0]))
+    straight_down = camera((0, 0, 3), up=(0, 1, 0))
     assert np.linalg.det(upright(replace(video, view=straight_down))) == pytest.approx(1)
 
 

@@ -10,11 +10,10 @@ import pytest
 import torch
 
 from studio.camera_files import write_rig_json
-from studio.cameras import Camera, Rig
+from studio.cameras import Camera, Rig, look_at_pose
 from studio.formats.camera_path import (
     CameraPath,
     Key,
-    look_at,
     read_path_keys,
     subject_sphere,
     turntable,
@@ -31,7 +30,7 @@ UP = np.array([0.0, 0, 1])
 def camera(angle: float, focal: float = 100.0, width: int = 120, height: int = 80) -> Camera:
     eye = np.array([2.5 * math.cos(angle), 2.5 * math.sin(angle), 0.6])
     intrinsics = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
-    return look_at(f"at {angle:.2f}", width, height, intrinsics, eye, np.zeros(3), UP)
+    return Camera(f"at {angle:.2f}", width, height, intrinsics, look_at_pose(eye, np.zeros(3), UP))
 
 
 KEYS = [Key(0.5, camera(0.0)), Key(1.5, camera(0.8, 120)), Key(2.0, camera(1.0, 150)), Key(4.0, camera(2.6, 90))]
