@@ -35,22 +35,9 @@ class Output(Protocol):
         """A clock in seconds that never runs backward."""
 
 
-class Leader(Protocol):
-    """What frames follow while they play at their own speed: a `SoundPlayer`."""
-
-    def play(self, seconds: float, loop: bool) -> None:
-        """Play from a time of the stream on; times beyond its end are in a later loop."""
-
-    def stop(self) -> None:
-        """Stop playing."""
-
-    def position(self) -> float | None:
-        """Time of the stream that is played now, in seconds, counted on through loops; None if it cannot play."""
-
-
 class SoundPlayer:
-    """Plays a sound, whose sample 0 is heard with frame 0, on an output device. Thread safe; no method waits for the
-    device.
+    """Plays a sound, whose sample 0 is heard with frame 0, on an output device; frames follow it while they play at
+    their own speed. Thread safe; no method waits for the device.
 
     A device that cannot be opened, or that is lost (a headset that is unplugged), makes the sound silent: `message`
     says why, `position` is None, and anyone who asks for it falls back to another clock. `seconds`: duration of the
@@ -74,7 +61,7 @@ class SoundPlayer:
         self._reached = 0.0
         self._asked_at = 0.0
         self._volume = 1.0
-        self._muted = False
+        self.muted = False  # at volume 0; it still leads
         self.message = ""
 
     # Controls
@@ -113,15 +100,6 @@ class SoundPlayer:
     @volume.setter
     def volume(self, value: float) -> None:
         self._volume = min(max(float(value), 0.0), 1.0)
-
-    @property
-    def muted(self) -> bool:
-        """Whether the sound plays at volume 0; it still leads."""
-        return self._muted
-
-    @muted.setter
-    def muted(self, value: bool) -> None:
-        self._muted = value
 
     # State
 
@@ -178,7 +156,7 @@ class SoundPlayer:
                     self._queue.appendleft((first + count, samples[count:]))
             self._queued -= filled
             self._changed.notify_all()
-            out *= 0.0 if self._muted else self._volume
+            out *= 0.0 if self.muted else self._volume
 
     # The thread that decodes, and opens the device
 

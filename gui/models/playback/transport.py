@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Sequence
 
 from pipelines.takes.frame_numbers import FrameNumbers
-from studio.playback.sound_player import Leader
+from studio.playback.sound_player import SoundPlayer
 
 
 class Transport:
@@ -31,7 +31,7 @@ class Transport:
         self._speed = 1.0
         self._anchor_time = now()
         self._anchor_frame = 0
-        self._leader: Leader | None = None
+        self._leader: SoundPlayer | None = None
         self._led: int | None = None  # the leader's last frame; None while it does not lead
 
     @property
@@ -118,7 +118,7 @@ class Transport:
         self._speed = value
         self._lead()
 
-    def follow(self, leader: Leader | None) -> None:
+    def follow(self, leader: SoundPlayer | None) -> None:
         """Follow a sound while playing at speed 1 (None: the clock again)."""
         if leader is self._leader:
             return
