@@ -9,7 +9,7 @@ settings file, `v3studio config`, the window and the staleness check all read th
 import difflib
 import json
 import os
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 from dataclasses import dataclass
 from types import UnionType
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeVar, Union, get_args, get_origin
@@ -160,8 +160,8 @@ def submodel(field: FieldInfo) -> type[Settings] | None:
 
 
 def affected(model: type[Settings], prefix: str = "", outer: Affects | None = None) -> dict[str, tuple[str, ...]]:
-    """Dotted names of the fields of a model and of the models in it, to the results that each affects; `outer` is the
-    default without `Affects`."""
+    """Dotted names of the settings of a model and of the models in it, to the results that each affects; `outer` is
+    the default without `Affects`."""
     outer = model.affects or outer
     found: dict[str, tuple[str, ...]] = {}
     for name, field in model.model_fields.items():
@@ -172,16 +172,6 @@ def affected(model: type[Settings], prefix: str = "", outer: Affects | None = No
         else:
             found |= affected(inner, f"{prefix}{name}.", own)
     return found
-
-
-def all_names(model: type[Settings], prefix: str = "") -> Iterator[str]:
-    """Dotted names of a model's settings (leaves only)."""
-    for name, field in model.model_fields.items():
-        inner = submodel(field)
-        if inner is not None:
-            yield from all_names(inner, f"{prefix}{name}.")
-        else:
-            yield f"{prefix}{name}"
 
 
 def field_named(model: type[Settings], name: str) -> FieldInfo | None:
@@ -197,7 +187,7 @@ def field_named(model: type[Settings], name: str) -> FieldInfo | None:
 
 def nearest_name(model: type[Settings], name: str) -> str | None:
     """The setting or section of a model most similar to a dotted name; None if none is similar."""
-    known = list(all_names(model))
+    known = list(affected(model))
     sections = {known_name.rsplit(".", 1)[0] for known_name in known}
     if "." not in name:
         near = difflib.get_close_matches(name, sorted(sections), n=1, cutoff=0.5)
@@ -241,7 +231,7 @@ def _mistake(
 ) -> Message:
     location = [str(part) for part in problem["loc"]]
     name = ".".join(location)
-    known = set(all_names(model))
+    known = affected(model)
     setting = next(
         (".".join(location[:n]) for n in range(len(location), 0, -1) if ".".join(location[:n]) in known), name
     )

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from pipelines.config import Config, describe, load_config, parse_override
 from studio.capture.settings import CaptureSettings
 from studio.errors import StudioError
-from studio.settings import all_names
+from studio.settings import affected
 from studio.yaml_text import dump_yaml
 from tests.support.errors import refuses
 
@@ -38,7 +38,7 @@ def test_description_is_a_configuration_with_the_same_values(tmp_path):
     config = load_config(write(tmp_path, text))
     assert config.train.max_splats == 1234
     assert config.bake.attribute_qps == {"sh": 30}
-    assert all(f"{name.rsplit('.', 1)[-1]}:" in text for name in all_names(Config))
+    assert all(f"{name.rsplit('.', 1)[-1]}:" in text for name in affected(Config))
     assert "[0 to 51]" in text
     assert "[one of random, black, white]" in text
 
