@@ -24,7 +24,9 @@ def memory_limit() -> int:
     """Bytes that this process may use: the least of the machine's memory, its cgroup's limit, `ulimit -v` and `-d`."""
     import psutil
 
-    return min([int(psutil.virtual_memory().total), *_cgroup_limits(), *_session_limits()])
+    session = [resource.getrlimit(kind)[0] for kind in (resource.RLIMIT_AS, resource.RLIMIT_DATA)]
+    set_ = [limit for limit in session if limit != resource.RLIM_INFINITY]
+    return min(int(psutil.virtual_memory().total), *_cgroup_limits(), *set_)
 
 
 def memory_available() -> int:
@@ -73,8 +75,10 @@ def is_out_of_memory(error: BaseException) -> bool:
     """Whether an error of Python, PyTorch (on the CPU or a GPU) or OpenCV says that memory ran out."""
     if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
         return True
+    import cv2
+
     words = ("can't allocate memory", "not enough memory", "out of memory", "Insufficient memory", "std::bad_alloc")
-    return isinstance(error, (RuntimeError, OSError, _cv2_error())) and any(word in str(error) for word in words)
+    return isinstance(error, (RuntimeError, OSError, cv2.error)) and any(word in str(error) for word in words)
 
 
 def gpu_out_of_memory(error: BaseException) -> str | None:
@@ -89,17 +93,6 @@ def gpu_out_of_memory(error: BaseException) -> str | None:
     named = re.search(r"\bGPU (\d+)\b", str(error))  # as PyTorch's allocator says
     about = torch.cuda.get_device_properties(int(named[1]) if named else torch.cuda.current_device())
     return f"{about.name} ({about.total_memory / 1e9:.1f} GB)"
-
-
-def _cv2_error() -> type[BaseException]:
-    import cv2
-
-    return cv2.error
-
-
-def _session_limits() -> list[int]:
-    limits = (resource.getrlimit(kind)[0] for kind in (resource.RLIMIT_AS, resource.RLIMIT_DATA))
-    return [limit for limit in limits if limit != resource.RLIM_INFINITY]
 
 
 def _cgroup_limits() -> list[int]:

@@ -45,8 +45,6 @@ def keep_freed_memory() -> None:
     a mask, and a part of each training step. Up to 256 MiB per pool of the C library are kept. Without glibc, and if
     the environment sets one of its MALLOC variables, this does nothing.
     """
-    import ctypes
-
     if platform.libc_ver()[0] != "glibc" or any(name.startswith("MALLOC_") for name in os.environ):
         return
     mallopt = ctypes.CDLL(None).mallopt
