@@ -20,7 +20,7 @@ from studio.training.settings import GROUP_SIZE, TrainSettings
 class GroupSettings(Settings):
     """Where groups begin."""
 
-    group_size: Annotated[int, Heading("Groups"), Affects()] = Field(default=GROUP_SIZE, ge=1, le=1000)
+    group_size: Annotated[int, Heading("Groups"), Affects("grouping")] = Field(default=GROUP_SIZE, ge=1, le=1000)
     """Maximum number of frames per group. Groups are shorter where the performer moves fast: a group's frames are not
     farther from its keyframe than about half the performer's size. The frame in the middle is trained first, as a
     keyframe, and the frames after and before it follow. The paper uses 20, and begins with the keyframe."""
