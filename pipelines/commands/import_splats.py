@@ -48,8 +48,8 @@ def _import(arguments: argparse.Namespace) -> int:
     from studio.formats.baking import bake_video
     from studio.formats.sequence import open_import
 
-    config = load_config(None, arguments.overrides)
     _refuse_unused(arguments.overrides)
+    config = load_config(None, arguments.overrides)
     with working("read", arguments) as progress:
         video = open_import(arguments.source, arguments.fps, progress)
     for note in video.notes:
@@ -79,9 +79,10 @@ def _refuse_unused(overrides: list[tuple[str, Any]]) -> None:
     from studio.errors import StudioError
     from studio.settings import COMMAND_LINE, affected
 
-    used = ["train.group_size", "run.threads", *(name for name, made in affected(Config).items() if "videos" in made)]
+    results = affected(Config)
+    used = ["train.group_size", "run.threads", *(name for name, made in results.items() if "videos" in made)]
     for name, value in overrides:
-        if name not in used:
+        if name in results and name not in used:
             problem, fix = f"{name} has no effect on an import", f"Leave it out. These have one: {', '.join(used)}."
             fields = {"setting": name}
             raise StudioError("import.setting_not_used", problem, file=COMMAND_LINE, value=value, fix=fix, **fields)

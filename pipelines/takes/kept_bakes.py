@@ -118,9 +118,9 @@ def _settings_of(params: dict[str, JsonValue]) -> dict[str, JsonValue]:
 
 @functools.cache
 def _of_training() -> frozenset[str]:
-    """The settings that training depends on."""
+    """The settings that training depends on. Of `capture.frames`, its record has the frames instead."""
     later = {"videos", "manifest", "sound", "evaluation"}
-    return frozenset(name for name, results in affected(Config).items() if not later.issuperset(results))
+    return frozenset(name for name, made in affected(Config).items() if not later.issuperset(made)) | {"capture.frames"}
 
 
 def _kept(

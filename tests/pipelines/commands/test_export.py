@@ -121,7 +121,7 @@ def test_videogs_there_and_back(here, take, tmp_path):
     options = ("--fps", "12.5", "--bake.quality", "0", "--up", "0,0,2")
     done = here("import", tmp_path / "vgs", "--out", tmp_path / "back", *options, "--bake.first_group_size", "2").ok()
     assert "back: 5 frames in 3 groups, " in done.stdout
-    for unused in (("--train.dilation", "0.2"), ("--bake.view_range", "none")):
+    for unused in (("--train.dilation", "3"), ("--bake.view_range", "none")):
         done = here("import", tmp_path / "vgs", "--out", tmp_path / "other", *unused, "--json").fails(code=2)
         assert done.events[-1].code == "import.setting_not_used"
     with StreamReader.open(tmp_path / "back") as reader:
