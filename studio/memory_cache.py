@@ -65,6 +65,8 @@ class MemoryCache(Generic[Key, Value]):
                     return self._values[key]
             value = make(key)
             self.put(key, value)
+            with self._lock:
+                self._making.pop(key, None)
             return value
 
     def drop(self, key: Key) -> None:

@@ -148,8 +148,7 @@ def distances(cameras: Mapping[str, Camera], pairs: Iterable[PairMatches]) -> di
 def _fundamental(first: Camera, second: Camera) -> np.ndarray:
     """(3, 3) matrix F with x2' F x1 = 0."""
     motion = second.world_to_camera @ np.linalg.inv(first.world_to_camera)
-    x, y, z = motion[:3, 3]
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    cross = np.cross(np.eye(3), motion[:3, 3])
     return np.asarray(np.linalg.inv(second.K).T @ cross @ motion[:3, :3] @ np.linalg.inv(first.K))
 
 

@@ -84,9 +84,10 @@ def judge(
         verdict = verdict.model_copy(update={"grade": "wrong"})
     elif contradicting and verdict.grade != "wrong":
         others = [name for name in contradicting if name not in verdict.doubtful]
+        words = [f"The masks of {cameras_listed(others)} contradict the others."] if others else []
         verdict = RigVerdict(
             grade="usable",
-            reason=" ".join(filter(None, (verdict.reason, _contradiction(others)))),
+            reason=" ".join([verdict.reason, *words]),
             fix=verdict.fix or "Look at these masks, check that these cameras are in time, or leave them out.",
             doubtful=(*verdict.doubtful, *others),
             blamed=verdict.blamed or "masks",
@@ -282,12 +283,6 @@ def _cause_of_some(evidence: _Evidence, alone: Sequence[str], exchanged: Sequenc
     if alone:
         fixes.append(f"Leave {listed(alone)} out with capture.cameras, or calibrate again.")
     return words, " ".join(fixes)
-
-
-def _contradiction(names: Sequence[str]) -> str:
-    if not names:
-        return ""
-    return f"The masks of {cameras_listed(names)} contradict the others."
 
 
 def _best_scale(

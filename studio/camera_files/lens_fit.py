@@ -1,6 +1,6 @@
 """Approximation of lens models that OpenCV does not support by OpenCV's rational model."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -9,16 +9,20 @@ from studio.validation import camera_error
 _TOLERANCE = 0.25  # maximum allowed difference from the original model within the image, in pixels
 
 
-def fit_rational(radial: Callable[[np.ndarray], np.ndarray], reach: float, focal: float, camera: str) -> np.ndarray:
-    """(8,) coefficients of OpenCV's rational model, k1 k2 p1 p2 k3 k4 k5 k6 with p1 = p2 = 0, fitted to another radial
-    model.
+def fit_rational(k: Sequence[float], K: np.ndarray, size: tuple[int, int], camera: str) -> np.ndarray:
+    """(8,) coefficients of OpenCV's rational model, k1 k2 p1 p2 k3 k4 k5 k6 with p1 = p2 = 0, fitted to a polynomial.
 
-    `radial` maps undistorted radii r (N,) in normalized coordinates to the factors that multiply them; `focal` is the
-    focal length in pixels, for the tolerance.
+    That multiplies undistorted radii r in normalized coordinates by 1 + k1 r^2 + k2 r^4 + k3 r^6 + k4 r^8. K, (3, 3),
+    and `size`, width and height, are in pixels.
     """
     from scipy.optimize import least_squares
 
-    r = np.linspace(0, reach, 200)
+    def radial(r: np.ndarray) -> np.ndarray:
+        s = r * r
+        return 1 + s * (k[0] + s * (k[1] + s * (k[2] + s * k[3])))
+
+    focal = float(min(K[0, 0], K[1, 1]))
+    r = np.linspace(0, _reach_of(radial, focal, K[:2, 2], np.array(size)), 200)
     wanted = r * radial(r)
 
     def bend(k: np.ndarray) -> np.ndarray:
@@ -29,19 +33,18 @@ def fit_rational(radial: Callable[[np.ndarray], np.ndarray], reach: float, focal
     s, factor = r * r, radial(r)
     columns = np.column_stack([s, s**2, s**3, -s * factor, -(s**2) * factor, -(s**3) * factor]) * r[:, None]
     start = np.linalg.lstsq(columns, (factor - 1) * r, rcond=None)[0]
-    k = least_squares(lambda k: focal * (bend(k) - wanted), start, method="lm", max_nfev=5000).x
-    if np.abs(focal * (bend(k) - wanted)).max() > _TOLERANCE:
+    found = least_squares(lambda k: focal * (bend(k) - wanted), start, method="lm", max_nfev=5000).x
+    if np.abs(focal * (bend(found) - wanted)).max() > _TOLERANCE:
         fix = "Export the cameras with at most three radial terms, or undistort the images."
         raise camera_error("camera.lens_model", camera, "OpenCV's lens models cannot express its distortion", fix=fix)
-    return np.array([k[0], k[1], 0, 0, k[2], k[3], k[4], k[5]])
+    return np.array([*found[:2], 0, 0, *found[2:]])
 
 
-def reach_of(points: Callable[[np.ndarray], np.ndarray], focal: float, offset: np.ndarray, size: np.ndarray) -> float:
-    """Largest undistorted radius in an image, in normalized coordinates; `points` maps undistorted radii r (N,) to the
-    factors that multiply them. Focal length, (2,) principal point from the upper left corner, and (2,) size are in
-    pixels."""
+def _reach_of(radial: Callable[[np.ndarray], np.ndarray], focal: float, offset: np.ndarray, size: np.ndarray) -> float:
+    """Largest undistorted radius in an image, in normalized coordinates. Focal length, (2,) principal point from the
+    upper left corner, and (2,) size are in pixels."""
     corners = np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) * size - offset
     far = float(np.linalg.norm(corners, axis=1).max()) / focal
     r = np.linspace(0, 3 * far, 3000)
-    beyond = np.flatnonzero(r * points(r) >= far)
+    beyond = np.flatnonzero(r * radial(r) >= far)
     return float(r[beyond[0]]) if len(beyond) else far

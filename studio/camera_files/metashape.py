@@ -17,7 +17,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from studio.camera_files.common import camera_names, check_pose, rigid_inverse, wrong_shape
-from studio.camera_files.lens_fit import fit_rational, reach_of
+from studio.camera_files.lens_fit import fit_rational
 from studio.cameras import Camera, Rig, focal_length_error
 from studio.counts import cameras_listed
 from studio.errors import StudioError, naming
@@ -193,12 +193,7 @@ def _distortion(K: np.ndarray, width: int, height: int, k: list[float], p1: floa
         distortion = np.array([k[0], k[1], p2, p1, k[2]])
         return distortion if distortion.any() else np.zeros(0)
 
-    def radial(r: np.ndarray) -> np.ndarray:
-        s = r * r
-        return 1 + s * (k[0] + s * (k[1] + s * (k[2] + s * k[3])))
-
-    focal = float(min(K[0, 0], K[1, 1]))
-    distortion = fit_rational(radial, reach_of(radial, focal, K[:2, 2], np.array([width, height])), focal, name)
+    distortion = fit_rational(k, K, (width, height), name)
     distortion[2:4] = p2, p1
     return distortion
 

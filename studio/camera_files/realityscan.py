@@ -13,7 +13,7 @@ import numpy as np
 
 from studio.camera_files.common import camera_names, read_csv, rigid_inverse
 from studio.camera_files.keyed import NO_DISTORTION
-from studio.camera_files.lens_fit import fit_rational, reach_of
+from studio.camera_files.lens_fit import fit_rational
 from studio.camera_files.nearby import size_nearby
 from studio.cameras import OPENGL_AXES, Camera, Rig, focal_length_error
 from studio.counts import cameras_listed
@@ -47,6 +47,8 @@ def read_realityscan(path: Path) -> Rig:
 
 
 def _camera(name: str, row: dict[str, str], size: tuple[int, int]) -> Camera:
+    from scipy.spatial.transform import Rotation
+
     value = {key: number(row, key, name) for key in COLUMNS[1:]}
     value |= {key: number(row, key, name, 0.0) for key in _LENS}
     if value["t1"] or value["t2"]:
@@ -58,28 +60,12 @@ def _camera(name: str, row: dict[str, str], size: tuple[int, int]) -> Camera:
     focal = value["f"] * side / 36.0
     if focal <= 0:
         raise focal_length_error(name, value["f"])
-    middle = np.array([width / 2 + value["px"] * side, height / 2 + value["py"] * side])
+    middle = width / 2 + value["px"] * side, height / 2 + value["py"] * side
     K = np.array([[focal, 0, middle[0]], [0, focal, middle[1]], [0, 0, 1]])
-    turn = _rotation(value["heading"], value["pitch"], value["roll"]) @ OPENGL_AXES[:3, :3]
-    pose = np.column_stack([turn, [value["x"], value["y"], value["alt"]]])
+    turn = Rotation.from_euler("ZXY", [-value["heading"], value["pitch"], value["roll"]], degrees=True).as_matrix()
+    pose = np.column_stack([turn @ OPENGL_AXES[:3, :3], [value["x"], value["y"], value["alt"]]])
     k = [value[f"k{i}"] for i in (1, 2, 3, 4)]
     distortion = np.array([k[0], k[1], 0.0, 0.0, k[2]]) if any(k) else np.zeros(0)
     if k[3]:
-
-        def radial(r: np.ndarray) -> np.ndarray:
-            s = r * r
-            return 1 + s * (k[0] + s * (k[1] + s * (k[2] + s * k[3])))
-
-        distortion = fit_rational(radial, reach_of(radial, focal, middle, np.array([width, height])), focal, name)
+        distortion = fit_rational(k, K, size, name)
     return Camera(name, width, height, K, rigid_inverse(pose), distortion)
-
-
-def _rotation(heading: float, pitch: float, roll: float) -> np.ndarray:
-    """Camera (x right, y up, z back) to world; angles in degrees."""
-    (ch, cp, cr), (sh, sp, sr) = (
-        [function(np.radians(angle)) for angle in (-heading, pitch, roll)] for function in (np.cos, np.sin)
-    )
-    about_z = np.array([[ch, -sh, 0], [sh, ch, 0], [0, 0, 1]])
-    about_x = np.array([[1, 0, 0], [0, cp, -sp], [0, sp, cp]])
-    about_y = np.array([[cr, 0, sr], [0, 1, 0], [-sr, 0, cr]])
-    return about_z @ about_x @ about_y

@@ -147,8 +147,7 @@ def _named_by_cameras(root: Path) -> tuple[str, list[Match]] | None:
 def named_in(path: Path) -> set[str]:
     """Names without extension of the images in a transforms.json; empty if there is none."""
     try:
-        entries = parse_json(read_bounded(path))["frames"]
-        return {Path(entry["file_path"]).stem for entry in entries}
+        return {Path(entry["file_path"]).stem for entry in parse_json(read_bounded(path))["frames"]}
     except (OSError, ValueError, KeyError, TypeError):
         return set()
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -214,12 +215,10 @@ class Footage:
         warp = self._warp(camera)
         if warp.is_identity:
             return raw.copy()
-        key = ("plate", camera)
-        cached = self._cache.get(key)
-        if cached is None:
-            cached = (warp.apply(raw, self._maps(camera, warp), smooth=True),)
-            self._cache.put(key, cached)
-        return cached[0].copy()
+        (plate,) = self._cache.get_or_make(
+            ("plate", camera), lambda _: (warp.apply(raw, self._maps(camera, warp), smooth=True),)
+        )
+        return plate.copy()
 
     def chroma(self, camera: str, full_size: bool = False) -> ChromaSampling | None:
         """Chroma grid of a camera's images, or of those of `full_size_view`; None without subsampling, for image files,
@@ -248,11 +247,9 @@ class Footage:
 
     def with_mask_source(self, mask_source: MaskSource) -> Footage:
         """The same footage with another mask source, such as a `FunctionMaskSource`."""
-        return Footage(
-            self.spec, self._sources, self.frames, self.held_out_cameras, self.fps, mask_source,
-            self._exact_mask_source, self._warps, self._pool, image_cache(self._cache.limit), self.description,
-            self.problems, self.sound, self._garbage, self.without_masks,
-        )  # fmt: skip
+        other = copy.copy(self)
+        other.mask_source, other._cache, other._digests = mask_source, image_cache(self._cache.limit), {}
+        return other
 
     def _source(self, camera: str) -> FrameSource:
         source = self._sources.get(camera)
@@ -266,13 +263,8 @@ class Footage:
         return self.mask_source.plate(camera) if isinstance(self.mask_source, ShowsSet) else None
 
     def _raw(self, camera: str, frame: int) -> np.ndarray:
-        key = ("raw", camera, frame)
-        cached = self._cache.get(key)
-        if cached is not None:
-            return cached[0]
-        raw = self._source(camera).read(frame)
-        self._cache.put(key, (raw,))
-        return raw
+        source = self._source(camera)
+        return self._cache.get_or_make(("raw", camera, frame), lambda _: (source.read(frame),))[0]
 
     def _image(self, camera: str, frame: int) -> np.ndarray:
         warp = self._warp(camera)
@@ -332,17 +324,13 @@ class Footage:
     def _maps(self, camera: str, warp: Warp) -> tuple[np.ndarray, np.ndarray] | None:
         if warp.source.is_pinhole:
             return None
-        cached = self._undistortion_maps.get(camera)
-        if cached is None:
-            cached = warp.maps()
-            self._undistortion_maps.put(camera, cached)
-        return cached[0], cached[1]
+        first, second = self._undistortion_maps.get_or_make(camera, lambda _: warp.maps())
+        return first, second
 
     def _warp(self, camera: str) -> Warp:
         source = self._source(camera)
         if self._warps is not None:
             return self._warps[camera]
         # Without calibration, images are only scaled; any pinhole camera of that size will do.
-        K = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]])
-        plain = Camera(camera, source.width, source.height, K, np.eye(4))
-        return Warp(replace(plain), source.width, source.height, self.spec.scale)
+        plain = Camera(camera, source.width, source.height, np.eye(3), np.eye(4))
+        return Warp(plain, source.width, source.height, self.spec.scale)

@@ -105,7 +105,7 @@ def open_footage(
     cache = image_cache(limit if most_cached is None else min(limit, most_cached))
     masked = frames if strict else ()  # frames that must have a mask
     garbage = garbage_masks(spec, tuple(sources), pool)
-    cameras = partial(_raw_cameras, spec, rig, sources, frames) if rig is not None else None
+    cameras = partial(_raw_cameras, spec, rig, sources) if rig is not None else None
     inputs = MaskInputs(spec, sources, masked, held_out, pool, cache_folder, device, threads, garbage, cameras)
     mask_source, mask_note = open_mask_source(inputs)
     notes.append(mask_note)
@@ -114,7 +114,7 @@ def open_footage(
     sources = _with_masks(spec, sources, unmasked, held_out)
     left_out = tuple(name for name in found if name not in sources and name in (*without_masks, *unmasked))
     notes += _mask_notes(left_out, [name for name in unmasked if name in held_out])
-    warps = _warps(spec, rig, sources, frames, notes) if rig is not None else None
+    warps = _warps(spec, rig, sources, notes) if rig is not None else None
     exact, exact_note = exact_masks(spec, evaluation_masks, held_out or tuple(sources), masked)
     notes.append(exact_note)
     notes.append(_held_out_note(held_out, tuple(sources)))
@@ -350,9 +350,7 @@ def _found(spec: CaptureSettings, pattern: str, sources: Mapping[str, FrameSourc
     return found
 
 
-def _warps(
-    spec: CaptureSettings, rig: Rig, sources: Mapping[str, FrameSource], frames: tuple[int, ...], notes: list[str]
-) -> dict[str, Warp]:
+def _warps(spec: CaptureSettings, rig: Rig, sources: Mapping[str, FrameSource], notes: list[str]) -> dict[str, Warp]:
     notes.extend(rig.notes)
     warps = {}
     for name, source in sources.items():
@@ -370,10 +368,8 @@ def _warps(
     return warps
 
 
-def _raw_cameras(
-    spec: CaptureSettings, rig: Rig, sources: Mapping[str, FrameSource], frames: tuple[int, ...]
-) -> dict[str, Camera]:
-    return {name: warp.source for name, warp in _warps(spec, rig, sources, frames, []).items()}
+def _raw_cameras(spec: CaptureSettings, rig: Rig, sources: Mapping[str, FrameSource]) -> dict[str, Camera]:
+    return {name: warp.source for name, warp in _warps(spec, rig, sources, []).items()}
 
 
 def find_cameras(spec: CaptureSettings) -> tuple[str, ...]:

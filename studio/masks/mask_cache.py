@@ -1,6 +1,7 @@
 """Disk cache for the masks of slow matting models."""
 
 import hashlib
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +20,16 @@ class MaskCache:
         digest.update(np.ascontiguousarray(image).data)
         return self._folder / f"mask_{digest.hexdigest()}.png"
 
-    def read(self, image: np.ndarray) -> np.ndarray | None:
-        """(H, W) uint8 mask of an (H, W, 3) uint8 image; None if it is not cached or its file is damaged."""
+    def get_or_make(self, image: np.ndarray, make: Callable[[], np.ndarray]) -> np.ndarray:
+        """The cached (H, W) uint8 mask of an (H, W, 3) uint8 image; if there is none, what `make` returns, which is
+        then cached. Raises OSError if the file cannot be written."""
+        mask = self._read(image)
+        if mask is None:
+            mask = make()
+            self._write(image, mask)
+        return mask
+
+    def _read(self, image: np.ndarray) -> np.ndarray | None:
         from PIL import Image
 
         try:
@@ -30,8 +39,7 @@ class MaskCache:
             return None
         return mask if mask.dtype == np.uint8 and mask.shape == image.shape[:2] else None
 
-    def write(self, image: np.ndarray, mask: np.ndarray) -> None:
-        """Cache the (H, W) uint8 `mask` of an image. Raises OSError if the file cannot be written."""
+    def _write(self, image: np.ndarray, mask: np.ndarray) -> None:
         from PIL import Image
 
         with atomic_path(self._path(image)) as temporary:

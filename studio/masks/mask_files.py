@@ -39,16 +39,6 @@ class FileMaskSource:
         """The cameras that have masks."""
         return tuple(self._sources)
 
-    def frames(self, camera: str) -> tuple[int, ...]:
-        """The frames for which `camera` has a mask."""
-        return tuple(self._sources[camera].frames)
-
-    def missing(self, camera: str, frames: tuple[int, ...]) -> list[int]:
-        """Those of `frames` for which `camera` has no mask."""
-        source = self._sources.get(camera)
-        have = set(source.frames) if source is not None else set()
-        return [frame for frame in frames if frame not in have]
-
     def values(self, camera: str) -> MaskValues:
         """What a camera's masks mean, from three of them. Raises StudioError: `mask.missing`, `mask.no_label`."""
         if camera not in self._values:
@@ -248,8 +238,8 @@ def _file_mask_source(
     lenient: bool = False,
 ) -> FileMaskSource:
     """Masks of the cameras `names`, one for each of `frames`; if `lenient`, half of the cameras may have none."""
-    mask_source = FileMaskSource(make_sources(matches, pool, offsets=spec.offsets, transfer="srgb"), labels)
-    without = [name for name in names if name not in mask_source.cameras] if frames else []
+    sources = make_sources(matches, pool, offsets=spec.offsets, transfer="srgb")
+    without = [name for name in names if name not in sources] if frames else []
     if without and not (lenient and 2 * len(without) <= len(names)):
         others = [name for name in names if name not in without]
         leave_out = f", or leave out these cameras: set capture.cameras to {inline_yaml(others)}" if others else ""
@@ -263,16 +253,17 @@ def _file_mask_source(
             kind=what,
             setting="capture.cameras",
         )
-    for name in names:
-        missing = mask_source.missing(name, frames) if name not in without else []
+    for name, source in sources.items():
+        have = set(source.frames)
+        missing = [frame for frame in frames if frame not in have] if name in names else []
         if missing:
             problem = (
                 f"Camera '{name}' has no {what} for {plural('frame', len(missing))} {number_ranges(missing)}, but for "
-                f"{number_ranges(list(mask_source.frames(name)))}"
+                f"{number_ranges(list(source.frames))}"
             )
             fix = "Add the missing files, or rename them to the numbers of the images."
             raise StudioError("mask.missing", problem, fix=fix, camera=name, frames=tuple(missing), kind=what)
-    return mask_source
+    return FileMaskSource(sources, labels)
 
 
 def exact_masks(

@@ -3,6 +3,7 @@
 import inspect
 import traceback
 from collections.abc import Collection, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Protocol, Self
 
@@ -84,11 +85,8 @@ class FunctionMaskSource:
                 `mask.function_output`: it did not return a mask of the image's size in 0..1.
         """
         image = np.ascontiguousarray(image[:, :, :3])
-        mask = self._cache.read(image) if self._cache is not None else None
-        if mask is None:
-            mask = self._compute(camera, frame, image)
-            if self._cache is not None:
-                self._cache.write(image, mask)
+        make = partial(self._compute, camera, frame, image)
+        mask = make() if self._cache is None else self._cache.get_or_make(image, make)
         inside = self._garbage.inside(camera, frame, image) if self._garbage is not None else None
         if inside is not None:
             mask = mask * inside.astype(np.uint8)

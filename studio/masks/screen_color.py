@@ -98,13 +98,15 @@ def find_screen(images: Sequence[np.ndarray], camera: str, key_color: Sequence[f
 
 def _dominant(colors: np.ndarray, weight: np.ndarray, camera: str) -> np.ndarray:
     """(N, 3): the `colors` of the dominant hue. Raises StudioError `mask.no_screen` if it covers too little."""
+    import cv2
+
     high, low = colors.max(axis=1), colors.min(axis=1)
     saturation = (high - low) / np.maximum(high, 1.0)
     vivid = (saturation > _LEAST_SATURATION) & (high > 30)
     chosen = vivid
     share = 0.0
     if vivid.any():
-        hue = _hue(colors)
+        hue = cv2.cvtColor(colors[None] / np.float32(255.0), cv2.COLOR_RGB2HSV)[0, :, 0] / 360.0
         index = (hue * _HUES).astype(np.int64) % _HUES
         votes = np.bincount(index[vivid], weights=(weight * saturation)[vivid], minlength=_HUES)
         smooth = sum(np.roll(votes, step) for step in (-2, -1, 0, 1, 2))
@@ -120,14 +122,6 @@ def _dominant(colors: np.ndarray, weight: np.ndarray, camera: str) -> np.ndarray
         fix = "Set capture.key_color, or choose another source of masks in capture.masks."
         raise StudioError("mask.no_screen", problem, value=share, fix=fix, camera=camera, setting="capture.key_color")
     return colors[chosen]
-
-
-def _hue(colors: np.ndarray) -> np.ndarray:
-    """(N,) hue in 0..1 of (N, 3) float32 colors."""
-    import cv2
-
-    hsv = cv2.cvtColor(colors[None] / np.float32(255.0), cv2.COLOR_RGB2HSV)
-    return hsv[0, :, 0] / 360.0
 
 
 def _screen_of(colors: np.ndarray) -> Screen:

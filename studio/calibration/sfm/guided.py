@@ -53,8 +53,8 @@ def write_guided_matches(each: Path, merged: Path, out: Path, model: Any, job: S
         if poses[first][2, :3] @ poses[second][2, :3] < np.cos(np.radians(_WIDEST)):
             continue
         turn = poses[second][:, :3] @ poses[first][:, :3].T
-        x, y, z = poses[second][:, 3] - turn @ poses[first][:, 3]
-        essential = (np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ turn).astype(np.float32)
+        shift = poses[second][:, 3] - turn @ poses[first][:, 3]
+        essential = (np.cross(np.eye(3), shift) @ turn).astype(np.float32)
         width = 2 * band / (cameras[first].mean_focal_length() + cameras[second].mean_focal_length())
         together, start = [], np.zeros(2, int)
         for a, b, ray, other in zip(codes[first], codes[second], rays[first], rays[second], strict=True):

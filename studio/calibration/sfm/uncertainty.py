@@ -39,11 +39,11 @@ def uncertainties(model: Any, job: SfmJob, threads: int, *, centers: bool) -> di
     slopes, gauge = np.zeros((len(images), 6, 6)), np.zeros((len(images), 6, 7))
     for number, pose in enumerate(poses):
         back = pose[:, :3].T
-        slopes[number, :3, :3] = -2 * back @ _cross(pose[:, 3])  # Ceres takes half of a turn
+        slopes[number, :3, :3] = -2 * back @ np.cross(np.eye(3), pose[:, 3])  # Ceres takes half of a turn
         slopes[number, :3, 3:] = -back
         slopes[number, 3:, :3] = -2 * back
         away = centers3d[number] - centers3d.mean(0)
-        gauge[number, :3] = np.c_[np.eye(3), -_cross(away), away]
+        gauge[number, :3] = np.c_[np.eye(3), -np.cross(np.eye(3), away), away]
         gauge[number, 3:, 3:6] = np.eye(3)
     blocks = [[_covariance(found, one, other) for other in images] for one in images]
     spread = np.einsum("aij,abjk,blk->aibl", slopes, np.array(blocks), slopes).reshape(6 * len(images), -1)
@@ -62,8 +62,3 @@ def _covariance(found: Any, one: int, other: int) -> np.ndarray:
     if one == other:
         return np.asarray(found.get_cam_cov_from_world(one))
     return np.asarray(found.get_cam_cross_cov_from_world(one, other))
-
-
-def _cross(v: np.ndarray) -> np.ndarray:
-    """(3, 3) matrix of the cross product with a vector."""
-    return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])

@@ -111,17 +111,14 @@ class AgreedMaskSource(MaskSource):
         if self._cameras is None:
             return self._plates.mask(camera, frame, image)
         image = np.ascontiguousarray(image[:, :, :3])
-        cache = None
-        if self._cache is not None:
-            recipe, _, folder = self._cache
-            cache = MaskCache(folder / "masks", f"agreed {recipe} {frame}")
-        found = cache.read(image) if cache is not None else None
-        if found is None:
-            solid = self._agreed.get_or_make(frame, self.agree)[camera]
-            found = self._outlined(camera, image, solid)
-            if cache is not None:
-                cache.write(image, found)
-        return found
+
+        def make() -> np.ndarray:
+            return self._outlined(camera, image, self._agreed.get_or_make(frame, self.agree)[camera])
+
+        if self._cache is None:
+            return make()
+        recipe, _, folder = self._cache
+        return MaskCache(folder / "masks", f"agreed {recipe} {frame}").get_or_make(image, make)
 
     def files(self) -> list[Path]:
         return self._plates.files() + (self._model.files() if self._model else [])
