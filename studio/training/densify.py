@@ -9,7 +9,6 @@ from studio.gaussians import Gaussians
 from studio.rasterizer.contribution import contribution
 from studio.torch_rotations import rotate_vectors
 from studio.training.details import detail_weights
-from studio.training.relocate import Relocation
 from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
 from studio.training.step import Stepper
@@ -19,13 +18,6 @@ _MIN_OPACITY = 0.005
 RESET_EVERY = 3_000  # steps between opacity resets, as in 3DGS; there are none in the last quarter of densification
 _RESET_OPACITY = 0.01
 _HUGE_SHARE = 0.1  # splats larger than this fraction of the scene extent are removed
-
-
-def density_control(stepper: Stepper, extent: float, settings: TrainSettings) -> DensityControl | Relocation:
-    """The densification strategy selected by `settings.strategy`; arguments as for `DensityControl`."""
-    if settings.strategy == "mcmc":
-        return Relocation(settings, stepper.views[0].details)
-    return DensityControl(stepper, extent, settings)
 
 
 class DensityControl:

@@ -60,7 +60,6 @@ class GroupRun(ABC):
         self,
         progress: ProgressFn = no_progress,
         checkpoint: CheckpointFn | None = None,
-        checkpoint_every: int | None = None,
         resume: Checkpoint | None = None,
     ) -> None:
         """Run all steps.
@@ -68,17 +67,16 @@ class GroupRun(ABC):
         Args:
             progress: called with completed and total steps, `phase`, and regularly also with `loss`, `psnr` (dB) and
                 `splats`.
-            checkpoint: called with step and complete state every `checkpoint_every` steps, but not after the last.
-            checkpoint_every: steps between these calls, at least 1; None for `CHECKPOINT_EVERY`.
+            checkpoint: called with step and complete state every `CHECKPOINT_EVERY` steps, but not after the last.
             resume: a checkpoint of the same inputs. The result equals that of an uninterrupted run.
         """
-        every = constants.CHECKPOINT_EVERY if checkpoint_every is None else checkpoint_every
         if resume is not None:
             self.restore(resume)
         while self.done < self.iterations:
             figures = self.step()
             progress(self.done, self.iterations, phase=self.phase, **figures)
-            if checkpoint is not None and self.done % every == 0 and self.done < self.iterations:
+            due = self.done % constants.CHECKPOINT_EVERY == 0 and self.done < self.iterations
+            if checkpoint is not None and due:
                 checkpoint(self.done, self.state())
 
     def step(self) -> dict[str, float]:

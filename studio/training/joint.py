@@ -64,7 +64,6 @@ def train_jointly(
     seed: int = 0,
     progress: ProgressFn = no_progress,
     checkpoint: CheckpointFn | None = None,
-    checkpoint_every: int | None = None,
     resume: Checkpoint | None = None,
 ) -> list[Gaussians]:
     """Train all frames of a group together, without the splats that hardly contribute to any image.
@@ -75,7 +74,7 @@ def train_jointly(
         settings: see `TrainSettings`; `joint_iterations` steps per frame.
         keyframe_off: see `train_interframe`.
         seed: equal seeds and inputs give equal splats, bit for bit.
-        progress, checkpoint, checkpoint_every, resume: see `GroupRun.train`.
+        progress, checkpoint, resume: see `GroupRun.train`.
 
     Returns:
         Detached splats of each frame, `splats_needed` in their order. Those of a part of the group (`parts_of`) have
@@ -87,7 +86,7 @@ def train_jointly(
     """
     kept = splats_needed(frames, views)
     run = _Run([frame[kept] for frame in frames], views, settings, keyframe_off, seed)
-    run.train(progress, checkpoint, checkpoint_every, resume)
+    run.train(progress, checkpoint, resume)
     return run.result()
 
 

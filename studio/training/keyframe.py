@@ -12,10 +12,11 @@ from studio.gaussians import SH_C0, Gaussians
 from studio.progress import ProgressFn, no_progress
 from studio.rasterizer.contribution import contribution
 from studio.training import settings as constants
-from studio.training.densify import density_control
+from studio.training.densify import DensityControl
 from studio.training.details import detail_weights
 from studio.training.pruning import prune_rounds, pruned_in_round
 from studio.training.refine import Refinement
+from studio.training.relocate import Relocation
 from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
 from studio.training.step import Checkpoint, CheckpointFn, SnapshotFn, Stepper, part_of, regularized
@@ -74,7 +75,6 @@ def train_keyframe(
     snapshot: SnapshotFn | None = None,
     snapshot_every: int = 500,
     checkpoint: CheckpointFn | None = None,
-    checkpoint_every: int | None = None,
     resume: Checkpoint | None = None,
     compared: Callable[[Refinement], None] | None = None,
 ) -> Gaussians:
@@ -90,8 +90,7 @@ def train_keyframe(
             training crop) and `splats`.
         snapshot: called with the splats every `snapshot_every` steps.
         snapshot_every: steps between these calls.
-        checkpoint: called with the complete state every `checkpoint_every` steps.
-        checkpoint_every: steps between these calls, at least 1; None for `CHECKPOINT_EVERY`.
+        checkpoint: called with the complete state every `CHECKPOINT_EVERY` steps.
         resume: a checkpoint of the same inputs, settings and seed. The result equals that of an uninterrupted run.
         compared: called at the end, with how masks and splats compared before pruning; later frames need its `off`.
 
@@ -104,14 +103,13 @@ def train_keyframe(
         Cancelled: raised by `progress`.
     """
     run = _Run(views, points, colors, settings, seed, progress)
-    every = constants.CHECKPOINT_EVERY if checkpoint_every is None else checkpoint_every
     if resume is not None:
         run.restore(resume)
     while not run.finished:
         run.step()
         if snapshot is not None and run.done % snapshot_every == 0:
             snapshot(run.done, run.optimizer.gaussians.detach())
-        if checkpoint is not None and run.done % every == 0:
+        if checkpoint is not None and run.done % constants.CHECKPOINT_EVERY == 0:
             checkpoint(run.done, run.state())
     if compared is not None:
         compared(run.refinement)
@@ -138,7 +136,9 @@ class _Run:
         self.refinement = Refinement(self._stepper, settings)
         start = initial_gaussians(points, colors, settings.sh_degree, settings.dilation)
         self.optimizer = SplatOptimizer(start, settings.rates, self._extent)
-        self._density = density_control(self._stepper, self._extent, settings)
+        self._density: DensityControl | Relocation = DensityControl(self._stepper, self._extent, settings)
+        if settings.strategy == "mcmc":
+            self._density = Relocation(settings, self._details)
         self.done = 0
         self._rounds = prune_rounds(settings, min(len(start), settings.max_splats))
         self._pruned = 0
@@ -160,7 +160,8 @@ class _Run:
             if self.done == settings.keyframe_iterations:
                 self._rounds = prune_rounds(settings, len(self.optimizer))
             return
-        self._refine()
+        if settings.prune_finetune_iterations:
+            self.refinement.before_step(self.done - settings.keyframe_iterations, self.optimizer.gaussians)
         due = settings.keyframe_iterations + self._pruned * settings.prune_finetune_iterations
         if self._pruned < self._rounds and self.done == due:
             self._prune()
@@ -177,12 +178,6 @@ class _Run:
             importance = gaussians.logit_opacities if not self._details else gaussians.opacities
         importance = importance * detail_weights(gaussians.means, self._details)
         prune(optimizer, importance, pruned_in_round(settings, len(optimizer), self._pruned))
-
-    def _refine(self) -> None:
-        """Refine the masks if due."""
-        if self._settings.prune_finetune_iterations:
-            step = self.done - self._settings.keyframe_iterations
-            self.refinement.before_step(step, self.optimizer.gaussians)
 
     def _grow(self) -> None:
         settings, optimizer = self._settings, self.optimizer

@@ -107,7 +107,6 @@ def train_offsets(
     seed: int = 0,
     progress: ProgressFn = no_progress,
     checkpoint: CheckpointFn | None = None,
-    checkpoint_every: int | None = None,
     resume: Checkpoint | None = None,
 ) -> SplatOffsets:
     """Train offsets with the losses of keyframe fine-tuning (equation 7, opacity and scale, dropout).
@@ -117,13 +116,13 @@ def train_offsets(
         views: training views of each of these frames.
         kept: (M,) int64 indices of the splats to keep, ascending.
         seed: equal seeds and inputs give equal offsets, bit for bit.
-        progress, checkpoint, checkpoint_every, resume: see `GroupRun.train`.
+        progress, checkpoint, resume: see `GroupRun.train`.
 
     Raises:
         StudioError: `training.diverged`, `training.no_views`, `training.offsets_mismatch`.
     """
     run = _Run(frames, views, SplatOffsets.zeros(kept, sh_degree), settings, iterations, seed)
-    run.train(progress, checkpoint, checkpoint_every, resume)
+    run.train(progress, checkpoint, resume)
     return run.result()
 
 

@@ -70,9 +70,12 @@ def test_splats_that_no_image_needs_are_left_out(seen: list[list[TrainingView]])
         assert (one.means - frame.means[kept]).norm(dim=-1).max() < 0.05
 
 
-def test_it_resumes_from_each_checkpoint_bit_for_bit(noisy: list[Gaussians], seen: list[list[TrainingView]]) -> None:
+def test_it_resumes_from_each_checkpoint_bit_for_bit(
+    noisy: list[Gaussians], seen: list[list[TrainingView]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("studio.training.settings.CHECKPOINT_EVERY", 3)
     settings, kept = SETTINGS.replace(joint_iterations=2, dropout=0.3), Checkpoints()
-    whole = train_jointly(noisy, seen, settings, seed=4, checkpoint=kept, checkpoint_every=3)
+    whole = train_jointly(noisy, seen, settings, seed=4, checkpoint=kept)
     assert list(kept) == [3, 6], "not every frame has been trained at the first"
     for state in kept.values():
         assert all(map(same_splats, whole, train_jointly(noisy, seen, settings, seed=4, resume=state)))

@@ -37,9 +37,10 @@ def test_the_others_are_covered_in_all_frames_and_paths_stay(frames, seen):
     assert (tuned[0].scales > cut[0].scales).float().mean() > 0.8
 
 
-def test_offsets_resume_from_each_checkpoint_bit_for_bit(frames, seen):
+def test_offsets_resume_from_each_checkpoint_bit_for_bit(frames, seen, monkeypatch):
+    monkeypatch.setattr("studio.training.settings.CHECKPOINT_EVERY", 5)
     kept = Checkpoints()
-    whole = train_offsets(frames, seen, KEPT, 0, SETTINGS, 13, seed=4, checkpoint=kept, checkpoint_every=5)
+    whole = train_offsets(frames, seen, KEPT, 0, SETTINGS, 13, seed=4, checkpoint=kept)
     assert list(kept) == [5, 10]
     for state in kept.values():
         resumed = train_offsets(frames, seen, KEPT, 0, SETTINGS, 13, seed=4, resume=state)

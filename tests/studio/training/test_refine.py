@@ -114,10 +114,11 @@ def test_auto_keeps_exact_masks_and_refines_others(trained: Gaussians) -> None:
         assert all(torch.equal(one, other) for one, other in zip(found, masks, strict=True)) != refined
 
 
-def test_an_interrupted_keyframe_continues_to_the_same_bits() -> None:
+def test_an_interrupted_keyframe_continues_to_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("studio.training.settings.CHECKPOINT_EVERY", 5)
     views, _ = shadowed(plates=True)
     settings, kept = SETTINGS.replace(keyframe_iterations=30, prune_finetune_iterations=60, dilation=0.1), Checkpoints()
-    whole = train_keyframe(views, *start(), settings, checkpoint=kept, checkpoint_every=5)
+    whole = train_keyframe(views, *start(), settings, checkpoint=kept)
     for step in (30, 40, 55, 75):  # before, within and after the first masks; in the last part
         again = train_keyframe(views, *start(), settings, resume=kept[step])
         assert same_splats(whole, again)
