@@ -22,26 +22,21 @@ def check_image_pair(image: Tensor, target: Tensor) -> None:
         raise StudioError("metrics.image_shape", problem, value=shapes)
 
 
-def _check_mask(mask: Tensor, size: tuple[int, ...]) -> None:
-    if mask.shape != size:
-        problem = f"the mask has shape {tuple(mask.shape)}; expected {tuple(size)}"
-        raise StudioError("metrics.mask_shape", problem, value=tuple(mask.shape), expected=tuple(size))
-    if not mask.sum() > 0:
-        raise StudioError("metrics.mask_empty", "the mask is empty")
-
-
 def psnr(image: Tensor, target: Tensor, mask: Tensor | None = None) -> Tensor:
     """Peak signal-to-noise ratio in dB of (H, W, 3) images in 0 to 1, infinity for identical ones. `mask`: (H, W)
     weights, 0 to 1; None: equal. StudioError `metrics.image_shape`, `metrics.mask_shape` or `metrics.mask_empty`."""
     check_image_pair(image, target)
     squared = (image - target).square().mean(-1)
     if mask is None:
-        mean = squared.mean()
-    else:
-        _check_mask(mask, squared.shape)
-        weights = mask.to(squared)
-        mean = (squared * weights).sum() / weights.sum()
-    return -10.0 * torch.log10(mean)
+        return -10.0 * torch.log10(squared.mean())
+    if mask.shape != squared.shape:
+        found, size = tuple(mask.shape), tuple(squared.shape)
+        problem = f"the mask has shape {found}; expected {size}"
+        raise StudioError("metrics.mask_shape", problem, value=found, expected=size)
+    if not mask.sum() > 0:
+        raise StudioError("metrics.mask_empty", "the mask is empty")
+    weights = mask.to(squared)
+    return -10.0 * torch.log10((squared * weights).sum() / weights.sum())
 
 
 @functools.cache
@@ -73,16 +68,10 @@ def ssim_map(image: Tensor, target: Tensor) -> Tensor:
     return top / bottom
 
 
-def ssim(image: Tensor, target: Tensor, mask: Tensor | None = None) -> Tensor:
+def ssim(image: Tensor, target: Tensor) -> Tensor:
     """Structural similarity (Wang et al. 2004) with an 11x11 Gaussian window, sigma 1.5, as in 3DGS and VideoGS, of (H,
     W, 3) images in 0 to 1; at most 1, differentiable.
 
-    The image is zero-padded, channels are compared separately, and the map is averaged with `mask`, (H, W) weights of 0
-    to 1; None: all equal. StudioError as `psnr`.
+    The image is zero-padded, and channels are compared separately. StudioError: `metrics.image_shape`.
     """
-    values = ssim_map(image, target).mean(0)
-    if mask is None:
-        return values.mean()
-    _check_mask(mask, values.shape)
-    weights = mask.to(values)
-    return (values * weights).sum() / weights.sum()
+    return ssim_map(image, target).mean(0).mean()

@@ -24,9 +24,8 @@ def test_psnr_within_a_mask() -> None:
     mask[:2] = 1
     assert psnr(a, b, mask).item() == pytest.approx(20.0, abs=1e-4)
     assert psnr(a, b, mask.bool()).item() == pytest.approx(20.0, abs=1e-4)
-    for function in (psnr, ssim):
-        with refuses("metrics.mask_empty"):
-            function(a, b, torch.zeros(4, 4))
+    with refuses("metrics.mask_empty"):
+        psnr(a, b, torch.zeros(4, 4))
 
 
 def opencv_ssim(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -44,9 +43,6 @@ def test_ssim_is_opencvs() -> None:
     expected = opencv_ssim(a.numpy(), b.numpy())
     np.testing.assert_allclose(ssim_map(a, b).permute(1, 2, 0), expected, atol=1e-9)
     assert ssim(a, b).item() == pytest.approx(expected.mean())
-    mask = torch.zeros(31, 43)
-    mask[10:20, 5:30] = 1
-    assert ssim(a, b, mask).item() == pytest.approx(expected[10:20, 5:30].mean())
 
 
 def test_ssim_gradient() -> None:
@@ -62,4 +58,4 @@ def test_wrong_shapes(function) -> None:  # type: ignore[no-untyped-def]
     with refuses("metrics.image_shape", value=((31, 43), (31, 43))):
         function(a[..., 0], b[..., 0])
     with refuses("metrics.mask_shape", value=(3, 3), expected=(31, 43)):
-        function(a, b, torch.ones(3, 3))
+        psnr(a, b, torch.ones(3, 3))
