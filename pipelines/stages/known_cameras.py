@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 from studio.calibration.settings import CalibrateSettings
 from studio.errors import StudioError, naming
-from studio.storage import whole_file
+from studio.storage import whole_files
 
 if TYPE_CHECKING:
     from studio.cameras import Camera, Rig
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def named_file(section: CalibrateSettings, setting: Literal["known_cameras", "tie_points"], root: Path) -> Path:
     """The file that one of these settings names."""
     name = getattr(section, setting)
-    path: Path = whole_file(root / name)
+    path: Path = whole_files([root / name])[0]
     if not path.exists():
         fix = f"Fix calibrate.{setting}; relative paths start at capture.root."
         raise StudioError(

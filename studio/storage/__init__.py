@@ -5,10 +5,7 @@ Nothing here imports fsspec until an address such as s3://bucket/folder is opene
 
 from studio.storage.address import StoreAddress, is_address
 from studio.storage.mirror import mirrored
-from studio.storage.objects import CachedObject, cached_object, whole_file, whole_files
+from studio.storage.objects import CachedObject, cached_object, whole_files
 from studio.storage.store import Store
 
-__all__ = [
-    "CachedObject", "Store", "StoreAddress", "cached_object", "is_address", "mirrored", "whole_file",
-    "whole_files",
-]  # fmt: skip
+__all__ = ["CachedObject", "Store", "StoreAddress", "cached_object", "is_address", "mirrored", "whole_files"]

@@ -79,28 +79,19 @@ class DiskCache:
             return int(DEFAULT_GIGABYTES * 1e9)
 
     def _evict(self, limit: int) -> None:
-        found: list[tuple[float, int, str]] = []
-        for folder in self._folders():
+        found: list[tuple[float, int, Path]] = []
+        for path in self.folder.glob("objects/*/*"):
             with suppress(FileNotFoundError):
-                for entry in os.scandir(folder):
-                    with suppress(FileNotFoundError):
-                        state = entry.stat()
-                        found.append((state.st_mtime, state.st_blocks * 512, entry.path))
+                state = path.stat()
+                found.append((state.st_mtime, state.st_blocks * 512, path))
         total = sum(size for _, size, _ in found)
         if total <= limit:
             return
         for _, size, path in sorted(found):
-            with suppress(FileNotFoundError):
-                os.unlink(path)
+            path.unlink(missing_ok=True)
             total -= size
             if total <= limit * _KEEP:
                 return
-
-    def _folders(self) -> list[Path]:
-        try:
-            return [Path(entry.path) for entry in os.scandir(self.folder / "objects")]
-        except FileNotFoundError:
-            return []
 
 
 @cache

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
 
-from studio.atomic_files import atomic_path, write_bytes
+from studio.atomic_files import write_bytes
 from studio.errors import StudioError, show_as
 from studio.storage.cache import cache_folder, cache_gigabytes, disk_cache, locked
 from studio.storage.objects import Pointer, pointer_bytes, read_pointer
@@ -73,8 +73,7 @@ def _update(root: Path, store: Store, entries: dict[str, Entry], cache: str) -> 
 def _fetch(path: Path, pointer: Pointer, store: Store) -> None:
     data = store.read(pointer.path, 0, pointer.size)
     with _named(store, pointer.path):
-        with atomic_path(path) as temporary:
-            temporary.write_bytes(data)
+        write_bytes(path, data)
         write_bytes(_beside(path), pointer_bytes(pointer))
 
 

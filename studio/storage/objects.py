@@ -15,7 +15,8 @@ import json
 import os
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -145,24 +146,26 @@ class CachedObject:
             self._store = Store(self._pointer.store)
         begin, end = first * BLOCK, min(stop * BLOCK, self.size)
         data = self._store.read(self._pointer.path, begin, end)
-        try:
+        with _room(self._cache.folder):
             written = 0
             while written < len(data):
                 written += os.pwrite(self._file, memoryview(data)[written:], begin + written)
             os.fdatasync(self._file)
             os.pwrite(self._file, b"\1" * (stop - first), self.size + first)
             self._cache.added(len(data))
-        except OSError as error:
-            if error.errno not in (errno.ENOSPC, errno.EDQUOT):
-                raise
-            raise cache_full(self._cache.folder) from None
 
 
-def cache_full(folder: Path) -> StudioError:
-    """The error when the disk of the cache is full."""
-    problem = "the disk is full, so that footage cannot be fetched"
-    fix = "Free some space, lower V3STUDIO_CACHE_GIGABYTES, or set V3STUDIO_CACHE to a folder on another disk."
-    return StudioError("storage.cache_full", problem, file=folder, fix=fix)
+@contextmanager
+def _room(folder: Path) -> Iterator[None]:
+    """Say so if the disk of the cache is full."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+            raise
+        problem = "the disk is full, so that footage cannot be fetched"
+        fix = "Free some space, lower V3STUDIO_CACHE_GIGABYTES, or set V3STUDIO_CACHE to a folder on another disk."
+        raise StudioError("storage.cache_full", problem, file=folder, fix=fix) from None
 
 
 def pointer_bytes(pointer: Pointer) -> bytes:
@@ -189,11 +192,6 @@ def cached_object(path: Path) -> CachedObject | None:
     return None if pointer is None else CachedObject(pointer)
 
 
-def whole_file(path: Path) -> Path:
-    """As `whole_files`, for a single file."""
-    return whole_files([path])[0]
-
-
 def whole_files(paths: Sequence[Path]) -> list[Path]:
     """Ordinary files with the contents of `paths`, for what only reads files; StudioError: `storage.*`.
 
@@ -208,13 +206,9 @@ def whole_files(paths: Sequence[Path]) -> list[Path]:
     key = hashlib.sha256("".join(f"{path.name}\0{found.key}\0" for path, found in pointers.items()).encode())
     folder = Path(first.cache) / "whole" / key.hexdigest()[:40]
     show_as(f"{folder}/", f"{first.store}/{first.path}"[: -len(first.path.rpartition("/")[2])])
-    try:
+    with _room(Path(first.cache)):
         for path, pointer in pointers.items():
             _copy(pointer, folder / path.name)
-    except OSError as error:
-        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
-            raise
-        raise cache_full(Path(first.cache)) from None
     return [folder / path.name if path in pointers else path for path in paths]
 
 

@@ -55,19 +55,19 @@ class Store:
             raise self._failed("reached", "", error) from None
         self._root = root.rstrip("/")
 
-    def list(self, below: str = "") -> dict[str, Entry]:
-        """Paths of all objects in the folder, or below a folder in it ("train/group_003"), to their entries."""
+    def list(self) -> dict[str, Entry]:
+        """Paths of all objects in the folder to their entries."""
 
         def find() -> Mapping[str, Any]:
             try:
-                found: Mapping[str, Any] = self._files.find(self._path(below), detail=True, withdirs=False)
+                found: Mapping[str, Any] = self._files.find(self._root, detail=True, withdirs=False)
             except FileNotFoundError as error:
-                if re.search("bucket|container", self._without_names(str(error), below), re.IGNORECASE):
+                if re.search("bucket|container", self._without_names(str(error), ""), re.IGNORECASE):
                     raise
                 return {}
             return found
 
-        found = self._repeated("listed", below, find)
+        found = self._repeated("listed", "", find)
         return {
             name.removeprefix(self._root).lstrip("/"): _entry(about)
             for name, about in found.items()
@@ -78,7 +78,7 @@ class Store:
         """Bytes start to stop (exclusive) of an object; StudioError `storage.*`, also if all attempts get too few."""
 
         def get() -> bytes:
-            data: bytes = self._files.cat_file(self._path(path), start=start, end=stop)
+            data: bytes = self._files.cat_file(f"{self._root}/{path}", start=start, end=stop)
             if len(data) != stop - start:
                 raise _Truncated(f"{len(data)} of {stop - start} bytes arrived")
             return data
@@ -89,10 +89,7 @@ class Store:
         """Write an object, by its path in the store's folder; StudioError: `storage.*`. `kind`, `cache`: Content-Type
         and Cache-Control with which S3 serves it; other stores take no such options."""
         headers = {"CacheControl": cache, "ContentType": kind} if self.address.startswith("s3://") else {}
-        self._repeated("written", path, lambda: self._files.pipe_file(self._path(path), data, **headers))
-
-    def _path(self, relative: str) -> str:
-        return f"{self._root}/{relative}" if relative else self._root
+        self._repeated("written", path, lambda: self._files.pipe_file(f"{self._root}/{path}", data, **headers))
 
     def _repeated(self, what: str, path: str, request: Callable[[], Found]) -> Found:
         pause = FIRST_PAUSE

@@ -12,7 +12,7 @@ from studio.capture import CaptureSettings, open_footage
 from studio.capture.digest import digest_files
 from studio.capture.video import VideoReader
 from studio.errors import StudioError
-from studio.storage import cached_object, mirrored, objects, store, whole_file, whole_files
+from studio.storage import cached_object, mirrored, objects, store, whole_files
 from studio.storage.store import without_secrets
 from tests.support.object_store import SECRET, Faults, ObjectStore
 from tests.support.tiny_capture import write_capture
@@ -164,7 +164,7 @@ def test_whole_files_are_copies_that_listing_again_does_not_take_away(object_sto
     assert missing == given[2]
     assert digest_files(path.parent, [path]) == digest, "the same before and after"
     put(object_store, "model.onnx", b"another")
-    assert whole_file(mirrored(DAY) / "model.onnx").read_bytes() == b"another"
+    assert whole_files([mirrored(DAY) / "model.onnx"])[0].read_bytes() == b"another"
     assert model.read_bytes() == b"model.onnx" * 1000, "a run that has begun keeps its model"
 
 
