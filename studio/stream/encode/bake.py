@@ -6,6 +6,7 @@ import shutil
 import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -100,7 +101,7 @@ def bake_group(
         fix = "Bake a take, pass finetuned, or set finetune_iterations of all rungs to 0."
         raise StudioError("bake.no_finetuning", problem, fix=fix, setting="bake.ladder", group=group)
     folder = directory / f"group_{group:03d}"
-    partial = temporary_path(folder)
+    place = temporary_path(folder)
     try:
         remove_leftovers(directory, folder)
         (directory / FILES).mkdir(parents=True, exist_ok=True)
@@ -123,11 +124,10 @@ def bake_group(
                 if settings.ladder:
                     own = own.replace(quality=rung.qp)
                 values = _identity(rung, group, first_frame, len(frames), single=not settings.ladder)
-                job = _Job(
-                    prepared, partial, values, own, rung.qp, steps, threads, fps or NOMINAL_FPS, quality, unsmoothed
-                )
-                made[rung.id] = _stored(*job.encode(), partial, directory, own)
-            del prepared
+                write = partial(prepared.write, place, values, progress=steps, threads=threads, fps=fps or NOMINAL_FPS)
+                job = _Job(write, place, values, own, rung.qp, quality, unsmoothed)
+                made[rung.id] = _stored(*job.encode(), place, directory, own)
+            del prepared, write, job  # the group's values
         return GroupEntry(
             index=group,
             first_frame=first_frame,
@@ -141,7 +141,7 @@ def bake_group(
         problem = f"the group cannot be written ({error.strerror or error})"
         raise StudioError("bake.write_failed", problem, file=folder, group=group) from None
     finally:
-        shutil.rmtree(partial, ignore_errors=True)
+        shutil.rmtree(place, ignore_errors=True)
 
 
 def _identity(rung: Rung, group: int, first_frame: int, frame_count: int, single: bool) -> JsonObject:
@@ -162,14 +162,11 @@ def _identity(rung: Rung, group: int, first_frame: int, frame_count: int, single
 class _Job:
     """Encodes one rendition of a group at one QP, or at the QP that reaches a target."""
 
-    prepared: MotionBake | PlanesBake
+    write: Callable[[BakeSettings], AnyRendition]  # encodes into `folder`
     folder: Path  # for the files, replaced by each encoding
     identity: Mapping[str, Any]  # values of the rendition that the encoder does not know
-    settings: BakeSettings  # settings, progress, threads, fps, quality, unsmoothed: as for `bake_group`
+    settings: BakeSettings  # settings, quality, unsmoothed: as for `bake_group`
     qp: int  # of the rung, from which encoding starts
-    progress: ProgressFn
-    threads: int
-    fps: float
     quality: QualityFn | None
     unsmoothed: Callable[[], object]
     _written: dict[int, AnyRendition] = field(default_factory=dict, init=False)
@@ -231,10 +228,7 @@ class _Job:
             self._written.clear()
             shutil.rmtree(self.folder, ignore_errors=True)
             self.folder.mkdir(parents=True)
-            settings = self.settings.at_qp(qp)
-            self._written[qp] = self.prepared.write(
-                self.folder, self.identity, settings, self.progress, self.threads, self.fps
-            )
+            self._written[qp] = self.write(self.settings.at_qp(qp))
         return self._written[qp]
 
     def _psnr(self, qp: int, quality: QualityFn) -> float:
@@ -333,18 +327,18 @@ def bake_sound(cut: Cut, directory: Path) -> AudioEntry:
     sound gives the same bytes. `cut` then knows how much of it is silence (`missing_before`, `missing_after`).
     StudioError if the sound cannot be read, or the file cannot be written."""
     folder = directory / FILES
-    partial = temporary_path(folder / "sound")
+    temporary = temporary_path(folder / "sound")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        samples = encode_sound(cut.blocks(), str(partial), SAMPLE_RATE, cut.channels)
-        data = partial.read_bytes()
+        samples = encode_sound(cut.blocks(), str(temporary), SAMPLE_RATE, cut.channels)
+        data = temporary.read_bytes()
         path, digest = content_name(data, ".m4a")
-        os.replace(partial, directory / path)
+        os.replace(temporary, directory / path)
     except OSError as error:
         problem = f"the sound cannot be written ({error.strerror or error})"
-        raise StudioError("bake.write_failed", problem, file=partial) from None
+        raise StudioError("bake.write_failed", problem, file=temporary) from None
     finally:
-        partial.unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
     return AudioEntry(
         path=path,
         bytes=len(data),
