@@ -50,18 +50,13 @@ class SkippedGroup:
         """The frame after the last skipped one."""
         return self.first_frame + self.frame_count
 
-    @property
-    def reason(self) -> str:
-        """The text of `cause`."""
-        return str(self.cause)
-
     def to_dict(self) -> JsonObject:
         """JSON-ready: group, first_frame, frame_count, reason and code."""
         return {
             "group": self.group,
             "first_frame": self.first_frame,
             "frame_count": self.frame_count,
-            "reason": self.reason,
+            "reason": str(self.cause),
             "code": self.cause.code,
         }
 
