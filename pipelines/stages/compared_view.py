@@ -34,13 +34,11 @@ class ComparedView:
 
 def compared_view(inputs: Inputs, camera: str, frame: int) -> ComparedView | None:
     """One view of a frame of the footage, or None if the camera does not see the performer."""
-    from studio.edits import silhouette
-
     footage, settings, crop = inputs.footage.trained, inputs.config, inputs.edits.crop
     view = footage.view(camera, frame)
     mask = footage.evaluation_mask(camera, frame)
     if crop is not None:
-        mask = np.where(silhouette(view.camera, crop), mask, 0).astype(mask.dtype)
+        mask = crop.cut(view.camera, mask)
     box = padded_box(mask, settings.evaluate.crop_padding)
     if box is None:
         return None

@@ -115,8 +115,4 @@ def _rounded(point: np.ndarray) -> tuple[float, float, float]:
 
 def within_box(view: FootageView, box: CropBox | None) -> FootageView:
     """A view in which the mask ends where the camera does not see the box; None: the view as it is."""
-    from studio.edits import silhouette
-
-    if box is None:
-        return view
-    return replace(view, mask=np.where(silhouette(view.camera, box), view.mask, 0).astype(view.mask.dtype))
+    return view if box is None else replace(view, mask=box.cut(view.camera, view.mask))

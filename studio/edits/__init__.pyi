@@ -1,7 +1,6 @@
 from .edit_list import CropBox, DetailMark, EditList, Floaters, Ground, Region, RegionView, Trim, World
 from .following import follow
 from .selection import Paths, Selection, select
-from .silhouette import silhouette
 
 __all__ = [
     "CropBox",
@@ -17,5 +16,4 @@ __all__ = [
     "World",
     "follow",
     "select",
-    "silhouette",
 ]

@@ -88,6 +88,25 @@ class CropBox(Edit):
         inside: np.ndarray = (local <= np.array(self.size) / 2).all(axis=-1)
         return inside
 
+    def cut(self, camera: Camera, mask: np.ndarray) -> np.ndarray:
+        """An (H, W) mask, 0 where a pinhole camera does not see the box; as it is if a corner is beside or behind the
+        camera."""
+        import cv2
+
+        pixels, depth = camera.project(self.corners)
+        if depth.min() <= 1e-6:
+            return mask
+        seen = np.zeros(mask.shape, np.uint8)
+        hull = cv2.convexHull((pixels - 0.5).astype(np.float32))
+        if np.abs(hull).max() > 2**14:  # OpenCV draws coordinates below 2^15
+            right, bottom = camera.width, camera.height
+            image = np.array([[-1, -1], [right, -1], [right, bottom], [-1, bottom]], np.float32)
+            _, clipped = cv2.intersectConvexConvex(hull, image)
+            hull = hull[:0] if clipped is None else clipped
+        if len(hull):
+            cv2.fillConvexPoly(seen, np.round(hull).astype(np.int32), 1)
+        return np.where(seen, mask, 0).astype(mask.dtype)
+
 
 class Ground(Edit):
     """A plane; splats below it are removed."""

@@ -9,7 +9,7 @@ import pytest
 import torch
 from pydantic import ValidationError
 
-from studio.edits import CropBox, EditList, Floaters, Ground, Paths, Region, RegionView, select, silhouette
+from studio.edits import CropBox, EditList, Floaters, Ground, Paths, Region, RegionView, select
 from studio.edits.selection import distance_to_path, in_polygon
 from studio.formats.rigid_motion import placed
 from studio.rasterizer import rasterize
@@ -143,7 +143,7 @@ def test_floaters_are_small_clusters_and_faint_splats() -> None:
     assert select(EditList(floaters=Floaters(splats=10_000)), still(means)).removed.sum() < len(means)
 
 
-def test_the_silhouette_of_a_box_that_reaches_to_the_camera() -> None:
+def test_a_mask_is_cut_to_a_box_that_reaches_to_the_camera() -> None:
     """Its corners are projected far outside the image; against rays through the pixels."""
     camera = replace(SIDE, world_to_camera=np.eye(4))
     box = CropBox(center=(5, 0.1, 1), size=(10, 0.3, 1.99))
@@ -152,7 +152,7 @@ def test_the_silhouette_of_a_box_that_reaches_to_the_camera() -> None:
     low, high = np.subtract(box.center, np.divide(box.size, 2)), np.add(box.center, np.divide(box.size, 2))
     ends = np.stack([low / rays, high / rays])
     met = ends.min(0).max(-1) <= ends.max(0).min(-1)
-    seen = silhouette(camera, box)
+    seen = box.cut(camera, np.ones(x.shape, np.uint8)) > 0
     assert 0.2 < met.mean() < 0.9
     assert (seen == met).mean() > 0.98
 
