@@ -22,7 +22,9 @@ _DEFAULTS = {
     "translate": 0.0, "rotate": 0.0, "scaling": 1.0, "uniform_scale": 1.0, "skew": 0.0, "pivot": 0.0, "focal": 50.0,
     "haperture": 24.576, "win_translate": 0.0, "win_scale": 1.0, "winroll": 0.0,
 }  # fmt: skip
-_UNSUPPORTED = ("scaling", "uniform_scale", "skew", "pivot", "win_translate", "win_scale", "winroll")
+_UNSUPPORTED = {  # and how many components they have
+    "scaling": 3, "uniform_scale": 1, "skew": 3, "pivot": 3, "win_translate": 2, "win_scale": 2, "winroll": 1,
+}  # fmt: skip
 _WORDS = {"xform_order": "SRT", "projection_mode": "perspective"}
 _TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|\{|\}|\n|[^\s{}]+')
 
@@ -108,9 +110,7 @@ class _Node:
         return StudioError("nuke.unsupported", problem, file=self._path, fix=fix, camera=self._name, knob=knob)
 
     def cameras(self, width: int, height: int) -> dict[int, Camera]:
-        for knob in _UNSUPPORTED:
-            count = 3 if knob in ("scaling", "skew", "pivot") else 2
-            count = 1 if knob in ("uniform_scale", "winroll") else count
+        for knob, count in _UNSUPPORTED.items():
             if any(set(one.values()) != {_DEFAULTS[knob]} for one in self._curves(knob, count)):
                 raise self._error(f"{knob} is not {_DEFAULTS[knob]:g}", knob)
         for knob, word in _WORDS.items():

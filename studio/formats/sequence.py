@@ -28,20 +28,6 @@ _SAMPLE = 4000  # number of splats compared to decide whether two frames have th
 _SAME_ORDER = 0.3
 
 
-def open_sequence(place: Path, fps: float = DEFAULT_FPS, progress: ProgressFn = no_progress) -> SplatVideo:
-    """Open a folder of splat files, or one file, as a video (see `find_frames`); a new group starts where the number or
-    the order of the splats changes. Splats that cannot be rendered in a frame are dropped from its whole group; the
-    video's notes say what was ignored, dropped or moved."""
-    found = find_frames(place)
-    paths = [path for _, path in found]
-    notes = [
-        f"of each model, the last iteration is read: {paths[0].parent.name}" if paths[0].name == CHECKPOINT else None,
-        _gaps([number for number, _ in found]),
-    ]
-    frames = [Frame(path, splats_size(path), partial(read_rows, path)) for path in paths]
-    return _opened(place, fps, frames, up_of(paths[0]), notes, progress)
-
-
 @dataclass(frozen=True)
 class Frame:
     """One frame of an import: number of splats and SH degree, and what reads all its rows, noting what is odd."""
@@ -80,14 +66,6 @@ def _opened(
     return SplatVideo(
         str(place), fps, len(frames), starts, read, up=np.array(up), notes=tuple(notes), original=world.inverse
     )
-
-
-def _open_usd(place: Path, fps: float | None, progress: ProgressFn) -> SplatVideo:
-    from studio.formats.usd import UsdFrames
-
-    file = UsdFrames(place)
-    frames = [Frame(place, file.size(time), partial(file.read, time)) for time in file.times]
-    return _opened(place, fps or file.fps, frames, file.up, [_gaps(file.times)], progress)
 
 
 def _gaps(numbers: Sequence[float]) -> str | None:
@@ -170,16 +148,27 @@ def open_import(place: Path | str, fps: float | None = None, progress: ProgressF
     """Open the VideoGS layout, a USD file, a folder of splat files of one format (see `studio.formats`), or one such
     file.
 
-    `fps` None: that of a USD file, otherwise `DEFAULT_FPS`, as the others store none. StudioError if the input has none
-    of these formats or more than one, or its files are damaged.
+    A new group starts where the number or the order of the splats changes. Splats that cannot be rendered in a frame
+    are dropped from its whole group; the video's notes say what was ignored, dropped or moved. `fps` None: that of a
+    USD file, otherwise `DEFAULT_FPS`, as the others store none. StudioError if the input has none of these formats or
+    more than one, or its files are damaged.
     """
     place = Path(place)
     if is_videogs(place):
         check_one_format(place, {"VideoGS": [place / "group_info.json"], **formats_in(place)})
         return open_videogs(place, fps or DEFAULT_FPS)
     if place.suffix.lower() in USD_SUFFIXES and not place.is_dir():
-        return _open_usd(place, fps, progress)
-    return open_sequence(place, fps or DEFAULT_FPS, progress)
+        from studio.formats.usd import UsdFrames
+
+        file = UsdFrames(place)
+        frames = [Frame(place, file.size(time), partial(file.read, time)) for time in file.times]
+        return _opened(place, fps or file.fps, frames, file.up, [_gaps(file.times)], progress)
+    found = find_frames(place)
+    paths = [path for _, path in found]
+    last = f"of each model, the last iteration is read: {paths[0].parent.name}" if paths[0].name == CHECKPOINT else None
+    frames = [Frame(path, splats_size(path), partial(read_rows, path)) for path in paths]
+    notes = [last, _gaps([number for number, _ in found])]
+    return _opened(place, fps or DEFAULT_FPS, frames, up_of(paths[0]), notes, progress)
 
 
 def axes_of(video: SplatVideo, format_up: Up, upright_for_viewers: bool) -> np.ndarray | None:

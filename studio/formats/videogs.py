@@ -45,6 +45,7 @@ from studio.stream.settings import QP_KNEE
 from studio.stream.video import PlaneEncoder, encoding
 
 POSITIONS, NORMALS = 3, 3
+_OPACITY = -8  # its index among the attributes
 
 MAX_FRAMES = 1_000_000
 MAX_SPLATS = 4 << 20
@@ -115,19 +116,13 @@ def _ranges(values: np.ndarray, qp: int) -> tuple[np.ndarray, np.ndarray]:
     Opacities begin at 0, and their largest code is `opacity_levels`, so that 255 stands for more than the maximum.
     """
     low, high = values.min(axis=1).astype(np.float64), values.max(axis=1).astype(np.float64)
-    opacity = _opacity(len(values))
-    low[opacity] = 0.0
-    high[opacity] *= 255 / opacity_levels(qp)
+    low[_OPACITY] = 0.0
+    high[_OPACITY] *= 255 / opacity_levels(qp)
     return low, high
 
 
-def _opacity(attributes: int) -> int:
-    """Index of the opacity among the attributes."""
-    return attributes - 8
-
-
 def _encoders(folder: Path, attributes: int, side: int, qp: int) -> list[PlaneEncoder]:
-    lossless = {1, 3, 5, _opacity(attributes) + POSITIONS}  # high bytes of positions, opacities
+    lossless = {1, 3, 5, attributes + _OPACITY + POSITIONS}  # high bytes of positions, opacities
     result = []
     for channel in range(attributes + POSITIONS):
         value = 0 if channel in lossless else qp if channel < 2 * POSITIONS else min(qp, QP_KNEE)
@@ -336,7 +331,7 @@ def _gaussians(frame: _Frame, planes: list[np.ndarray], folder: Path, index: int
     return Gaussians.from_activated(
         means=data[:3].T.contiguous(),
         sh=data[6:-8].T.reshape(frame.count, -1, 3).contiguous(),
-        opacities=data[-8].contiguous(),
+        opacities=data[_OPACITY].contiguous(),
         scales=data[-7:-4].T.contiguous(),
         quats=data[-4:].T.contiguous(),
     )
