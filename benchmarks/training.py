@@ -15,8 +15,7 @@ import os
 import platform
 import statistics
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -73,21 +72,14 @@ def timed(function: Callable[[], object]) -> float:
     return 1e3 * (time.thread_time() - started)
 
 
-@contextmanager
-def _nothing() -> Iterator[None]:
-    yield
-
-
 def alternate(fused: Callable[[], object], plain: Callable[[], object], rounds: int) -> tuple[list[float], list[float]]:
     """Times of both, one call after the other; `plain` runs with `definitions_only`."""
     times: tuple[list[float], list[float]] = ([], [])
-    for turn in range(rounds + 2):
-        for side, (function, mode) in enumerate(((fused, _nothing), (plain, definitions_only))):
-            with mode():
-                spent = timed(function)
-            if turn >= 2:  # the first calls allocate memory
-                times[side].append(spent)
-    return times
+    for _ in range(rounds + 2):
+        times[0].append(timed(fused))
+        with definitions_only():
+            times[1].append(timed(plain))
+    return times[0][2:], times[1][2:]  # the first calls allocate memory
 
 
 class Scene:

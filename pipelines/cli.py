@@ -149,17 +149,14 @@ def _run(known: argparse.Namespace) -> tuple[int, Message | None]:
 
 
 def _refused(error: StudioError) -> tuple[int, Message]:
-    """Print the error; its exit code and message."""
-    print(f"error: {error}", file=sys.stderr)
-    return _exit_code(error), error.message
-
-
-def _exit_code(error: StudioError) -> int:
-    """2 for what is wrong with the arguments, also with settings among them; 1 for everything else."""
+    """Print the error; its message, and as exit code 2 for what is wrong with the arguments, also with settings among
+    them, else 1."""
     from studio.settings import COMMAND_LINE, OVERRIDES
 
+    print(f"error: {error}", file=sys.stderr)
     places = {mistake.get("file") for mistake in error.fields.get("mistakes", ())} or {error.file}
-    return 2 if error.code.startswith("command.") or places <= {COMMAND_LINE, OVERRIDES} else 1
+    usage = error.code.startswith("command.") or places <= {COMMAND_LINE, OVERRIDES}
+    return 2 if usage else 1, error.message
 
 
 def _print_end(
@@ -168,10 +165,7 @@ def _print_end(
     """Print the last event of a command with `--json`."""
     seconds = round(time.monotonic() - started, 2)
     outcome = {0: "done", EXIT_CANCELLED: "cancelled"}.get(code, "failed")
-    if message is None:
-        event = Finished(outcome=outcome, seconds=seconds, result=result)
-    else:
-        event = Finished.of(message, outcome=outcome, seconds=seconds, result=result)
+    event = Finished.of(message, outcome=outcome, seconds=seconds, result=result)
     with suppress(BrokenPipeError):
         print(event.to_json(), file=output, flush=True)
 

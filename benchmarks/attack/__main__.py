@@ -54,28 +54,23 @@ def project_in(folder: Path) -> takes.Project:
 
 def writes(kind: str) -> Callable[[Path, float, Outcome], None]:
     """The attack that goes through all writes."""
+    return lambda folder, share, outcome: takes.at_every_write(
+        project_in(folder), kind, max(2, round(1000 * share)), outcome
+    )
 
-    def attack(folder: Path, share: float, outcome: Outcome) -> None:
-        takes.at_every_write(project_in(folder), kind, max(2, round(1000 * share)), outcome)
 
-    return attack
+def cuts(kind: str, count: int) -> Callable[[Path, float, Outcome], None]:
+    """The attack at random writes, on this many takes."""
+    return lambda folder, share, outcome: takes.random_cuts(
+        project_in(folder), kind, max(1, round(count * share)), outcome
+    )
 
 
 PARTS: dict[str, tuple[str, Callable[[Path, float, Outcome], None]]] = {
     "kills": ("the take opens, finished frames stay, the same bytes in the end", writes("kill")),
-    "two-kills": (
-        "the same: each take is killed twice, at random writes",
-        lambda folder, share, outcome: takes.random_cuts(
-            project_in(folder), "kill", max(1, round(25 * share)), outcome
-        ),
-    ),
+    "two-kills": ("the same: each take is killed twice, at random writes", cuts("kill", 25)),
     "full": ("a sentence, finished frames stay, the same bytes in the end", writes("full")),
-    "power": (
-        "the take opens or says what is damaged; the same bytes in the end",
-        lambda folder, share, outcome: takes.random_cuts(
-            project_in(folder), "power", max(1, round(40 * share)), outcome
-        ),
-    ),
+    "power": ("the take opens or says what is damaged; the same bytes in the end", cuts("power", 40)),
     "small-files": (
         "a sentence; the same bytes without the limit",
         lambda folder, share, outcome: takes.small_files(project_in(folder), outcome),

@@ -20,10 +20,6 @@ class Outcome:
         self.wrong.append(line)
         print(f"{self.name}: WRONG: {line}", flush=True)
 
-    def note(self, line: str) -> None:
-        """Record something that is no fault."""
-        self.notes.append(line)
-
     def row(self) -> str:
         """A row of a Markdown table."""
         happened = f"{len(self.wrong)} broken" if self.wrong else "kept"

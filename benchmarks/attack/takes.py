@@ -47,19 +47,11 @@ class Project:
         self.run("count", 0, self.finished)
         self.idle_writes = int((folder / "finished.writes").read_text())
 
-    def start(self, kind: str, number: int, take: Path, *arguments: object) -> WarmProcess:
-        """Begin a run, or another command, with a fault."""
-        command = arguments or ("run", self.config, "--take", take)
-        return warm_python().popen((FAULTS, kind, number, take, *command), text=True, cwd=ROOT, env=environment())
-
-    def run(self, kind: str, number: int, take: Path, *arguments: object) -> WarmProcess:
-        """The same, to its end; its errors are in `stderr`."""
-        return self.ended(self.start(kind, number, take, *arguments))
-
-    def ended(self, process: WarmProcess) -> WarmProcess:
-        """What `start` began, at its end."""
-        stdout, stderr = process.communicate(PATIENCE)
-        process.stdout, process.stderr = stdout, stderr
+    def run(self, kind: str, number: int, take: Path) -> WarmProcess:
+        """A run with a fault, at its end; its errors are in `stderr`."""
+        words = (FAULTS, kind, number, take, "run", self.config, "--take", take)
+        process = warm_python().popen(words, text=True, cwd=ROOT, env=environment())
+        process.stdout, process.stderr = process.communicate(PATIENCE)
         return process
 
     def same_results(self, take: Path) -> bool:
@@ -137,7 +129,7 @@ def random_cuts(project: Project, kind: str, count: int, outcome: Outcome) -> No
         manifest = take / "stream" / "manifest.json"
         empty += manifest.exists() and not manifest.stat().st_size
         for problem in problems_of(take, before if kind == "kill" else None):
-            (outcome.failed if kind == "kill" else outcome.note)(f"{where}: {problem}")
+            (outcome.failed if kind == "kill" else outcome.notes.append)(f"{where}: {problem}")
         again = project.run("count", 0, take)
         if again.returncode != 0 or not project.same_results(take):
             outcome.failed(f"{where} ({ended.returncode}): then {again.returncode}: {str(again.stderr)[-800:]}")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
-import json
 import os
 import signal
 import socket
@@ -16,7 +15,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from pipelines.takes.atomic_files import Result, disk_errors, read_model, write_model
-from pipelines.takes.take import lock_soon
+from pipelines.takes.held_lock import held, holder_of
 from studio.errors import StudioError
 from studio.storage.address import is_address
 
@@ -180,27 +179,21 @@ class QueueFile:
         return found[0] if found else None
 
     def is_run(self) -> bool:
-        try:
-            with self._lock("run").open("r") as file:
-                fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return True
-        except OSError:
-            return False
+        with contextlib.suppress(OSError):
+            return holder_of(self._lock("run")) is not None
         return False
 
     def stop(self) -> int:
         """Stop the program that works through the queue, and return its process ID; its take waits again."""
-        if not self.is_run():
+        holder = holder_of(self._lock("run"))
+        if holder is None:
             fix = "`v3studio queue run` starts it."
             raise StudioError("queue.not_run", "the queue is not running", file=self.path, fix=fix)
-        try:
-            holder = json.loads(self._lock("run").read_text(encoding="utf-8"))
-            pid, host = int(holder["pid"]), str(holder["host"])
-        except (OSError, ValueError, KeyError, TypeError):
+        if not {"pid", "host"} <= holder.keys():
             problem = "a program that is starting or ending works through the queue"
             fix = "Try again in a moment, or press Ctrl+C where it was started."
-            raise StudioError("queue.unknown_runner", problem, file=self.path, fix=fix) from None
+            raise StudioError("queue.unknown_runner", problem, file=self.path, fix=fix)
+        pid, host = int(holder["pid"]), holder["host"]
         try:
             if host != socket.gethostname():
                 raise PermissionError
@@ -216,20 +209,11 @@ class QueueFile:
         """For the program that works through the queue. Takes that another one left running wait again."""
         with disk_errors(self.path.parent):
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            file = self._lock("run").open("a")
-        with file:
-            if not lock_soon(file):
-                problem = "another program works through this queue"
-                fix = "`v3studio queue list` shows its progress."
-                raise StudioError("queue.already_run", problem, file=self.path, fix=fix)
-            file.truncate(0)
-            file.write(json.dumps({"pid": os.getpid(), "host": socket.gethostname()}))
-            file.flush()
-            try:
-                self.change(_interrupted)
-                yield
-            finally:  # before the lock is released: the next program must never seem to be this one
-                file.truncate(0)
+            self._lock("run").touch()
+        problem, fix = "another program works through this queue", "`v3studio queue list` shows its progress."
+        with held(self._lock("run"), lambda holder: StudioError("queue.already_run", problem, file=self.path, fix=fix)):
+            self.change(_interrupted)
+            yield
 
     def _lock(self, name: str) -> Path:
         return self.path.with_name(f".{self.path.name}.{name}")

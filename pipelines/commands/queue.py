@@ -74,7 +74,7 @@ def _add(arguments: argparse.Namespace) -> int:
 def _list(arguments: argparse.Namespace) -> int:
     from pipelines.reports.tables import escaped, table_of
     from pipelines.reports.terminal import console
-    from pipelines.runs.status import progress_words
+    from pipelines.runs.status import progress
     from pipelines.takes.take import Take
 
     queue = _file(arguments)
@@ -90,9 +90,9 @@ def _list(arguments: argparse.Namespace) -> int:
     for entry in found.takes:
         state = "interrupted" if entry.state == "running" and not is_run else entry.state
         times = (text.replace("T", " ").removesuffix("+00:00") for text in (entry.added, entry.finished))
-        progress = progress_words(Take(entry.take)) if state == "running" else ""
+        words = progress(Take(entry.take))[0] if state == "running" else ""
         shown.add_row(
-            str(entry.number), state, escaped(progress), escaped(str(entry.take)), *times, escaped(entry.message)
+            str(entry.number), state, escaped(words), escaped(str(entry.take)), *times, escaped(entry.message)
         )
     console().print(shown)
     if not is_run and any(entry.state in ("waiting", "running") for entry in found.takes):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,25 +20,19 @@ if TYPE_CHECKING:
 _LABEL_HEIGHT, _GAP = 18, 2
 
 
+@dataclass(eq=False)
 class FrameMeasurer:
     """Measures frames in order; with `flicker`, each one's flicker is against the one before."""
 
-    def __init__(
-        self,
-        takes: Sequence[OpenedTake],
-        cameras: Sequence[str],
-        protocol: EvaluationProtocol,
-        lpips: Lpips | None,
-        device: str,
-        flicker: bool,
-    ) -> None:
-        self._takes = takes
-        self._cameras = cameras
-        self._protocol = protocol
-        self._lpips = lpips
-        self._device = device
-        self._flicker = flicker
-        self._before: dict[str, dict[str, Residual]] = {take.name: {} for take in takes}
+    takes: Sequence[OpenedTake]
+    cameras: Sequence[str]
+    protocol: EvaluationProtocol
+    lpips: Lpips | None
+    device: str
+    flicker: bool
+
+    def __post_init__(self) -> None:
+        self._before: dict[str, dict[str, Residual]] = {}  # residuals of the frame before by take and camera
         self._last: int | None = None
 
     def measure(
@@ -45,21 +40,21 @@ class FrameMeasurer:
     ) -> tuple[tuple[FrameOfTake, ...], dict[str, dict[str, ViewPair]]]:
         """The figures of each take in one frame, and the views by camera and name of the take (none without `keep`).
         Flicker is against the frame `before`, if there is one, which is rendered again unless it was measured last."""
-        if self._flicker and before is not None and before != self._last:
-            for take in self._takes:
+        if self.flicker and before is not None and before != self._last:
+            for take in self.takes:
                 pairs = self._pairs(take, before, lambda: tick(False))
                 self._before[take.name] = {camera: pair.residual for camera, pair in pairs}
         views: dict[str, dict[str, ViewPair]] = {}
         found = []
-        for take in self._takes:
+        for take in self.takes:
             row: dict[str, Measures] = {}
             residuals: dict[str, Residual] = {}
             for camera, pair in self._pairs(take, frame, lambda: tick(True)):
-                row[camera] = measure(pair, self._lpips)
+                row[camera] = measure(pair, self.lpips)
                 residuals[camera] = pair.residual
                 if keep:
                     views.setdefault(camera, {})[take.name] = pair
-            change = flicker_of(self._before[take.name], residuals) if self._flicker and before is not None else None
+            change = flicker_of(self._before[take.name], residuals) if self.flicker and before is not None else None
             if change is None:
                 found.append(FrameOfTake(cameras=row))
             else:
@@ -72,15 +67,15 @@ class FrameMeasurer:
 
     def _pairs(self, take: OpenedTake, frame: int, tick: Callable[[], None]) -> Iterator[tuple[str, ViewPair]]:
         """The views of cameras that see the performer."""
-        gaussians, padding = take.reader.gaussians(take.frames[frame]), self._protocol.padding
-        for camera in self._cameras:
+        gaussians, padding = take.reader.gaussians(take.frames[frame]), self.protocol.padding
+        for camera in self.cameras:
             tick()
             mask = take.footage.evaluation_mask(camera, frame)
             box = None if padding is None else padded_box(mask, padding)
             if padding is None or box is not None:
                 place = take.place.camera(take.footage.rig[camera])
-                image, background = take.footage.image(camera, frame), self._protocol.background
-                yield camera, ViewPair.of(gaussians, place, image, mask, background, box, self._device, fit=True)
+                image, background = take.footage.image(camera, frame), self.protocol.background
+                yield camera, ViewPair.of(gaussians, place, image, mask, background, box, self.device, fit=True)
 
 
 def side_by_side(pairs: dict[str, ViewPair]) -> np.ndarray:

@@ -46,9 +46,9 @@ class Notice(Event):
     fields: Mapping[str, JsonData] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, what: Message, **own: Any) -> Self:
+    def of(cls, what: Message | None, **own: Any) -> Self:
         """The event of a message, JSON-ready and of bounded length; `own`: the attributes that it does not fill in."""
-        found = what.to_dict()
+        found = {} if what is None else what.to_dict()
         parts = {name: found.pop(name) for name in ("message", "code", "file", "value", "fix") if name in found}
         return cls(**parts, fields=found, **own)
 

@@ -15,11 +15,7 @@ def start_background(take: Take, config: Config, arguments: Sequence[str]) -> La
     ended. With a Ray client address (ray://), it runs on the head node of the cluster, else on this machine."""
     holder = take.running()
     if holder is not None:
-        problem = f"another run is in progress (process {holder.get('pid')}, {holder.get('command')})"
-        fix = "`v3studio status` shows it."
-        raise StudioError(
-            "take.locked", problem, file=take.root, fix=fix, pid=holder.get("pid"), command=holder.get("command")
-        )
+        raise take.in_use(holder)
     with disk_errors(take.root):
         take.private.mkdir(parents=True, exist_ok=True)
         save_config(take.config, config)

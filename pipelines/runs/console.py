@@ -18,6 +18,7 @@ from pipelines.events import (
     StageStarted,
     Warned,
 )
+from pipelines.reports.tables import escaped
 from pipelines.reports.terminal import console, duration
 from pipelines.takes.summaries import summary_words
 from studio.counts import counted
@@ -103,7 +104,7 @@ class Bars:
         if isinstance(event, RunStarted):
             self._run_started(event)
         elif isinstance(event, StageStarted):
-            self._say(f"[bold]{event.stage}[/bold]: {_plain(event.reason)}")
+            self._say(f"[bold]{event.stage}[/bold]: {escaped(event.reason)}")
             self._drop_stage_bar()
             self._last_percent = -1
             self._stage = self._bars.add_task(event.stage, total=1.0, left="", note="")
@@ -114,7 +115,7 @@ class Bars:
         elif isinstance(event, StageFinished):
             self._say_repeated()
             figures = summary_words(event.stage, event.summary)
-            self._say(f"[bold]{event.stage}[/bold]: done in {duration(event.seconds)}. {_plain(figures)}")
+            self._say(f"[bold]{event.stage}[/bold]: done in {duration(event.seconds)}. {escaped(figures)}")
             self._drop_stage_bar()
         elif isinstance(event, StageFailed):
             self._drop_stage_bar()  # the command line prints the error
@@ -122,9 +123,9 @@ class Bars:
             self._say_repeated()
             self._stop()  # restores the cursor, even if the watchdog is about to end the process
             if event.outcome == "cancelled":
-                self._say(f"[yellow]cancelled:[/yellow] {_plain(event.message)}")
+                self._say(f"[yellow]cancelled:[/yellow] {escaped(event.message)}")
         elif isinstance(event, Log):
-            self._say(f"[dim]{_plain(event.message)}[/dim]")
+            self._say(f"[dim]{escaped(event.message)}[/dim]")
         elif isinstance(event, Preview):
             pass  # only for the window
 
@@ -132,7 +133,7 @@ class Bars:
         """Print a warning, but of many of one kind only the first few."""
         self._warnings[event.code] += 1
         if self._warnings[event.code] <= MOST_ALIKE:
-            self._say(f"[yellow]warning:[/yellow] {_plain(event.message)}")
+            self._say(f"[yellow]warning:[/yellow] {escaped(event.message)}")
 
     def _say_repeated(self) -> None:
         """Print how many warnings were left out since the last time."""
@@ -193,10 +194,3 @@ def _note(event: Progress) -> str:
     if isinstance(splats, int):
         parts.append(counted(splats, "splat"))
     return ", ".join(part for part in parts if part)
-
-
-def _plain(text: str) -> str:
-    """Escape rich's markup."""
-    from rich.markup import escape
-
-    return escape(text)

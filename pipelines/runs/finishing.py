@@ -22,11 +22,7 @@ def finishing(
     """Emits `Finished` at the end of the block, which SIGINT and SIGTERM cancel; yields a clock of work time."""
 
     def finish(outcome: str, message: Message | None = None) -> None:
-        seconds = round(clock() - started, 2)
-        if message is None:
-            emit()(Finished(outcome=outcome, seconds=seconds, result=result()))
-        else:
-            emit()(Finished.of(message, outcome=outcome, seconds=seconds, result=result()))
+        emit()(Finished.of(message, outcome=outcome, seconds=round(clock() - started, 2), result=result()))
 
     interrupted = Message("run.cancelled", f"the current step was interrupted; {_KEPT}", fix=again)
     with counting_pauses() as clock, stop_on_signals(cancellation, lambda: finish("cancelled", interrupted)):

@@ -12,15 +12,7 @@ from pydantic import JsonValue
 from pipelines.stages import Stage
 from pipelines.stages.inputs import Inputs
 from pipelines.stages.params import Params
-from pipelines.takes.atomic_files import (
-    Result,
-    digest_of,
-    digest_of_digests,
-    digest_of_files,
-    digests_of_files,
-    remove,
-    write_model,
-)
+from pipelines.takes.atomic_files import Result, digest_of, digest_of_files, digests_of_files, remove, write_model
 from pipelines.takes.edits import PREFIX
 from pipelines.takes.records import StageRecord, read_failure, read_record, result_of
 from studio.errors import StudioError
@@ -81,7 +73,7 @@ def write_record(stage: Stage, inputs: Inputs, seconds: float, summary: Result) 
     record = StageRecord(
         stage=stage.name,
         params=cast(dict[str, JsonValue], current_params(stage, inputs)),  # the same values in pydantic's words
-        result=digest_of_digests(digests),
+        result=digest_of(digests),
         digests=digests,
         files={path.relative_to(root).as_posix(): path.stat().st_size for path in files},
         written={path.relative_to(root).as_posix(): path.stat().st_mtime_ns for path in files},

@@ -60,14 +60,9 @@ def _parsed(line: str | None) -> Event | None:
         return None
 
 
-def progress_words(take: Take) -> str:
-    """For people: "train 43%, 12 min 05 s left"; "starting" before the first stage. The time is that of the run."""
-    return progress(take)[0]
-
-
 def progress(take: Take) -> tuple[str, str, float | None]:
-    """Of the run in progress: the words of `progress_words`; the stage, "" before the first; and how much of the stage
-    is done, 0 to 1, or None if it has not reported yet."""
+    """Of the run in progress: words, such as "train 43%, 12 min 05 s left", with the time of the run, or "starting";
+    the stage, "" before the first; and how much of the stage is done, 0 to 1, or None if it has not reported yet."""
     now = running(take)
     if now is None or now.stage is None:
         return "starting", "", None

@@ -34,36 +34,29 @@ from studio.progress import no_progress
 def work(
     take: Take,
     config: Config,
-    stages: Sequence[str],
+    stage: str,
     group: int,
     emit: Emit,
     *,
     cancellation: Cancellation | None = None,
     clock: Callable[[], float] = time.monotonic,
     expected: str | None = None,
-) -> tuple[str, ...]:
-    """Do these stages of one group, in the order of a run; returns those that had something to do.
+) -> bool:
+    """Do a stage of one group; returns whether there was something to do.
 
-    `expected`: `GroupStageCode.group_key` of the only stage, as the caller knows it. StudioError if the stage needs
-    another one first (`stage.dependency`), there is no such group (`work.no_such_group`), the take is not what the
-    caller expects (`work.take_changed`), or for bad input.
+    `expected`: `GroupStageCode.group_key` of the stage, as the caller knows it. StudioError if the stage needs another
+    one first (`stage.dependency`), there is no such group (`work.no_such_group`), the take is not what the caller
+    expects (`work.take_changed`), or for bad input.
     """
-    inputs = Inputs(take, config)
+    inputs, code = Inputs(take, config), stage_named(stage)
     chosen = group_of(inputs, group)
     limit_threads(inputs.threads)
-    done = []
-    with disk_errors(take.root):
-        for stage in (stage for stage in GROUP_STAGES if stage.name in stages):
-            if expected is not None and stage.group_code.group_key(inputs, chosen) != expected:
-                problem = f"the settings, the footage or earlier results of group {group} changed after the run began"
-                fix = "Run again."
-                raise StudioError("work.take_changed", problem, file=take.root, fix=fix, group=group, stage=stage.name)
-            with memory_errors(stage.name):
-                reporter = StageReporter(stage.name, emit, cancellation or Cancellation(), clock)
-                worked = _work_on(stage, inputs, chosen, reporter)
-            if worked:
-                done.append(stage.name)
-    return tuple(done)
+    with disk_errors(take.root), memory_errors(stage):
+        if expected is not None and code.group_code.group_key(inputs, chosen) != expected:
+            problem = f"the settings, the footage or earlier results of group {group} changed after the run began"
+            fix = "Run again."
+            raise StudioError("work.take_changed", problem, file=take.root, fix=fix, group=group, stage=stage)
+        return _work_on(code, inputs, chosen, StageReporter(stage, emit, cancellation or Cancellation(), clock))
 
 
 def group_of(inputs: Inputs, index: int) -> Group:
@@ -168,6 +161,6 @@ def run_work(take: Take, config: Config, stages: Sequence[str], group: int, emit
         for name in names:
             began = clock()
             emit(StageStarted(stage=name, reason=f"group {group}"))
-            done = work(take, config, (name,), group, emit, cancellation=cancellation, clock=clock)
-            summary = {"group": group, "done": "now" if done else "before"}
+            worked = work(take, config, name, group, emit, cancellation=cancellation, clock=clock)
+            summary = {"group": group, "done": "now" if worked else "before"}
             emit(StageFinished(stage=name, seconds=round(clock() - began, 2), summary=summary))

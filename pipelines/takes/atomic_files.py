@@ -7,7 +7,7 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
@@ -24,7 +24,6 @@ __all__ = [
     "atomic_path",
     "changing",
     "digest_of",
-    "digest_of_digests",
     "digest_of_file",
     "digest_of_files",
     "digests_of_files",
@@ -134,18 +133,13 @@ def digest_of_file(path: Path) -> str:
 
 
 def digest_of_files(folder: Path, files: Iterable[Path]) -> str:
-    """24 hex digits for files' names, relative to `folder`, and contents."""
-    return digest_of_digests(digests_of_files(folder, files))
+    """24 hex digits for files' names, relative to `folder`, and contents: `digest_of` their `digests_of_files`."""
+    return digest_of(digests_of_files(folder, files))
 
 
 def digests_of_files(folder: Path, files: Iterable[Path]) -> dict[str, str]:
     """`digest_of_file` by path relative to `folder`."""
     return {path.relative_to(folder).as_posix(): digest_of_file(path) for path in files}
-
-
-def digest_of_digests(digests: Mapping[str, str]) -> str:
-    """What `digest_of_files` gives for files of these digests by path."""
-    return digest_of(dict(digests))
 
 
 def link_or_copy(source: str, target: str) -> None:

@@ -9,7 +9,7 @@ from typing import TypeVar
 
 from pydantic import Field, JsonValue, model_validator
 
-from pipelines.takes.atomic_files import Result, digest_of_digests, digest_of_file, read_model, write_model
+from pipelines.takes.atomic_files import Result, digest_of, digest_of_file, read_model, write_model
 from pipelines.takes.take import Take
 from studio.errors import Message, StudioError
 
@@ -81,7 +81,7 @@ def note_rewritten(take: Take, stage: str) -> None:
     stats = {name: (take.root / name).stat() for name in record.files}
     digests = {name: digest_of_file(take.root / name) for name in record.files}
     update = {
-        "result": digest_of_digests(digests),
+        "result": digest_of(digests),
         "digests": digests,
         "files": {name: stat.st_size for name, stat in stats.items()},
         "written": {name: stat.st_mtime_ns for name, stat in stats.items()},

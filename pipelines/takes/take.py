@@ -5,23 +5,21 @@ from __future__ import annotations
 import datetime
 import errno
 import fcntl
-import json
-import os
 import shlex
-import socket
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from pydantic import ValidationError
 
 from pipelines.takes.atomic_files import Result, read_json, remove, sweep_partial, write_model
+from pipelines.takes.held_lock import held, holder_of
 from pipelines.version import program_version
 from studio.atomic_files import leftovers
-from studio.bounded_files import need_utf8, parse_json
+from studio.bounded_files import need_utf8
 from studio.errors import StudioError
 from studio.storage import StoreAddress, is_address
 
@@ -85,7 +83,6 @@ class Take:
         """Open an existing take; StudioError: an address in object storage (`take.needs_folder`), no such folder
         (`take.not_found`), no take.json (`take.not_a_take`, `take.is_stream`), another format (`take.unknown_format`),
         or a damaged take.json (`take.damaged`)."""
-        root = root if isinstance(root, Path) else Path(root)
         root = _checked(root)
         command = f"`v3studio run CONFIG --take {shlex.quote(str(root))}`"
         if root.is_file():
@@ -122,7 +119,6 @@ class Take:
     def create(cls, root: Path | str) -> Take:
         """Open the take at `root`, or create one there; StudioError: a file (`take.is_file`), a folder of other files
         (`take.not_empty`), or as `open`."""
-        root = root if isinstance(root, Path) else Path(root)
         root = _checked(root)
         if (root / "take.json").exists():
             return cls.open(root)
@@ -203,28 +199,19 @@ class Take:
 
     @contextmanager
     def locked(self, command: str) -> Iterator[None]:
-        """Lock the take for this process; leftovers of killed runs are deleted first. The kernel releases the lock when
-        the process ends for any reason. `command` is recorded for the error that a second run gets: StudioError
-        `take.locked` with the fields pid and command."""
+        """Lock the take for this process; leftovers of killed runs are deleted first. `command` is recorded for the
+        error that a second run gets: StudioError `take.locked` with the fields pid and command."""
         self.private.mkdir(parents=True, exist_ok=True)
-        path = self.private / "lock"
-        with path.open("a+") as file:
-            if not lock_soon(file):
-                holder = self.running() or {}
-                pid, held_by = holder.get("pid"), holder.get("command", "v3studio")
-                problem = f"another run is in progress (process {'unknown' if pid is None else pid}, {held_by})"
-                fix = "Wait for it to finish, or stop it."
-                raise StudioError("take.locked", problem, file=self.root, fix=fix, pid=pid, command=held_by)
-            file.seek(0)
-            file.truncate()
-            json.dump({"pid": os.getpid(), "command": command, "host": socket.gethostname()}, file)
-            file.flush()
-            try:
-                sweep_partial(self.root)
-                yield
-            finally:
-                file.seek(0)
-                file.truncate()
+        with held(self.private / "lock", self.in_use, command=command):
+            sweep_partial(self.root)
+            yield
+
+    def in_use(self, holder: Mapping[str, Any]) -> StudioError:
+        """What to raise if a run is in progress; `holder`: from `running`."""
+        pid, command = holder.get("pid"), holder.get("command", "v3studio")
+        problem = f"another run is in progress (process {'unknown' if pid is None else pid}, {command})"
+        fix = "Wait for it to finish, or stop it; `v3studio status` shows it."
+        return StudioError("take.locked", problem, file=self.root, fix=fix, pid=pid, command=command)
 
     @contextmanager
     def group_locked(self, stage: str, group: int, waiting: Callable[[], None]) -> Iterator[None]:
@@ -247,22 +234,9 @@ class Take:
                     break
             yield
 
-    def running(self) -> dict[str, object] | None:
-        """`pid`, `command` and `host` of the run in progress; None if there is none."""
-        path = self.private / "lock"
-        try:
-            with path.open("r") as file:
-                try:
-                    fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-                except BlockingIOError:
-                    try:
-                        holder = parse_json(file.read())
-                    except ValueError:  # the holder is still writing it
-                        holder = {}
-                    return dict(holder)
-                return None
-        except FileNotFoundError:
-            return None
+    def running(self) -> dict[str, Any] | None:
+        """`pid`, `command` and `host` of the run in progress; {} if it has just begun; None if there is none."""
+        return holder_of(self.private / "lock")
 
     def keep_groups(self, stage: str, groups: int) -> None:
         """Delete the results of a stage's groups after the first ones."""
@@ -277,25 +251,14 @@ class Take:
         remove(self.failure(stage))
 
 
-def lock_soon(file: IO[str]) -> bool:
-    """Try to lock a file exclusively; who only asks whether it is locked holds it briefly, hence several attempts."""
-    for attempt in range(5):
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            return True
-        except BlockingIOError:
-            if attempt < 4:
-                time.sleep(0.05)
-    return False
-
-
 def group_name(group: int) -> str:
     """group_000."""
     return f"group_{group:03d}"
 
 
-def _checked(root: Path) -> Path:
+def _checked(root: Path | str) -> Path:
     """The folder, absolute. Raises StudioError if it is an address, or its name is not UTF-8."""
+    root = root if isinstance(root, Path) else Path(root)
     if is_address(root):
         problem = "a take must be in a folder, not in object storage"
         fix = "Choose a folder; several machines can share one (docs/guides/cluster.md)."

@@ -11,7 +11,7 @@ from pathlib import Path
 from gui.models.stage_rows import TITLES, pipeline_name
 from pipelines.config import load_config
 from pipelines.runs.staleness import StageStatus
-from pipelines.runs.status import progress_words
+from pipelines.runs.status import progress
 from pipelines.takes.evaluation import read_evaluation
 from pipelines.takes.take import Take
 from studio.comparison.metrics import MAIN
@@ -105,7 +105,7 @@ def _take(take: Take, sizes: Sizes | None) -> Card:
         if take.evaluation.is_file():
             quality = read_evaluation(take.evaluation).summary.measures.get(f"{MAIN.name}_decoded")
     if running:
-        return Card(str(take.root), "take", progress_words(take), "running", changed, quality, *sizes)
+        return Card(str(take.root), "take", progress(take)[0], "running", changed, quality, *sizes)
     from pipelines.runs.runner import status
 
     try:

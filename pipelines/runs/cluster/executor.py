@@ -73,23 +73,22 @@ class RayExecutor:
         _Run(self, stage, inputs, reporter, finished).go(groups)
 
 
+@dataclass(eq=False)
 class _Run:
     """One stage on the cluster."""
 
-    def __init__(
-        self,
-        executor: RayExecutor,
-        stage: Stage,
-        inputs: Inputs,
-        reporter: StageReporter,
-        finished: Callable[[Group], None],
-    ) -> None:
-        self._executor, self._ray, self._nodes = executor, executor.ray, executor.nodes
-        self._stage, self._inputs, self._reporter, self._finished = stage, inputs, reporter, finished
+    _executor: RayExecutor
+    _stage: Stage
+    _inputs: Inputs
+    _reporter: StageReporter
+    _finished: Callable[[Group], None]
+
+    def __post_init__(self) -> None:
+        self._ray, self._nodes = self._executor.ray, self._executor.nodes
         self._queue: deque[_Job] = deque()
         self._running: dict[Any, _Job] = {}
         self._warned: set[str] = set()
-        self._lanes = Lanes(stage.name, reporter.emit)
+        self._lanes = Lanes(self._stage.name, self._reporter.emit)
         self._figures: dict[str, Any] = {}
         self._waiting: dict[str, float] = {}
 
@@ -289,7 +288,7 @@ class _Run:
                 self._warn(message)
                 self._again(job, message.problem)
                 return
-        self._lanes.failed(job.group, str(message))
+        self._lanes.change(job.group, state="failed", message=str(message))
         where, problem = self._nodes.name(job.node), message.problem
         if "node" not in message.fields:
             problem += f" (group {job.group.index} on {where})"
@@ -304,7 +303,7 @@ class _Run:
         if job.lost > RETRIES:
             if job.lost > 1:
                 told = f"group {job.group.index} lost {job.lost} workers, the last{where} ({reason})"
-            self._lanes.failed(job.group, told)
+            self._lanes.change(job.group, state="failed", message=told)
             fix = "See the logs of Ray on that node."
             raise StudioError("cluster.worker_lost", told, fix=fix, group=job.group.index)
         self._warn(Message("cluster.worker_lost", f"{told}; it is started again", fields={"group": job.group.index}))
@@ -339,7 +338,7 @@ class _Run:
         job.attempt += 1
         job.node = ""
         self._queue.appendleft(job)
-        self._lanes.retried(job.group, job.attempt, reason)
+        self._lanes.change(job.group, state="retried", attempt=job.attempt, message=reason)
 
     def _warn(self, message: Message) -> None:
         if str(message) not in self._warned:

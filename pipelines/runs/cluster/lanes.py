@@ -1,5 +1,6 @@
 """Progress of groups that run on several machines, together and one by one."""
 
+import time
 from dataclasses import replace
 
 from pipelines.events import Emit, GroupState, Metrics, Progress
@@ -19,19 +20,21 @@ class Lanes:
     def queued(self, group: Group) -> None:
         """A group waits for a node."""
         self._fractions[group.index] = 0.0
-        self._change(GroupState(stage=self._stage, group=group.index, state="queued", frames=len(group.frames)))
+        queued = GroupState(stage=self._stage, group=group.index, state="queued", frames=len(group.frames))
+        self._states[group.index] = queued
+        self.change(group)
 
     def running(self, group: Group, node: str, gpu: str, attempt: int) -> None:
         """A group runs on a node."""
         self._seconds[group.index] = []
-        self._change(self._now(group, state="running", node=node, gpu=gpu, attempt=attempt, message=""))
+        self.change(group, state="running", node=node, gpu=gpu, attempt=attempt, message="")
 
     def progress(self, group: Group, event: Progress) -> None:
         """A group reports progress; emitted with the next frame."""
         self._fractions[group.index] = max(self._fractions[group.index], event.fraction)
         psnr = event.figures.get("psnr")
         if isinstance(psnr, int | float):
-            self._states[group.index] = self._now(group, psnr=round(float(psnr), 2))
+            self._states[group.index] = replace(self._states[group.index], psnr=round(float(psnr), 2))
 
     def metrics(self, group: Group, event: Metrics) -> None:
         """A group reports the figures of a frame."""
@@ -43,20 +46,18 @@ class Lanes:
         taken = self._seconds.get(group.index)
         mean = round(sum(taken) / len(taken), 2) if taken else None
         done = group.frames.index(event.frame) + 1
-        self._change(self._now(group, frames_done=done, seconds_per_frame=mean))
-
-    def retried(self, group: Group, attempt: int, reason: str) -> None:
-        """A group is queued again."""
-        self._change(self._now(group, state="retried", attempt=attempt, message=reason))
+        self.change(group, frames_done=done, seconds_per_frame=mean)
 
     def done(self, group: Group) -> None:
         """A group's results are in the take."""
         self._fractions[group.index] = 1.0
-        self._change(self._now(group, state="done", frames_done=len(group.frames)))
+        self.change(group, state="done", frames_done=len(group.frames))
 
-    def failed(self, group: Group, reason: str) -> None:
-        """A group failed for good."""
-        self._change(self._now(group, state="failed", message=reason))
+    def change(self, group: Group, **changes: object) -> None:
+        """Emit the state of a group with other attributes of `GroupState`."""
+        changed = replace(self._states[group.index], **changes, time=time.time())  # type: ignore[arg-type]
+        self._states[group.index] = changed
+        self._emit(changed)
 
     @property
     def fraction(self) -> float:
@@ -71,18 +72,5 @@ class Lanes:
         running = [state for state in states if state.state == "running"]
         done = sum(state.state == "done" for state in states)
         nodes = len({state.node for state in running})
-        where = (
-            f"{len(running)} running on {nodes} {'node' if nodes == 1 else 'nodes'}"
-            if running
-            else "waiting for a node"
-        )
+        where = f"{len(running)} running on {counted(nodes, 'node')}" if running else "waiting for a node"
         return f"{done} of {counted(len(states), 'group')}, {where}"
-
-    def _now(self, group: Group, **changes: object) -> GroupState:
-        return replace(self._states[group.index], **changes)  # type: ignore[arg-type]
-
-    def _change(self, state: GroupState) -> None:
-        import time
-
-        self._states[state.group] = state
-        self._emit(replace(state, time=time.time()))

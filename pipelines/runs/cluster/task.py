@@ -140,7 +140,7 @@ def do_task(task: GroupTask, node: str) -> None:
         _here(Path(task.footage), "footage", task)
     config = load_config(take.config, task.settings)
     try:
-        work(take, config, (task.stage,), task.group, emit, expected=task.key)
+        work(take, config, task.stage, task.group, emit, expected=task.key)
     except StudioError as error:
         if error.message.code not in _FOOTAGE_CODES:
             raise

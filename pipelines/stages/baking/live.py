@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Set
-from types import TracebackType
 from typing import TYPE_CHECKING
 
 from pipelines.events.cancellation import Cancellation
@@ -52,9 +51,7 @@ class LiveBake:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
         if kind is not None:
             self._end()
         try:

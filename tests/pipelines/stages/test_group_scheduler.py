@@ -74,7 +74,7 @@ def test_only_what_is_left_to_train_needs_memory(copied: Path, take: Take, monke
     run_take(copied, stages=("train",))
     take.trained_frame(1, 3).unlink()
     with refuses("train.too_little_memory"):
-        work(take, settings_in(copied), ("train",), 1, lambda event: None)
+        work(take, settings_in(copied), "train", 1, lambda event: None)
     # before the colors of the cameras are fitted, which is training too
     with refuses("train.too_little_memory"):
         run_take(copied, "train.camera_colors=splats", stages=("train",))
