@@ -2,7 +2,6 @@
 
 import os
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -105,18 +104,12 @@ class NewTake:
         overrides: list[tuple[str, object]] = []
         if self.footage.strip():
             overrides.append(("capture.root", _footage_folder(self.footage.strip())))
-        if self.images:
-            overrides.append(("capture.images", self.images))
-        if self.rig:
-            overrides.append(("capture.rig", None if self.rig == CALIBRATE else self.rig))
-        if self.masks:
-            overrides.append(("capture.mask_files", self.masks))
-        if self.plates:
-            overrides.append(("capture.clean_plates", self.plates))
-            if not self.masks:  # else the masks are used
-                overrides.append(("capture.masks", "clean_plate"))
-        if self.audio:
-            overrides.append(("capture.audio", self.audio))
+        names = {"images": "images", "rig": "rig", "masks": "mask_files", "plates": "clean_plates", "audio": "audio"}
+        for attribute, name in names.items():
+            if value := getattr(self, attribute):
+                overrides.append((f"capture.{name}", None if value == CALIBRATE else value))
+        if self.plates and not self.masks:  # else the masks are used
+            overrides.append(("capture.masks", "clean_plate"))
         if self.settings.strip():
             path = Path(self.settings.strip()).expanduser()
             config = for_another_take(load_config(path, overrides), path)
@@ -136,7 +129,7 @@ class NewTake:
         more = f"{counted(len(problems), 'problem')}: {problems[0]}\n" if problems else ""
         given = (None if self.fps.strip() else config.capture.fps) or found.filmed_fps  # as `open_footage`
         left_out = [name for name in found.cameras if name not in found.used]
-        return Found(more + "\n".join(found.lines), given, found, uses=with_uses(uses, left_out, "not used"))
+        return Found(more + "\n".join(found.lines), given, found, uses=uses.with_use("not used", *left_out))
 
     def proposed_take(self) -> str:
         """Path of a new folder next to the footage, or in the home folder if none can be made there; in the working
@@ -175,16 +168,9 @@ class NewTake:
         return take.root
 
 
-def with_uses(uses: CameraUses, cameras: Sequence[str], use: str) -> CameraUses:
-    """A copy with another use of some cameras."""
-    for camera in cameras:
-        uses = uses.with_use(camera, use)
-    return uses
-
-
 def next_use(uses: CameraUses, camera: str) -> CameraUses:
     """A copy with the next use of a camera."""
-    return uses.with_use(camera, USES[(USES.index(uses.uses[camera]) + 1) % len(USES)])
+    return uses.with_use(USES[(USES.index(uses.uses[camera]) + 1) % len(USES)], camera)
 
 
 def uses_words(uses: CameraUses) -> str:

@@ -134,14 +134,10 @@ def render(take: Path, baked: bool, number: int) -> np.ndarray:
     return draw(gaussians, inputs.footage.calibrated.rig[CAMERA], (0.0, 0.0, 0.0))
 
 
-def truth(take: Path) -> np.ndarray:
-    """The held-out camera's footage of the frame, over black."""
-    return np.asarray(performer_over(context_of(take).footage.calibrated, CAMERA, FRAME, (0.0, 0.0, 0.0)))
-
-
 def difference_map(take: Path, number: int, good: Path) -> np.ndarray:
-    """Heat map of a render against the footage."""
-    return heat(difference(render(take, True, number), truth(good)))
+    """Heat map of a held-out camera's render against its footage of the frame, over black."""
+    footage = performer_over(context_of(good).footage.calibrated, CAMERA, FRAME, (0.0, 0.0, 0.0))
+    return heat(difference(render(take, True, number), footage))
 
 
 def save(path: Path, pixels: np.ndarray) -> None:

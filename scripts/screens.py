@@ -15,6 +15,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -220,15 +221,11 @@ def main() -> None:
         take = Path(shutil.copytree(options.take, Path(folder) / "take"))
         width, height = (int(part) for part in options.size.split("x"))
         size = f"{round(width / options.scale)}x{round(height / options.scale)}"
-        window = RunningWindow(display, Path(folder) / "state.jsonl", "--size", size)
-        try:
+        with closing(RunningWindow(display, Path(folder) / "state.jsonl", "--size", size)) as window:
             window.wait_for("the start page", lambda state: state["start"] and state["start_places"], SECONDS)
             if not options.only or "empty" in options.only:
                 take_picture(window, options.out / "empty.png")
-        finally:
-            window.close()
-        window = RunningWindow(display, Path(folder) / "taken.jsonl", str(take), "--size", size)
-        try:
+        with closing(RunningWindow(display, Path(folder) / "taken.jsonl", str(take), "--size", size)) as window:
             window.wait_for("a take", lambda state: state["frames"] > 1 and not state["opening"], SECONDS)
             if window.states()[-1]["playing"]:
                 window.key("space")
@@ -236,8 +233,6 @@ def main() -> None:
             for name, go in SCREENS.items():
                 if not options.only or name in options.only:
                     photograph(window, name, go, options.out)
-        finally:
-            window.close()
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ import argparse
 import sys
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -30,12 +30,10 @@ SECONDS = 600.0  # longest wait for a state; generous, because another program m
 def opened(display: str, take: Path) -> Iterator[RunningWindow]:
     """The window on a take, once it has read it."""
     with tempfile.TemporaryDirectory() as folder:
-        window = RunningWindow(display, Path(folder) / "state.jsonl", str(take), "--size", SIZE)
-        try:
+        state = Path(folder) / "state.jsonl"
+        with closing(RunningWindow(display, state, str(take), "--size", SIZE)) as window:
             window.wait_for("a take", lambda s: s["frames"] > 1 and not s["opening"], SECONDS)
             yield window
-        finally:
-            window.close()
 
 
 def save(window: RunningWindow, path: Path, **wanted: Any) -> None:

@@ -127,7 +127,7 @@ class CameraActions:
             "held out": f"hold out {camera}",
             "not used": f"exclude {camera} from training",
         }[use]
-        refused = change_uses(self._window.workspace, uses.with_use(camera, use), words)
+        refused = change_uses(self._window.workspace, uses.with_use(use, camera), words)
         notices = self._window.notices
         if notices.outcome("camera use", refused):
             notices.show(f"{words[0].upper()}{words[1:]}: Ctrl+Z undoes it.")

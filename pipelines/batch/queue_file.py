@@ -14,8 +14,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from pipelines.takes.atomic_files import Result, disk_errors, read_model, write_model
-from pipelines.takes.held_lock import held, holder_of
+from pipelines.takes.atomic_files import Result, disk_errors, held, holder_of, read_model, write_model
 from studio.errors import StudioError
 from studio.storage.address import is_address
 

@@ -64,17 +64,9 @@ def _board(arguments: argparse.Namespace) -> int:
         problem = f"--marker {marker:g} is not between 0 and the side of a square, {arguments.square:g} mm"
         raise invalid_option("--marker", problem, "Specify the side of a marker in millimeters.", marker)
     try:
-        target = CalibrationTarget.model_validate(
-            {
-                "kind": arguments.kind,
-                "columns": arguments.columns,
-                "rows": arguments.rows,
-                "square": arguments.square / 1000,
-                "marker": marker / 1000,
-                "dictionary": arguments.dictionary,
-                "inverted": arguments.inverted,
-            }
-        )
+        given = {name: getattr(arguments, name) for name in ("kind", "columns", "rows", "dictionary", "inverted")}
+        lengths = {"square": arguments.square / 1000, "marker": marker / 1000}
+        target = CalibrationTarget.model_validate(given | lengths)
     except ValidationError as error:
         raise refused(error, CalibrationTarget, COMMAND_LINE) from None
     width, height = write_target_pdf(target, arguments.file, paper=arguments.paper)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pipelines.commands.common.arguments import add_command, invalid_option
+from pipelines.commands.common.working import working
 from studio.counts import counted
 from studio.errors import StudioError, shown
 from studio.progress import ProgressFn
@@ -63,7 +64,6 @@ def _footage(folder: Path) -> Footage | None:
 
 
 def _check_footage(arguments: argparse.Namespace, footage: Footage) -> int:
-    from pipelines.commands.common.working import working
     from pipelines.inspection import found_lines
     from studio.capture import check_footage
 
@@ -78,7 +78,6 @@ def _check_footage(arguments: argparse.Namespace, footage: Footage) -> int:
 
 
 def _check_take(arguments: argparse.Namespace, take: Take, folder: Path) -> int:
-    from pipelines.commands.common.working import working
     from pipelines.stages import STAGE_NAMES
     from pipelines.takes.integrity import check_take
 
@@ -142,7 +141,6 @@ def _assumed(take: Take) -> list[str]:
 
 
 def _check_stream(arguments: argparse.Namespace) -> int:
-    from pipelines.commands.common.working import working
     from pipelines.takes.videos import stream_place
     from studio.stream import StreamReader, check_stream
 

@@ -17,7 +17,7 @@ from studio.memory import require_memory
 from studio.process import keep_freed_memory
 
 if TYPE_CHECKING:
-    from pipelines.estimate import Estimate
+    from pipelines.estimate.estimate import Estimate
     from pipelines.stages.inputs import Inputs
 
 _NOTE = """Reads some images of the footage and rehearses some steps of training, about 20 seconds on an idle machine.

@@ -297,16 +297,10 @@ def _chosen(video: SplatVideo, frames: tuple[int | None, int | None, int], sh_de
 
 
 def _size(text: str) -> tuple[int, int]:
-    width, height = _parts("--size", text, r"([1-9]\d{0,4})x([1-9]\d{0,4})", "WxH", "1280x720")
-    return int(width), int(height)
-
-
-def _parts(option: str, text: str, pattern: str, form: str, example: str) -> tuple[str, ...]:
-    """The groups of `pattern` in the option's value; "" for one that is missing."""
-    found = re.fullmatch(pattern, text)
+    found = re.fullmatch(r"([1-9]\d{0,4})x([1-9]\d{0,4})", text)
     if found is None:
-        raise invalid_option(option, f"{option} '{text}' is not of the form {form}", f"Example: {example}.", text)
-    return found.groups("")
+        raise invalid_option("--size", f"--size '{text}' is not of the form WxH", "Example: 1280x720.", text)
+    return int(found[1]), int(found[2])
 
 
 def _frames(video: SplatVideo, arguments: argparse.Namespace, progress: ProgressFn) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import signal
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -102,7 +103,7 @@ def _list(arguments: argparse.Namespace) -> int:
 
 def _run(arguments: argparse.Namespace) -> int:
     from pipelines.batch.run_queue import run_queue
-    from pipelines.events import Event, Finished, Log
+    from pipelines.events import Emit, Event, Finished, Log
     from pipelines.events.cancellation import Cancellation
     from pipelines.runs.console import Bars, JsonLines
 
@@ -115,34 +116,29 @@ def _run(arguments: argparse.Namespace) -> int:
     signal.signal(signal.SIGTERM, interrupt)
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # as for a job in the background of a shell
         signal.signal(signal.SIGINT, interrupt)
-    lines = JsonLines(arguments.output) if arguments.json else None
-    shown: list[Bars] = []
+    bars, lines = ExitStack(), JsonLines(arguments.output)
+    show: Emit = lines
 
     def say(entry: QueuedTake, words: str) -> None:
         text = f"take {entry.number}: {words}"
-        print(f"== {text}", flush=True) if lines is None else lines(Log(message=text))
+        lines(Log(message=text)) if arguments.json else print(f"== {text}", flush=True)
 
     def starts(entry: QueuedTake) -> None:
+        nonlocal show
         say(entry, str(entry.take))
-        if lines is None:
-            shown.append(Bars().__enter__())
+        if not arguments.json:
+            show = bars.enter_context(Bars())
 
     def emit(event: Event) -> None:
-        if lines is None:
-            shown[-1](event)
-        elif not isinstance(event, Finished):  # of one take; that of the queue is the last
-            lines(event)
+        if not (arguments.json and isinstance(event, Finished)):  # of one take; that of the queue is the last
+            show(event)
 
     def ended(entry: QueuedTake) -> None:
-        if lines is None:
-            shown.pop().__exit__()
+        bars.close()
         say(entry, f"{entry.state}{f' ({entry.message})' if entry.message else ''}")
 
-    try:
+    with bars:
         done, failed = run_queue(_file(arguments), starts, emit, ended, check=stopped.check)
-    finally:
-        for bars in shown:
-            bars.__exit__()
     arguments.result = {"done": done, "failed": failed}
     print_text(arguments, f"{done} done, {failed} failed")
     return 1 if failed else 0

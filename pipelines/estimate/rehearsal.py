@@ -184,7 +184,10 @@ class _Training:
     def run(self) -> None:
         """Measure."""
         self._keyframe()
-        self._later_frame()
+        motion = self._steps_of(finetune_iterations=0)
+        self.found.motion_step = motion.seconds if motion.ends else 0.0
+        tuning = self._steps_of(motion_iterations=0)
+        self.found.finetune_step = tuning.seconds if tuning.ends else 0.0
 
     def _settings(self, **changes: Any) -> TrainSettings:
         settings = self._inputs.config.train
@@ -213,12 +216,6 @@ class _Training:
         splats = latest[-1].detach()
         order = splats.logit_opacities.argsort(descending=True)[: self._work.splats]
         self.splats = splats.map(lambda tensor: tensor[order].clone())
-
-    def _later_frame(self) -> None:
-        motion = self._steps_of(finetune_iterations=0)
-        self.found.motion_step = motion.seconds if motion.ends else 0.0
-        tuning = self._steps_of(motion_iterations=0)
-        self.found.finetune_step = tuning.seconds if tuning.ends else 0.0
 
     def _steps_of(self, **changes: int) -> _Steps:
         """Train one kind of step; the time until the first one is that of the frame."""

@@ -2,8 +2,7 @@
 
 import base64
 import datetime
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from functools import partial
 
 import numpy as np
@@ -31,26 +30,15 @@ _IMAGE_WIDTH = 420  # largest width of an image in pixels
 DIFFERENCE_GAIN = 4.0  # differences are amplified by this factor to make them visible
 
 
-@dataclass(frozen=True)
-class Sample:
-    """Images of one view, cropped to the same box: (h, w, 3) float32 in 0 to 1."""
-
-    frame: int
-    camera: str
-    footage: np.ndarray
-    trained: np.ndarray
-    decoded: np.ndarray
-
-
 def render_report(
     take: Take,
     config: Config,
     groups: Sequence[Group],
     evaluation: Evaluation,
-    samples: Sequence[Sample],
+    samples: Sequence[Mapping[str, str]],
     stages: Sequence[str],
 ) -> str:
-    """`stages`: those before the evaluation."""
+    """`samples`: from `sample_images`. `stages`: those before the evaluation."""
     return rendered(
         "report.html.j2",
         title=take.root.name,
@@ -62,7 +50,7 @@ def render_report(
         titles=[f"{metric.title} {what}" for metric in evaluation.metrics for what in ("trained", "decoded")],
         texts=partial(metric_texts, metrics=evaluation.metrics),
         gain=DIFFERENCE_GAIN,
-        samples=[_images(sample) for sample in samples],
+        samples=samples,
         over_time=_over_time(take, groups, evaluation),
         calibration=_calibration(take),
         timings=_timings(take, stages),
@@ -132,12 +120,12 @@ def _note_of(marks: dict[int, str], error: str) -> str:
     return f"<!-- marks {digest_of([sorted(marks.items()), error])} -->"
 
 
-def _images(sample: Sample) -> dict[str, str]:
-    """The images of a sample as data URIs, by label."""
-    difference = np.clip(np.abs(sample.decoded - sample.footage) * DIFFERENCE_GAIN, 0, 1)
-    images = {"footage": sample.footage, "trained": sample.trained, "decoded": sample.decoded}
-    images[f"difference x{DIFFERENCE_GAIN:g}"] = difference
-    return {f"frame {sample.frame}, {sample.camera}: {name}": _embedded(image) for name, image in images.items()}
+def sample_images(view: str, images: Mapping[str, np.ndarray]) -> dict[str, str]:
+    """Images of a view, with the difference, as data URIs by label. `images`: footage, trained and decoded, cropped to
+    the same box, (h, w, 3) float32 in 0 to 1; `view`: begins the labels."""
+    difference = np.clip(np.abs(images["decoded"] - images["footage"]) * DIFFERENCE_GAIN, 0, 1)
+    shown = {**images, f"difference x{DIFFERENCE_GAIN:g}": difference}
+    return {f"{view}: {name}": _embedded(image) for name, image in shown.items()}
 
 
 def _embedded(image: np.ndarray) -> str:

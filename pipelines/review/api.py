@@ -7,6 +7,8 @@ import asyncio
 import hashlib
 import re
 import sys
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 from pydantic import ValidationError
 from starlette.concurrency import run_in_threadpool
@@ -31,6 +33,8 @@ _STATUS = {
     "review.no_frame": 404,
     "review.no_camera": 404,
 }
+Made = TypeVar("Made")
+
 _FRAME = re.compile(r"[0-9]{1,9}")
 _PRIVATE = {"X-Content-Type-Options": "nosniff", "Cross-Origin-Resource-Policy": "same-origin"}
 
@@ -48,17 +52,17 @@ def review_routes(review: TakeReview) -> list[BaseRoute]:
         headers = {**_PRIVATE, "Cache-Control": "no-cache", "ETag": f'"{hashlib.sha256(body).hexdigest()[:32]}"'}
         return Response(body, status, headers, "application/json")
 
-    def failed(error: StudioError) -> HTTPException:
-        if error.code not in _STATUS:  # details concern this machine only
-            print(f"warning: {error}", file=sys.stderr, flush=True)
-        return HTTPException(_STATUS.get(error.code, 500))
-
-    async def data(request: Request) -> Response:
+    async def computed(make: Callable[..., Made], *given: Any) -> Made:
         async with working:
             try:
-                found = await run_in_threadpool(review.data)
+                return await run_in_threadpool(make, *given)
             except StudioError as error:
-                raise failed(error) from None
+                if error.code not in _STATUS:  # details concern this machine only
+                    print(f"warning: {error}", file=sys.stderr, flush=True)
+                raise HTTPException(_STATUS.get(error.code, 500)) from None
+
+    async def data(request: Request) -> Response:
+        found = await computed(review.data)
         headers = {**_PRIVATE, "Cache-Control": "no-cache"}
         return Response(found.model_dump_json(), headers=headers, media_type="application/json")
 
@@ -66,14 +70,9 @@ def review_routes(review: TakeReview) -> list[BaseRoute]:
         camera, frame = request.path_params["camera"], request.path_params["frame"]
         if _FRAME.fullmatch(frame) is None:
             raise HTTPException(404)
-        async with working:
-            try:
-                found = await run_in_threadpool(review.picture, camera, int(frame))
-            except StudioError as error:
-                raise failed(error) from None
         # the address is secret and changes with every run of the server
         headers = {**_PRIVATE, "Cache-Control": "private, max-age=86400, immutable"}
-        return Response(found, headers=headers, media_type="image/jpeg")
+        return Response(await computed(review.picture, camera, int(frame)), headers=headers, media_type="image/jpeg")
 
     async def marks(request: Request) -> Response:
         try:

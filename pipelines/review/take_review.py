@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pipelines.review.messages import MarkChange, MetricCurves, QualityCurves, ReviewCamera, ReviewData
+from pipelines.stages.compared_view import compared_cameras
 from pipelines.stages.footage import TakeFootage, performer_over
 from pipelines.takes.evaluation import Evaluation, measured_earlier_bake, read_evaluation
 from pipelines.takes.frame_numbers import trained_numbers
@@ -60,7 +61,7 @@ class TakeReview:
         return ReviewData(
             frame_count=self.frame_count,
             quality=None if evaluation is None else self._curves(evaluation),
-            cameras=() if footage is None else tuple(_camera(footage, name, self.place) for name in _compared(footage)),
+            cameras=tuple(_camera(footage, name, self.place) for name in compared_cameras(footage)) if footage else (),
             background=self._background,
             problems=tuple(problems),
         )
@@ -75,7 +76,7 @@ class TakeReview:
         from pipelines.reports.images import encode
 
         footage = self._opened
-        if footage is None or camera not in _compared(footage):
+        if footage is None or camera not in compared_cameras(footage):
             raise StudioError("review.no_camera", "no such camera to compare with", value=camera)
         first = self.place.first_frame
         if not 0 <= frame < min(self.frame_count, len(footage.frames) - first):
@@ -172,11 +173,6 @@ class TakeReview:
             bytes=tuple(None if row is None else row.bytes for row in rows),
             held_out=evaluation.protocol.held_out,
         )
-
-
-def _compared(footage: Footage) -> tuple[str, ...]:
-    """The held-out cameras, or all where none is held out."""
-    return footage.measured_cameras or footage.train_cameras
 
 
 def _size(footage: Footage, camera: str) -> tuple[int, int]:

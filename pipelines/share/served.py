@@ -37,8 +37,8 @@ def find_streams(folder: str) -> dict[str, Path]:
     for path in sorted(place.iterdir()):
         stream = path / "stream" if (path / "take.json").is_file() else path
         if not path.name.startswith(".") and (stream / MANIFEST_NAME).is_file():
-            if not _is_unicode(path.name):
-                shown = str(path).encode("utf-8", "backslashreplace").decode()
+            shown = str(path).encode("utf-8", "backslashreplace").decode()
+            if not shown.endswith(path.name):
                 print(f"warning: {shown}: not served, since its name is not UTF-8. Rename it.", file=sys.stderr)
                 continue
             if not stream.resolve().is_relative_to(place.resolve()):
@@ -52,14 +52,6 @@ def find_streams(folder: str) -> dict[str, Path]:
         fix = "Run `v3studio bake`, or specify another folder."
         raise StudioError("serve.no_stream", f"no stream in this folder (no {MANIFEST_NAME})", file=folder, fix=fix)
     return found
-
-
-def _is_unicode(name: str) -> bool:
-    try:
-        name.encode()
-    except UnicodeEncodeError:
-        return False
-    return True
 
 
 def find_reviews(streams: dict[str, Path]) -> dict[str, TakeReview]:

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipelines.outputs import check_output
+from pipelines.outputs import replacing
 from pipelines.takes.atomic_files import remove
 from pipelines.version import program_version
 from studio.atomic_files import remove_leftovers, restore_old, temporary_path
@@ -51,9 +51,15 @@ class SharedFolder:
 
 @contextmanager
 def shared_folder(out: Path, title: str | None) -> Iterator[SharedFolder]:
-    """A folder that replaces `out` when the block succeeds. Raises StudioError: `output.not_ours`."""
-    with _replaced(out) as folder:
-        files = SharedFolder(folder)
+    """A folder beside `out` that takes its place when the block succeeds, and is deleted otherwise. StudioError
+    (`output.not_ours`) also if somebody has written there meanwhile."""
+    new = temporary_path(out)
+    restore_old(out)
+    remove_leftovers(out.parent, out)
+    remove(new)
+    new.mkdir(parents=True)
+    try:
+        files = SharedFolder(new)
         yield files
         record = {
             "format": RECORD_FORMAT,
@@ -63,6 +69,10 @@ def shared_folder(out: Path, title: str | None) -> Iterator[SharedFolder]:
             "files": [{"path": name, "bytes": size} for name, size in sorted(files.written.items())],
         }
         files.write(RECORD_NAME, (json.dumps(record, indent=1, ensure_ascii=False) + "\n").encode())
+        with replacing(out, True, is_shared_folder):
+            os.rename(new, out)
+    finally:
+        remove(new)
 
 
 def is_shared_folder(out: Path) -> bool:
@@ -87,27 +97,3 @@ def _recorded(path: Path) -> set[str] | None:
         return {str(file["path"]) for file in record["files"]}
     except (OSError, ValueError, KeyError, TypeError):
         return None
-
-
-@contextmanager
-def _replaced(out: Path) -> Iterator[Path]:
-    """A temporary folder beside `out` that takes its place when the block succeeds, and is deleted otherwise."""
-    new, old = temporary_path(out), temporary_path(out, ".old")
-    restore_old(out)
-    remove_leftovers(out.parent, out)
-    remove(new)
-    new.mkdir(parents=True)
-    try:
-        yield new
-        check_output(out, True, is_shared_folder)  # it took a while: somebody may have written there meanwhile
-        if os.path.lexists(out):
-            os.rename(out, old)
-        try:
-            os.rename(new, out)
-        except OSError:
-            if old.exists():
-                os.rename(old, out)
-            raise
-    finally:
-        remove(new)
-    remove(old)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -11,20 +11,20 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from pipelines.config import Config
-from pipelines.reports.evaluation import Sample, render_report
+from pipelines.reports.evaluation import render_report, sample_images
 from pipelines.stages import STAGE_NAMES, Executor, stage_named
 from pipelines.stages.baking.plan import baked_frames
 from pipelines.stages.compared_view import compared_cameras, compared_view
 from pipelines.stages.inputs import Inputs
-from pipelines.stages.measured_groups import Measured, read_measured, write_measured
 from pipelines.stages.params import Params, key_of, settings_affecting
 from pipelines.stages.reporter import StageReporter
-from pipelines.takes.atomic_files import remove, write_model, write_text
+from pipelines.takes.atomic_files import Result, read_model, remove, write_model, write_text
 from pipelines.takes.edited import EditedGroup
 from pipelines.takes.edits import edit_params
 from pipelines.takes.evaluation import MEASURES, Evaluation, EvaluationSummary, FrameQuality, Protocol, Quality
 from pipelines.takes.groups import Group
 from pipelines.takes.records import result_of
+from pipelines.takes.take import group_name
 from studio.comparison import Residual, flicker_of, measure
 from studio.errors import Message, StudioError
 
@@ -86,47 +86,41 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> E
         )
         fix = "Hold out cameras with masks: capture.held_out."
         reporter.warn(Message("evaluation.no_held_out", problem, fix=fix, fields={"setting": "capture.held_out"}))
+    baked = baked_frames(inputs)
+    groups = [group for group in inputs.groups if set(group.indices) & set(baked)]
     if executor is not None:
-        kept = set(baked_frames(inputs))
-        groups = [group for group in inputs.groups if kept & set(group.indices)]
         todo = [group for group in groups if not group_done(inputs, group)]
         if todo:
             executor.run(STAGE, inputs, todo, reporter)
+    measured: list[MeasuredGroup] = []
     with _reader(inputs) as reader:
         played_bytes, bytes_per_frame = reader.played_bytes, reader.bytes_per_frame
-        measured = Measured()
-        baked = baked_frames(inputs)
-        for group in inputs.groups:
-            if not set(group.indices) & set(baked):
-                continue
-            key = group_key(inputs, group)
-            found = read_measured(inputs.take, group.index, key)
-            if found is None:
-                with inputs.take.group_locked(STAGE.name, group.index, reporter.check):
-                    found = read_measured(inputs.take, group.index, key)  # a worker may just have measured it
-                    if found is None:
-                        share = [(group.first + frames) / len(footage.frames) for frames in (0, len(group.frames))]
-                        found = _measure(inputs, group, reporter, reader, 0.95 * share[0], 0.95 * share[1])
-                        write_measured(inputs.take, group.index, key, found)
-            measured.add(found)
-    if not measured.frames:
+        for group in groups:
+            with inputs.take.group_locked(STAGE.name, group.index, reporter.check):
+                found = _measured(inputs, group)
+                if found is None:
+                    share = [(group.first + frames) / len(footage.frames) for frames in (0, len(group.frames))]
+                    found = _measure(inputs, group, reporter, reader, 0.95 * share[0], 0.95 * share[1])
+            measured.append(found)
+    rows = tuple(row for one in measured for row in one.frames)
+    if not rows:
         problem = f"the mask is empty in all frames of {', '.join(cameras)}: nothing to measure"
         fix = "Check the masks, or hold out other cameras."
         raise StudioError(
             "evaluation.nothing_visible", problem, fix=fix, cameras=list(cameras), setting="capture.held_out"
         )
-    for index, camera in measured.unseen:
+    for index, camera in (unseen for one in measured for unseen in one.unseen):
         problem = f"{camera} does not see the performer in frame {footage.frames[index]}: not measured"
         reporter.warn(
             Message("evaluation.not_visible", problem, fields={"camera": camera, "frame": int(footage.frames[index])})
         )
     summary = EvaluationSummary(
-        **_means(measured.frames),
+        **_means(rows),
         bytes_per_frame=round(bytes_per_frame, 1),
-        psnr_trained_lowest_frame=min(row.psnr_trained for row in measured.frames),
-        psnr_decoded_lowest_frame=min(row.psnr_decoded for row in measured.frames),
-        **_mean_flicker("flicker", measured.frames),
-        **_mean_flicker("flicker_at_group_borders", [row for row in measured.frames if row.starts_group]),
+        psnr_trained_lowest_frame=min(row.psnr_trained for row in rows),
+        psnr_decoded_lowest_frame=min(row.psnr_decoded for row in rows),
+        **_mean_flicker("flicker", rows),
+        **_mean_flicker("flicker_at_group_borders", [row for row in rows if row.starts_group]),
     )
     protocol = Protocol(
         cameras=tuple(cameras),
@@ -149,15 +143,16 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> E
         summary=summary,
         protocol=protocol,
         cameras={
-            name: Quality(**_means([row.cameras[name] for row in measured.frames if name in row.cameras]))
+            name: Quality(**_means([row.cameras[name] for row in rows if name in row.cameras]))
             for name in cameras
-            if any(name in row.cameras for row in measured.frames)
+            if any(name in row.cameras for row in rows)
         },
-        frames=tuple(measured.frames),
+        frames=rows,
     )
     reporter.progress(0.97, "writing the report")
     before = STAGE_NAMES[: STAGE_NAMES.index(STAGE.name)]
-    report = render_report(inputs.take, inputs.config, inputs.groups, evaluation, measured.samples, before)
+    samples = [images for one in measured for images in one.samples]
+    report = render_report(inputs.take, inputs.config, inputs.groups, evaluation, samples, before)
     write_text(inputs.take.report, report)
     write_model(inputs.take.evaluation, evaluation)
     remove(inputs.take.work(STAGE.name))
@@ -188,13 +183,34 @@ def group_key(inputs: Inputs, group: Group) -> str:
 
 
 def group_done(inputs: Inputs, group: Group) -> bool:
-    return read_measured(inputs.take, group.index, group_key(inputs, group)) is not None
+    return _measured(inputs, group) is not None
 
 
 def run_group(inputs: Inputs, group: Group, reporter: StageReporter) -> None:
     with _reader(inputs) as reader:
-        found = _measure(inputs, group, reporter, reader, 0.0, 1.0)
-    write_measured(inputs.take, group.index, group_key(inputs, group), found)
+        _measure(inputs, group, reporter, reader, 0.0, 1.0)
+
+
+class MeasuredGroup(Result):
+    """group_NNN.json in `Take.work` of the stage, kept until the evaluation is complete."""
+
+    key: str  # digest of everything that the results were made from
+    frames: tuple[FrameQuality, ...]
+    unseen: tuple[tuple[int, str], ...]  # index of a frame, and a camera that does not see the performer in it
+    samples: tuple[dict[str, str], ...]  # images in the report, of one view each: data URIs by label
+
+
+def _file(inputs: Inputs, group: Group) -> Path:
+    return inputs.take.work(STAGE.name) / f"{group_name(group.index)}.json"
+
+
+def _measured(inputs: Inputs, group: Group) -> MeasuredGroup | None:
+    """The results of a group; None if there are none that are up to date."""
+    key = group_key(inputs, group)
+    with suppress(StudioError):
+        found = read_model(_file(inputs, group), MeasuredGroup)
+        return found if found.key == key else None
+    return None
 
 
 def _key(inputs: Inputs) -> str:
@@ -224,8 +240,12 @@ def _reader(inputs: Inputs) -> Iterator[StreamReader]:
 
 def _measure(
     inputs: Inputs, group: Group, reporter: StageReporter, reader: StreamReader, start: float, stop: float
-) -> Measured:
-    measured, cameras = Measured(), compared_cameras(inputs.footage.trained)
+) -> MeasuredGroup:
+    """Measure a group and keep the results in the take; `start` and `stop`: of the stage's progress."""
+    cameras = compared_cameras(inputs.footage.trained)
+    rows: list[FrameQuality] = []
+    unseen: list[tuple[int, str]] = []
+    samples: list[dict[str, str]] = []
     lpips = lpips_of(inputs.config, inputs.device)
     sizes = {
         frame: one.bytes / one.frame_count
@@ -249,7 +269,7 @@ def _measure(
             reporter.progress(start + (stop - start) * done, f"frame {frame}", frame=frame, group=group.index)
             view = compared_view(inputs, camera, frame)
             if view is None:
-                measured.unseen.append((index, camera))
+                unseen.append((index, camera))
                 continue
             pairs = {"trained": view.pair(trained), "decoded": view.pair(decoded)}
             residuals[camera] = pairs["decoded"].residual
@@ -257,14 +277,18 @@ def _measure(
                 f"{name}_{what}": value for what, pair in pairs.items() for name, value in measure(pair, lpips).items()
             }
             if index in shown and camera in cameras[:3]:
-                sample = Sample(frame, camera, pairs["decoded"].footage, *(pair.rendered for pair in pairs.values()))
-                measured.samples.append(sample)
+                images = {"footage": pairs["decoded"].footage} | {what: pair.rendered for what, pair in pairs.items()}
+                samples.append(sample_images(f"frame {frame}, {camera}", images))
         if views:
             row = _row(group, index, frame, views, sizes[index - baked[0]], trained)
             row = row.model_copy(update={"flicker": flicker_of(before, residuals)})
-            measured.frames.append(row)
+            rows.append(row)
             reporter.metrics(row.measures, group=group.index, frame=frame)
         before = residuals
+    measured = MeasuredGroup(
+        key=group_key(inputs, group), frames=tuple(rows), unseen=tuple(unseen), samples=tuple(samples)
+    )
+    write_model(_file(inputs, group), measured)
     return measured
 
 

@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence, Set
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import zip_longest
 from pathlib import Path
@@ -116,22 +117,21 @@ def _kind(group: Group, position: int) -> Kind:
     return "keyframe" if position == group.middle else "later"
 
 
+@dataclass(eq=False)
 class GroupWork:
     """Trains groups; several threads may train one group each. Set `stop` to cancel all of them: they raise Cancelled.
-    `written` is called with the index of a group when all of its frames are written."""
+    `written` is called with the index of a group when all of its frames are written. `readers`: cameras that are read
+    in parallel."""
 
-    def __init__(
-        self,
-        inputs: Inputs,
-        reporter: StageReporter,
-        clock: TrainClock,
-        readers: int = 1,
-        written: Callable[[int], None] = lambda group: None,
-    ) -> None:
-        self.inputs, self.reporter, self.clock, self._written = inputs, reporter, clock, written
-        self._readers = readers
-        self.settings: TrainSettings = inputs.config.train
-        self.stop = Cancellation()
+    inputs: Inputs
+    reporter: StageReporter
+    clock: TrainClock
+    readers: int = 1
+    written: Callable[[int], None] = lambda group: None
+    stop: Cancellation = field(default_factory=Cancellation)
+
+    def __post_init__(self) -> None:
+        self.settings: TrainSettings = self.inputs.config.train
         self._lock = threading.Lock()  # guards the clock, the labels and the time of the last preview
         self._labels: dict[Place, str] = {}
         self._outlines_off: dict[int, float | None] = {}  # of each group's keyframe, once it is trained
@@ -170,7 +170,7 @@ class GroupWork:
             self._train_jointly(group, seen, keys, final_keys[0], timings)
         else:
             self._undo_joint(group, keys)
-            self._written(group.index)
+            self.written(group.index)
 
     def _train_frames(
         self,
@@ -263,7 +263,7 @@ class GroupWork:
             write_frame(take.trained_frame(group.index, index), gaussians.to("cpu"), self._about(group, index, key))
         remove(path)
         self.reporter.log(f"group {group.index}: {len(frames)} frames trained jointly in {seconds:.1f} s")
-        self._written(group.index)
+        self.written(group.index)
 
     def _undo_joint(self, group: Group, keys: list[str]) -> None:
         """Bring back frames that were trained jointly before."""
@@ -373,7 +373,7 @@ class GroupWork:
                     fraction = self.clock.fraction
                 self.reporter.progress(fraction, f"reading frame {frame}: image {number} of {images}")
 
-        return training_views(self.inputs, self.reporter, frame, reading, self._readers)
+        return training_views(self.inputs, self.reporter, frame, reading, self.readers)
 
     def _advise(self, views: list[TrainingView]) -> None:
         """Without a GPU, warn once if the images are too large to train on."""

@@ -26,11 +26,11 @@ class CameraUses:
             {name: "held out" if name in held_out else "training" if name in used else "not used" for name in names}
         )
 
-    def with_use(self, camera: str, use: str) -> Self:
-        """A copy with another use of one camera. Raises ValueError: `use` is not one of `USES`."""
+    def with_use(self, use: str, *cameras: str) -> Self:
+        """A copy with another use of some cameras. Raises ValueError: `use` is not one of `USES`."""
         if use not in USES:
             raise ValueError(f"use must be one of {', '.join(USES)}, got {use!r}")
-        return replace(self, uses={**self.uses, camera: use})
+        return replace(self, uses={**self.uses, **dict.fromkeys(cameras, use)})
 
     def settings(self, spec: CaptureSettings) -> dict[str, object]:
         """Settings, by dotted name, that give the cameras these uses; offsets of unused ones, which are refused, go."""

@@ -15,8 +15,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from pipelines.takes.atomic_files import Result, read_json, remove, sweep_partial, write_model
-from pipelines.takes.held_lock import held, holder_of
+from pipelines.takes.atomic_files import Result, held, holder_of, read_json, remove, sweep_partial, write_model
 from pipelines.version import program_version
 from studio.atomic_files import leftovers
 from studio.bounded_files import need_utf8

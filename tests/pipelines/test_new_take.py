@@ -8,7 +8,7 @@ from PIL import Image
 
 from pipelines.config import load_config, presets
 from pipelines.config.presets import preset_of
-from pipelines.new_take import CALIBRATE, NewTake, next_use, uses_words, with_uses
+from pipelines.new_take import CALIBRATE, NewTake, next_use, uses_words
 from studio.capture import open_footage
 from tests.support.errors import refuses
 
@@ -58,7 +58,7 @@ def test_frames_and_cameras_are_chosen(project: Path) -> None:
     assert list(inspection.strip) == [0, 1, 2, 3, 4]
     assert counts == [(done, 11) for done in range(11)], "6 cameras and 5 frames"
     assert inspection.suggested == ("cam5",)
-    new.uses = next_use(next_use(with_uses(found.uses, inspection.suggested, "held out"), "cam0"), "cam0")
+    new.uses = next_use(next_use(found.uses.with_use("held out", *inspection.suggested), "cam0"), "cam0")
     assert uses_words(new.uses) == "4 cameras for training, 1 held out, 1 not used"
     new.frames = "1 to 3"
     capture = load_config(new.create() / "config.yaml").capture

@@ -23,7 +23,7 @@ def ask_cameras(
     boxes: dict[str, tuple[gui.Checkbox, gui.Checkbox]] = {}
 
     def ticked(camera: str, use: str) -> None:
-        chosen[0] = chosen[0].with_use(camera, use)
+        chosen[0] = chosen[0].with_use(use, camera)
         used, held_out = boxes[camera]
         used.checked, held_out.checked = use != "not used", use == "held out"
 

@@ -18,7 +18,7 @@ from gui.widgets.dialogs.form import Form
 from gui.widgets.picture import ImagePanel, color, lowered, put
 from gui.widgets.settings import PRESET
 from pipelines.config.presets import PRESETS
-from pipelines.new_take import CALIBRATE, Found, NewTake, next_use, uses_words, with_uses
+from pipelines.new_take import CALIBRATE, Found, NewTake, next_use, uses_words
 from studio.errors import Cancelled, StudioError
 
 NAME = "new take"
@@ -232,7 +232,7 @@ class NewTakeDialog:
 
     def _use(self, which: str, use: str) -> None:
         cameras, uses = getattr(self._found.inspection, which), self._new.uses or self._found.uses
-        self._new.uses = with_uses(uses, [name for name in cameras if uses.uses[name] == "training"], use)
+        self._new.uses = uses.with_use(use, *(name for name in cameras if uses.uses[name] == "training"))
         self._update()
 
     def _set_frames(self, text: str) -> None:

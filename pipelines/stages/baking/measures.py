@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pipelines.reports.images import render
+from studio.comparison import padded_box
 
 if TYPE_CHECKING:
     from studio.cameras import Camera
@@ -16,41 +18,35 @@ if TYPE_CHECKING:
 _WIDTH = 640  # largest width of rendered images in pixels
 
 
+@dataclass(eq=False)
 class RenderedError:
     """Mean squared error of decoded frames against trained ones, for levels of quality. Both are rendered from two
     training cameras, usually on opposite sides of the performer and other ones in each frame, and compared in the
     bounding box of the foreground."""
 
-    def __init__(
-        self, frames: Sequence[Gaussians], cameras: Sequence[Camera], background: Sequence[float], device: str
-    ) -> None:
-        self._frames, self._background, self._device = frames, background, device
-        self._cameras = cameras
+    frames: Sequence[Gaussians]
+    cameras: Sequence[Camera]
+    background: Sequence[float]
+    device: str
+
+    def __post_init__(self) -> None:
         self._trained: dict[int, list[np.ndarray]] = {}
 
     def __call__(self, index: int, decoded: Gaussians) -> float:
         """Mean squared error over the cameras, colors in 0 to 1; `index` counts within the group."""
         if index not in self._trained:
-            self._trained[index] = self._render(index, self._frames[index])
-        errors = []
+            self._trained[index] = self._render(index, self.frames[index])
+        errors, background = [], np.array(self.background, dtype=np.float32)
         for trained, found in zip(self._trained[index], self._render(index, decoded), strict=True):
-            box = foreground_box(trained, self._background)
+            differs = (np.abs(trained - background) > 1 / 255).any(axis=2)
+            box = padded_box(np.where(differs, 255, 0), 0) or (slice(None), slice(None))
             errors.append(float(np.square(trained[box] - found[box]).mean()))
         return sum(errors) / len(errors)
 
     def _render(self, index: int, gaussians: Gaussians) -> list[np.ndarray]:
-        count = len(self._cameras)
+        count = len(self.cameras)
         chosen = sorted({index % count, (index + count // 2) % count})
-        return [render(gaussians, self._cameras[one], self._background, self._device, _WIDTH) for one in chosen]
-
-
-def foreground_box(image: np.ndarray, background: Sequence[float]) -> tuple[slice, slice]:
-    """Rows and columns of the bounding box of everything that differs from the background; all if nothing does."""
-    differs = (np.abs(image - np.array(background, dtype=np.float32)) > 1 / 255).any(axis=2)
-    rows, columns = np.flatnonzero(differs.any(axis=1)), np.flatnonzero(differs.any(axis=0))
-    if rows.size == 0:
-        return slice(None), slice(None)
-    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
+        return [render(gaussians, self.cameras[one], self.background, self.device, _WIDTH) for one in chosen]
 
 
 def rendered_contribution(

@@ -5,7 +5,10 @@ from pathlib import Path
 import pytest
 
 from pipelines.config import presets
-from pipelines.estimate import Measured, Work, estimate, rehearsal
+from pipelines.estimate import rehearsal
+from pipelines.estimate.estimate import estimate
+from pipelines.estimate.rehearsal import Measured
+from pipelines.estimate.work import Work
 from studio.training import TrainSettings
 
 pytestmark = pytest.mark.long

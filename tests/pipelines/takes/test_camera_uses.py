@@ -15,16 +15,16 @@ def test_uses_of_cameras_become_settings(tmp_path: Path) -> None:
     spec = CaptureSettings(root=root, held_out=("every 3",), offsets={"cam1": 2, "cam2": 0})
     uses = CameraUses.of(spec)
     assert uses.uses == {f"cam{number}": "held out" if number in (2, 5) else "training" for number in range(6)}
-    changed = uses.with_use("cam1", "not used").settings(spec)
+    changed = uses.with_use("not used", "cam1").settings(spec)
     assert changed == {
         "capture.cameras": ["cam0", "cam2", "cam3", "cam4", "cam5"],
         "capture.held_out": ["cam2", "cam5"],
         "capture.offsets": {"cam2": 0},
     }
     config = load_config(None, [("capture.root", str(root)), *changed.items()])
-    assert CameraUses.of(config.capture) == uses.with_use("cam1", "not used")
+    assert CameraUses.of(config.capture) == uses.with_use("not used", "cam1")
     assert uses.settings(spec)["capture.cameras"] == [], "all of them"
     with refuses("settings.no_training_camera"):
         CameraUses(dict.fromkeys(uses.uses, "held out")).settings(spec)
     with pytest.raises(ValueError, match="one of training"):
-        uses.with_use("cam1", "spare")
+        uses.with_use("spare", "cam1")
