@@ -118,9 +118,9 @@ def _settings_of(params: dict[str, JsonValue]) -> dict[str, JsonValue]:
 
 @functools.cache
 def _of_training() -> frozenset[str]:
-    """The settings that training depends on. Of `capture.frames`, its record has the frames instead."""
+    """The settings that training depends on."""
     later = {"videos", "manifest", "sound", "evaluation"}
-    return frozenset(name for name, made in affected(Config).items() if not later.issuperset(made)) | {"capture.frames"}
+    return frozenset(name for name, made in affected(Config).items() if not later.issuperset(made))
 
 
 def _kept(
@@ -225,9 +225,8 @@ def _files_of(take: Take, records: list[StageRecord]) -> list[Path]:
 
 def _sources(record: StageRecord) -> dict[str, JsonValue]:
     """The results that a stage was made from, by the stage that made each."""
-    start, params = "result of ", record.params
-    names = [name for name in params if name.startswith(start) and name.replace(" ", "").isalpha()]
-    return {name.removeprefix(start): params[name] for name in names}
+    named = [(re.fullmatch("result of ([a-z]+)", name), value) for name, value in record.params.items()]
+    return {name[1]: value for name, value in named if name}
 
 
 def _made_from(take: Take, record: StageRecord) -> list[StageRecord]:

@@ -242,7 +242,7 @@ class CaptureSettings(ModelSettings, ScreenSettings, DifferenceSettings, FileSet
     )
     """Image scale: 0.5 halves width and height (area filter)."""
 
-    frames: Annotated[str | None, Affects("evaluation"), Empty("all")] = None
+    frames: Annotated[str | None, Affects("grouping", "evaluation"), Empty("all")] = None
     """Frames to use, as numbered in the files: A:B for frames A to B - 1, A:B:S for every S-th of them, each shown S
     times as long. Without A or B, it begins with the first or ends with the last frame: 60: or :20 or ::2. null: all
     frames."""
