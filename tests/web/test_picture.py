@@ -21,7 +21,7 @@ _TAP = """{
   Object.defineProperty(Worker.prototype, 'onmessage', {
     set(handler) {
       descriptor.set.call(this, event => {
-        const {type, picture} = event.data;
+        const {type, value: picture} = event.data;
         if (type === 'picture')
           window.pictures.push({frame: picture.frame, luma: text(picture.luma.slice()), count: picture.count,
             order: text(new Uint8Array(picture.order.slice(0, picture.count).buffer))});

@@ -4,6 +4,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { RateRule } from "../src/worker/rate_rule.ts";
 import { ArchiveSource, rangesOf } from "../src/worker/archive.ts";
+import { readChecked } from "../src/worker/source.ts";
 
 const signal = new AbortController().signal;
 
@@ -68,10 +69,11 @@ for (const options of [{}, { wide: true }, { extra: 400 }])
   void test(`entries are read by ranges: ${JSON.stringify(options)}`, async () => {
     const source = open(archive(FILES, options));
     for (const [name, data] of Object.entries(FILES))
-      assert.deepEqual(await source.read(name, data.length, signal), data);
-    await assert.rejects(source.read("files/c.bin", 1, signal), /does not contain/);
-    await assert.rejects(source.read("files/a.bin", 199_999, signal), /larger/);
-    await assert.rejects(source.read("files/a.bin", 200_001, signal), /200000 bytes/);
+      assert.deepEqual(await source.readAll(name, data.length, signal), data);
+    const file = { path: "files/a.bin", bytes: 200_001, sha256: "" };
+    await assert.rejects(source.readAll("files/c.bin", 1, signal), /does not contain/);
+    await assert.rejects(source.readAll(file.path, 199_999, signal), /larger/);
+    await assert.rejects(readChecked(source, file, signal), /200000 bytes/);
   });
 
 void test("archives that are cut, compressed or something else are refused", async () => {

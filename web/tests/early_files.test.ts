@@ -91,12 +91,12 @@ void test("a file is handed over while it arrives", async () => {
   const reading = source.read("slow", 4, new AbortController().signal, file.arrived);
   stream!.enqueue(Uint8Array.of(1, 2));
   assert.deepEqual([...(await file.prefix(2)).subarray(0, 2)], [1, 2]);
-  assert.equal(file.isComplete, false);
+  assert.equal(file.complete, false);
   stream!.enqueue(Uint8Array.of(3, 4));
   stream!.close();
   assert.deepEqual([...(await reading)], [1, 2, 3, 4]);
   file.finish(await reading);
-  assert.equal(file.isComplete, true);
+  assert.equal(file.complete, true);
   assert.deepEqual([...(await file.whole())], [1, 2, 3, 4]);
 });
 

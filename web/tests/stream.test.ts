@@ -7,7 +7,7 @@ import { test } from "node:test";
 import zlib from "node:zlib";
 import { RateRule } from "../src/worker/rate_rule.ts";
 import { crc32 } from "../src/stream/crc32.ts";
-import { squareSide } from "../src/stream/layout.ts";
+import { squareSide, tilePixels } from "../src/stream/layout.ts";
 import {
   filesOf,
   groupOfFrame,
@@ -19,13 +19,12 @@ import {
   type PlanesRendition,
   type Rendition,
 } from "../src/stream/manifest.ts";
-import { tilePixels } from "../src/stream/morton.ts";
 import { MotionTables } from "../src/stream/motion.ts";
 import { planePositions, planesLayout } from "../src/stream/planes.ts";
 import { inflate, parseSideFile, type SideFile } from "../src/stream/side_file.ts";
 import { DepthSorter } from "../src/stream/sort.ts";
 import { linkTo, parseTime, parseView } from "../src/ui/link.ts";
-import { inDisplayOrder, packetsNeeded } from "../src/worker/order.ts";
+import { inDisplayOrder, packetsNeeded } from "../src/worker/demux.ts";
 
 const folder = process.env["V3_FIXTURES"] ?? join(import.meta.dirname, "build", "fixtures");
 const bytes = (name: string): Uint8Array<ArrayBuffer> => new Uint8Array(readFileSync(join(folder, name)));

@@ -1,6 +1,7 @@
 /** What a page begins to fetch before the player's script has arrived: the manifest, and the files with which playback
  * begins. */
 
+import { inTime } from "../stream/errors.ts";
 import type { EarlyPart, EarlyPort } from "../worker/messages.ts";
 
 /** What the page leaves for the player. */
@@ -38,12 +39,13 @@ async function send(port: MessagePort, name: string, response: Promise<Response 
     const part: EarlyPart = { name, data, milliseconds };
     port.postMessage(part, data === null ? [] : [data]);
   };
+  const late = (): Error => new Error("late");
   let milliseconds: number | null = null;
   try {
-    const got = await soon(response);
+    const got = await inTime(response, PATIENCE, late);
     const reader = got?.ok === true ? got.body?.getReader() : undefined;
     while (reader !== undefined && milliseconds === null) {
-      const { done, value } = await soon(reader.read());
+      const { done, value } = await inTime(reader.read(), PATIENCE, late);
       if (done) milliseconds = performance.getEntriesByName(got!.url)[0]?.duration ?? performance.now();
       else post(value.slice().buffer);
     }
@@ -51,13 +53,4 @@ async function send(port: MessagePort, name: string, response: Promise<Response 
     // the worker tries again
   }
   post(null, milliseconds);
-}
-
-/** The same, but fails if it takes too long. */
-async function soon<T>(work: Promise<T>): Promise<T> {
-  let late: ReturnType<typeof setTimeout> | undefined;
-  const never = new Promise<never>((_, reject) => {
-    late = setTimeout(() => reject(new Error("late")), PATIENCE);
-  });
-  return Promise.race([work, never]).finally(() => clearTimeout(late));
 }

@@ -1,10 +1,10 @@
 /** The clock: determines which frame is due, asks for it ahead of time, and follows the sound. */
 
+import type { View } from "../render/camera.ts";
 import { groupOfFrame } from "../stream/manifest.ts";
 import type { EmbeddedFiles } from "../worker/embedded.ts";
-import type { StreamInfo } from "../worker/messages.ts";
+import type { StreamEvents, StreamInfo } from "../worker/messages.ts";
 import { Emitter } from "./emitter.ts";
-import type { PlayerEvents } from "./events.ts";
 import { type Course, dueFrame, playable } from "./schedule.ts";
 import { Sound } from "./sound.ts";
 import { Statistics } from "./statistics.ts";
@@ -21,6 +21,26 @@ interface Requested {
   readonly seek: boolean;
   /** Frames to subtract from the clock when it is shown: the stream's length if playback has looped. */
   readonly lap: number;
+}
+
+/** What a player reports to those that show it. */
+export interface PlayerEvents extends Pick<StreamEvents, "opened" | "grown" | "fetched" | "updated" | "notice" | "failed"> {
+  /** The first image is on the canvas. */
+  ready: undefined;
+  play: undefined;
+  pause: undefined;
+  /** Another frame is shown. */
+  frame: { readonly frame: number; readonly seconds: number };
+  seeked: { readonly frame: number };
+  /** The canvas was rendered; it can be copied in the handler. */
+  rendered: { readonly frame: number };
+  /** The end was reached without looping. */
+  ended: undefined;
+  looped: undefined;
+  waiting: boolean;
+  view: View;
+  /** Sound was loaded, muted, or blocked by the browser; see `Player.sound`. */
+  sound: undefined;
 }
 
 /** What is shown of a frame. */
@@ -59,9 +79,7 @@ export abstract class Playback<Content extends Shown> extends Emitter<PlayerEven
     this.loop_ = options.loop ?? true;
     const stream = (this.stream = new V3Stream(options));
     stream.on("opened", (info) => this.opened(info));
-    stream.on("grown", (info) => this.emit("grown", info));
-    stream.on("fetched", (fetched) => this.emit("fetched", fetched));
-    stream.on("notice", (message) => this.emit("notice", message));
+    for (const name of ["grown", "fetched", "notice"] as const) stream.on(name, (value) => this.emit(name, value));
     stream.on("failed", (message) => this.fail(message));
     stream.on("leftOut", ({ group, message }) => this.left(group, message));
     stream.on("improved", ({ group }) => {

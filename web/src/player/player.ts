@@ -6,10 +6,10 @@ import type { Renderer } from "../render/renderer.ts";
 import { messageOf } from "../stream/errors.ts";
 import type { Camera, Vector } from "../stream/metadata.ts";
 import type { EmbeddedFiles } from "../worker/embedded.ts";
-import type { DepthAxis, GroupSetup, Picture, StreamInfo } from "../worker/messages.ts";
+import type { DepthAxis, GroupSetup, Picture, StreamEvents, StreamInfo } from "../worker/messages.ts";
 import { Playback } from "./playback.ts";
 import { Screen } from "./screen.ts";
-import type { StreamEvents, StreamOptions } from "./stream.ts";
+import type { StreamOptions } from "./stream.ts";
 
 const SORT_AGAIN = 1e-3; // relative change of the view that triggers another sort
 const UNSORTED: DepthAxis = [0, 0, 0, 0]; // no view has this axis: the next view is sorted for

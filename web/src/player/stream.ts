@@ -4,37 +4,11 @@
 import { StreamError } from "../stream/errors.ts";
 import { groupOfFrame } from "../stream/manifest.ts";
 import type { EmbeddedFiles } from "../worker/embedded.ts";
-import type { DecodePath, DepthAxis, FromWorker, Picture, Splats, StreamInfo, ToWorker } from "../worker/messages.ts";
+import type { DecodePath, DepthAxis, FromWorker, Splats, StreamEvents, StreamInfo, ToWorker } from "../worker/messages.ts";
 import { takeEarlyFiles } from "./early_files.ts";
 import { Emitter } from "./emitter.ts";
 import { takeWorker } from "./spare_worker.ts";
 import { VideoReader } from "./video_reader.ts";
-
-type Message<Type extends FromWorker["type"]> = Extract<FromWorker, { type: Type }>;
-
-export interface StreamEvents {
-  /** The manifest has been read. */
-  opened: StreamInfo;
-  /** A live stream has more frames, or is complete. */
-  grown: StreamInfo;
-  /** Other groups are in memory. */
-  fetched: { readonly groups: readonly number[] };
-  /** A group was fetched again in a better rendition. */
-  improved: { readonly group: number };
-  /** A group cannot be played; asking for its frames fails. */
-  leftOut: { readonly group: number; readonly message: string };
-  /** Answers to `present` and `sort`. */
-  picture: Picture;
-  order: Message<"order">;
-  splats: Splats;
-  sound: Message<"sound">;
-  /** Another bake has taken the stream's place; open it again to see that one. */
-  updated: undefined;
-  /** A message for the viewer; playback continues. */
-  notice: string;
-  /** Nothing can be played. */
-  failed: string;
-}
 
 export interface StreamOptions {
   /** How to decode; by default, the first one that works. `video` needs a page. */
@@ -173,67 +147,47 @@ export class V3Stream extends Emitter<StreamEvents> {
     this.asked = [];
   }
 
-  /** Ends what was asked up to the call that the splats answer. */
-  private answer(splats: Splats): void {
-    const at = this.asked.findIndex(({ frame }) => frame === splats.frame);
-    this.asked.splice(0, at + 1).forEach(({ resolve }, i) => resolve(i === at ? splats : null));
-    this.emit("splats", splats);
-  }
-
   private receive(message: FromWorker): void {
     switch (message.type) {
       case "opened":
-        this.info = message.info;
-        this.opening?.resolve(message.info);
-        this.opening = null;
-        this.emit("opened", message.info);
-        break;
       case "grown":
-        this.info = message.info;
-        this.emit("grown", message.info);
+        this.info = message.value;
+        this.opening?.resolve(message.value);
+        this.opening = null;
         break;
-      case "picture":
-        this.emit("picture", message.picture);
+      case "splats": {
+        // Ends what was asked up to the call that the splats answer.
+        const splats = message.value;
+        const at = this.asked.findIndex(({ frame }) => frame === splats.frame);
+        this.asked.splice(0, at + 1).forEach(({ resolve }, i) => resolve(i === at ? splats : null));
         break;
-      case "splats":
-        this.answer(message.splats);
-        break;
-      case "left-out": {
-        const { group, message: why } = message;
+      }
+      case "leftOut": {
+        const { group, message: why } = message.value;
         this.leftOut.set(group, why);
         const { groups } = this.info!;
         const lost = this.asked.filter(({ frame }) => groupOfFrame(groups, frame) === group);
         this.asked = this.asked.filter((one) => !lost.includes(one));
         for (const { reject } of lost) reject(new StreamError(why));
-        if (this.leftOut.size === groups.length) this.fail(why);
-        else this.emit("leftOut", message);
-        break;
+        if (this.leftOut.size < groups.length) break;
+        this.fail(why);
+        return;
       }
       case "fetched":
-        this.bandwidth = message.bandwidth;
-        this.receivedBytes = message.bytes;
-        this.fetchedGroups = message.groups;
-        this.emit("fetched", message);
+        ({ groups: this.fetchedGroups, bytes: this.receivedBytes, bandwidth: this.bandwidth } = message.value);
         break;
       case "failed":
-        this.fail(message.message);
-        break;
-      case "rebaked":
-        this.emit("updated", undefined);
-        break;
-      case "trouble":
-        this.emit("notice", message.message);
-        break;
+        this.fail(message.value);
+        return;
       case "path":
-        this.path = message.path;
+        this.path = message.value;
         break;
-      case "order":
-      case "improved":
-      case "sound":
-        this.emit(message.type, message);
-        break;
-      default:
+      case "video-open":
+      case "video-read":
+      case "video-close":
         this.videos.receive(message);
+        return;
     }
+    this.emit(message.type, message.value);
   }
 }

@@ -3,7 +3,7 @@
 
 import { Program } from "../render/gl.ts";
 import { FULL_VERTEX } from "../render/shaders.ts";
-import { messageOf, StreamError } from "../stream/errors.ts";
+import { inTime, messageOf, StreamError } from "../stream/errors.ts";
 import type { ToWorker, VideoRequest } from "../worker/messages.ts";
 
 const PATIENCE = 20_000; // milliseconds to wait for an image
@@ -31,7 +31,6 @@ interface Opened {
 export class VideoReader {
   private readonly open = new Map<number, Opened>();
   private gl: WebGL2RenderingContext | null = null;
-  private target = [0, 0];
 
   constructor(private readonly post: (message: ToWorker, transfer?: Transferable[]) => void) {}
 
@@ -85,10 +84,9 @@ export class VideoReader {
 
   private readBack({ element, width, height }: Opened): ArrayBuffer {
     const gl = (this.gl ??= this.makeContext());
-    if (this.target[0] !== width || this.target[1] !== height) {
+    if (gl.canvas.width !== width / 4 || gl.canvas.height !== height) {
       gl.canvas.width = width / 4;
       gl.canvas.height = height;
-      this.target = [width, height];
     }
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE, element);
     gl.viewport(0, 0, width / 4, height);
@@ -141,26 +139,19 @@ class Presented {
     const there = (): boolean =>
       this.mediaTime !== null && Math.abs(this.mediaTime + duration / 2 - time) < duration / 2;
     if (there()) return;
-    await new Promise<void>((resolve, reject) => {
-      const end = (act: () => void): void => {
-        clearTimeout(timer);
-        this.changed = null;
-        act();
-      };
-      const reported = this.mediaTime !== null && !document.hidden;
-      const timer = setTimeout(
-        () => {
-          end(() => {
-            if (reported && !document.hidden) reject(new StreamError("The browser's video element does not deliver a picture."));
-            else resolve();
-          });
-        },
-        reported ? PATIENCE : UNREPORTED,
-      );
+    const reported = this.mediaTime !== null && !document.hidden;
+    const arrival = new Promise<void>((resolve) => {
       this.changed = (): void => {
-        if (there()) end(resolve);
+        if (there()) resolve();
       };
     });
+    try {
+      await inTime(arrival, reported ? PATIENCE : UNREPORTED, noPicture);
+    } catch (error) {
+      if (reported && !document.hidden) throw error;
+    } finally {
+      this.changed = null;
+    }
   }
 
   private listen(): void {
@@ -172,26 +163,16 @@ class Presented {
   }
 }
 
+const noPicture = (): StreamError => new StreamError("The browser's video element does not deliver a picture.");
+
 /** Resolves on the event; rejects on an error or a timeout. */
-function happened(element: HTMLVideoElement, event: "loadeddata" | "seeked"): Promise<void> {
-  return new Promise((resolve, reject) => {
-    const stop = new AbortController();
-    const end = (act: () => void) => (): void => {
-      stop.abort();
-      clearTimeout(timer);
-      act();
-    };
-    const timer = setTimeout(
-      end(() => reject(new StreamError("The browser's video element does not deliver a picture."))),
-      PATIENCE,
-    );
-    element.addEventListener(event, end(resolve), { signal: stop.signal });
-    element.addEventListener(
-      "error",
-      end(() => {
-        reject(new StreamError(`This browser cannot play the video (${element.error?.message ?? "unknown reason"}).`));
-      }),
-      { signal: stop.signal },
-    );
+async function happened(element: HTMLVideoElement, event: "loadeddata" | "seeked"): Promise<void> {
+  const stop = new AbortController();
+  const done = new Promise<void>((resolve, reject) => {
+    element.addEventListener(event, () => resolve(), { signal: stop.signal });
+    element.addEventListener("error", () => {
+      reject(new StreamError(`This browser cannot play the video (${element.error?.message ?? "unknown reason"}).`));
+    }, { signal: stop.signal });
   });
+  await inTime(done, PATIENCE, noPicture).finally(() => stop.abort());
 }

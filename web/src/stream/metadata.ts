@@ -46,14 +46,14 @@ const MAX_TITLE = 200;
 
 type Values = Readonly<Record<string, unknown>>;
 
-const isNumber = (value: unknown): value is number => typeof value === "number" && Number.isFinite(value);
+export const isNumber = (value: unknown): value is number => typeof value === "number" && Number.isFinite(value);
 
 const isVector = (value: unknown): value is Vector =>
   Array.isArray(value) && value.length === 3 && value.every((one) => isNumber(one) && Math.abs(one) <= MAX_VALUE);
 
 const isSide = (value: unknown): value is number => Number.isInteger(value) && Number(value) >= 1 && Number(value) <= MAX_SIDE;
 
-const isSquare = (value: unknown, size: number): value is number[][] =>
+export const isSquare = (value: unknown, size: number): value is number[][] =>
   Array.isArray(value) &&
   value.length === size &&
   value.every((row) => Array.isArray(row) && row.length === size && row.every(isNumber));

@@ -1,7 +1,7 @@
 /** Decodes splats from a side file and a luma image, for sorting and for the shaders. */
 
+import { tilePixels } from "./layout.ts";
 import type { MotionRendition } from "./manifest.ts";
-import { tilePixels } from "./morton.ts";
 import type { SideFile } from "./side_file.ts";
 
 /** RGBA32F texels per block in the table that the shader reads. */

@@ -92,24 +92,18 @@ export async function readVideoIndex(
   most: number,
 ): Promise<VideoIndex> {
   for (let at = 0; at + HEADER <= bytes; ) {
-    const { box: head } = boxOf(await prefix(at + HEADER));
-    const size = head.u32(at);
-    const name = head.name(at + 4);
+    const head = new Box(viewOf(await prefix(at + HEADER)), at, at + HEADER);
+    const size = head.u32(0);
+    const name = head.name(4);
     if (name === "mdat") throw new StreamError("its index comes after its data");
     if (size < HEADER || at + size > bytes) throw new StreamError("its boxes are damaged");
-    if (name === "moov") {
-      const { view } = boxOf(await prefix(at + size));
-      return parseIndex(new Box(view, at + HEADER, at + size), bytes, most);
-    }
+    if (name === "moov") return parseIndex(new Box(viewOf(await prefix(at + size)), at + HEADER, at + size), bytes, most);
     at += size;
   }
   throw new StreamError("it has no index");
 }
 
-function boxOf(data: Uint8Array): { view: DataView; box: Box } {
-  const view = new DataView(data.buffer, data.byteOffset, data.byteLength);
-  return { view, box: new Box(view, 0, data.byteLength) };
-}
+const viewOf = (data: Uint8Array): DataView => new DataView(data.buffer, data.byteOffset, data.byteLength);
 
 function parseIndex(moov: Box, bytes: number, most: number): VideoIndex {
   const track = moov.find("trak");

@@ -57,15 +57,9 @@ class Cursor {
 }
 
 /** Coordinates of an octree level's occupied cells, one array per axis. */
-class Level {
-  readonly x: Uint16Array;
-  readonly y: Uint16Array;
-  readonly z: Uint16Array;
+type Level = Readonly<Record<"x" | "y" | "z", Uint16Array>>;
 
-  constructor(most: number) {
-    [this.x, this.y, this.z] = [new Uint16Array(most), new Uint16Array(most), new Uint16Array(most)];
-  }
-}
+const levelOf = (most: number): Level => ({ x: new Uint16Array(most), y: new Uint16Array(most), z: new Uint16Array(most) });
 
 const WRONG_CELLS = "the octree's cells do not match the number of splats";
 
@@ -106,7 +100,7 @@ function subdivide(from: Level, occupancy: Uint8Array, to: Level, most: number):
 /** Cells of the octree's last level in Morton order, each repeated once per splat in it: (splats, 3). */
 function readOctree(cursor: Cursor, bits: number, splats: number): Uint16Array {
   // The root is at (0, 0, 0).
-  let [from, to] = [new Level(splats), new Level(splats)];
+  let [from, to] = [levelOf(splats), levelOf(splats)];
   let count = 1;
   for (let level = 0; level < bits; level++) {
     count = subdivide(from, cursor.take(count), to, splats);

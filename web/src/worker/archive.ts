@@ -31,12 +31,6 @@ export class ArchiveSource implements Source {
 
   constructor(private readonly readRange: ReadRange, private readonly name: string) {}
 
-  async read(path: string, bytes: number, signal: AbortSignal): Promise<Uint8Array<ArrayBuffer>> {
-    const data = await this.readAll(path, bytes, signal);
-    if (data.length !== bytes) throw new StreamError(`${path} has ${data.length} bytes, but the manifest specifies ${bytes}.`);
-    return data;
-  }
-
   async readAll(path: string, limit: number, signal: AbortSignal): Promise<Uint8Array<ArrayBuffer>> {
     this.directory ??= this.open(signal);
     const entry = (await this.directory).get(path);

@@ -9,22 +9,14 @@ interface Waiting {
 export class Arriving {
   private data: Uint8Array<ArrayBuffer> = new Uint8Array(0);
   private filled = 0;
-  private complete = false;
-  private failure: Error | null = null;
+  /** Whether all of it is there, and verified. */
+  complete = false;
+  /** Why it will not arrive. */
+  failure: Error | null = null;
   private waiting: Waiting[] = [];
 
   /** @param bytes - its size */
   constructor(readonly bytes: number) {}
-
-  /** Whether all of it is there, and verified. */
-  get isComplete(): boolean {
-    return this.complete;
-  }
-
-  /** Whether it will not arrive. */
-  get hasFailed(): boolean {
-    return this.failure !== null;
-  }
 
   /** The first `filled` bytes of `data` have arrived. */
   readonly arrived = (data: Uint8Array<ArrayBuffer>, filled: number): void => {

@@ -3,7 +3,6 @@
 import { messageOf, StreamError } from "../stream/errors.ts";
 import { readVideoIndex, type VideoIndex } from "../stream/mp4.ts";
 import type { Arriving } from "./arriving.ts";
-import { inDisplayOrder } from "./order.ts";
 
 export interface Packet {
   /** Frame of the group that it decodes to: its place in the order of display. */
@@ -46,7 +45,7 @@ export async function demux(
     places = inDisplayOrder(index.samples);
     if (places[0] !== 0) throw new StreamError("its first picture is not shown first");
   } catch (error) {
-    if (file.hasFailed) throw error;
+    if (file.failure !== null) throw error;
     throw new StreamError(`${name} cannot be read: ${messageOf(error)}.`);
   }
   const { config, samples } = index;
@@ -62,4 +61,27 @@ export async function demux(
       return samples.map((_, at) => packet(data, at));
     },
   };
+}
+
+/** Place of each packet in the order of display, which is that of the time stamps. */
+export function inDisplayOrder(packets: readonly { readonly timestamp: number }[]): number[] {
+  const order = packets.map((_, at) => at).sort((a, b) => packets[a].timestamp - packets[b].timestamp);
+  const places = new Array<number>(packets.length);
+  order.forEach((at, picture) => {
+    if (picture > 0 && packets[at].timestamp === packets[order[picture - 1]].timestamp)
+      throw new StreamError("two of its pictures have the same time");
+    places[at] = picture;
+  });
+  return places;
+}
+
+/** For each image: how many packets hold it and all images before it. B-frames need some that come later. */
+export function packetsNeeded(packets: readonly { readonly picture: number }[]): number[] {
+  const needed = new Array<number>(packets.length).fill(0);
+  packets.forEach(({ picture }, at) => {
+    needed[picture] = at + 1;
+  });
+  for (let picture = 1; picture < needed.length; picture++)
+    needed[picture] = Math.max(needed[picture], needed[picture - 1]);
+  return needed;
 }

@@ -9,12 +9,6 @@ export type EmbeddedFiles = Readonly<Record<string, string>>;
 export class EmbeddedSource implements Source {
   constructor(private readonly files: EmbeddedFiles) {}
 
-  async read(path: string, bytes: number): Promise<Uint8Array<ArrayBuffer>> {
-    const data = await this.readAll(path, bytes);
-    if (data.length !== bytes) throw new StreamError(`${path} has ${data.length} bytes, the manifest says ${bytes}.`);
-    return data;
-  }
-
   readAll(path: string, limit: number): Promise<Uint8Array<ArrayBuffer>> {
     return new Promise((resolve) => resolve(this.decode(path, limit)));
   }

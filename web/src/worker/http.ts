@@ -1,6 +1,6 @@
 /** Fetches complete files of a known size over HTTP, and retries after network failures. */
 
-import { messageOf, StreamError } from "../stream/errors.ts";
+import { inTime, messageOf, StreamError } from "../stream/errors.ts";
 import { HASHED } from "../stream/manifest.ts";
 import type { EarlyFiles } from "./early_files.ts";
 import type { Arrived, Source } from "./source.ts";
@@ -177,11 +177,7 @@ async function consume(response: Response, take: (chunk: Uint8Array<ArrayBuffer>
   if (reader === undefined) return;
   try {
     for (;;) {
-      let timer: ReturnType<typeof setTimeout> | undefined;
-      const stalled = new Promise<never>((_, reject) => {
-        timer = setTimeout(() => reject(new StreamError("The connection timed out.", true)), STALL);
-      });
-      const { done, value } = await Promise.race([reader.read(), stalled]).finally(() => clearTimeout(timer));
+      const { done, value } = await inTime(reader.read(), STALL, () => new StreamError("The connection timed out.", true));
       if (done) return;
       take(value);
     }

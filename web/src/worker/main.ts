@@ -1,7 +1,7 @@
 /** The entry point of the worker. */
 
 import { messageOf } from "../stream/errors.ts";
-import type { FromWorker, ToWorker } from "./messages.ts";
+import type { FromWorker, Report, ToWorker } from "./messages.ts";
 import { Session } from "./session.ts";
 import { VideoChannel } from "./video_pictures.ts";
 
@@ -12,16 +12,16 @@ interface Scope {
 }
 
 const scope = self as unknown as Scope;
-const post = (message: FromWorker, transfer?: Transferable[]): void => scope.postMessage(message, transfer);
-const channel = new VideoChannel(post);
+const report: Report = (type, value, transfer) => scope.postMessage({ type, value } as FromWorker, transfer);
+const channel = new VideoChannel((request) => scope.postMessage(request));
 let session: Session | null = null;
 
 scope.onmessage = ({ data }) => {
   if (data.type === "open") {
     session?.close();
-    const opened = (session = new Session(post, channel, data));
+    const opened = (session = new Session(report, channel, data));
     opened.open().catch((error: unknown) => {
-      if (session === opened) post({ type: "failed", message: messageOf(error) });
+      if (session === opened) report("failed", messageOf(error));
     });
   } else if (data.type === "video-frame" || data.type === "video-error") channel.receive(data);
   else session?.receive(data);

@@ -182,32 +182,36 @@ export interface Splats extends SplatArrays {
   readonly sh: Float32Array<ArrayBuffer>;
 }
 
-export type FromWorker =
-  | { readonly type: "opened"; readonly info: StreamInfo }
-  | { readonly type: "picture"; readonly picture: Picture }
-  | { readonly type: "splats"; readonly splats: Splats }
-  | {
-      readonly type: "order";
-      readonly request: number;
-      readonly frame: number;
-      readonly order: Uint32Array<ArrayBuffer>;
-      readonly count: number;
-      readonly sort: number;
-    }
-  /** A live stream has more groups, or is complete. */
-  | { readonly type: "grown"; readonly info: StreamInfo }
+/** What the worker reports of a stream, by name; also the events of `V3Stream`. */
+export interface StreamEvents {
+  /** The manifest has been read. */
+  opened: StreamInfo;
+  /** A live stream has more frames, or is complete. */
+  grown: StreamInfo;
+  /** Other groups are in memory. `bytes`: received so far. `bandwidth`: Mbit/s, 0 while it is not known. */
+  fetched: { readonly groups: readonly number[]; readonly bytes: number; readonly bandwidth: number };
   /** A group was fetched again in a better rendition. */
-  | { readonly type: "improved"; readonly group: number }
-  /** A group that cannot be played and is skipped. */
-  | { readonly type: "left-out"; readonly group: number; readonly message: string }
-  | { readonly type: "fetched"; readonly groups: readonly number[]; readonly bytes: number; readonly bandwidth: number }
+  improved: { readonly group: number };
+  /** A group cannot be played; asking for its frames fails. */
+  leftOut: { readonly group: number; readonly message: string };
+  /** Answers to `present` and `sort`; `order.sort` in milliseconds. */
+  picture: Picture;
+  order: Pick<Picture, "frame" | "order" | "count"> & { readonly request: number; readonly sort: number };
+  splats: Splats;
   /** The sound's file; `start` and `length` in seconds. */
-  | { readonly type: "sound"; readonly file: Blob; readonly start: number; readonly length: number }
+  sound: { readonly file: Blob; readonly start: number; readonly length: number };
+  path: DecodePath;
+  /** Another bake has taken the stream's place: what is not in memory can no longer be played. Open it again to see that one. */
+  updated: undefined;
+  /** A message for the viewer; playback continues. */
+  notice: string;
   /** Nothing can be played. */
-  | { readonly type: "failed"; readonly message: string }
-  | { readonly type: "path"; readonly path: DecodePath }
-  /** Another bake has taken the stream's place: what is not in memory can no longer be played. */
-  | { readonly type: "rebaked" }
-  /** A network problem; the request is being retried. */
-  | { readonly type: "trouble"; readonly message: string }
+  failed: string;
+}
+
+/** Reports an event from the worker, with what to transfer. */
+export type Report = <K extends keyof StreamEvents>(type: K, value: StreamEvents[K], transfer?: Transferable[]) => void;
+
+export type FromWorker =
+  | { [K in keyof StreamEvents]: { readonly type: K; readonly value: StreamEvents[K] } }[keyof StreamEvents]
   | VideoRequest;

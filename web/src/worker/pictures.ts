@@ -1,8 +1,9 @@
 /** Decoded luma of one group, frame by frame. */
 
-import type { Packet } from "./demux.ts";
+import { crc32 } from "../stream/crc32.ts";
 import { messageOf, StreamError } from "../stream/errors.ts";
-import { packetsNeeded } from "./order.ts";
+import type { LumaCheck } from "../stream/manifest.ts";
+import { type Packet, packetsNeeded } from "./demux.ts";
 import type { Pool } from "./pool.ts";
 
 /** A decoded image: luma, and the wall-clock decoding time in milliseconds. */
@@ -236,4 +237,49 @@ export class WebCodecsPictures implements PictureSource {
     this.waiting?.reject(error);
     this.waiting = null;
   }
+}
+
+/** Compares decoded images with their CRC-32 in the manifest: a decoder is exact, or it cannot be used. */
+export function checkedPictures(pictures: PictureSource, checks: readonly LumaCheck[], name: string, pool: Pool): PictureSource {
+  let begun = false;
+  const checked = async (index: number): Promise<Luma> => {
+    const luma = await pictures.get(index);
+    for (const check of checks)
+      if (check.picture === index && crc32(luma.data) !== check.crc32)
+        throw new PathFailed(`${name}: this device decodes picture ${index} inexactly.`);
+    begun = true;
+    return luma;
+  };
+  return {
+    async get(index) {
+      // Nothing is drawn before the first image was compared, also where playing or seeking begins after it.
+      if (!begun && index > 0) pool.give((await checked(0)).data);
+      return checked(index);
+    },
+    warm: () => pictures.warm(),
+    close: () => pictures.close(),
+  };
+}
+
+/** Pictures of a video that is still arriving: the first one is decoded from its own packet, before the others are there.
+ * `first`: has the first picture only. `open`: called once, when another one is needed; has all pictures. */
+export function arrivingPictures(first: PictureSource, open: () => Promise<PictureSource>): PictureSource {
+  let all: Promise<PictureSource> | null = null;
+  let closed = false;
+  return {
+    async get(index) {
+      if (closed) throw new Closed();
+      if (index === 0 && all === null) return first.get(0);
+      all ??= open();
+      const pictures = await all;
+      first.close();
+      return pictures.get(index);
+    },
+    warm: () => first.warm(),
+    close() {
+      closed = true;
+      first.close();
+      all?.then((pictures) => pictures.close(), () => undefined);
+    },
+  };
 }

@@ -5,11 +5,9 @@ import { isMotion, type Manifest, type Rendition, type VideoEntry } from "../str
 import { MotionTables } from "../stream/motion.ts";
 import { inflate, parseSideFile } from "../stream/side_file.ts";
 import type { Arriving } from "./arriving.ts";
-import { ArrivingPictures } from "./arriving_pictures.ts";
-import { CheckedPictures } from "./checked_pictures.ts";
 import { demux, type Demuxed, type Packet } from "./demux.ts";
 import type { DecodePath } from "./messages.ts";
-import { type PictureSource, WebCodecsPictures } from "./pictures.ts";
+import { arrivingPictures, checkedPictures, type PictureSource, WebCodecsPictures } from "./pictures.ts";
 import { PlanesPictures } from "./planes_pictures.ts";
 import type { Pool } from "./pool.ts";
 import { pictureSize } from "./setup.ts";
@@ -69,10 +67,7 @@ export class PreparedGroups {
   drop(index: number): void {
     const prepared = this.groups.get(index);
     this.groups.delete(index);
-    prepared?.then(
-      ({ pictures }) => pictures.close(),
-      () => undefined,
-    );
+    prepared?.then(({ pictures }) => pictures.close(), () => undefined);
   }
 
   dropAll(): void {
@@ -110,7 +105,7 @@ export class PreparedGroups {
       return { group, tables, pictures, complete, milliseconds: performance.now() - began };
     } catch (error) {
       pictures.close();
-      throw side.isComplete ? new StreamError(`${group.side.path} is damaged: ${messageOf(error)}.`) : error;
+      throw side.complete ? new StreamError(`${group.side.path} is damaged: ${messageOf(error)}.`) : error;
     }
   }
 
@@ -122,7 +117,7 @@ export class PreparedGroups {
   ): Promise<PictureSource> {
     const file = files.get(path)!;
     const video = await demux(file, path, this.manifest.codec.name, size, frames);
-    return new CheckedPictures(await this.openPictures(file, video, size, path), checks, path, this.pool);
+    return checkedPictures(await this.openPictures(file, video, size, path), checks, path, this.pool);
   }
 
   private async openPictures(
@@ -138,6 +133,6 @@ export class PreparedGroups {
     const decode = (packets: readonly Packet[]): PictureSource =>
       new WebCodecsPictures(config, packets, size, path, this.pool);
     const whole = async (): Promise<PictureSource> => decode(await video.packets());
-    return file.isComplete ? whole() : new ArrivingPictures(decode([await video.first()]), whole);
+    return file.complete ? whole() : arrivingPictures(decode([await video.first()]), whole);
   }
 }

@@ -10,7 +10,7 @@ import { ArchiveSource, rangesOf } from "./archive.ts";
 import { EarlyFiles } from "./early_files.ts";
 import { EmbeddedSource } from "./embedded.ts";
 import { HttpSource } from "./http.ts";
-import type { DepthAxis, FromWorker, OpenRequest, Picture, SessionRequest, StreamInfo } from "./messages.ts";
+import type { DepthAxis, OpenRequest, Picture, Report, SessionRequest, StreamInfo } from "./messages.ts";
 import { Closed, type Luma, PathFailed } from "./pictures.ts";
 import { Pool } from "./pool.ts";
 import { type Prepared, PreparedGroups } from "./prepared_groups.ts";
@@ -41,8 +41,6 @@ interface Opened {
   readonly groups: PreparedGroups;
 }
 
-type Post = (message: FromWorker, transfer?: Transferable[]) => void;
-
 export class Session {
   private readonly pool = new Pool();
   private readonly sorter = new DepthSorter();
@@ -68,7 +66,7 @@ export class Session {
   private bandwidth = 0;
   private received = 0;
 
-  constructor(private readonly post: Post, private readonly channel: VideoChannel, private readonly request: OpenRequest) {
+  constructor(private readonly report: Report, private readonly channel: VideoChannel, private readonly request: OpenRequest) {
     this.loop = request.loop;
   }
 
@@ -101,11 +99,12 @@ export class Session {
       fps: manifest.fps,
       fits: (group: Rendition): boolean => Math.max(...pictureSize(group)) <= request.maxTexture,
     };
-    const store = new GroupStore(table, choice, source, sameBake, () => this.reportFetched(), (group) => this.improved(group));
+    const fetched = (): void => this.reportFetched();
+    const store = new GroupStore(table, choice, source, sameBake, fetched, (group) => this.improved(group), closing.signal);
     const groups = new PreparedGroups(manifest, store, this.channel, this.pool, request.path);
     this.opened = { manifest, files, table, store, groups };
-    this.post({ type: "opened", info: streamInfo(this.opened) });
-    this.post({ type: "path", path: groups.path });
+    this.report("opened", streamInfo(this.opened));
+    this.report("path", groups.path);
     if (manifest.live) void this.watch(this.opened);
   }
 
@@ -123,7 +122,7 @@ export class Session {
     const http = new HttpSource(
       address.href,
       (bytes, milliseconds) => this.count(bytes, milliseconds),
-      (message) => this.post({ type: "trouble", message }),
+      (message) => this.report("notice", message),
       early,
     );
     const name = address.pathname.slice(address.pathname.lastIndexOf("/") + 1);
@@ -153,7 +152,7 @@ export class Session {
       }
       opened.manifest = manifest;
       opened.table.grow(manifest);
-      this.post({ type: "grown", info: streamInfo(opened) });
+      this.report("grown", streamInfo(opened));
       opened.store.follow(this.playing, this.looping, this.moving);
       this.prepareNext(opened, this.playing);
       if (!manifest.live) return;
@@ -196,7 +195,6 @@ export class Session {
 
   close(): void {
     this.closing.abort();
-    this.opened?.store.close();
     this.opened?.groups.dropAll();
   }
 
@@ -228,13 +226,11 @@ export class Session {
       });
       const done = await Promise.race([work, interrupted]);
       if (done === null) {
-        work.then(
-          ({ luma }) => this.pool.give(luma.data),
-          () => undefined,
-        );
+        work.then(({ luma }) => this.pool.give(luma.data), () => undefined);
         return;
       }
-      this.deliver(done.prepared, frame, within, done.luma, axis);
+      if (axis === null) this.deliverSplats(done.prepared, frame, within, done.luma.data);
+      else this.deliverPicture(done.prepared, frame, within, done.luma, axis);
       store.beginAhead();
       this.prepareNext(opened, index);
       void this.finish(opened, done.prepared);
@@ -247,7 +243,7 @@ export class Session {
       groups.drop(index);
       if (error instanceof Rebaked) return;
       if (error instanceof PathFailed && groups.changePath()) {
-        this.post({ type: "path", path: groups.path });
+        this.report("path", groups.path);
         this.wanted ??= { frame, axis };
         return;
       }
@@ -268,11 +264,6 @@ export class Session {
     if (this.soundWanted) await this.bringSound(opened);
   }
 
-  private deliver(prepared: Prepared, frame: number, within: number, luma: Luma, axis: DepthAxis | null): void {
-    if (axis === null) this.deliverSplats(prepared, frame, within, luma.data);
-    else this.deliverPicture(prepared, frame, within, luma, axis);
-  }
-
   private deliverSplats({ group, tables, milliseconds }: Prepared, frame: number, within: number, luma: Uint8Array<ArrayBuffer>): void {
     const { splats: count, sh_degree: shDegree, id: rendition, dilation } = group;
     const { buffer } = this.pool.take(4 * count * splatFloats(shDegree));
@@ -281,8 +272,7 @@ export class Session {
     fillPositions(group, tables, within, luma, blocks, arrays.means);
     dequantize(setupOf(group, tables, milliseconds), tables, within, luma, blocks, arrays);
     this.pool.give(luma);
-    const splats = { frame, group: group.index, rendition, count, shDegree, dilation, ...arrays };
-    this.post({ type: "splats", splats }, [buffer]);
+    this.report("splats", { frame, group: group.index, rendition, count, shDegree, dilation, ...arrays }, [buffer]);
   }
 
   private deliverPicture(prepared: Prepared, frame: number, within: number, { data: luma, decode }: Luma, axis: DepthAxis): void {
@@ -311,14 +301,14 @@ export class Session {
       timings: { decode, dequantize, sort },
     };
     const moved = [luma, order, blocks, picture.escapes, setup?.statics ?? null];
-    this.post({ type: "picture", picture }, moved.flatMap((array) => array?.buffer ?? []));
+    this.report("picture", picture, moved.flatMap((array) => array?.buffer ?? []));
   }
 
   /** Sorts one of the last two decoded frames. */
   private sortAgain({ request, frame, axis }: Extract<SessionRequest, { type: "sort" }>): void {
     const found = this.decoded.find((one) => one.frame === frame);
     const sorted = found === undefined ? { order: new Uint32Array(0), count: 0, sort: 0 } : this.sorted(found, axis);
-    this.post({ type: "order", request, frame: found?.frame ?? -1, ...sorted }, [sorted.order.buffer]);
+    this.report("order", { request, frame: found?.frame ?? -1, ...sorted }, [sorted.order.buffer]);
   }
 
   private sorted({ positions, pixels }: Decoded, axis: DepthAxis): { order: Uint32Array<ArrayBuffer>; count: number; sort: number } {
@@ -335,9 +325,9 @@ export class Session {
     try {
       const data = await readChecked(files.source, audio, this.closing.signal);
       const file = new Blob([data], { type: "audio/mp4" });
-      this.post({ type: "sound", file, start: audio.start, length: audio.samples / audio.sample_rate });
+      this.report("sound", { file, start: audio.start, length: audio.samples / audio.sample_rate });
     } catch (error) {
-      if (!this.closing.signal.aborted) this.post({ type: "trouble", message: `The stream plays without sound: ${messageOf(error)}` });
+      if (!this.closing.signal.aborted) this.report("notice", `The stream plays without sound: ${messageOf(error)}`);
     }
   }
 
@@ -357,7 +347,7 @@ export class Session {
       return;
     }
     this.drop(this.opened!, group);
-    this.post({ type: "improved", group });
+    this.report("improved", { group });
   }
 
   /** Prepares the group again when it is requested next, and sends its setup again. */
@@ -369,13 +359,13 @@ export class Session {
   private reportRebaked(): void {
     if (this.rebaked) return;
     this.rebaked = true;
-    this.post({ type: "rebaked" });
+    this.report("updated", undefined);
   }
 
   private leaveOut(group: number, message: string): void {
     if (this.leftOut.has(group)) return;
     this.leftOut.add(group);
-    this.post({ type: "left-out", group, message });
+    this.report("leftOut", { group, message });
   }
 
   private count(bytes: number, milliseconds: number): void {
@@ -387,7 +377,7 @@ export class Session {
   }
 
   private reportFetched(): void {
-    this.post({ type: "fetched", groups: this.opened!.store.present, bytes: this.received, bandwidth: this.bandwidth });
+    this.report("fetched", { groups: this.opened!.store.present, bytes: this.received, bandwidth: this.bandwidth });
   }
 }
 

@@ -7,8 +7,8 @@ import type { FileEntry } from "../stream/manifest.ts";
 export type Arrived = (data: Uint8Array<ArrayBuffer>, filled: number) => void;
 
 export interface Source {
-  /** Fetches a file of exactly `bytes` bytes. Sources that get it piece by piece call `arrived`. */
-  read(path: string, bytes: number, signal: AbortSignal, arrived?: Arrived): Promise<Uint8Array<ArrayBuffer>>;
+  /** Fetches a file of exactly `bytes` bytes piece by piece, if the source has an own way to do that. */
+  read?(path: string, bytes: number, signal: AbortSignal, arrived?: Arrived): Promise<Uint8Array<ArrayBuffer>>;
   /** Fetches a file of unknown size, at most `limit` bytes. */
   readAll(path: string, limit: number, signal: AbortSignal): Promise<Uint8Array<ArrayBuffer>>;
   /** Milliseconds that a file took which was on its way before it was read; 0 for others. */
@@ -32,9 +32,11 @@ export async function readChecked(
   signal: AbortSignal,
   arrived?: Arrived,
 ): Promise<Uint8Array<ArrayBuffer>> {
-  const data = await source.read(file.path, file.bytes, signal, arrived);
+  const { path, bytes } = file;
+  const data = await (source.read?.(path, bytes, signal, arrived) ?? source.readAll(path, bytes, signal));
+  if (data.length !== bytes) throw new StreamError(`${path} has ${data.length} bytes, but the manifest specifies ${bytes}.`);
   const digest = await sha256(data);
   if (digest !== null && digest !== file.sha256)
-    throw new StreamError(`${file.path} is damaged: its SHA-256 does not match the manifest.`);
+    throw new StreamError(`${path} is damaged: its SHA-256 does not match the manifest.`);
   return data;
 }

@@ -36,6 +36,7 @@ export type Checked = <T>(reads: () => Promise<T>) => Promise<T>;
 /** Bytes kept in memory: played groups are kept as long as they fit, so that loops do not fetch again. */
 const KEPT_BYTES = 192 << 20;
 const AHEAD_BYTES = 64 << 20; // maximum bytes fetched ahead of the playhead
+const LANES = 6; // files that are fetched at a time
 
 export class GroupStore {
   /** Groups that this device gets no better than they are, with the rendition that was wanted. */
@@ -43,7 +44,6 @@ export class GroupStore {
   private readonly files = new Map<number, Fetched>();
   private readonly fetching = new Map<number, Promise<Fetched>>();
   private readonly failed = new Map<number, StreamError>();
-  private readonly stop = new AbortController();
   private bytes = 0; // number of bytes in memory
   private playhead = 0;
   private loop = true;
@@ -61,6 +61,7 @@ export class GroupStore {
     private readonly checked: Checked,
     private readonly changed: () => void,
     private readonly improved: (group: number) => void,
+    private readonly signal: AbortSignal,
   ) {}
 
   /** Groups in memory. */
@@ -72,10 +73,6 @@ export class GroupStore {
   played(group: number, shown: number, dropped: number): void {
     const rendition = this.choice.ids.indexOf(this.files.get(group)?.group.id ?? "");
     if (rendition >= 0) this.choice.rule?.played(rendition, shown, dropped);
-  }
-
-  close(): void {
-    this.stop.abort();
   }
 
   /** Whether a group is in memory. */
@@ -114,7 +111,7 @@ export class GroupStore {
       this.fetching.set(group, fetching);
       fetching.then(({ complete }) => complete).catch((error: unknown) => {
         this.replaced ||= error instanceof Rebaked;
-        if (error instanceof StreamError && !this.stop.signal.aborted) this.failed.set(group, error);
+        if (error instanceof StreamError && !this.signal.aborted) this.failed.set(group, error);
       }).finally(() => this.fetching.delete(group));
     }
     return fetching;
@@ -139,12 +136,14 @@ export class GroupStore {
     const began = performance.now();
     const entries = filesOf(group);
     const files = new Map(entries.map(({ path, bytes }) => [path, new Arriving(bytes)] as const));
-    const reading = this.checked(() =>
-      inTurns(entries, 6, async (file) => {
+    const waiting = entries.values();
+    const lane = async (): Promise<void> => {
+      for (const file of waiting) {
         const arriving = files.get(file.path)!;
-        arriving.finish(await readChecked(this.source, file, this.stop.signal, arriving.arrived));
-      }),
-    );
+        arriving.finish(await readChecked(this.source, file, this.signal, arriving.arrived));
+      }
+    };
+    const reading = this.checked(() => Promise.all(Array.from({ length: LANES }, lane)));
     const complete = reading.then(
       () => {
         const early = entries.map(({ path }) => this.source.early?.(path) ?? 0);
@@ -202,7 +201,7 @@ export class GroupStore {
     this.busy = true;
     try {
       for (;;) {
-        if (this.stop.signal.aborted || this.replaced) return;
+        if (this.signal.aborted || this.replaced) return;
         const next = this.nextToFetch();
         if (next === null) {
           const better = this.nextToImprove();
@@ -266,19 +265,4 @@ export class GroupStore {
 /** Whether the user asked the browser to save data. */
 function savesData(): boolean {
   return (navigator as { readonly connection?: { readonly saveData?: boolean } }).connection?.saveData === true;
-}
-
-/** Maps items with an asynchronous function, at most `lanes` at a time; results are in order. */
-async function inTurns<T, R>(items: readonly T[], lanes: number, map: (item: T) => Promise<R>): Promise<R[]> {
-  const results = new Array<R>(items.length);
-  let next = 0;
-  await Promise.all(
-    Array.from({ length: Math.min(lanes, items.length) }, async () => {
-      while (next < items.length) {
-        const at = next++;
-        results[at] = await map(items[at]);
-      }
-    }),
-  );
-  return results;
 }

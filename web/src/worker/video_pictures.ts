@@ -36,7 +36,6 @@ export class VideoChannel {
 export class VideoElementPictures implements PictureSource {
   private readonly packets: readonly Packet[]; // in order of display
   private readonly source: number;
-  private readonly opened: Promise<unknown>;
   private chain: Promise<unknown>;
   private ahead: { index: number; luma: Promise<Luma> } | null = null;
   private closed = false;
@@ -58,7 +57,7 @@ export class VideoElementPictures implements PictureSource {
     this.packets = [...packets].sort((a, b) => a.picture - b.picture);
     const source = (this.source = channel.newSource());
     const [width, height] = size;
-    this.opened = channel.ask((request) => ({
+    this.chain = channel.ask((request) => ({
       type: "video-open",
       request,
       source,
@@ -66,15 +65,14 @@ export class VideoElementPictures implements PictureSource {
       width,
       height,
     }));
-    this.opened.catch(() => undefined);
-    this.chain = this.opened;
+    this.chain.catch(() => undefined);
   }
 
   async get(index: number): Promise<Luma> {
     const ahead = this.ahead;
     this.ahead = null;
     const luma = await (ahead?.index === index ? ahead.luma : this.read(index));
-    if (index + 1 < this.packets.length && !this.isClosed()) {
+    if (index + 1 < this.packets.length && !this.closed) {
       const next = this.read(index + 1);
       next.catch(() => undefined);
       this.ahead = { index: index + 1, luma: next };
@@ -94,10 +92,6 @@ export class VideoElementPictures implements PictureSource {
     this.stop(new Closed());
     this.channel.post({ type: "video-close", source: this.source });
     this.ahead?.luma.then((luma) => { this.pool.give(luma.data); }).catch(() => undefined);
-  }
-
-  private isClosed(): boolean {
-    return this.closed;
   }
 
   private read(index: number): Promise<Luma> {
