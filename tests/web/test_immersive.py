@@ -39,7 +39,7 @@ _READ = """() => new Promise(done => {
     key = now;
     if (same < 2) return;
     renderer.drawViews = draw;
-    const gl = renderer.context, { width, height } = gl.canvas;
+    const { gl } = renderer, { width, height } = gl.canvas;
     const pixels = new Uint8Array(4 * width * height);
     gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
     done([width, height, text(pixels)]);

@@ -17,9 +17,9 @@ const UNSORTED: DepthAxis = [0, 0, 0, 0]; // no view has this axis: the next vie
 export class Player extends Playback<Picture> {
   readonly camera = new OrbitCamera();
   /** What the frame on the canvas is from: its group, in the rendition that was chosen for it. */
-  group: Pick<GroupSetup, "rendition" | "bytes" | "frames" | "splats" | "shDegree"> | null = null;
-  private readonly screen: Screen;
-  private drawn = 0; // number of splats on the canvas
+  group: GroupSetup | null = null;
+  readonly screen: Screen;
+  drawn = 0; // number of splats on the canvas
   private requestedAxis: DepthAxis = UNSORTED; // axis along which the last requested frame is sorted
   /** Axis along which the frame on the canvas was sorted, or is being sorted. */
   private sortedAxis: DepthAxis = UNSORTED;
@@ -100,15 +100,6 @@ export class Player extends Playback<Picture> {
     return super.open(address, files, archive);
   }
 
-  /** Number of splats on the canvas, and of the whole frame. */
-  get splats(): { drawn: number; all: number } {
-    return { drawn: this.drawn, all: this.group?.splats ?? 0 };
-  }
-
-  get drawSize(): readonly number[] {
-    return this.screen.size;
-  }
-
   get background(): Vector | null {
     return this.screen.background;
   }
@@ -116,6 +107,7 @@ export class Player extends Playback<Picture> {
   /** RGB, 0 to 1; null for a transparent background. */
   set background(color: Vector | null) {
     this.screen.background = color;
+    this.screen.dirty = true;
   }
 
   get view(): View {
@@ -145,7 +137,7 @@ export class Player extends Playback<Picture> {
 
   /** Looks through the given camera, whose image fills the canvas; null returns to the orbit camera. */
   set fixedCamera(camera: Camera | null) {
-    this.screen.fixedCamera = camera;
+    this.screen.fixed = camera === null ? null : pinholeOf(camera);
   }
 
   /** Renders the current frame from a camera and returns the pixels: RGBA, top row first. Sorts for that camera first. */
@@ -214,9 +206,8 @@ export class Player extends Playback<Picture> {
     const setup = this.setups.get(picture.group);
     if (setup !== undefined) {
       renderer.setGroup(setup);
-      const { rendition, bytes, frames, splats, shDegree } = setup;
       this.statistics.prepare.add(setup.prepare);
-      this.group = { rendition, bytes, frames, splats, shDegree };
+      this.group = setup;
       this.setups.clear();
     }
     renderer.setPicture(picture);

@@ -1,8 +1,8 @@
 /** Renders frames to the canvas: from the orbit camera or a fixed one, at a resolution that keeps up. */
 
-import { type OrbitCamera, type Pinhole, pinholeOf, type View } from "../render/camera.ts";
+import type { OrbitCamera, Pinhole, View } from "../render/camera.ts";
 import { Renderer } from "../render/renderer.ts";
-import type { Camera, Vector } from "../stream/metadata.ts";
+import type { Vector } from "../stream/metadata.ts";
 import { Resolution } from "./resolution.ts";
 import type { Statistics } from "./statistics.ts";
 
@@ -23,7 +23,7 @@ export class Screen {
   dirty = true;
   /** Size of the last image in pixels. */
   size: readonly number[] = [0, 0];
-  private background_: Vector | null = [0, 0, 0];
+  background: Vector | null = [0, 0, 0];
   private fixed_: Pinhole | null = null;
   private began: number | null = null;
   private renderedAt = 0;
@@ -48,16 +48,6 @@ export class Screen {
     this.resizing.observe(canvas);
   }
 
-  /** RGB, 0 to 1; null for a transparent background. */
-  get background(): Vector | null {
-    return this.background_;
-  }
-
-  set background(color: Vector | null) {
-    this.background_ = color;
-    this.dirty = true;
-  }
-
   /** A pinhole instead of the orbit camera. */
   get fixed(): Pinhole | null {
     return this.fixed_;
@@ -66,10 +56,6 @@ export class Screen {
   set fixed(pinhole: Pinhole | null) {
     this.fixed_ = pinhole;
     this.dirty = true;
-  }
-
-  set fixedCamera(camera: Camera | null) {
-    this.fixed = camera === null ? null : pinholeOf(camera);
   }
 
   dispose(): void {
@@ -108,7 +94,7 @@ export class Screen {
     const began = performance.now();
     const pinhole = this.pinhole();
     this.size = [pinhole.width, pinhole.height];
-    renderer.draw(pinhole, this.background_);
+    renderer.draw(pinhole, this.background);
     statistics.draw.add(performance.now() - began);
     if (renderer.gpuTime !== null) statistics.gpu.add(renderer.gpuTime);
     this.dirty = false;

@@ -25,7 +25,8 @@ export class Sound {
   /** Whether `loop` plays, rather than the element. */
   private gapless = false;
   private looping_ = false;
-  private blocked_ = false; // the browser lets it play only after the viewer has touched the page
+  /** Whether it is silent because the browser lets it play only after the viewer has touched the page. */
+  blocked = false;
   private refused = false; // it may not even play muted
   private lastTime = 0;
   private progressAt = 0;
@@ -51,16 +52,11 @@ export class Sound {
     this.element.muted = muted;
     this.passVolume();
     if (!muted) this.loop?.resume();
-    if (!muted && this.blocked_) {
-      this.blocked_ = this.refused = false;
+    if (!muted && this.blocked) {
+      this.blocked = this.refused = false;
       this.halt(); // the next `follow` starts it, now with the viewer's consent
     }
     this.events.changed();
-  }
-
-  /** Whether it is silent because the browser waits for an input of the viewer. */
-  get blocked(): boolean {
-    return this.blocked_;
   }
 
   /** 0 to 1; some phones ignore it. */
@@ -176,7 +172,7 @@ export class Sound {
         this.refused = true;
         return;
       }
-      this.blocked_ = this.element.muted = true;
+      this.blocked = this.element.muted = true;
       this.events.changed();
     });
   }

@@ -89,12 +89,11 @@ export const FADE = 20;
 
 /** Opacity of the image from an eye's place: 1 within the range, 0 from FADE degrees beyond. */
 export function visibility({ center, directions, angle }: ViewRange, eye: Vector): number {
-  const towards = [0, 1, 2].map((k) => eye[k] - center[k]);
-  const length = Math.hypot(...towards);
-  if (!(length > 0)) return 1;
-  let nearest = -1;
-  for (const one of directions) nearest = Math.max(nearest, (one[0] * towards[0] + one[1] * towards[1] + one[2] * towards[2]) / length);
-  const beyond = (Math.acos(Math.min(1, nearest)) * 180) / Math.PI - angle;
+  const towards = add(eye, center, -1);
+  const distance = length(towards);
+  if (!(distance > 0)) return 1;
+  const nearest = Math.max(...directions.map((one) => dot(one, towards) / distance));
+  const beyond = Math.acos(Math.max(-1, Math.min(1, nearest))) * DEGREES - angle;
   return Math.max(0, Math.min(1, 1 - beyond / FADE));
 }
 
@@ -105,8 +104,9 @@ export class OrbitCamera {
   target: Vec3 = [0, 0, 0];
   /** Tangents of half the field of view that must be visible, horizontally and vertically. */
   private tangents: readonly [number, number] = [0.35, 0.35];
-  private up: Vec3 = [0, 1, 0];
-  private ahead: Vec3 = [0, 0, 1];
+  /** The stream's up direction, and the horizontal direction of the suggested camera. */
+  up: Vec3 = [0, 1, 0];
+  ahead: Vec3 = [0, 0, 1];
   private side: Vec3 = [1, 0, 0];
   private home: View = { azimuth: 0, elevation: 0, distance: 1, target: [0, 0, 0] };
   private radius = 1;
@@ -156,16 +156,6 @@ export class OrbitCamera {
       result[1] = Math.max(result[1], Math.abs(y / z));
     }
     return result;
-  }
-
-  /** The stream's up direction. */
-  get vertical(): Vector {
-    return this.up;
-  }
-
-  /** The horizontal direction of the suggested camera. */
-  get horizontal(): Vector {
-    return this.ahead;
   }
 
   reset(): void {

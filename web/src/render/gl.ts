@@ -72,6 +72,12 @@ export class Texture {
     this.gl.bindTexture(this.gl.TEXTURE_2D, this.handle);
   }
 
+  /** Makes it the input of a program. */
+  bindTo(program: Program, name: string): void {
+    this.bind();
+    this.gl.uniform1i(program.at(name), this.unit);
+  }
+
   /** Allocates the texture if needed; true if it is new. */
   resize(width: number, height: number): boolean {
     this.bind();

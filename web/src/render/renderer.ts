@@ -113,7 +113,7 @@ export class Renderer {
   readonly maxTexture: number;
   /** GPU time of a recent frame in milliseconds; null if it cannot be measured. */
   gpuTime: number | null = null;
-  private readonly gl: WebGL2RenderingContext;
+  readonly gl: WebGL2RenderingContext;
   private readonly half: boolean;
   private readonly timer: TimerQuery | null;
   private query: WebGLQuery | null = null;
@@ -161,10 +161,6 @@ export class Renderer {
       gl.getExtension("EXT_color_buffer_half_float");
       this.resources = new Resources(gl, this.half);
     });
-  }
-
-  get context(): WebGL2RenderingContext {
-    return this.gl;
   }
 
   /** Whether the GPU is still working on the last frame; more draw calls would only queue up. */
@@ -315,15 +311,12 @@ export class Renderer {
     if (!ready || this.count === 0) return;
     const { splat } = resources;
     splat.use();
-    for (const texture of resources.words) texture.bind();
-    gl.uniform1i(splat.at("words0"), WORDS0);
-    gl.uniform1i(splat.at("words1"), WORDS1);
+    resources.words.forEach((texture, k) => texture.bindTo(splat, `words${k}`));
     gl.uniform1i(splat.at("tile"), setup.tile);
     gl.uniform2f(splat.at("size"), ...size);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
-    resources.order.bind();
-    gl.uniform1i(splat.at("order"), ORDER);
+    resources.order.bindTo(splat, "order");
     gl.uniform1i(splat.at("count"), this.count);
     gl.uniform1i(splat.at("batch"), BATCH);
     gl.drawElementsInstanced(gl.TRIANGLES, 6 * BATCH, gl.UNSIGNED_SHORT, 0, Math.ceil(this.count / BATCH));
@@ -339,10 +332,8 @@ export class Renderer {
     const { escapedSide: side } = this;
     if (side > 0) {
       gl.viewport(0, setup.tile, side, side);
-      resources.escapedLuma.bind();
-      resources.escapedStatics.bind();
-      gl.uniform1i(program.at("luma"), ESCAPED_LUMA);
-      gl.uniform1i(program.at("statics"), ESCAPED_STATICS);
+      resources.escapedLuma.bindTo(program, "luma");
+      resources.escapedStatics.bindTo(program, "statics");
       gl.uniform2i(program.at("layoutOf"), side, setup.columns);
       gl.uniform2i(program.at("origin"), 0, setup.tile);
       gl.drawArrays(gl.TRIANGLES, 0, 3);
@@ -353,17 +344,14 @@ export class Renderer {
     const { gl } = this;
     const program = resources.project(setup.profile, setup.shDegree);
     program.use();
-    resources.luma.bind();
-    gl.uniform1i(program.at("luma"), LUMA);
+    resources.luma.bindTo(program, "luma");
     gl.uniform2fv(program.at("units"), setup.units);
     gl.uniform2i(program.at("layoutOf"), setup.tile, setup.columns);
     gl.uniform2i(program.at("origin"), 0, 0);
     gl.uniform1f(program.at("dilation"), setup.dilation);
     if (setup.lattice !== null) {
-      resources.statics.bind();
-      resources.blocks.bind();
-      gl.uniform1i(program.at("statics"), STATICS);
-      gl.uniform1i(program.at("blocks"), BLOCKS);
+      resources.statics.bindTo(program, "statics");
+      resources.blocks.bindTo(program, "blocks");
       gl.uniform3f(program.at("latticeMin"), ...setup.lattice.min);
       gl.uniform2f(program.at("lattice"), setup.lattice.step, setup.lattice.ratio);
     } else {
@@ -390,8 +378,7 @@ export class Renderer {
     const { resolve } = resources;
     gl.viewport(x, y, width, height);
     resolve.use();
-    target.texture.bind();
-    gl.uniform1i(resolve.at("drawing"), DRAWING);
+    target.texture.bindTo(resolve, "drawing");
     gl.uniform4f(resolve.at("viewport"), x, y, width, height);
     gl.uniform4f(resolve.at("background"), ...(background ?? ([0, 0, 0] as const)), background === null ? 0 : 1);
     gl.drawArrays(gl.TRIANGLES, 0, 3);

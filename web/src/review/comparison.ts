@@ -5,7 +5,7 @@ import { depthAxis, dot, pinholeOf } from "../render/camera.ts";
 import type { Player } from "../player/player.ts";
 import type { V3PlayerElement } from "../ui/element.ts";
 import type { MarkView, ReviewCamera, ReviewData, ReviewServer } from "./api.ts";
-import { make } from "./dom.ts";
+import { make } from "../ui/dom.ts";
 import { cameraOf, whole } from "./framing.ts";
 import { Wipe } from "./wipe.ts";
 
@@ -95,7 +95,7 @@ export class Comparison {
       target: view.target,
       fov: orbit.fieldOfView((clientWidth || 1) / (clientHeight || 1)),
       camera: camera?.name ?? "",
-      wipe: camera === null ? null : this.wipe.position,
+      wipe: camera === null ? null : this.wipe.at,
       whole: this.all.checked,
       place: null,
     };
@@ -107,7 +107,7 @@ export class Comparison {
       this.all.checked = all;
       this.begin(camera);
       // Without a comparison, only the stream.
-      this.wipe.position = wipe ?? 0;
+      this.wipe.place(wipe ?? 0);
       return;
     }
     this.end();

@@ -6,7 +6,7 @@ import { messageOf } from "../stream/errors.ts";
 import type { V3PlayerElement } from "../ui/element.ts";
 import { type Mark, type ReviewData, ReviewServer } from "./api.ts";
 import { Comparison } from "./comparison.ts";
-import { make } from "./dom.ts";
+import { make } from "../ui/dom.ts";
 import { fitToKeyboard } from "./keyboard.ts";
 import { Marks } from "./marks.ts";
 import { Pins } from "./pins.ts";

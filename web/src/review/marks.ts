@@ -4,7 +4,7 @@ import { messageOf } from "../stream/errors.ts";
 import { clock } from "../ui/format.ts";
 import type { Vector } from "../stream/metadata.ts";
 import { type Mark, type MarkContent, type MarkView, Refused, type ReviewServer } from "./api.ts";
-import { make } from "./dom.ts";
+import { make } from "../ui/dom.ts";
 
 const POLL = 4000; // milliseconds between two looks at what others have marked
 const NAME_KEY = "v3-review-name";

@@ -4,14 +4,15 @@ import type { Player } from "../player/player.ts";
 import { add, centerOf, dot, type Pinhole } from "../render/camera.ts";
 import type { Vector } from "../stream/metadata.ts";
 import type { Mark } from "./api.ts";
-import { make } from "./dom.ts";
+import { make } from "../ui/dom.ts";
 import css from "./pins.css";
 
 const NEAR = 8; // pixels that a finger may move in a tap
 
 /** The world point behind a place in the image, at the depth of another point. */
-export function pointAt({ rotation: r, fx, fy, cx, cy, ...pinhole }: Pinhole, x: number, y: number, near: Vector): Vector {
-  const eye = centerOf({ rotation: r, fx, fy, cx, cy, ...pinhole });
+export function pointAt(pinhole: Pinhole, x: number, y: number, near: Vector): Vector {
+  const { rotation: r, fx, fy, cx, cy } = pinhole;
+  const eye = centerOf(pinhole);
   const depth = Math.max(dot(r.slice(6, 9) as unknown as Vector, add(near, eye, -1)), 1e-3);
   const [a, b] = [((x - cx) / fx) * depth, ((y - cy) / fy) * depth];
   return [0, 1, 2].map((k) => eye[k] + r[k] * a + r[3 + k] * b + r[6 + k] * depth) as unknown as Vector;
@@ -27,7 +28,8 @@ export class Pins {
   private readonly layer = make("div", { class: "pins" });
   private marks: readonly Mark[] = [];
   private writing = false;
-  private chosen_: Vector | null = null;
+  /** Of the note that is being written; null for none. */
+  chosen: Vector | null = null;
 
   constructor(private readonly player: Player) {
     const stage = player.canvas.parentElement!;
@@ -45,19 +47,14 @@ export class Pins {
     player.on("frame", () => this.draw());
   }
 
-  /** Of the note that is being written; null for none. */
-  get chosen(): Vector | null {
-    return this.chosen_;
-  }
-
   /** Lets the viewer choose a place, beginning with this one. */
   begin(place: Vector | null): void {
-    [this.writing, this.chosen_] = [true, place];
+    [this.writing, this.chosen] = [true, place];
     this.draw();
   }
 
   end(): void {
-    [this.writing, this.chosen_] = [false, null];
+    [this.writing, this.chosen] = [false, null];
     this.draw();
   }
 
@@ -73,7 +70,7 @@ export class Pins {
     if (info === null || width === 0 || height === 0) return;
     const middle = add(info.box.min, info.box.max).map((value) => value / 2) as unknown as Vector;
     const [u, v] = [((x - left) / width) * pinhole.width, ((y - top) / height) * pinhole.height];
-    this.chosen_ = pointAt(pinhole, u, v, middle);
+    this.chosen = pointAt(pinhole, u, v, middle);
     this.draw();
   }
 
@@ -81,7 +78,7 @@ export class Pins {
     const { player } = this;
     const { pinhole } = player;
     const noted = this.marks.flatMap(({ frame, view }) => (frame === player.frame && view?.place ? [view.place] : []));
-    const places = this.writing ? (this.chosen_ === null ? [] : [this.chosen_]) : noted;
+    const places = this.writing ? (this.chosen === null ? [] : [this.chosen]) : noted;
     const pins = places.map((point) => placeIn(pinhole, point)).filter((place) => place !== null);
     // The elements stay: this is called for each image.
     while (this.layer.childElementCount > pins.length) this.layer.lastElementChild!.remove();

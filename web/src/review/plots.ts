@@ -3,7 +3,7 @@
 import { clock } from "../ui/format.ts";
 import type { Mark, MetricCurves, QualityCurves } from "./api.ts";
 import { areaPath, curveRange, frameAt, linePath, placeOf, type Series, sizeRange, ticks } from "./curves.ts";
-import { draw, make } from "./dom.ts";
+import { draw, make } from "../ui/dom.ts";
 
 const WIDTH = 1000;
 

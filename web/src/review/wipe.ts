@@ -3,7 +3,7 @@
 import type { Player } from "../player/player.ts";
 import type { Vector } from "../stream/metadata.ts";
 import type { ReviewCamera, ReviewServer } from "./api.ts";
-import { make } from "./dom.ts";
+import { make } from "../ui/dom.ts";
 import { around, cameraOf, type Part, placed, whole, withRoom } from "./framing.ts";
 import { Pictures } from "./pictures.ts";
 import css from "./wipe.css";
@@ -25,7 +25,8 @@ export class Wipe {
   private part: Part | null = null;
   private before: Vector | null = null;
   private all = false;
-  private at = 0.5;
+  /** Position of the line, 0 to 1; left of it is the footage. */
+  at = 0.5;
   private behind = ""; // the view behind the comparison, as JSON: another one means that it was moved
 
   /** @param changed - called when the comparison has ended because the view was moved */
@@ -97,15 +98,6 @@ export class Wipe {
     this.draw();
   }
 
-  /** Position of the line, 0 to 1; left of it is the footage. */
-  get position(): number {
-    return this.at;
-  }
-
-  set position(at: number) {
-    this.place(at);
-  }
-
   /** Chooses the part of the camera's image: all of it, or the performer between the title and the controls. */
   private frame(): void {
     const { camera, player, layer } = this;
@@ -124,7 +116,7 @@ export class Wipe {
     this.place((x - box.left) / (box.width || 1));
   }
 
-  private place(at: number): void {
+  place(at: number): void {
     this.at = Math.max(0, Math.min(1, at));
     const percent = `${(100 * this.at).toFixed(2)}%`;
     this.line.style.left = percent;

@@ -4,7 +4,7 @@ import type { Player } from "../player/player.ts";
 import { clock } from "../ui/format.ts";
 import type { V3PlayerElement } from "../ui/element.ts";
 import type { QualityCurves } from "./api.ts";
-import { make } from "./dom.ts";
+import { make } from "../ui/dom.ts";
 import { summaryOf, wordOf, worstFrames } from "./words.ts";
 
 const MOST = 3; // moments that are shown

@@ -5,9 +5,7 @@ import { messageOf } from "../stream/errors.ts";
 import type { Vector } from "../stream/metadata.ts";
 import type { StreamInfo } from "../worker/messages.ts";
 import { hasImmersion, type Immersion, Immersive } from "../xr/immersive.ts";
-import { type BackgroundName, BACKGROUNDS, cssColor, isBackground, isSuggested, SPEEDS } from "./choices.ts";
-import { backdropOf, isLight } from "./backdrop.ts";
-import { acceptDrops } from "./drop.ts";
+import { backdropOf, type BackgroundName, BACKGROUNDS, cssColor, isBackground, isLight, isSuggested, SPEEDS } from "./choices.ts";
 import { clock } from "./format.ts";
 import { Hint } from "./hint.ts";
 import { ICONS } from "./icons.ts";
@@ -83,8 +81,16 @@ export class Controls {
       void hasImmersion(kind).then((has) => {
         for (const button of this.buttons(kind)) button.hidden = !has;
       });
-    const refused = (name: string): void => this.notice(`${name} is not a stream in one file (.v3s).`);
-    acceptDrops(stage, (file) => host.open(file), refused, signal);
+    stage.addEventListener("dragover", (event) => {
+      if (event.dataTransfer?.types.includes("Files") === true) event.preventDefault();
+    }, { signal });
+    stage.addEventListener("drop", (event) => {
+      const file = event.dataTransfer?.files[0];
+      if (file === undefined) return;
+      event.preventDefault();
+      if (/\.v3s$/i.test(file.name)) host.open(file);
+      else this.notice(`${file.name} is not a stream in one file (.v3s).`);
+    }, { signal });
     // Fingers on the image decide themselves; the comparison of the review keeps its events to itself, hence the capture.
     const stay = (event: PointerEvent): void => {
       const onControls = event.composedPath().some((part) => part instanceof Element && part.matches(".wipe, .bar"));

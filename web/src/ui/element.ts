@@ -8,30 +8,29 @@ import type { Immersive } from "../xr/immersive.ts";
 import { type HelpLine, listen } from "./actions.ts";
 import { type BackgroundName, isBackground, isDecoder } from "./choices.ts";
 import { Controls, type ControlsHost } from "./controls.ts";
-import { Intro, loadPath } from "./intro.ts";
+import { flyPath, loadPath } from "./intro.ts";
 import { parseView } from "./link.ts";
-import { LinkSheet } from "./link_sheet.ts";
+import { type LinkHost, LinkSheet } from "./link_sheet.ts";
 import css from "./style.css";
 import { helpRow, TEMPLATE } from "./template.ts";
 import { readBackground, readSeconds, readSpeed, readSwitch, readView } from "./values.ts";
 
 /** Files of a stream in this page: base64 in script elements below the element that `selector` names. */
 function embeddedFiles(selector: string): EmbeddedFiles {
-  const files: Record<string, string> = {};
-  for (const script of document.querySelectorAll<HTMLElement>(`${selector} script[data-v3-file]`))
-    files[script.dataset["v3File"]!] = script.textContent;
-  return files;
+  const scripts = document.querySelectorAll<HTMLElement>(`${selector} script[data-v3-file]`);
+  return Object.fromEntries(Array.from(scripts, (script) => [script.dataset["v3File"]!, script.textContent]));
 }
 
 const reducesMotion = (): boolean => matchMedia("(prefers-reduced-motion: reduce)").matches;
 
-export class V3PlayerElement extends HTMLElement implements ControlsHost {
+export class V3PlayerElement extends HTMLElement implements ControlsHost, LinkHost {
   static readonly observedAttributes = ["src", "poster", "background", "loop", "data-description"];
 
   private readonly root: ShadowRoot;
   /** What *Share* does; not part of the stable interface. */
   readonly links: LinkSheet;
-  private player: Player | null = null;
+  /** The player without controls; not part of the stable interface. */
+  engine: Player | null = null;
   private controls: Controls | null = null;
   private lifetime: AbortController | null = null;
   private isReady = false;
@@ -39,19 +38,14 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost {
   /** Time and view of a link, applied once the stream has been opened. */
   private startAt: number | null = null;
   private startView: PartialView | null = null;
-  private intro: Intro | null = null;
+  /** Stops the intro that is flown. */
+  private intro: (() => void) | null = null;
   private introWanted = false;
 
   constructor() {
     super();
     this.root = this.attachShadow({ mode: "open" });
-    this.links = new LinkSheet({
-      root: this.root,
-      watching: () => this.getAttribute("data-link"),
-      place: () => (this.player?.info ? this.player : null),
-      notice: (message) => this.notice(message),
-      sheets: () => this.controls!.sheets,
-    });
+    this.links = new LinkSheet(this, () => this.controls!.sheets);
   }
 
   connectedCallback(): void {
@@ -61,15 +55,15 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost {
     const path = this.getAttribute("decoder");
     const canvas = this.root.querySelector("canvas")!;
     try {
-      this.player = new Player(canvas, { loop: this.hasAttribute("loop"), path: isDecoder(path) ? path : "auto" });
+      this.engine = new Player(canvas, { loop: this.hasAttribute("loop"), path: isDecoder(path) ? path : "auto" });
     } catch (error) {
       this.showFailure(messageOf(error));
       return;
     }
-    this.controls = new Controls(this, this.root, this.player, this.links, this.lifetime.signal);
+    this.controls = new Controls(this, this.root, this.engine, this.links, this.lifetime.signal);
     listen(this, this.root, this.controls, this.lifetime.signal);
-    this.player.sound.muted = this.hasAttribute("muted");
-    this.announce(this.player);
+    this.engine.sound.muted = this.hasAttribute("muted");
+    this.announce(this.engine);
     const background = this.getAttribute("background");
     this.setBackground(isBackground(background) ? background : "stream");
     this.applyAttributes();
@@ -77,16 +71,16 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost {
   }
 
   disconnectedCallback(): void {
-    this.intro?.stop();
+    this.intro?.();
     this.lifetime?.abort();
     this.controls?.dispose();
-    this.player?.dispose();
-    this.intro = this.controls = this.player = null;
+    this.engine?.dispose();
+    this.intro = this.controls = this.engine = null;
     this.root.replaceChildren();
   }
 
   attributeChangedCallback(name: string, before: string | null, now: string | null): void {
-    if (this.player === null || before === now) return;
+    if (this.engine === null || before === now) return;
     if (name === "src") this.open();
     else this.applyAttributes();
     if (name === "background" && isBackground(now)) this.setBackground(now);
@@ -97,24 +91,24 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost {
 
   play(): void {
     this.wantsToPlay = true;
-    this.player?.play();
+    this.engine?.play();
   }
 
   pause(): void {
     this.wantsToPlay = false;
-    this.player?.pause();
+    this.engine?.pause();
   }
 
   /** Seeks to a time in seconds; before the first frame or after the last, to that frame. RangeError: not a finite number. */
   seek(seconds: number): void {
     readSeconds(seconds);
-    if (!this.player?.info) this.startAt = seconds;
-    else this.controls?.timeline.seek(Math.floor(seconds * this.player.info.fps + 1e-6));
+    if (!this.engine?.info) this.startAt = seconds;
+    else this.controls?.timeline.seek(Math.floor(seconds * this.engine.info.fps + 1e-6));
   }
 
   /** Goes to the newest group of a live stream. */
   seekLive(): void {
-    this.player?.seekLive();
+    this.engine?.seekLive();
   }
 
   /** Sets the view; see `state.view`. What is missing stays as it is. `view`: an object, or text as in links. RangeError: not
@@ -122,14 +116,14 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost {
   setView(view: PartialView | string): void {
     const given = readView(view);
     this.endIntro();
-    if (!this.player?.info) this.startView = { ...this.startView, ...given };
-    else this.player.view = given;
+    if (!this.engine?.info) this.startView = { ...this.startView, ...given };
+    else this.engine.view = given;
   }
 
   /** Goes back to the initial view. */
   resetView(): void {
     this.endIntro();
-    if (this.player?.info) this.controls?.motion.reset();
+    if (this.engine?.info) this.controls?.motion.reset();
     else this.startView = null;
   }
 
@@ -154,7 +148,7 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost {
   /** Turns the sound off or on. Browsers may refuse to turn it on before the viewer has touched the page. */
   setMuted(muted: boolean): void {
     readSwitch(muted, "setMuted");
-    if (this.player !== null) this.player.sound.muted = muted;
+    if (this.engine !== null) this.engine.sound.muted = muted;
   }
 
   /** Opens a stream in one file (`.v3s`) on this computer. */
@@ -164,7 +158,7 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost {
 
   /** Also sent to a page that embeds the player in an iframe. `muted` is null without sound, `view` before the stream is open. */
   get state() {
-    const { player } = this;
+    const { engine: player } = this;
     return {
       ready: this.isReady,
       playing: player?.playing ?? false,
@@ -181,11 +175,6 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost {
   }
 
   // For this package and its tests; not part of the stable interface --------------------------------------------------
-
-  /** The player without controls. */
-  get engine(): Player | null {
-    return this.player;
-  }
 
   get immersive(): Immersive | null {
     return this.controls?.immersive ?? null;
@@ -209,7 +198,7 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost {
   open(file: File | null = null): void {
     const source = file === null ? this.getAttribute("src") : file.name;
     this.find(".failure").hidden = true;
-    if (source === null || source === "" || this.player === null) return;
+    if (source === null || source === "" || this.engine === null) return;
     this.isReady = false;
     this.introWanted = this.hasAttribute("intro") && !reducesMotion();
     this.controls?.busy(true);
@@ -217,7 +206,7 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost {
     this.wantsToPlay ||= this.hasAttribute("autoplay") && !reducesMotion();
     try {
       const embedded = file === null && source.startsWith("#") ? embeddedFiles(source) : null;
-      void this.player.open(source, embedded, file);
+      void this.engine.open(source, embedded, file);
     } catch (error) {
       this.showFailure(`The address "${source}" cannot be opened: ${messageOf(error).replace(/\.$/, "")}.`);
     }
@@ -225,7 +214,7 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost {
 
   /** Opens what has taken the stream's place, at the same time and view. */
   openUpdated(): void {
-    const { player } = this;
+    const { engine: player } = this;
     if (player?.info) {
       this.startAt = player.seconds;
       this.startView = player.view;
@@ -237,7 +226,7 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost {
   endIntro(): void {
     this.introWanted = false;
     if (this.intro === null) return;
-    this.intro.stop();
+    this.intro();
     this.intro = null;
     this.tell("intro-ended");
   }
@@ -297,11 +286,11 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost {
   /** Flies the attribute's camera path, unless a link asks for a view or the viewer has moved the camera meanwhile. */
   private async introduce(player: Player): Promise<void> {
     const place = this.getAttribute("intro");
-    const wanted = (): boolean => this.introWanted && player === this.player;
+    const wanted = (): boolean => this.introWanted && player === this.engine;
     if (place === null || !wanted()) return;
     try {
       const path = await loadPath(place, player);
-      if (wanted()) this.intro = new Intro(player, path, () => this.endIntro());
+      if (wanted()) this.intro = flyPath(player, path, () => this.endIntro());
     } catch (error) {
       this.notice(messageOf(error));
     }

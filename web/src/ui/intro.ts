@@ -3,7 +3,7 @@
 import { pinholeOf, type View } from "../render/camera.ts";
 import type { Player } from "../player/player.ts";
 import { StreamError } from "../stream/errors.ts";
-import type { Vector } from "../stream/metadata.ts";
+import { isNumber, isSquare, type Vector } from "../stream/metadata.ts";
 
 const FORMAT = "v3studio-camera-path";
 const MAX_KEYS = 1000; // keys that a path may have at most
@@ -62,12 +62,6 @@ function eased(times: readonly number[], values: readonly number[], easings: rea
   };
 }
 
-const numbers = (value: unknown, count: number): value is number[] =>
-  Array.isArray(value) && value.length === count && value.every((one) => typeof one === "number" && Number.isFinite(one));
-
-const matrix = (value: unknown, size: number): value is number[][] =>
-  Array.isArray(value) && value.length === size && value.every((row) => numbers(row, size));
-
 /** The keys of a camera path file. */
 function parseKeys(text: string): Key[] {
   const wrong = (problem: string): StreamError => new StreamError(`The intro's camera path ${problem}.`);
@@ -83,7 +77,7 @@ function parseKeys(text: string): Key[] {
   const found = keys as (Partial<Key> | null)[];
   found.forEach((key, i) => {
     const { width, height, K, world_to_camera: pose } = key?.camera ?? {};
-    const fine = numbers([key?.time, width, height], 3) && matrix(K, 3) && matrix(pose, 4) && K[1][1] > 0 && EASINGS.includes(key?.easing ?? "smooth");
+    const fine = [key?.time, width, height].every(isNumber) && isSquare(K, 3) && isSquare(pose, 4) && K[1][1] > 0 && EASINGS.includes(key?.easing ?? "smooth");
     if (!fine || (i > 0 && !(key!.time! > found[i - 1]!.time!))) throw wrong(`has an invalid key ${i}`);
   });
   return found as Key[];
@@ -130,24 +124,16 @@ export async function loadPath(place: string, player: Player): Promise<IntroPath
   return readPath(await response.text(), player);
 }
 
-/** Flies a path; the camera stays where the path ends, or where it was when `stop` was called. */
-export class Intro {
-  private handle = 0;
-
-  constructor(player: Player, path: IntroPath, ended: () => void) {
-    let began: number | null = null;
-    const tick = (now: number): void => {
-      began ??= now;
-      const seconds = (now - began) / 1000;
-      player.view = path.at(seconds);
-      this.handle = seconds < path.seconds ? requestAnimationFrame(tick) : 0;
-      if (this.handle === 0) ended();
-    };
-    this.handle = requestAnimationFrame(tick);
-  }
-
-  stop(): void {
-    cancelAnimationFrame(this.handle);
-    this.handle = 0;
-  }
+/** Flies a path; the camera stays where the path ends, or where it is when the returned function is called. */
+export function flyPath(player: Player, path: IntroPath, ended: () => void): () => void {
+  let began: number | null = null;
+  const tick = (now: number): void => {
+    began ??= now;
+    const seconds = (now - began) / 1000;
+    player.view = path.at(seconds);
+    if (seconds < path.seconds) handle = requestAnimationFrame(tick);
+    else ended();
+  };
+  let handle = requestAnimationFrame(tick);
+  return () => cancelAnimationFrame(handle);
 }

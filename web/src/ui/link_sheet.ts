@@ -1,32 +1,26 @@
-/** Shares links to the time and view on the screen. A page with a review asks which link: its own address would let others
- * change marks, so it is shared only when it is asked for by name. */
+/** Shares links to the time and view on the screen. A page with a review, which has `data-link`, asks which link: its own
+ * address would let others change marks, so it is shared only when it is asked for by name. */
 
 import type { View } from "../render/camera.ts";
-import { copyText } from "./copy.ts";
 import { linkTo } from "./link.ts";
-import { shareLink } from "./share.ts";
+import { copyText, shareLink } from "./share.ts";
 import type { Sheets } from "./sheets.ts";
 
-export interface LinkHost {
-  readonly root: ShadowRoot;
-  /** Where the stream can be watched without the review, relative to the page; null: on this page. */
-  readonly watching: () => string | null;
-  /** Time in seconds and view on the screen; null before the stream is open. */
-  readonly place: () => { readonly seconds: number; readonly view: View } | null;
-  readonly notice: (message: string) => void;
-  readonly sheets: () => Sheets;
+/** The element whose time and view are shared. */
+export interface LinkHost extends HTMLElement {
+  readonly engine: { readonly seconds: number; readonly view: View } | null;
+  notice(message: string): void;
 }
 
 export class LinkSheet {
   /** Further URL parameters of links to the review. */
   reviewParameters: () => Readonly<Record<string, string>> = () => ({});
 
-  constructor(private readonly host: LinkHost) {}
+  constructor(private readonly element: LinkHost, private readonly sheets: () => Sheets) {}
 
   /** Shares the page's link, or asks which one. */
   async share(): Promise<void> {
-    const watching = this.host.watching();
-    if (watching === null) {
+    if (!this.element.hasAttribute("data-link")) {
       const address = this.address(location.href);
       try {
         history.replaceState(null, "", address);
@@ -36,11 +30,11 @@ export class LinkSheet {
       await this.give(address, "Link to this time and view copied.");
       return;
     }
-    this.host.sheets().toggle("which");
+    this.sheets().toggle("which");
   }
 
   async toWatch(): Promise<void> {
-    const base = new URL(this.host.watching() ?? "", document.baseURI).href;
+    const base = new URL(this.element.getAttribute("data-link") ?? "", document.baseURI).href;
     await this.give(this.address(base), "Link to watch copied. It opens this moment without the review.");
   }
 
@@ -50,20 +44,20 @@ export class LinkSheet {
   }
 
   private address(base: string, more: Readonly<Record<string, string>> = {}): string {
-    const { seconds, view } = this.host.place()!;
+    const { seconds, view } = this.element.engine!;
     return linkTo(base, seconds, view, more);
   }
 
   private async give(address: string, done: string): Promise<void> {
-    const { root } = this.host;
-    this.host.sheets().close();
+    const root = this.element.shadowRoot!;
+    this.sheets().close();
     if (await shareLink(address, document.title)) return;
     if (await copyText(address, root)) {
-      this.host.notice(done);
+      this.element.notice(done);
       return;
     }
     // To be copied by hand.
-    this.host.sheets().show("copy");
+    this.sheets().show("copy");
     const field = root.querySelector<HTMLInputElement>(".address")!;
     field.value = address;
     field.focus({ preventScroll: true });

@@ -1,6 +1,7 @@
 /** The info panel: live playback statistics. */
 
 import type { Player } from "../player/player.ts";
+import { make } from "./dom.ts";
 import { bytes, count, milliseconds, plural } from "./format.ts";
 
 const PATHS = { webcodecs: "WebCodecs", "webcodecs-software": "WebCodecs, software", video: "video element" } as const;
@@ -10,12 +11,11 @@ export function figures(player: Player): [string, string][] {
   const received = bytes(stream.receivedBytes);
   const wanted = Number(((info?.fps ?? 0) * player.speed).toFixed(2));
   const interval = s.interval.mean(60);
-  const { drawn, all } = player.splats;
-  const [width, height] = player.drawSize;
+  const [width, height] = player.screen.size;
   const rows: [string, string][] = [
     ["Frame rate", !player.playing ? `paused (${wanted} fps)` : `${interval === 0 ? "–" : (1000 / interval).toFixed(1)} of ${wanted} fps`],
     ["Dropped", `${count(s.dropped)} of ${plural(s.shown + s.dropped, "frame")}, ${plural(s.stalls, "stall")}`],
-    ["Splats", `${count(drawn)} of ${count(all)}`],
+    ["Splats", `${count(player.drawn)} of ${count(group?.splats ?? 0)}`],
     ["Decode", milliseconds(s.decode.mean())],
     ["Dequantize", milliseconds(s.dequantize.mean())],
     ["Sort", milliseconds(s.sort.mean())],
@@ -56,16 +56,7 @@ export class Panel {
   private refresh(): void {
     const table = this.element.querySelector("tbody")!;
     table.replaceChildren(
-      ...figures(this.player).map(([name, value]) => {
-        const row = document.createElement("tr");
-        const head = document.createElement("th");
-        head.scope = "row";
-        head.textContent = name;
-        const cell = document.createElement("td");
-        cell.textContent = value;
-        row.append(head, cell);
-        return row;
-      }),
+      ...figures(this.player).map(([name, value]) => make("tr", {}, make("th", { scope: "row" }, name), make("td", {}, value))),
     );
   }
 }

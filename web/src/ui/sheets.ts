@@ -3,15 +3,12 @@
 export type SheetName = "settings" | "help" | "info" | "copy" | "which";
 
 export class Sheets {
-  private name: SheetName | null = null;
+  /** The one that is open. */
+  open: SheetName | null = null;
   private opener: HTMLElement | null = null;
 
   /** @param changed - called with the sheet that is open now; null: none */
   constructor(private readonly root: ShadowRoot, private readonly changed: (name: SheetName | null) => void) {}
-
-  get open(): SheetName | null {
-    return this.name;
-  }
 
   show(name: SheetName): void {
     const active = this.root.activeElement;
@@ -22,14 +19,14 @@ export class Sheets {
   }
 
   toggle(name: SheetName): void {
-    if (this.name === name) this.close();
+    if (this.open === name) this.close();
     else this.show(name);
   }
 
   /** @param returnFocus - false: the viewer has chosen another place */
   close(returnFocus = true): void {
-    if (this.name === null) return;
-    const inside = this.sheet(this.name).contains(this.root.activeElement);
+    if (this.open === null) return;
+    const inside = this.sheet(this.open).contains(this.root.activeElement);
     this.change(null);
     if (!returnFocus || !inside) return;
     const visible = this.opener?.isConnected === true && this.opener.checkVisibility();
@@ -37,9 +34,9 @@ export class Sheets {
   }
 
   private change(name: SheetName | null): void {
-    if (this.name !== null) this.sheet(this.name).hidden = true;
+    if (this.open !== null) this.sheet(this.open).hidden = true;
     if (name !== null) this.sheet(name).hidden = false;
-    this.name = name;
+    this.open = name;
     this.changed(name);
   }
 

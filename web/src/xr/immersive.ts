@@ -50,7 +50,7 @@ export class Immersive {
       space = await session.requestReferenceSpace("local-floor").catch(() => session.requestReferenceSpace("local"));
       const canvas = document.createElement("canvas");
       const renderer = new Renderer(canvas, true);
-      const layer = new XRWebGLLayer(session, renderer.context, { antialias: false, depth: false, stencil: false });
+      const layer = new XRWebGLLayer(session, renderer.gl, { antialias: false, depth: false, stencil: false });
       await session.updateRenderState({ baseLayer: layer });
       const viewer = kind === "ar" ? await session.requestReferenceSpace("viewer") : null;
       const hits = viewer === null ? null : await session.requestHitTestSource?.({ space: viewer });
@@ -91,7 +91,7 @@ export class Immersive {
   ) {
     const { info } = player;
     if (info === null) throw new StreamError("The stream is not open yet.");
-    this.placement = new Placement(footing(info.box, player.camera.vertical, player.camera.horizontal), kind === "ar");
+    this.placement = new Placement(footing(info.box, player.camera.up, player.camera.ahead), kind === "ar");
     this.resolution.budget = 1000 / (session.frameRate ?? RATE);
     session.addEventListener("end", () => {
       this.stop.abort();

@@ -52,7 +52,8 @@ export class Placement {
 
   /** Places it in front of a viewer, on the floor, facing them. */
   faceViewer(viewer: Matrix): void {
-    const [x, z] = level(viewer);
+    const size = Math.hypot(viewer[8], viewer[10]);
+    const [x, z] = size < 1e-6 ? [0, -1] : [-viewer[8] / size, -viewer[10] / size]; // where they look, horizontally
     this.turnTo([viewer[12] + AWAY * x, 0, viewer[14] + AWAY * z], viewer);
   }
 
@@ -102,10 +103,4 @@ export class Placement {
       translation,
     };
   }
-}
-
-/** The horizontal direction (x, z) in which a pose looks. */
-function level(pose: Matrix): [number, number] {
-  const size = Math.hypot(pose[8], pose[10]);
-  return size < 1e-6 ? [0, -1] : [-pose[8] / size, -pose[10] / size];
 }
