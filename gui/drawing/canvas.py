@@ -37,19 +37,9 @@ def _glyphs(text: str, size: int) -> np.ndarray:
     """(h, w) uint8 coverage of a line of text, 255 = whole; the height depends only on the font size."""
     from PIL import Image, ImageDraw
 
-    image = Image.new("L", (_width(text, size), _line_height(size)))
+    image = Image.new("L", (text_width(text, size), glyph_height(size)))
     ImageDraw.Draw(image).text((0, 0), text, fill=255, font=_font(size))
     return np.asarray(image)
-
-
-@lru_cache(maxsize=4096)
-def _width(text: str, size: int) -> int:
-    return max(int(_font(size).getlength(text) + 0.999), 1)
-
-
-def _line_height(size: int) -> int:
-    ascent, descent = _font(size).getmetrics() if hasattr(_font(size), "getmetrics") else (size, size // 4)
-    return int(ascent + descent)
 
 
 @lru_cache(maxsize=64)
@@ -68,14 +58,15 @@ _BEFORE_UNIT = re.compile(r"(?<=\d) (?=(dB|px|[KMG]B|kbit/s|Mbit/s|fps|s|min|h|o
 """The space between a number and its unit, where no line ends."""
 
 
+@lru_cache(maxsize=4096)
 def text_width(text: str, size: int) -> int:
     """Width of a line of text in pixels."""
-    return _width(text, size) if text else 0
+    return max(int(_font(size).getlength(text) + 0.999), 1) if text else 0
 
 
 def glyph_height(size: int) -> int:
     """Height of a line of text from the top of the highest glyph to the bottom of the lowest, pixels."""
-    return _line_height(size)
+    return int(sum(_font(size).getmetrics()))
 
 
 def fitted(text: str, size: int, width: float) -> str:

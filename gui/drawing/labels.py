@@ -26,7 +26,7 @@ def place_labels(
         hull = cv2.convexHull(np.clip(shape, -4 * max(room), 4 * max(room)).astype(np.int32))
         cv2.fillConvexPoly(covered, hull, 1)
     sums = cv2.integral(covered)
-    taken: list[tuple[int, int, int, int]] = []
+    taken = np.zeros_like(covered, bool)
     found: list[tuple[int, int] | None] = []
     for shape, (wide, high) in zip(shapes, sizes, strict=True):
         (left, top), (right, bottom) = shape.min(axis=0), shape.max(axis=0)
@@ -38,7 +38,7 @@ def place_labels(
         inside = [
             (round(x), round(y)) for x, y in places if 0 <= round(x) <= width - wide and 0 <= round(y) <= height - high
         ]
-        free = [(x, y) for x, y in inside if not any(_overlap((x, y, wide, high), other) for other in taken)]
+        free = [(x, y) for x, y in inside if not taken[y : y + high, x : x + wide].any()]
         if not free:
             found.append(None)
             continue
@@ -51,7 +51,7 @@ def place_labels(
                 + int(sums[at[1], at[0]])
             ),
         )
-        taken.append((x, y, wide, high))
+        taken[y : y + high, x : x + wide] = True
         found.append((x, y))
     return found
 
@@ -71,12 +71,3 @@ def draw_labels(
         canvas.pixels[y : y + high, x : x + wide] = (0.3 * below + 0.7 * np.array(GROUND)).astype(np.uint8)
         canvas.text(x + 3, y + (high - 1.2 * size) / 2, name, size, colors[number] if colors else TEXT)
     return [place is not None for place in places]
-
-
-def _overlap(one: tuple[int, int, int, int], other: tuple[int, int, int, int]) -> bool:
-    return (
-        one[0] < other[0] + other[2]
-        and other[0] < one[0] + one[2]
-        and one[1] < other[1] + other[3]
-        and other[1] < one[1] + one[3]
-    )

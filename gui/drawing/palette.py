@@ -46,8 +46,3 @@ STATE_COLORS: dict[str, RGB] = {
 }
 
 AXES: tuple[RGB, RGB, RGB] = (BAD, GOOD, (110, 150, 235))  # colors of the x, y and z axes
-
-
-def unit(color: RGB) -> tuple[float, float, float]:
-    """The same color as floats, 0 to 1."""
-    return color[0] / 255, color[1] / 255, color[2] / 255

@@ -6,7 +6,8 @@ from gui.drawing.palette import RGB
 
 def luminance(color: RGB) -> float:
     """Relative luminance of WCAG 2.2."""
-    linear = [value / 12.92 if value <= 0.04045 else ((value + 0.055) / 1.055) ** 2.4 for value in palette.unit(color)]
+    parts = [part / 255 for part in color]
+    linear = [value / 12.92 if value <= 0.04045 else ((value + 0.055) / 1.055) ** 2.4 for value in parts]
     return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 
 
