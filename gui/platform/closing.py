@@ -10,13 +10,8 @@ TICKS = 3  # ticks to wait as well, after Escape is up: the toolkit has handled 
 class CloseRequests:
     """Tells close requests from Escape: Open3D also requests a close when Escape is pressed and when it is released,
     before it reports the key (which it does not do while text is edited, or a mouse button is pressed on a widget).
-    A single request is a real one, unless it may be of Escape.
-
-    Args:
-        escape: whether Escape is pressed, or the toolkit got its press or release just now; False where unknown.
-
-    Attributes:
-        granted: whether the window may close.
+    A single request is a real one, unless it may be of Escape. `escape`: whether Escape is pressed, or the toolkit got
+    its press or release just now; False where unknown. `granted`: whether the window may close.
     """
 
     def __init__(self, escape: Callable[[], bool] = lambda: False) -> None:

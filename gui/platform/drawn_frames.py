@@ -20,11 +20,7 @@ class _Event(ctypes.Union):
 
 
 class DrawnFrames:
-    """See the module.
-
-    Args:
-        window: the X window of the toolkit; None for none, and then nothing is reported.
-    """
+    """See the module. `window`: the X window of the toolkit; None for none, and then nothing is reported."""
 
     def __init__(self, window: int | None) -> None:
         self._x: Any = None

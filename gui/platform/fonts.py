@@ -9,13 +9,8 @@ TEXT_SIZE, TITLE_SIZE = 16, 19  # height of a line of text, as the toolkit draws
 
 
 def use_icons(application: gui.Application, file: Path) -> None:
-    """Add icons to the font of widgets. Call before the first window is made.
-
-    Args:
-        application: the toolkit's.
-        file: a TrueType font with the icons in place of Cyrillic letters: the code points given to
-            `add_typeface_for_code_points` are lost in Open3D 0.20.
-    """
+    """Add icons to the font of widgets. Call before the first window is made. `file`: a TrueType font with the icons in
+    place of Cyrillic letters: the code points given to `add_typeface_for_code_points` are lost in Open3D 0.20."""
     font = gui.FontDescription()
     font.add_typeface_for_language(str(file), "ru")
     application.set_font(gui.Application.DEFAULT_FONT_ID, font)

@@ -38,21 +38,13 @@ _SHIFT, _CONTROL = 1 << 0, 1 << 2
 
 @dataclass(frozen=True)
 class Input:
-    """An event of the mouse or the keyboard.
-
-    Attributes:
-        kind: what happened.
-        code: the button, or the key's code; 0 for a move.
-        typed: whether the key only types a character.
-        event: the X event.
-        repeated: whether the key was down already.
-    """
+    """An event of the mouse or the keyboard."""
 
     kind: Kind
-    code: int = 0
-    typed: bool = False
-    event: Any = None
-    repeated: bool = False
+    code: int = 0  # the button, or the key's code; 0 for a move
+    typed: bool = False  # whether the key only types a character
+    event: Any = None  # the X event
+    repeated: bool = False  # whether the key was down already
 
 
 class Order:
@@ -111,31 +103,21 @@ class Order:
 
 
 class InputOrder:
-    """See the module. Call `poll` at each tick.
-
-    Args:
-        window: the X window of the toolkit; None for none, and then nothing has an effect.
-
-    Attributes:
-        active: whether events pass through here.
-        pointer: newest position of the pointer in the window, pixels; None if no event has come through here.
-        buttons: the mouse buttons that are pressed, a bit for each, as `XDisplay.buttons`.
-        wanted: called with kind, button and position of each move and press before it is passed on; returns whether it
-            is to be.
-        escapes: the presses of Escape that have come through here.
-        reports: the presses of all keys that have.
-        pressed: called with the code of each key whose press is passed on, also of those that repeat.
-    """
+    """See the module. Call `poll` at each tick. `window`: the X window of the toolkit; None for none, and then nothing
+    has an effect."""
 
     def __init__(self, window: int | None) -> None:
         self._order = Order()
         self._kept: list[Input] = []
         self._held_since: float | None = None
+        # newest position in the window, pixels; None if no event has come through here
         self.pointer: tuple[int, int] | None = None
-        self.buttons = 0
+        self.buttons = 0  # the mouse buttons that are pressed, a bit for each, as `XDisplay.buttons`
+        # called with kind, button and position of each move and press before it is passed on; whether it is to be
         self.wanted: Callable[[Kind, int, int, int], bool] = lambda _kind, _button, _x, _y: True
-        self.escapes = Escapes()
-        self.reports = KeyReports()
+        self.escapes = Escapes()  # the presses of Escape that have come through here
+        self.reports = KeyReports()  # the presses of all keys that have
+        # called with the code of each key whose press is passed on, also of those that repeat
         self.pressed: Callable[[int], object] = lambda _code: None
         self._dropped: set[int] = set()
         self._down: set[int] = set()  # keys
@@ -170,15 +152,9 @@ class InputOrder:
         return rests
 
     def poll(self, hold: bool, release: bool = False) -> set[Kind]:
-        """Pass on the events that have come.
-
-        Args:
-            hold: keep them back: what they are for is about to open.
-            release: pass on the releases of keys that were pressed before, even so: it opens when they are released.
-
-        Returns:
-            The kinds of events that there were.
-        """
+        """Pass on the events that have come; returns the kinds that there were. `hold`: keep them back: what they are
+        for is about to open. `release`: pass on the releases of keys that were pressed before, even so: it opens when
+        they are released."""
         self.escapes.tick()
         self.reports.tick()
         if not self._display:

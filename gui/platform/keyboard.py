@@ -37,11 +37,8 @@ def tap_key(keycode: int) -> bool:
 
 
 def type_keys(keys: Sequence[tuple[int, bool]]) -> bool:
-    """Press and release keys of letters in this process's window; return whether the window was found.
-
-    Args:
-        keys: X key code, and whether Shift is held.
-    """
+    """Press and release keys of letters in this process's window; return whether the window was found. `keys`: X key
+    code, and whether Shift is held."""
     return _send([(code, down, shift) for code, shift in keys for down in (True, False)])
 
 

@@ -45,40 +45,25 @@ def key_code(key: gui.KeyName) -> int | None:
 
 
 class Press(NamedTuple):
-    """A press of a key that was passed on to the toolkit.
+    """A press of a key that was passed on to the toolkit, and whether Ctrl and Shift were held."""
 
-    Attributes:
-        code: X key code.
-        repeated: whether the key was down already.
-        control, shift: whether these were held.
-    """
-
-    code: int
-    repeated: bool = False
+    code: int  # X key code
+    repeated: bool = False  # whether the key was down already
     control: bool = False
     shift: bool = False
 
 
 class Chords:
-    """See the module. Give it every key event.
-
-    Attributes:
-        control, shift: whether such a key is held.
-        again: whether the newest event repeats the press of a key that is held.
-    """
+    """See the module. Give it every key event."""
 
     def __init__(self) -> None:
         self._held: set[object] = set()
-        self.again = False
+        self.again = False  # whether the newest event repeats the press of a key that is held
 
     def note(self, event: gui.KeyEvent, press: Press | None = None) -> bool:
-        """Note an event; returns whether it is one of a modifier.
-
-        Args:
-            event: it.
-            press: what X knows of it. The toolkit may have lost a release when a dialog opened or closed, so the
-                modifiers are taken from here, and a key repeats only if both say so.
-        """
+        """Note an event; returns whether it is one of a modifier. `press`: what X knows of it. The toolkit may have
+        lost a release when a dialog opened or closed, so the modifiers are taken from here, and a key repeats only if
+        both say so."""
         down = event.type == gui.KeyEvent.Type.DOWN
         if press is not None:
             for key, name in _MODIFIERS.items():
@@ -95,6 +80,11 @@ class Chords:
         self._held.clear()
 
     @property
+    def held(self) -> bool:
+        """Whether Ctrl or Shift is held."""
+        return self.control or self.shift
+
+    @property
     def control(self) -> bool:
         """Whether Ctrl (on a Mac, Command) is held."""
         return self._any("control")
@@ -109,14 +99,10 @@ class Chords:
 
 
 class Escapes:
-    """See the module. Call `tick` at each tick.
-
-    Attributes:
-        dialog: whether a dialog is open; the window sets it.
-    """
+    """See the module. Call `tick` at each tick."""
 
     def __init__(self) -> None:
-        self.dialog = False
+        self.dialog = False  # whether a dialog is open; the window sets it
         self._tick = 0
         self._unheard: list[tuple[int, bool]] = []  # presses passed on to the toolkit: tick, whether a dialog was open
         self._last = -SETTLED
@@ -142,12 +128,9 @@ class Escapes:
         return self._tick < self._last + PATIENCE
 
     def heard(self, again: bool) -> bool:
-        """Note that the toolkit reports a press; returns whether it is one that nothing was done about.
-
-        Args:
-            again: whether the key was down already, as far as the toolkit has reported. Presses that did not come
-                through here, as with the pointer outside of the window, are distinguished by it.
-        """
+        """Note that the toolkit reports a press; returns whether it is one that nothing was done about. `again`:
+        whether the key was down already, as far as the toolkit has reported. Presses that did not come through here, as
+        with the pointer outside of the window, are distinguished by it."""
         if self._unheard:
             del self._unheard[0]
             return True
@@ -166,13 +149,10 @@ class Escapes:
 
 
 class KeyReports:
-    """See the module. Call `tick` at each tick.
-
-    Attributes:
-        passed, again: number of presses passed on to the toolkit, and of reports that were dropped, for bug reports.
-    """
+    """See the module. Call `tick` at each tick."""
 
     def __init__(self) -> None:
+        # presses passed on to the toolkit, and reports that were dropped, for bug reports
         self.passed = self.again = 0
         self._tick = 0
         self._unheard: list[tuple[int, Press]] = []  # presses that were passed on, with their ticks
@@ -191,15 +171,9 @@ class KeyReports:
         self._last = self._tick
 
     def reported(self, code: int | None) -> tuple[bool, Press | None]:
-        """Note that the toolkit reports a press.
-
-        Args:
-            code: its X key code; None if that is not known.
-
-        Returns:
-            Whether it is to be acted on, and the press that was passed on, if any. Presses that did not come through
-            here, as with the pointer outside of the window, are acted on long after the last one that did.
-        """
+        """Note that the toolkit reports a press, with its X key code; None if that is not known. Returns whether it is
+        to be acted on, and the press that was passed on, if any. Presses that did not come through here, as with the
+        pointer outside of the window, are acted on long after the last one that did."""
         for number, (_, press) in enumerate(self._unheard):
             if code in (None, press.code):
                 del self._unheard[: number + 1]  # a text field kept those before it

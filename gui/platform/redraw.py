@@ -16,14 +16,10 @@ have been begun before the change; a menu, or text with a new layout, takes two.
 
 class Redraws:
     """After `changed`, `due` is true immediately and after each of `AGAIN_SECONDS`, but at least `pause` seconds apart,
-    and not after `FRAMES` frames that are reported with `drawn`.
-
-    Attributes:
-        pause: minimum seconds between two draws. If the CPU draws the window, draws compete with rendering.
-    """
+    and not after `FRAMES` frames that are reported with `drawn`."""
 
     def __init__(self) -> None:
-        self.pause = 0.0
+        self.pause = 0.0  # least seconds between two draws: if the CPU draws the window, they compete with rendering
         self._times: list[float] = []
         self._last = -float("inf")
         self._frames = 0  # on the screen since the change

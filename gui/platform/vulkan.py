@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from studio.errors import StudioError
 
 _KINDS = {0: "other", 1: "integrated GPU", 2: "discrete GPU", 3: "virtual GPU", 4: "software"}
-_SUCCESS = 0
-_INCOMPLETE = 5
+_SUCCESS, _INCOMPLETE = 0, 5
 _INSTANCE_CREATE_INFO = 1
 _PROPERTIES_BYTES = 4096  # VkPhysicalDeviceProperties takes 824 on 64-bit; the rest is a margin
 _INSTALL = "On Debian and Ubuntu, run `sudo apt-get install {packages}`"
@@ -56,14 +55,9 @@ class VulkanDevice:
 
 
 def vulkan_devices(library: str | None = None) -> list[VulkanDevice]:
-    """All Vulkan devices of this machine, real GPUs first.
-
-    Args:
-        library: name of the loader's shared library; None searches for it.
-
-    Raises:
-        StudioError: `gui.no_vulkan_loader`, `gui.no_vulkan_driver` or `gui.no_vulkan_device`; `fix` names the packages.
-    """
+    """All Vulkan devices of this machine, real GPUs first. `library`: name of the loader's shared library; None
+    searches for it. Raises StudioError: `gui.no_vulkan_loader`, `gui.no_vulkan_driver` or `gui.no_vulkan_device`; `fix`
+    names the packages."""
     name = library or ctypes.util.find_library("vulkan") or "libvulkan.so.1"
     try:
         vulkan = ctypes.CDLL(name)

@@ -65,12 +65,8 @@ def open_display() -> tuple[Any, Any]:
 
 @contextmanager
 def errors_ignored(x: Any, display: Any) -> Iterator[None]:
-    """Within the block, errors of the X server do not end the process.
-
-    Args:
-        x: Xlib.
-        display: the connection; None for none.
-    """
+    """Within the block, errors of the X server do not end the process. `x`: Xlib. `display`: the connection; None for
+    none."""
     if not display:
         yield
         return
