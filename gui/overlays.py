@@ -1,7 +1,5 @@
 """What lies over the panels: the start page and the notice. Keeps them up to date and gives them their keys."""
 
-from collections.abc import Callable
-
 from open3d.visualization import gui
 
 from gui.actions.commands import Actions
@@ -25,8 +23,8 @@ MORE = "... (the log has the rest, J)"
 class Overlays:
     """See the module. `actions`: what keys do."""
 
-    def __init__(self, window: Shell, actions: Actions, changed: Callable[[], None]) -> None:
-        self._window, self._actions, self._changed = window, actions, changed
+    def __init__(self, window: Shell, actions: Actions) -> None:
+        self._window, self._actions = window, actions
         self._message_of: object = None
         self._message = self._noted = ""
 

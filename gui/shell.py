@@ -20,6 +20,7 @@ from gui.pages.stage_views import StageViews
 from gui.pages.start.panel import StartPanel
 from gui.platform.closing import CloseRequests
 from gui.platform.input_order import InputOrder
+from gui.platform.presses import Chords
 from gui.platform.redraw import Redraws
 from gui.platform.x_window import XDisplay
 from gui.widgets.camera_menu import CameraMenu
@@ -30,7 +31,7 @@ from gui.widgets.inspector import InspectorPanel
 from gui.widgets.modes import ModesPanel
 from gui.widgets.notice_bar import NoticeBar
 from gui.widgets.path_panel import PathPanel
-from gui.widgets.picture import color, holds, plain_label
+from gui.widgets.picture import color, holds, make_label
 from gui.widgets.raycast import RaycastMesh
 from gui.widgets.stages import StagesPanel
 from gui.widgets.timeline import STRIP, TimelinePanel
@@ -83,18 +84,13 @@ class Shell:
         self.window = gui.Application.instance.create_window("V3 Studio", *size)
         self.em = float(self.window.theme.font_size)
         self.x = XDisplay()
-        self.input = InputOrder(self.x.window)
+        self.input, self.chords = InputOrder(self.x.window), Chords()
         self.close_requests = CloseRequests(lambda: self.x.escape_down or self.input.escapes.recent)
         self.dialogs = Dialogs(self.window, titles)
-        self.message, self.status = plain_label(TEXT, GROUND), plain_label(DIM, PANEL)
+        self.message, self.status = make_label("", TEXT, GROUND), make_label("", DIM, PANEL)
         self.message.visible = False
         self._redraws = Redraws()
         self._awake_until = 0.0
-
-    @property
-    def control_held(self) -> bool:
-        """Whether Ctrl or Shift is held."""
-        raise NotImplementedError
 
     def open(self, path: str) -> None:
         """Open a take, a stream or a URL; bad input is reported in the window."""
@@ -257,19 +253,15 @@ class Layout:
         """Place what lies over the view."""
         panels = self._panels
         self.view = (x, y, width, height)
-        self._place_message(context, x, y, width, height)
+        wide, high = _size_of(panels.message, context, width)
+        panels.message.frame = gui.Rect(x + (width - wide) // 2, y + (height - high) // 2, wide, high)
+        if self.fullscreen:  # at the top: cards of notices are at the bottom
+            wide, high = _size_of(panels.status, context, width)
+            panels.status.frame = gui.Rect(x + (width - wide) // 2, y + round(panels.em), wide, high)
         panels.hints.place(self.view)
         if panels.camera_menu.camera:
             panels.camera_menu.place(context, panels.window.content_rect)
         panels.notice_bar.place(context, x, y, width, height)
-
-    def _place_message(self, context: gui.LayoutContext, x: int, y: int, width: int, height: int) -> None:
-        message = self._panels.message
-        wide, high = _size_of(message, context, width)
-        message.frame = gui.Rect(x + (width - wide) // 2, y + (height - high) // 2, wide, high)
-        if self.fullscreen:  # at the top: cards of notices are at the bottom
-            wide, high = _size_of(self._panels.status, context, width)
-            self._panels.status.frame = gui.Rect(x + (width - wide) // 2, y + round(self._panels.em), wide, high)
 
 
 def _size_of(label: gui.Label, context: gui.LayoutContext, width: int) -> tuple[int, int]:

@@ -6,7 +6,7 @@ from gui.actions.commands import Actions
 from gui.models.loop import LOOP
 from gui.overlays import Overlays
 from gui.platform.menu_bar import MenuBar
-from gui.platform.presses import Chords, key_code, typed_code
+from gui.platform.presses import key_code, typed_code
 from gui.shell import Shell
 from gui.widgets.picture import holds
 
@@ -16,15 +16,9 @@ class UserInput:
 
     def __init__(self, window: Shell, actions: Actions, overlays: Overlays, menu_bar: MenuBar) -> None:
         self._window, self._actions, self._overlays, self._menu_bar = window, actions, overlays, menu_bar
-        self._chords = Chords()
         self.buttons = 0
         self._pointer: tuple[int, int] | None = None
         window.input.wanted = self._pointed
-
-    @property
-    def control_held(self) -> bool:
-        """Whether Ctrl or Shift is held."""
-        return self._chords.control or self._chords.shift
 
     def tick(self) -> bool:
         """Pass events on to the toolkit. Call at each tick; returns whether there were any."""
@@ -32,7 +26,7 @@ class UserInput:
         window.input.escapes.dialog = bool(window.dialogs.name)
         came = window.input.poll(hold=window.dialogs.focusing, release=window.dialogs.expected)
         if window.input.came_to_rest():
-            self._chords.release_all()
+            window.chords.release_all()
             self._actions.search.show_expected()
         if came - {"move", "key up"}:  # a frame that the toolkit drops would hide what they did
             window.changed()
@@ -49,12 +43,12 @@ class UserInput:
         is_new, press = True, None
         if event.type == gui.KeyEvent.Type.DOWN:
             is_new, press = window.input.reports.reported(key_code(event.key))
-        modifier = self._chords.note(event, press)
+        modifier = window.chords.note(event, press)
         if modifier and event.type == gui.KeyEvent.Type.UP:
             self._actions.search.show_expected()
         if event.key == gui.KeyName.ESCAPE:
             window.close_requests.escape()
-            if event.type == gui.KeyEvent.Type.DOWN and window.input.escapes.heard(self._chords.again):
+            if event.type == gui.KeyEvent.Type.DOWN and window.input.escapes.heard(window.chords.again):
                 self._escape()
             return True
         if event.key == gui.KeyName.ENTER and (dialogs.name or dialogs.expected):
@@ -64,7 +58,7 @@ class UserInput:
             return True
         if not is_new:
             return True
-        if dialogs.focusing and self._chords.again:
+        if dialogs.focusing and window.chords.again:
             return True  # the key that opened the dialog, still held
         if dialogs.key(event):
             return True
@@ -73,13 +67,13 @@ class UserInput:
         settings = window.stages.settings[window.stages.selected]
         if event.key == gui.KeyName.ENTER:
             settings.edited = False
-        if settings.edited and not self._chords.control and typed_code(event.key) is not None:
+        if settings.edited and not window.chords.control and typed_code(event.key) is not None:
             return True  # for a field that has lost the focus
         return self._act(event)
 
     def _act(self, event: gui.KeyEvent) -> bool:
         """Do what a pressed key stands for; returns whether it stands for something."""
-        chords = self._chords
+        chords = self._window.chords
         if not self._overlays.key(event, chords.control, chords.shift, chords.again):
             if chords.control:
                 action = None if chords.again else self._actions.for_chord(event, chords.shift)

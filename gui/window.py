@@ -103,7 +103,7 @@ class MainWindow(Shell):
         start = self.actions.start
         self.start = StartPanel(start.page, em, start.act, changed)
         self.notice_bar = NoticeBar(self.notices, em, self.actions.clipboard, changed)
-        self.overlays: Overlays = Overlays(self, self.actions, changed)
+        self.overlays: Overlays = Overlays(self, self.actions)
         self._pictures = (
             self.viewport.picture, self.timeline.picture, self.stages.list, self.inspector.figures, self.inspector.log,
             self.path_panel.picture, self.start.picture, hints.picture,
@@ -221,11 +221,6 @@ class MainWindow(Shell):
         self.x.close()
         self._log.close()
 
-    @property
-    def control_held(self) -> bool:
-        """Whether Ctrl or Shift is held."""
-        return self._user.control_held
-
     # User actions
 
     def _chosen(self, row: str, key: str) -> None:
@@ -254,7 +249,7 @@ class MainWindow(Shell):
             self.actions.start.copied(copied)
         changed = self.actions.path.advance()
         changed |= self.views.fit_transport()
-        pixels = self.views.poll(self.viewport.size, self.viewport.render_size, self.em)
+        pixels = self.views.poll(self.viewport.picture.size, self.viewport.render_size, self.em)
         if pixels is not None:
             self.viewport.show(pixels)
             self.pictures += 1

@@ -32,7 +32,7 @@ class SearchActions:
     def show_expected(self) -> None:
         """Show the list if it is expected and the keys are released. Call when a modifier is released."""
         dialogs = self._window.dialogs
-        if dialogs.expected and not self._window.control_held:
+        if dialogs.expected and not self._window.chords.held:
             try:
                 self.dialog.show(commands_of(self.why_not))
             finally:  # input must not stay kept back if that fails

@@ -4,8 +4,8 @@ from collections.abc import Callable, Sequence
 
 from open3d.visualization import gui
 
-from gui.drawing.palette import LINE, RAISED, TEXT
-from gui.widgets.picture import color
+from gui.drawing.palette import LINE, TEXT
+from gui.widgets.picture import color, make_button, make_label
 
 Item = tuple[str, str, Callable[[], object]]  # key, label, action
 
@@ -32,30 +32,13 @@ class CameraMenu:
         em = self._em
         self.camera, self._at, self.buttons = camera, at, {}
         column = gui.Vert(round(0.3 * em))
-        title = gui.Label(f"{camera}, {use}")
-        title.text_color = color(TEXT)
-        column.add_child(title)
-        for name, value in facts:
-            label = gui.Label(f"{name}: {value}")
-            label.text_color = color(TEXT)
-            column.add_child(label)
+        for line in (f"{camera}, {use}", *(f"{name}: {value}" for name, value in facts)):
+            column.add_child(make_label(line, TEXT))
         for key, label, action in items:
-            button = gui.Button(label)
-            button.vertical_padding_em = 0.1
-            button.background_color = color(RAISED)
-            button.set_on_clicked(self._then(action))
-            column.add_child(button)
-            self.buttons[key] = button
+            self.buttons[key] = make_button(label, self.close, action, self._changed, pad=0.5)
+            column.add_child(self.buttons[key])
         self._content.set_widget(column)
         self.widget.visible = True
-
-    def _then(self, action: Callable[[], object]) -> Callable[[], None]:
-        def go() -> None:
-            self.close()
-            action()
-            self._changed()
-
-        return go
 
     def close(self) -> bool:
         """Close it; returns whether it was open."""

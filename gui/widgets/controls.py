@@ -5,12 +5,12 @@ from collections.abc import Callable, Iterable
 from open3d.visualization import gui
 
 from gui.drawing.icons import icon
-from gui.drawing.palette import PANEL, RAISED
+from gui.drawing.palette import PANEL
 from gui.models.playback.player import PlayerPresenter
 from gui.models.playback.transport import Transport
 from gui.widgets.flow import Flow
 from gui.widgets.hints import Hints
-from gui.widgets.picture import color, put
+from gui.widgets.picture import color, make_button, put
 
 FREE = "free view"
 SPEEDS = {"0.25x": 0.25, "0.5x": 0.5, "1x": 1.0, "2x": 2.0}
@@ -86,12 +86,8 @@ class ControlsPanel:
         return box
 
     def _button(self, text: str, tooltip: str, action: Callable[[], object], key: str) -> None:
-        button = gui.Button(f"{icon(key)} {text}".strip())
+        button = make_button(f"{icon(key)} {text}".strip(), action, self._changed, pad=0.42, pad_y=0.05)
         self._hint(button, tooltip)
-        button.vertical_padding_em = 0.05
-        button.horizontal_padding_em = 0.42
-        button.background_color = color(RAISED)
-        button.set_on_clicked(lambda: self._did(action))
         self._add(key, button)
 
     def _did(self, action: Callable[[], object]) -> None:

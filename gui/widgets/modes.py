@@ -9,7 +9,7 @@ from open3d.visualization import gui
 from gui.drawing.palette import ACCENT, ACCENT_DARK, GROUND, RAISED
 from gui.widgets.flow import Flow
 from gui.widgets.hints import Hints
-from gui.widgets.picture import ImagePanel, color, holds, put
+from gui.widgets.picture import ImagePanel, color, holds, make_button, put
 
 Choice = tuple[str, str, str]  # Key, label, tooltip. An empty key is a gap
 
@@ -35,10 +35,8 @@ class ModesPanel:
                 if not key:
                     before = 0.5 * em
                     continue
-                button = self.buttons[stage, key] = gui.Button(label)
-                button.vertical_padding_em, button.horizontal_padding_em = 0.05, 0.4
-                button.background_color = color(RAISED)
-                button.set_on_clicked(partial(chosen, stage, key))
+                action = partial(chosen, stage, key)
+                button = self.buttons[stage, key] = make_button(label, action, pad=0.4, pad_y=0.05)
                 hints.give(button, tooltip, row.widget)
                 row.add(button, before)
                 before = 0.0

@@ -7,11 +7,11 @@ from pathlib import Path
 from open3d.visualization import gui
 
 from gui.drawing.canvas import shortened
-from gui.drawing.palette import ACCENT_DARK, BAD, LINE, RAISED, TEXT
+from gui.drawing.palette import ACCENT_DARK, BAD, LINE, TEXT
 from gui.models.notices import Notice, Notices
 from gui.platform.clipboard import Clipboard
 from gui.platform.desktop import PageOpener, show_folder
-from gui.widgets.picture import color
+from gui.widgets.picture import color, make_button, make_label
 
 WIDEST, MOST_LINES = 48.0, 12  # width of the bar in em, and lines of a message
 
@@ -24,7 +24,6 @@ class NoticeBar:
         self._pages = PageOpener()
         self.buttons: dict[str, gui.Button] = {}
         self._shown: object = None
-        self._width = 0.0
         self._content = gui.WidgetProxy()
         self.widget = gui.Vert(0, gui.Margins(round(0.8 * em), round(0.6 * em), round(0.8 * em), round(0.7 * em)))
         self.widget.background_color = color(LINE)
@@ -53,9 +52,7 @@ class NoticeBar:
         column = gui.Vert(round(0.5 * em))
         rest = "... (Copy message has the rest)"
         lines = shortened(card.text, round(em), width - 1.6 * em, MOST_LINES, rest)
-        label = gui.Label("\n".join(lines))
-        label.text_color = color(BAD if card.bad else TEXT)
-        column.add_child(label)
+        column.add_child(make_label("\n".join(lines), BAD if card.bad else TEXT))
         row = gui.Horiz(round(0.5 * em))
         if card.path is not None:
             page = card.path if card.path.suffix == ".html" else None
@@ -104,18 +101,10 @@ class NoticeBar:
         return done
 
     def _button(self, row: gui.Horiz, key: str, label: str, action: Callable[[], object], accent: bool = False) -> None:
-        button = gui.Button(label)
-        button.vertical_padding_em = 0.1
-        button.horizontal_padding_em = 0.7
-        button.background_color = color(ACCENT_DARK if accent else RAISED)
-
-        def clicked() -> None:
-            action()
-            self._changed()
-
-        button.set_on_clicked(clicked)
+        button = self.buttons[key] = make_button(label, action, self._changed)
+        if accent:
+            button.background_color = color(ACCENT_DARK)
         row.add_child(button)
-        self.buttons[key] = button
 
     def place(self, context: gui.LayoutContext, x: float, y: float, width: float, height: float) -> None:
         """Place it at the lower edge of the view, whose rectangle is given in window pixels."""

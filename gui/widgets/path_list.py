@@ -82,13 +82,15 @@ class PathList:
         self.areas.add((self.width - pad - 1.3 * em, 0, 1.9 * em, 1.9 * em), ("close", -1))
         canvas.rect(pad, 1.95 * em, self.width - 2 * pad, 1, LINE)
         x, y = pad, 2.3 * em
+        size = round(0.9 * em)
         for key, label in BUTTONS:
             enabled = key == "add" or len(keys) > (0 if key == "clear" else 1)
-            wide = self._width(label)
+            wide = text_width(label, size) + 1.1 * em
             if x + wide > self.width - pad:
                 x, y = pad, y + 1.95 * em
             pressed = key == "preview" and previewing
-            self._button(canvas, x, y, wide, "Stop" if pressed else label, enabled, pressed)
+            ground, color, border = ACCENT_DARK if pressed else RAISED, *((TEXT, BORDER) if enabled else (FAINT, FAINT))
+            canvas.button(x, y, wide, 1.7 * em, "Stop" if pressed else label, size, ground, color, border)
             if enabled:
                 self.areas.add((x, y, wide, 1.7 * em), (key, -1))
             x += wide + 0.35 * em
@@ -139,11 +141,3 @@ class PathList:
         wide = canvas.text(x, y, words, size, ACCENT if key else TEXT)
         if key:
             self.areas.add((x - 2, y - 2, wide + 4, line_height(size) + 2), (key, row))
-
-    def _width(self, label: str) -> float:
-        return text_width(label, round(0.9 * self.em)) + 1.1 * self.em
-
-    def _button(self, canvas: Canvas, x: float, y: float, wide: float, label: str, on: bool, pressed: bool) -> None:
-        size, em = round(0.9 * self.em), self.em
-        ground, color = ACCENT_DARK if pressed else RAISED, TEXT if on else FAINT
-        canvas.button(x, y, wide, 1.7 * em, label, size, ground, color, BORDER if on else FAINT)

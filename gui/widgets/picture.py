@@ -7,7 +7,7 @@ import open3d as o3d
 from open3d.visualization import gui
 
 from gui.drawing.canvas import glyph_height, text_width
-from gui.drawing.palette import GROUND, RGB
+from gui.drawing.palette import GROUND, RAISED, RGB
 
 DRAWS_BEFORE_EXACT = 2  # draws of the window after which the texture of a new image exists
 
@@ -38,11 +38,27 @@ def put(widget: gui.Widget, **values: object) -> bool:
     return bool(others)
 
 
-def plain_label(text_color: RGB, ground: RGB) -> gui.Label:
-    """An empty label with an opaque background."""
-    label = gui.Label("")
-    label.text_color, label.background_color = color(text_color), color(ground)
+def make_label(text: str, text_color: RGB, ground: RGB | None = None) -> gui.Label:
+    """A label, with an opaque background if one is given."""
+    label = gui.Label(text)
+    label.text_color = color(text_color)
+    if ground is not None:
+        label.background_color = color(ground)
     return label
+
+
+def make_button(text: str, *actions: Callable[[], object], pad: float = 0.7, pad_y: float = 0.1) -> gui.Button:
+    """A button that does these, one after the other. `pad`: beside its text; `pad_y`: above and below it; em."""
+    button = gui.Button(text)
+    button.horizontal_padding_em, button.vertical_padding_em = pad, pad_y
+    button.background_color = color(RAISED)
+
+    def clicked() -> None:
+        for action in actions:
+            action()
+
+    button.set_on_clicked(clicked)
+    return button
 
 
 def holds(widget: gui.Widget, x: int, y: int) -> bool:
@@ -76,10 +92,9 @@ class ImagePanel:
     pixels follow once it has been drawn (`settle`), and the images of all sizes are kept and reused: dropping one would
     not free its texture, and its size would need another when it comes again.
 
-    Args:
-        on_mouse: receives events with the position in the widget (x, y, pixels) and returns whether it handled them.
-        images: those of an earlier widget, by shape, for one that is made again each time that its dialog opens: the
-            toolkit deletes the widgets of a closed dialog, while the textures of their images stay. New ones are added.
+    `on_mouse`: receives events with the position in the widget (x, y, pixels) and returns whether it handled them.
+    `images`: those of an earlier widget, by shape, for one that is made again each time that its dialog opens: the
+    toolkit deletes the widgets of a closed dialog, while the textures of their images stay. New ones are added.
     """
 
     def __init__(

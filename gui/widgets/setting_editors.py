@@ -6,10 +6,9 @@ from functools import partial
 
 from open3d.visualization import gui
 
-from gui.drawing.palette import RAISED
 from gui.models.take.setting_words import FILES, FOLDERS
 from gui.models.take.settings import SettingField
-from gui.widgets.picture import color
+from gui.widgets.picture import make_button
 
 SetValue = Callable[[SettingField, str], None]
 
@@ -80,12 +79,8 @@ def make_editor(setting: SettingField, set_value: SetValue, pick: Callable[[Sett
     return editor
 
 
-def small_button(text: str, tooltip: str, action: Callable[[], None]) -> gui.Button:
+def small_button(text: str, tooltip: str, *actions: Callable[[], object]) -> gui.Button:
     """A button as high as the fields."""
-    button = gui.Button(text)
+    button = make_button(text, *actions, pad=0.25 if len(text) > 1 else 0.4, pad_y=0.0)
     button.tooltip = tooltip
-    button.vertical_padding_em = 0.0
-    button.horizontal_padding_em = 0.25 if len(text) > 1 else 0.4
-    button.background_color = color(RAISED)
-    button.set_on_clicked(action)
     return button

@@ -10,7 +10,7 @@ from gui.drawing.palette import ACCENT, DIM, FAIR, PANEL
 from gui.models.take.estimates import Estimates
 from gui.models.take.setting_words import FILES, FOLDERS, TEMPLATES
 from gui.models.take.settings import SettingField, fields_of, matching
-from gui.widgets.picture import NOTHING, color, holds, lowered, text_room
+from gui.widgets.picture import NOTHING, color, holds, lowered, make_label, text_room
 from gui.widgets.setting_editors import Editor, make_editor, small_button
 from pipelines.config import Config
 from pipelines.config.presets import PRESETS, differing, preset_of
@@ -63,9 +63,9 @@ class SettingsList:
             self.preset.add_item(name)
         self.preset.set_on_selection_changed(lambda _, number: actions.choose(list(PRESETS)[number]))
         words = "Measure how long the presets take for this footage on this machine: about a minute, on all cores"
-        self.estimate = self._button("Estimate", words, actions.estimate)
+        self.estimate = small_button("Estimate", words, actions.estimate, actions.changed)
         self.summary = gui.Label(" " * 60)
-        self.reset_all = self._button("Reset", "", lambda: actions.reset(list(self._differing)))
+        self.reset_all = small_button("Reset", "", lambda: actions.reset(list(self._differing)), actions.changed)
         self.filter = gui.TextEdit()
         self.filter.placeholder_text = "search settings"
         self.filter.tooltip = FILTER
@@ -81,13 +81,6 @@ class SettingsList:
         for widget in (*heads, self.summary, self.reset_all, self.filter, self.all, self._scroll):
             self.widget.add_child(widget)
         self.refilter()
-
-    def _button(self, text: str, tooltip: str, action: Callable[[], object]) -> gui.Button:
-        def clicked() -> None:
-            action()
-            self._actions.changed()
-
-        return small_button(text, tooltip, clicked)
 
     @property
     def editors(self) -> dict[str, tuple[SettingField, gui.Widget]]:
@@ -179,8 +172,7 @@ class SettingsList:
         for field in found:
             if field.heading != heading:
                 heading = field.heading
-                title = gui.Label("\n".join(textwrap.wrap(heading, 32)))
-                title.text_color = color(ACCENT)
+                title = make_label("\n".join(textwrap.wrap(heading, 32)), ACCENT)
                 # nearer to its own fields than to those above
                 above = round(ABOVE_HEADING * self._em) if self._rows else 0
                 near = gui.Vert(0, gui.Margins(0, above, 0, -round(BELOW_HEADING * self._em)))

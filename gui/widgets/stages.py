@@ -12,7 +12,7 @@ from gui.models.take.settings import SettingField, stage_of
 from gui.models.take.workspace import Workspace
 from gui.widgets import stage_list
 from gui.widgets.hints import Hints
-from gui.widgets.picture import ImagePanel, color, put
+from gui.widgets.picture import ImagePanel, color, make_button, make_label, put
 from gui.widgets.settings import SettingActions, SettingsList
 from gui.widgets.swap_guard import SwapGuard
 from pipelines.config import Config
@@ -29,15 +29,10 @@ _HINTS = {
 
 
 class StagesPanel:
-    """See the module.
-
-    Args:
-        run: called with a stage's key ("all" for all stages) and whether to rerun a finished stage.
-        pick: called with a setting whose file or folder is to be chosen in a dialog.
-        widen: called while the panel's right edge is dragged, with the column of the window and whether that was all.
-        show_help: called when help on the selected stage is wanted.
-        guard: notified when Run and Run all take turns with Pause and Cancel.
-    """
+    """See the module. `run`: called with a stage's key ("all" for all stages) and whether to rerun a finished stage.
+    `pick`: called with a setting whose file or folder is to be chosen in a dialog. `widen`: called while the panel's
+    right edge is dragged, with the column of the window and whether that was all. `show_help`: called when help on the
+    selected stage is wanted. `guard`: notified when Run and Run all take turns with Pause and Cancel."""
 
     def __init__(
         self,
@@ -61,9 +56,7 @@ class StagesPanel:
         self.list = ImagePanel(self._on_mouse)
         self.ground = gui.Vert()  # behind messages
         self.ground.background_color = color(PANEL)
-        self.detail = gui.Label("")
-        self.detail.text_color = color(DIM)
-        self.detail.background_color = color(PANEL)
+        self.detail = make_label("", DIM, PANEL)
         self.buttons: dict[str, gui.Button] = {}
         pad, gap = round(0.6 * em), round(0.4 * em)
         self.row = gui.Horiz(gap, gui.Margins(pad, gap, pad, gap))
@@ -72,20 +65,14 @@ class StagesPanel:
         self._button("run", "Run", _HINTS["Run"], self._run_clicked)
         self._button("pause", "Pause", _HINTS["Pause"], workspace.pause)
         words = "Stop the run; finished work is kept, and the next run resumes from there"
-        self.link = gui.Button("")
+        self.link = make_button("", self._go_to_setting)
         self.link.tooltip = "Show the setting that fixes this"
-        self.link.vertical_padding_em = 0.1
-        self.link.horizontal_padding_em = 0.7
-        self.link.background_color = color(RAISED)
-        self.link.set_on_clicked(self._go_to_setting)
         self._button("cancel", "Cancel", words, workspace.cancel)
         self.row.add_stretch()
         self._button("help", "?", "What to look for in this stage (F1)", show_help)
         self._refused_setting = ""
         self._error_in: object = None
-        self.error = gui.Label("")
-        self.error.text_color = color(BAD)
-        self.error.background_color = color(PANEL)
+        self.error = make_label("", BAD, PANEL)
         self.estimates = Estimates()
         self.estimates.changed.connect(self._show_estimates)
         choose = lambda preset: self._write(dict(PRESETS[preset]), f"the preset {preset}")  # noqa: E731
@@ -109,20 +96,13 @@ class StagesPanel:
             widget.visible = on and widget in (self.list.widget, self.ground, self.row)
 
     def _button(self, key: str, text: str, tooltip: str, action: Callable[[], None]) -> None:
-        button = gui.Button(text)
-        self._hints.give(button, tooltip, self.row)
-        button.vertical_padding_em = 0.1
-        button.horizontal_padding_em = 0.7
-        button.background_color = color(RAISED)
-
-        def clicked() -> None:
+        def guarded() -> None:
             if not self._guard.refuses():
                 action()
-            self._changed()
 
-        button.set_on_clicked(clicked)
+        button = self.buttons[key] = make_button(text, guarded, self._changed)
+        self._hints.give(button, tooltip, self.row)
         self.row.add_child(button)
-        self.buttons[key] = button
 
     def _run_clicked(self) -> None:
         row = self._workspace.row(self.selected)

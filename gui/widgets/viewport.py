@@ -67,11 +67,6 @@ class Viewport:
         self.picture = ImagePanel(self.on_mouse)
 
     @property
-    def size(self) -> tuple[int, int]:
-        """Size of the widget, pixels."""
-        return self.picture.size
-
-    @property
     def render_size(self) -> tuple[int, int]:
         """Size of images rendered from splats: that of the widget, or smaller to stay fast."""
         return picture_size(*self.picture.size, self.most_pixels)

@@ -7,12 +7,12 @@ from pathlib import Path
 
 from open3d.visualization import gui
 
-from gui.drawing.palette import ACCENT_DARK, DIM, RAISED
+from gui.drawing.palette import ACCENT_DARK, DIM
 from gui.models.loop import LOOP
 from gui.platform.fonts import TEXT_SIZE, TITLE_SIZE
 from gui.platform.keyboard import BACKSPACE, END, HOME, TAB, send_key, tap_key, type_keys
 from gui.platform.presses import typed_code
-from gui.widgets.picture import ImagePanel, color
+from gui.widgets.picture import ImagePanel, color, make_button, make_label
 
 TAB_DOWN, TAB_UP = 3, 5
 """Number of frames drawn of a dialog with a text field before Tab is pressed, and has surely had its effect."""
@@ -29,39 +29,26 @@ Answer = tuple[str, str, Callable[[], None]]  # key, label, action
 
 
 class Dialogs:
-    """Shows one dialog at a time over a window, which is darker meanwhile.
-
-    Attributes:
-        widgets: widgets of the open dialog by key; empty if none is open.
-        name, title: of the open dialog; "" if none is open.
-        typing: whether its text field has the keyboard focus.
-        lines: what the list in it shows, where that changes on its own.
-        last_folder: the folder in which something was chosen last; "" if nothing was.
-        remembered: called when that changes.
-        pictures: images in the open dialog, which are drawn exactly some draws later.
-        on_key: handles keys once the text field has the focus, and returns whether it did; None for none.
-        on_press: receives the X key codes of presses and repeats, which the text field keeps for itself, where they are
-            known; None for none.
-        expected: whether a dialog with a text field is about to open, for which what is typed is kept.
-        shade: what makes the window darker, to be its last child and as large as it.
-    """
+    """Shows one dialog at a time over a window, which is darker meanwhile."""
 
     def __init__(self, window: gui.Window, titles: int) -> None:
         self._window, self._titles = window, titles
-        self.shade = gui.Vert()
+        self.shade = gui.Vert()  # makes the window darker; to be its last child and as large as it
         self.shade.background_color = gui.Color(0.0, 0.0, 0.0, SHADE)
         self.shade.visible = False
         self.em = window.theme.font_size
-        self.widgets: dict[str, gui.Widget] = {}
-        self.name = self.title = ""
-        self.typing = False
-        self.lines: list[str] = []
-        self.last_folder = ""
-        self.remembered: Callable[[str], object] = lambda _folder: None
-        self.pictures: list[ImagePanel] = []
+        self.widgets: dict[str, gui.Widget] = {}  # of the open dialog by key
+        self.name = self.title = ""  # of the open dialog; "" if none is open
+        self.typing = False  # whether its text field has the keyboard focus
+        self.lines: list[str] = []  # what the list in it shows, where that changes on its own
+        self.last_folder = ""  # in which something was chosen last; "" if nothing was
+        self.remembered: Callable[[str], object] = lambda _folder: None  # called when that changes
+        self.pictures: list[ImagePanel] = []  # in the open dialog; they are drawn exactly some draws later
+        # handles keys once the text field has the focus, and returns whether it did
         self.on_key: Callable[[gui.KeyEvent], bool] | None = None
+        # receives the X key codes of presses and repeats, which the text field keeps for itself, where they are known
         self.on_press: Callable[[int], object] | None = None
-        self.expected = False
+        self.expected = False  # whether a dialog with a text field is about to open; what is typed is kept for it
         self._drawn: int | None = None
         self._confirm: int | None = None  # frames to draw until the dialog is confirmed
         self._unseen: gui.Dialog | None = None
@@ -133,11 +120,9 @@ class Dialogs:
 
     def button(self, key: str, label: str, action: Callable[[], None], accent: bool = False) -> gui.Button:
         """Make a button for the dialog being built."""
-        button = gui.Button(label)
-        button.vertical_padding_em = BUTTON_PADDING
-        button.background_color = color(ACCENT_DARK if accent else RAISED)
-        button.set_on_clicked(action)
-        self.widgets[key] = button
+        button = self.widgets[key] = make_button(label, action, pad=0.5, pad_y=BUTTON_PADDING)
+        if accent:
+            button.background_color = color(ACCENT_DARK)
         return button
 
     def row(self, buttons: Sequence[Answer]) -> gui.Horiz:
@@ -156,10 +141,7 @@ class Dialogs:
 
     def label(self, text: str, dim: bool = True) -> gui.Label:
         """Make a label for the dialog being built."""
-        label = gui.Label(text)
-        if dim:
-            label.text_color = color(DIM)
-        return label
+        return make_label(text, DIM) if dim else gui.Label(text)
 
     def remember(self, folder: str) -> None:
         """Note the folder in which something was chosen."""

@@ -54,7 +54,7 @@ def ask_cameras(
         table.add_child(column)
     table.add_stretch()
     words = "Training uses the cameras that are not held out; held-out cameras measure quality."
-    parts = [refusal(dialogs, error) if error else dialogs.label(words), table]
+    parts = [refusal(error) if error else dialogs.label(words), table]
 
     def done() -> None:
         refused = save(chosen[0])

@@ -9,7 +9,7 @@ from open3d.visualization import gui
 from gui.drawing.palette import ACCENT
 from gui.models.folders import FolderList
 from gui.widgets.dialogs.base import Dialogs, filled, in_lines
-from gui.widgets.picture import color
+from gui.widgets.picture import make_label
 
 ROWS = 12
 
@@ -40,8 +40,7 @@ class _PathDialog:
         self._list = dialogs.list_of(ROWS, self._select)
         self._message = dialogs.label("\n")
         # the toolkit draws the selected row of a list gray on gray, and has no other color for it
-        self._selected = gui.Label(" ")
-        self._selected.text_color = color(ACCENT)
+        self._selected = make_label(" ", ACCENT)
 
     def show(self, title: str) -> None:
         dialogs, em = self._dialogs, self._dialogs.em

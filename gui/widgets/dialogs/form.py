@@ -10,16 +10,14 @@ from gui.drawing.canvas import text_width
 from gui.drawing.palette import BAD
 from gui.widgets.dialogs.base import Answer, Dialogs, broken
 from gui.widgets.dialogs.folder import ask_path
-from gui.widgets.picture import color, lowered
+from gui.widgets.picture import lowered, make_label
 
 FIELD, PATH = 16, 28  # least width of a field in em: three numbers with signs fit; of those of a form with a path
 
 
-def refusal(dialogs: Dialogs, error: str) -> gui.Label:
+def refusal(error: str) -> gui.Label:
     """Why a dialog could not be confirmed."""
-    label = dialogs.label(broken(error))
-    label.text_color = color(BAD)
-    return label
+    return make_label(broken(error), BAD)
 
 
 class Form:
@@ -110,7 +108,7 @@ class Form:
     ) -> None:  # fmt: skip
         """Show the dialog. `first`: key of the text field that has the keyboard focus; "" for none."""
         dialogs = self._dialogs
-        shown = [*parts, *([refusal(dialogs, error)] if error else [])]
+        shown = [*parts, *([refusal(error)] if error else [])]
         dialogs.show(name, title, shown, [confirm, ("close", "Cancel", dialogs.close)], width, confirm[2])
         dialogs.widgets |= self.widgets
         if first:
