@@ -53,7 +53,8 @@ def _value(node: Any, key: str, path: Path) -> Any:
         except cv2.error:
             matrix = None
         if matrix is None:
-            raise _incomplete(key, path)
+            problem, fix = f"'{key}' is not a complete matrix", "Export the cameras again."
+            raise StudioError("camera.not_a_matrix", problem, file=path, fix=fix, key=key)
         return np.asarray(matrix, np.float64).tolist()
     if node.isSeq():
         return [_value(node.at(index), key, path) for index in range(node.size())]
@@ -61,11 +62,6 @@ def _value(node: Any, key: str, path: Path) -> Any:
         value = node.real()
         return int(value) if node.isInt() else value
     return node.string() if node.isString() else None
-
-
-def _incomplete(key: str, path: Path) -> StudioError:
-    fix = "Export the cameras again."
-    return StudioError("camera.not_a_matrix", f"'{key}' is not a complete matrix", file=path, fix=fix, key=key)
 
 
 def read_opencv_cameras(root: Path, pattern: str) -> Rig:

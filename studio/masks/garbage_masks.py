@@ -76,9 +76,11 @@ def garbage_masks(spec: CaptureSettings, names: tuple[str, ...], pool: DecoderPo
         return None
     if Path(spec.garbage_masks).suffix.lower() in EXTENSIONS:
         return _drawn(spec, spec.garbage_masks, names)
-    setting = "capture.garbage_masks"
-    matches = matching(spec.root, spec.garbage_masks, names, "mask.garbage_not_found", "garbage mask", setting)
-    return GarbageImages(matches, pool, spec.offsets)
+    value, setting = spec.garbage_masks, "capture.garbage_masks"
+    problem = f"no garbage mask of the footage's cameras matches the pattern '{value}'"
+    fix = "Check capture.garbage_masks."
+    none = StudioError("mask.garbage_not_found", problem, file=spec.root, value=value, fix=fix, setting=setting)
+    return GarbageImages(matching(spec.root, value, names, none), pool, spec.offsets)
 
 
 def _drawn(spec: CaptureSettings, named: str, names: tuple[str, ...]) -> DrawnGarbageMasks:

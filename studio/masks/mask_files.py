@@ -192,7 +192,10 @@ def find_files_of(
     """Pattern and files of a setting, or of usual `folders` if it is auto; or None. Raises StudioError: `code`."""
     root, wanted = inputs.spec.root, getattr(inputs.spec, setting)
     if wanted != "auto":
-        return wanted, matching(root, wanted, inputs.sources, code, what, f"capture.{setting}")
+        problem = f"no {what} of the footage's cameras matches the pattern '{wanted}'"
+        fix = f"Check capture.{setting}."
+        none = StudioError(code, problem, file=root, value=wanted, fix=fix, setting=f"capture.{setting}")
+        return wanted, matching(root, wanted, inputs.sources, none)
     found = find_beside(root, folders, inputs.sources)
     if found is None and required:
         problem = f"no {what}s found" if what != "mask" else "no mask files found"
@@ -201,12 +204,11 @@ def find_files_of(
     return found
 
 
-def matching(root: Path, pattern: str, cameras: Container[str], code: str, what: str, setting: str) -> list[Match]:
-    """The files of some cameras that match a setting's pattern. Raises StudioError: `code`: there are none."""
+def matching(root: Path, pattern: str, cameras: Container[str], none: StudioError) -> list[Match]:
+    """The files of some cameras that match a setting's pattern. Raises `none` if there are none."""
     matches = [match for match in find_files(root, pattern) if match.camera in cameras]
     if not matches:
-        problem = f"no {what} of the footage's cameras matches the pattern '{pattern}'"
-        raise StudioError(code, problem, file=root, value=pattern, fix=f"Check {setting}.", setting=setting)
+        raise none
     return matches
 
 
@@ -284,6 +286,9 @@ def exact_masks(
     """
     if pattern is None:
         return None, ""
-    matches = matching(spec.root, pattern, names, "mask.not_found", "evaluation mask", "evaluate.exact_masks")
+    problem = f"no evaluation mask matches the pattern '{pattern}'"
+    fix, setting = "Check evaluate.exact_masks.", "evaluate.exact_masks"
+    none = StudioError("mask.not_found", problem, file=spec.root, value=pattern, fix=fix, setting=setting)
+    matches = matching(spec.root, pattern, names, none)
     mask_source = _file_mask_source(matches, spec, names, frames, DecoderPool(len(names)), "evaluation mask")
     return mask_source, f"Evaluation within the exact masks '{pattern}'."

@@ -106,7 +106,7 @@ def _dominant(colors: np.ndarray, weight: np.ndarray, camera: str) -> np.ndarray
     chosen = vivid
     share = 0.0
     if vivid.any():
-        hue = cv2.cvtColor(colors[None] / np.float32(255.0), cv2.COLOR_RGB2HSV)[0, :, 0] / 360.0
+        hue: np.ndarray = cv2.cvtColor(colors[None] / np.float32(255.0), cv2.COLOR_RGB2HSV)[0, :, 0] / 360.0
         index = (hue * _HUES).astype(np.int64) % _HUES
         votes = np.bincount(index[vivid], weights=(weight * saturation)[vivid], minlength=_HUES)
         smooth = sum(np.roll(votes, step) for step in (-2, -1, 0, 1, 2))

@@ -12,7 +12,6 @@ from studio.calibration.sfm.job import SfmJob
 def adjust(
     model: Any,
     job: SfmJob,
-    threads: int,
     *,
     last: bool = True,
     width: float | None = None,
@@ -30,7 +29,7 @@ def adjust(
     """
     import pycolmap
 
-    options, config = problem(model, job, threads, centers)
+    options, config = problem(model, job, centers)
     robust = width is not None or not last
     options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY if robust else pycolmap.LossFunctionType.TRIVIAL
     if width is not None:
@@ -47,7 +46,7 @@ def adjust(
         pycolmap.ObservationManager(model).filter_all_points3D(4.0 if last else 12.0, 1.5)
 
 
-def problem(model: Any, job: SfmJob, threads: int, centers: bool) -> tuple[Any, Any]:
+def problem(model: Any, job: SfmJob, centers: bool) -> tuple[Any, Any]:
     """Options and configuration of a bundle adjustment of all registered images, see `adjust`; the gauge is free."""
     import pycolmap
 
@@ -55,7 +54,7 @@ def problem(model: Any, job: SfmJob, threads: int, centers: bool) -> tuple[Any, 
     options.refine_principal_point = centers
     options.refine_rig_from_world = not job.fix_poses
     options.print_summary = False
-    options.ceres.solver_options.num_threads = threads
+    options.ceres.solver_options.num_threads = job.threads
     config = pycolmap.BundleAdjustmentConfig()
     for image_id in model.reg_image_ids():
         config.add_image(image_id)
@@ -69,19 +68,18 @@ def known_model(path: Path, poses: Sequence[Any]) -> Any:
     """A model without points: the cameras of a database (camera n has image n + 1) at known (3, 4) poses."""
     import pycolmap
 
-    database = pycolmap.Database.open(path)
     model = pycolmap.Reconstruction()
-    for camera in database.read_all_cameras():
-        model.add_camera(camera)
-    for rig in database.read_all_rigs():
-        model.add_rig(rig)
-    for frame in database.read_all_frames():
-        number = next(iter(frame.data_ids)).id - 1
-        frame.rig_from_world = pycolmap.Rigid3d(np.array(poses[number], np.float64)[:3])
-        model.add_frame(frame)
-    for image in database.read_all_images():
-        model.add_image(image)
-    database.close()
+    with pycolmap.Database.open(path) as database:
+        for camera in database.read_all_cameras():
+            model.add_camera(camera)
+        for rig in database.read_all_rigs():
+            model.add_rig(rig)
+        for frame in database.read_all_frames():
+            number = next(iter(frame.data_ids)).id - 1
+            frame.rig_from_world = pycolmap.Rigid3d(np.array(poses[number], np.float64)[:3])
+            model.add_frame(frame)
+        for image in database.read_all_images():
+            model.add_image(image)
     for frame_id in list(model.frames):
         model.register_frame(frame_id)
     return model

@@ -5,10 +5,10 @@ import os
 import queue
 import subprocess
 import sys
+import tempfile
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from studio.errors import StudioError
 
@@ -34,73 +34,59 @@ def run_reporting(
         what: name of the work, for messages.
     """
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
-    child = subprocess.Popen(
-        [sys.executable, "-m", module, *arguments],
-        stdin=subprocess.PIPE,  # never written to; when it closes, the child ends
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        env=environment,
-        start_new_session=True,  # Ctrl-C must not reach the child: this process stops it
-    )
-    lines: queue.Queue[str | None] = queue.Queue()
-    errors: list[str] = []
-    assert child.stdout is not None
-    assert child.stderr is not None
+    with (
+        tempfile.TemporaryFile() as errors,
+        subprocess.Popen(
+            [sys.executable, "-m", module, *arguments],
+            stdin=subprocess.PIPE,  # never written to; when it closes, the child ends
+            stdout=subprocess.PIPE,
+            stderr=errors,
+            env=environment,
+            start_new_session=True,  # Ctrl-C must not reach the child: this process stops it
+        ) as child,
+    ):
+        lines: queue.Queue[bytes | None] = queue.Queue()
 
-    def pump(stream: Any, put: Callable[[str], object]) -> None:
-        for raw in stream:
-            put(raw.decode("utf-8", "replace"))
+        def pump() -> None:
+            for line in child.stdout or ():
+                lines.put(line)
+            lines.put(None)
 
-    def pump_out() -> None:
-        pump(child.stdout, lines.put)
-        lines.put(None)
-
-    def keep(line: str) -> None:
-        errors.append(line.strip())
-        del errors[:-20]
-
-    threads = [
-        threading.Thread(target=pump_out, daemon=True),
-        threading.Thread(target=pump, args=(child.stderr, keep), daemon=True),
-    ]
-    for thread in threads:
+        thread = threading.Thread(target=pump, daemon=True)
         thread.start()
-    finished, failure = False, ""
-    try:
-        while True:
-            try:
-                line = lines.get(timeout=0.2)
-            except queue.Empty:
-                on_progress(None)
-                continue
-            if line is None:
-                break
-            try:
-                values = json.loads(line)
-            except (ValueError, RecursionError):
-                continue  # native code also prints
-            if not isinstance(values, dict):
-                continue
-            if values.get("finished"):
-                finished = True
-            elif "error" in values:
-                failure = str(values["error"])
-            elif "step" in values:
-                on_progress(WorkerProgress(str(values["step"]), values.get("done", 0), values.get("total", 0)))
-        child.wait()
-    finally:
-        if child.poll() is None:
-            child.kill()
+        finished, failure = False, ""
+        try:
+            while True:
+                try:
+                    line = lines.get(timeout=0.2)
+                except queue.Empty:
+                    on_progress(None)
+                    continue
+                if line is None:
+                    break
+                try:
+                    values = json.loads(line)
+                except (ValueError, RecursionError):
+                    continue  # native code also prints
+                if not isinstance(values, dict):
+                    continue
+                if values.get("finished"):
+                    finished = True
+                elif "error" in values:
+                    failure = str(values["error"])
+                elif "step" in values:
+                    on_progress(WorkerProgress(str(values["step"]), values.get("done", 0), values.get("total", 0)))
             child.wait()
-        for thread in threads:
+        finally:
+            if child.poll() is None:
+                child.kill()
             thread.join(timeout=2)
-        for stream in (child.stdin, child.stdout, child.stderr):
-            if stream is not None:
-                stream.close()
+        errors.seek(0)
+        last = [line.strip() for line in errors.read().decode("utf-8", "replace").splitlines()[-3:]]
     if failure:
         raise StudioError("calibration.worker_failed", f"{what} failed: {failure}", value=failure)
     if not finished or child.returncode != 0:
-        tail = " / ".join(line for line in errors[-3:] if line)
+        tail = " / ".join(filter(None, last))
         problem = f"{what} ended unexpectedly with exit code {child.returncode}: {tail or 'no error output'}"
         fix = "If memory ran out, close other programs, or reduce calibrate.frame_count."
         raise StudioError(

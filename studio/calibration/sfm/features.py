@@ -204,32 +204,30 @@ def merge_sync_frames(each: Path, final: Path, job: SfmJob) -> None:
     """One image per camera: its keypoints of all sync frames concatenated, with the matches renumbered."""
     import pycolmap
 
-    source, target = pycolmap.Database.open(each), pycolmap.Database.open(final)
-    cameras = write_cameras(target, job)
-    sync_frames = job.sync_frames
-    starts: dict[int, int] = {}  # image id to the index of its first keypoint
-    for number, index in enumerate(job.intrinsics_of):
-        image_id = write_image(target, image_name(number), *cameras[index])
-        parts, at = [], 0
-        for sync_frame in range(sync_frames):
-            picture = number * sync_frames + sync_frame + 1
-            keypoints = source.read_keypoints(picture)
-            starts[picture] = at
-            at += len(keypoints)
-            parts.append(np.asarray(keypoints))
-        target.write_keypoints(image_id, np.concatenate(parts))
-    together: dict[tuple[int, int], list[np.ndarray]] = {}
-    keys, _ = source.read_two_view_geometry_num_inliers()
-    for key in keys:
-        first, second = pycolmap.pair_id_to_image_pair(key)
-        found = np.asarray(source.read_two_view_geometry(first, second).inlier_matches).reshape(-1, 2)
-        if len(found):
-            pair = ((first - 1) // sync_frames + 1, (second - 1) // sync_frames + 1)
-            together.setdefault(pair, []).append(found + np.array([starts[first], starts[second]]))
-    for (first, second), matches in sorted(together.items()):
-        target.write_matches(first, second, np.concatenate(matches).astype(np.uint32))
-    source.close()
-    target.close()
+    with pycolmap.Database.open(each) as source, pycolmap.Database.open(final) as target:
+        cameras = write_cameras(target, job)
+        sync_frames = job.sync_frames
+        starts: dict[int, int] = {}  # image id to the index of its first keypoint
+        for number, index in enumerate(job.intrinsics_of):
+            image_id = write_image(target, image_name(number), *cameras[index])
+            parts, at = [], 0
+            for sync_frame in range(sync_frames):
+                picture = number * sync_frames + sync_frame + 1
+                keypoints = source.read_keypoints(picture)
+                starts[picture] = at
+                at += len(keypoints)
+                parts.append(np.asarray(keypoints))
+            target.write_keypoints(image_id, np.concatenate(parts))
+        together: dict[tuple[int, int], list[np.ndarray]] = {}
+        keys, _ = source.read_two_view_geometry_num_inliers()
+        for key in keys:
+            first, second = pycolmap.pair_id_to_image_pair(key)
+            found = np.asarray(source.read_two_view_geometry(first, second).inlier_matches).reshape(-1, 2)
+            if len(found):
+                pair = ((first - 1) // sync_frames + 1, (second - 1) // sync_frames + 1)
+                together.setdefault(pair, []).append(found + np.array([starts[first], starts[second]]))
+        for (first, second), matches in sorted(together.items()):
+            target.write_matches(first, second, np.concatenate(matches).astype(np.uint32))
     verifier = pycolmap.GeometricVerifierOptions()
     verifier.num_threads = job.threads
     pycolmap.geometric_verification(final, verifier_options=verifier, two_view_geometry_options=_verification(job))

@@ -27,15 +27,13 @@ def guess_focal_lengths(database: Path, folder: Path, cameras: Sequence[int], se
     options.random_seed = seed
     options.reestimate_relative_pose = False
     pycolmap.calibrate_view_graph(guessed, options)
-    source, target = pycolmap.Database.open(guessed), pycolmap.Database.open(database)
-    found = {key: source.read_camera(key) for key in cameras}
-    ratios = {key: focal_ratio(camera) for key, camera in found.items()}
-    middle = float(np.median([ratios[key] for key in cameras if found[key].has_prior_focal_length] or [np.nan]))
-    for key, camera in found.items():
-        if camera.has_prior_focal_length and _LEAST < ratios[key] / middle < _MOST:
-            target.update_camera(camera)
-    source.close()
-    target.close()
+    with pycolmap.Database.open(guessed) as source, pycolmap.Database.open(database) as target:
+        found = {key: source.read_camera(key) for key in cameras}
+        ratios = {key: focal_ratio(camera) for key, camera in found.items()}
+        middle = float(np.median([ratios[key] for key in cameras if found[key].has_prior_focal_length] or [np.nan]))
+        for key, camera in found.items():
+            if camera.has_prior_focal_length and _LEAST < ratios[key] / middle < _MOST:
+                target.update_camera(camera)
     guessed.unlink()
 
 

@@ -40,36 +40,34 @@ def write_guided_matches(each: Path, merged: Path, out: Path, model: Any, job: S
     poses = {image: model.images[image].cam_from_world().matrix() for image in images}
     codes: dict[int, list[np.ndarray]] = {image: [] for image in images}
     rays: dict[int, list[np.ndarray]] = {image: [] for image in images}
-    source = pycolmap.Database.open(each)
-    for image in images:
-        for picture in range((image - 1) * job.sync_frames + 1, image * job.sync_frames + 1):
-            found = source.read_descriptors(picture).data.astype(np.float32)
-            codes[image].append(found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-9))
-            pixels = np.asarray(source.read_keypoints(picture))[:, :2].astype(np.float64)
-            rays[image].append(np.c_[cameras[image].cam_from_img(pixels), np.ones(len(pixels))].astype(np.float32))
-    source.close()
-    target = pycolmap.Database.open(out)
-    for first, second in combinations(images, 2):
-        if poses[first][2, :3] @ poses[second][2, :3] < np.cos(np.radians(_WIDEST)):
-            continue
-        turn = poses[second][:, :3] @ poses[first][:, :3].T
-        shift = poses[second][:, 3] - turn @ poses[first][:, 3]
-        essential = (np.cross(np.eye(3), shift) @ turn).astype(np.float32)
-        width = 2 * band / (cameras[first].mean_focal_length() + cameras[second].mean_focal_length())
-        together, start = [], np.zeros(2, int)
-        for a, b, ray, other in zip(codes[first], codes[second], rays[first], rays[second], strict=True):
-            lines, back = ray @ essential.T, other @ essential
-            slopes = (lines[:, :2] ** 2).sum(1)[:, None] + (back[:, :2] ** 2).sum(1)
-            together.append(_best(np.where((lines @ other.T) ** 2 < width**2 * slopes, a @ b.T, -1)) + start)
-            start += (len(a), len(b))
-        matches = np.concatenate(together).astype(np.uint32)
-        if len(matches) >= _FEWEST:
-            geometry = pycolmap.TwoViewGeometry()
-            geometry.config = pycolmap.TwoViewGeometryConfiguration.CALIBRATED
-            geometry.inlier_matches = matches
-            target.write_matches(first, second, matches)
-            target.write_two_view_geometry(first, second, geometry)
-    target.close()
+    with pycolmap.Database.open(each) as source:
+        for image in images:
+            for picture in range((image - 1) * job.sync_frames + 1, image * job.sync_frames + 1):
+                found = source.read_descriptors(picture).data.astype(np.float32)
+                codes[image].append(found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-9))
+                pixels = np.asarray(source.read_keypoints(picture))[:, :2].astype(np.float64)
+                rays[image].append(np.c_[cameras[image].cam_from_img(pixels), np.ones(len(pixels))].astype(np.float32))
+    with pycolmap.Database.open(out) as target:
+        for first, second in combinations(images, 2):
+            if poses[first][2, :3] @ poses[second][2, :3] < np.cos(np.radians(_WIDEST)):
+                continue
+            turn = poses[second][:, :3] @ poses[first][:, :3].T
+            shift = poses[second][:, 3] - turn @ poses[first][:, 3]
+            essential = (np.cross(np.eye(3), shift) @ turn).astype(np.float32)
+            width = 2 * band / (cameras[first].mean_focal_length() + cameras[second].mean_focal_length())
+            together, start = [], np.zeros(2, int)
+            for a, b, ray, other in zip(codes[first], codes[second], rays[first], rays[second], strict=True):
+                lines, back = ray @ essential.T, other @ essential
+                slopes = (lines[:, :2] ** 2).sum(1)[:, None] + (back[:, :2] ** 2).sum(1)
+                together.append(_best(np.where((lines @ other.T) ** 2 < width**2 * slopes, a @ b.T, -1)) + start)
+                start += (len(a), len(b))
+            matches = np.concatenate(together).astype(np.uint32)
+            if len(matches) >= _FEWEST:
+                geometry = pycolmap.TwoViewGeometry()
+                geometry.config = pycolmap.TwoViewGeometryConfiguration.CALIBRATED
+                geometry.inlier_matches = matches
+                target.write_matches(first, second, matches)
+                target.write_two_view_geometry(first, second, geometry)
 
 
 def _best(cosines: np.ndarray) -> np.ndarray:

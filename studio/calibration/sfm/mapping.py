@@ -53,7 +53,7 @@ class Mapper:
     def __init__(self, folder: Path, database: Path, job: SfmJob) -> None:
         self.folder, self.database = folder, database
         self.sync_frames = folder / "sync_frames.db"  # features of each sync frame, from `features.find_matches`
-        self.job, self.threads, self.seed = job, job.threads, job.seed
+        self.job = job
         self.sharing: Tests = []
         self.recentered = False  # whether principal points were estimated
         self.aspect = 1.0  # see `shared_intrinsics.stretched`, of the databases and the solution
@@ -203,7 +203,7 @@ class Mapper:
         first = self.database
         if self.job.poses or not self.sync_frames.exists():
             return model
-        sigmas = uncertainties(model, self.job, self.threads, centers=self.recentered)
+        sigmas = uncertainties(model, self.job, centers=self.recentered)
         if all(position <= WEAK for position, _ in sigmas.values()):
             return model
         better = model
@@ -290,7 +290,7 @@ class Mapper:
         """Initialize unknown focal lengths with estimates from pairs of images."""
         free = [i + 1 for i, one in enumerate(self.job.intrinsics) if not one.known and not one.prior]
         if free and not self.job.poses:
-            guess_focal_lengths(self.database, self.folder, free, self.seed)
+            guess_focal_lengths(self.database, self.folder, free, self.job.seed)
 
     def broken_intrinsics(self, model: Any) -> set[int]:
         """Indices of diverged focal lengths, which occur because a few distant points fit any focal length."""
@@ -309,17 +309,16 @@ class Mapper:
         model = max(models, key=self.rank)
         good = [i for i in range(len(self.job.intrinsics)) if i not in broken and i + 1 in model.cameras]
         focal = float(np.median([focal_ratio(model.cameras[i + 1]) for i in good]))
-        database = pycolmap.Database.open(self.database)
-        for index in range(len(self.job.intrinsics)):
-            camera = model.cameras[index + 1] if index in good else database.read_camera(index + 1)
-            if index in broken:
-                camera = pycolmap.Camera.create_from_model_id(
-                    index + 1, camera.model, focal * longer_side(camera), camera.width, camera.height
-                )
-            # the other cameras keep their result; otherwise mapping could start from the diverged camera
-            camera.has_prior_focal_length = index not in broken
-            database.update_camera(camera)
-        database.close()
+        with pycolmap.Database.open(self.database) as database:
+            for index in range(len(self.job.intrinsics)):
+                camera = model.cameras[index + 1] if index in good else database.read_camera(index + 1)
+                if index in broken:
+                    camera = pycolmap.Camera.create_from_model_id(
+                        index + 1, camera.model, focal * longer_side(camera), camera.width, camera.height
+                    )
+                # the other cameras keep their result; otherwise mapping could start from the diverged camera
+                camera.has_prior_focal_length = index not in broken
+                database.update_camera(camera)
         self.held = {index + 1 for index in broken}
         found = self._attempt(attempt)
         self.held = set()
@@ -344,11 +343,11 @@ class Mapper:
         import pycolmap
 
         options = pycolmap.IncrementalPipelineOptions()
-        options.num_threads = self.threads
-        options.random_seed = self.seed
-        options.mapper.random_seed = self.seed
-        options.triangulation.random_seed = self.seed
-        options.mapper.num_threads = self.threads
+        options.num_threads = self.job.threads
+        options.random_seed = self.job.seed
+        options.mapper.random_seed = self.job.seed
+        options.triangulation.random_seed = self.job.seed
+        options.mapper.num_threads = self.job.threads
         options.min_model_size = 2
         options.max_num_models = 4
         options.ba_refine_principal_point = False
@@ -396,8 +395,8 @@ class Mapper:
         import pycolmap
 
         options = pycolmap.GlobalPipelineOptions()
-        options.num_threads = self.threads
-        options.random_seed = self.seed
+        options.num_threads = self.job.threads
+        options.random_seed = self.job.seed
         options.min_model_size = 2
         if self.job.fix_intrinsics and any(one.known for one in self.job.intrinsics):
             # the global mapper cannot fix some intrinsics and refine others
@@ -410,7 +409,7 @@ class Mapper:
             # the global mapper cannot recover from a guessed focal length; if `_guess_focal_lengths` estimated all of
             # them, estimating again would change nothing
             calibration = pycolmap.ViewGraphCalibrationOptions()
-            calibration.random_seed = self.seed
+            calibration.random_seed = self.job.seed
             pycolmap.calibrate_view_graph(self.database, calibration)
         found = pycolmap.global_mapping(self.database, self.folder / "images", out, options=options)
         return list(found.values())
@@ -433,4 +432,4 @@ class Mapper:
         return model
 
     def _adjust(self, model: Any, **options: Any) -> None:
-        adjust(model, self.job, self.threads, **options)
+        adjust(model, self.job, **options)

@@ -53,17 +53,15 @@ def preview_pairs(
     import pycolmap
 
     preview.unlink(missing_ok=True)
-    full, small = pycolmap.Database.open(source), pycolmap.Database.open(preview)
-    images = prepare(small)
-    for picture, image in zip(pictures, images, strict=True):
-        keypoints = np.asarray(full.read_keypoints(picture))
-        descriptors = full.read_descriptors(picture)
-        largest = np.sort(np.argsort(-_size(keypoints), kind="stable")[:PREVIEW])
-        small.write_keypoints(image, keypoints[largest])
-        descriptors.data = np.asarray(descriptors.data)[largest]
-        small.write_descriptors(image, descriptors)
-    full.close()
-    small.close()
+    with pycolmap.Database.open(source) as full, pycolmap.Database.open(preview) as small:
+        images = prepare(small)
+        for picture, image in zip(pictures, images, strict=True):
+            keypoints = np.asarray(full.read_keypoints(picture))
+            descriptors = full.read_descriptors(picture)
+            largest = np.sort(np.argsort(-_size(keypoints), kind="stable")[:PREVIEW])
+            small.write_keypoints(image, keypoints[largest])
+            descriptors.data = np.asarray(descriptors.data)[largest]
+            small.write_descriptors(image, descriptors)
     match(preview, list(combinations(range(len(pictures)), 2)))
     with pycolmap.Database.open(preview) as small:
         keys, counts = small.read_two_view_geometry_num_inliers()

@@ -11,7 +11,7 @@ from studio.calibration.sfm.verdict import reprojection_errors
 WEAK = 0.005  # position uncertainty above which a camera is weak: 2 sigma are 1 cm per meter
 
 
-def uncertainties(model: Any, job: SfmJob, threads: int, *, centers: bool) -> dict[int, tuple[float, float]]:
+def uncertainties(model: Any, job: SfmJob, *, centers: bool) -> dict[int, tuple[float, float]]:
     """1-sigma uncertainty of each registered image: of its position, as a fraction of the mean distance between cameras
     and points, and of its orientation, in degrees. Empty if poses are fixed, or the points do not determine them.
 
@@ -26,7 +26,7 @@ def uncertainties(model: Any, job: SfmJob, threads: int, *, centers: bool) -> di
     freedom = 2 * len(errors) - 3 * len(model.points3D) - 6 * len(images)
     if job.fix_poses or freedom <= 0:
         return {}
-    options, config = problem(model, job, threads, centers)
+    options, config = problem(model, job, centers)
     config.fix_gauge(pycolmap.BundleAdjustmentGauge.THREE_POINTS)
     adjuster = pycolmap.create_default_ceres_bundle_adjuster(options, config, model)
     wanted = pycolmap.BACovarianceOptions(params=pycolmap.BACovarianceOptionsParams.POSES)

@@ -40,17 +40,16 @@ def _matches(model: Any, database: Path) -> dict[tuple[int, int], tuple[int, int
     for image_id in model.reg_image_ids():
         points = model.images[image_id].points2D
         seen[image_id] = np.array([point.point3D_id if point.has_point3D() else -1 for point in points], np.int64)
-    source = pycolmap.Database.open(database)
     found: dict[tuple[int, int], tuple[int, int]] = {}
-    for key in source.read_two_view_geometry_num_inliers()[0]:
-        first, second = pycolmap.pair_id_to_image_pair(key)
-        if first in seen and second in seen:
-            matches = np.asarray(source.read_two_view_geometry(first, second).inlier_matches).reshape(-1, 2)
-            ids = seen[first][matches[:, 0]]
-            good = int(((ids >= 0) & (ids == seen[second][matches[:, 1]])).sum())
-            if len(matches):
-                found[first, second] = good, len(matches)
-    source.close()
+    with pycolmap.Database.open(database) as source:
+        for key in source.read_two_view_geometry_num_inliers()[0]:
+            first, second = pycolmap.pair_id_to_image_pair(key)
+            if first in seen and second in seen:
+                matches = np.asarray(source.read_two_view_geometry(first, second).inlier_matches).reshape(-1, 2)
+                ids = seen[first][matches[:, 0]]
+                good = int(((ids >= 0) & (ids == seen[second][matches[:, 1]])).sum())
+                if len(matches):
+                    found[first, second] = good, len(matches)
     return found
 
 

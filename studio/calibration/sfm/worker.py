@@ -70,7 +70,7 @@ def solve(folder: Path, database_path: Path, job: SfmJob) -> None:
                 if point.has_point3D():
                     x, y = point.xy / factors
                     observations.append((number, ids[point.point3D_id], float(x), float(y)))
-        sigmas = uncertainties(model, job, job.threads, centers=mapper.recentered)
+        sigmas = uncertainties(model, job, centers=mapper.recentered)
         agreeing = match_inlier_ratios(model, database_path)
         figures = {
             "match_inlier_ratio": round(match_inlier_ratio(model, database_path), 4),

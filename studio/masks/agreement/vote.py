@@ -6,7 +6,6 @@ Using a Space Occupancy Grid", ICCV 2005). A camera does not vote on what is out
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -32,14 +31,6 @@ _FEWEST_VIEWS = 0.2
 _LEVELS = 6  # of the image pyramids
 
 
-@dataclass
-class _Votes:
-    """One camera's votes on voxels: odds against the performer (N,), and whether it sees them (N,) bool."""
-
-    against: np.ndarray
-    seen: np.ndarray
-
-
 def heard(
     odds: Mapping[str, np.ndarray], cameras: Mapping[str, Camera], voters: frozenset[str]
 ) -> dict[str, np.ndarray]:
@@ -58,8 +49,7 @@ def heard(
     points = points.astype(np.float32)
     for level in range(splits + 1):
         votes = {name: _vote(pyramids[name], cameras[name], points, size) for name in voting}
-        total = np.sum([one.against for one in votes.values()], axis=0)
-        views = np.sum([one.seen for one in votes.values()], axis=0)
+        total, views = (np.sum(parts, axis=0) for parts in zip(*votes.values(), strict=True))
         score = np.where(views >= least, -np.log(np.maximum(total / np.maximum(views, 1), 1e-6)), -np.inf)
         slack = 0.0 if level == splits else _SLACK[min(level, 1)]
         keep = score > _FLOOR - slack
@@ -74,8 +64,8 @@ def heard(
     for name, camera in cameras.items():
         others, count = total, views
         if name in voters:
-            own = votes[name]
-            others, count = total - own.against[keep], views - own.seen[keep]
+            against, seen = votes[name]
+            others, count = total - against[keep], views - seen[keep]
         score = -np.log(np.maximum(others / np.maximum(count, 1), np.exp(-_LIMIT)))
         result[name] = _shown(camera, points, size, score.astype(np.float32), odds[name].shape)
     return result
@@ -92,8 +82,9 @@ def _pyramid(odds: np.ndarray) -> list[np.ndarray]:
     return levels
 
 
-def _vote(pyramid: list[np.ndarray], camera: Camera, points: np.ndarray, size: float) -> _Votes:
-    """Votes on cubes of edge `size` around the points (N, 3)."""
+def _vote(pyramid: list[np.ndarray], camera: Camera, points: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
+    """Votes of a camera on cubes of edge `size` around the points (N, 3): odds against the performer (N,), and whether
+    it sees them (N,) bool."""
     height, width = pyramid[0].shape
     u, v, depth = _project(camera, points)
     seen = (depth > 0) & (u >= 0) & (v >= 0) & (u < width) & (v < height)
@@ -109,7 +100,7 @@ def _vote(pyramid: list[np.ndarray], camera: Camera, points: np.ndarray, size: f
         column, row = (u[chosen] / 2**level).astype(np.intp), (v[chosen] / 2**level).astype(np.intp)
         inside = smaller[np.minimum(row, smaller.shape[0] - 1), np.minimum(column, smaller.shape[1] - 1)]
         against[there] = np.exp(-inside)
-    return _Votes(against, seen)
+    return against, seen
 
 
 def _project(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
