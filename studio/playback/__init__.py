@@ -4,13 +4,11 @@ from studio.playback.headless import play_headless
 from studio.playback.pipeline import PlayedFrame
 from studio.playback.rate_rule import RateRule
 from studio.playback.shared import Shared
-from studio.playback.sound_device import SoundDevice
-from studio.playback.sound_player import Output, SoundPlayer
+from studio.playback.sound_player import SoundDevice, SoundPlayer
 from studio.playback.statistics import FrameStats, PlaybackReport, SkippedGroup, Spread
 
 __all__ = [
     "FrameStats",
-    "Output",
     "PlaybackReport",
     "PlayedFrame",
     "RateRule",

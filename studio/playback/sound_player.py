@@ -1,10 +1,11 @@
-"""Plays the sound of a stream and tells what is heard now, which the frames follow."""
+"""Plays the sound of a stream on the computer's audio output and tells what is heard now, which the frames follow."""
 
 import math
 import threading
+import time
 from collections import deque
 from collections.abc import Callable
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from studio.audio import Pcm
 from studio.errors import StudioError
 
 FillFn = Callable[[np.ndarray, float], None]
-"""Fills a block, (n, channels) float32, that will be heard from the given time on (seconds of `Output.now`)."""
+"""Fills a block, (n, channels) float32, that will be heard from the given time on (seconds of `SoundDevice.now`)."""
 
 _AHEAD = 0.5  # seconds that are decoded ahead of what the device has asked for
 _BLOCK = 0.1  # seconds that are decoded at once
@@ -22,17 +23,52 @@ _FOREVER = 1 << 62  # samples
 _KEPT = 64  # requests that are remembered, more than a device has in its buffers
 
 
-class Output(Protocol):
-    """An output device, which asks for samples on a thread of its own."""
+class SoundDevice:
+    """The default output device, through PortAudio, which asks for samples on a thread of its own."""
+
+    def __init__(self) -> None:
+        self._stream: Any = None
 
     def start(self, sample_rate: int, channels: int, fill: FillFn) -> None:
-        """Begin to call `fill`; StudioError (`sound.unavailable`) if there is no device."""
+        """Begin to call `fill`; StudioError (`sound.unavailable`) if PortAudio or an output device is missing."""
+        sounddevice = _sounddevice()
+
+        def callback(out: Any, frames: int, times: Any, status: Any) -> None:
+            # Not all systems tell when a block will be heard; then the latency of the stream has to do.
+            ahead = times.outputBufferDacTime - times.currentTime
+            fill(out, time.monotonic() + (ahead if 0 < ahead < 1 else self._stream.latency))
+
+        try:
+            self._stream = sounddevice.OutputStream(
+                samplerate=sample_rate, channels=channels, dtype="float32", callback=callback
+            )
+            self._stream.start()
+        except (sounddevice.PortAudioError, ValueError, OSError) as error:
+            self.stop()
+            problem = f"no audio output device ({error})"
+            raise StudioError("sound.unavailable", problem, fix="Connect one, then open the stream again.") from None
 
     def stop(self) -> None:
         """Release the device; no call of `fill` is in progress afterwards."""
+        stream, self._stream = self._stream, None
+        if stream is not None:
+            stream.close()
 
     def now(self) -> float:
         """A clock in seconds that never runs backward."""
+        return time.monotonic()
+
+
+def _sounddevice() -> Any:
+    try:
+        import sounddevice
+    except ImportError:
+        problem = "the package sounddevice is missing"
+        raise StudioError("sound.unavailable", problem, fix="Install it: pip install sounddevice.") from None
+    except OSError:  # the package is there, the library is not
+        problem = "PortAudio is missing"
+        raise StudioError("sound.unavailable", problem, fix="Install it: apt install libportaudio2.") from None
+    return sounddevice
 
 
 class SoundPlayer:
@@ -44,7 +80,7 @@ class SoundPlayer:
     frames, at which the sound starts over if it loops.
     """
 
-    def __init__(self, sound: Pcm, seconds: float, output: Output) -> None:
+    def __init__(self, sound: Pcm, seconds: float, output: SoundDevice) -> None:
         self._sound, self._seconds, self._output = sound, seconds, output
         self._changed = threading.Condition()
         self._thread: threading.Thread | None = None

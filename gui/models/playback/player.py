@@ -27,7 +27,7 @@ from pipelines.share.cast_frames import CastFrames
 from pipelines.takes.videos import FALLBACK_FPS
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
-from studio.playback import Output, SoundDevice
+from studio.playback import SoundDevice
 
 NOTHING_TO_SHOW = "Nothing trained or baked yet. Frames appear here as Train and Bake run."
 
@@ -42,7 +42,7 @@ class PlayerPresenter(Viewpoint):
         self,
         draw_function: DrawFn = draw,
         now: Callable[[], float] = time.monotonic,
-        output: Callable[[], Output] = SoundDevice,
+        output: Callable[[], SoundDevice] = SoundDevice,
         read_mesh: Callable[[Path], Surface] = no_mesh,
     ) -> None:
         super().__init__()

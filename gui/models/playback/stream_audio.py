@@ -12,7 +12,7 @@ from pipelines.share.cast_frames import CastFrames
 from studio.audio import Pcm
 from studio.audio.pcm import part_of
 from studio.errors import StudioError
-from studio.playback import Output, SoundPlayer
+from studio.playback import SoundDevice, SoundPlayer
 
 PEAKS = 4096  # parts of a waveform, more than a timeline has columns
 
@@ -21,7 +21,7 @@ class StreamAudio:
     """See the module. Attributes are set by its thread, in one piece each: `player` and `waveform` (for the timeline)
     are None until they are loaded. Frames are those of the source; those before a take's in point are silent."""
 
-    def __init__(self, source: StreamSource | CastFrames, output: Output) -> None:
+    def __init__(self, source: StreamSource | CastFrames, output: SoundDevice) -> None:
         self.frame_count, self.fps = source.frame_count, source.fps
         self.player: SoundPlayer | None = None
         self.waveform: Waveform | None = None
