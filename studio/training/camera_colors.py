@@ -74,6 +74,7 @@ def fit_camera_colors(
     return found
 
 
+@torch.no_grad()
 def camera_colors(gaussians: Gaussians, views: Sequence[TrainingView]) -> Tensor:
     """Color matrices of the views, fitted inside the performer to the rendered splats.
 
@@ -82,15 +83,12 @@ def camera_colors(gaussians: Gaussians, views: Sequence[TrainingView]) -> Tensor
     Returns:
         (V, 3, 4) float64, on the CPU; their mean is neutral. See `studio.color_fit.correct_color`.
     """
-    matrices = torch.stack([_camera_color(gaussians, view) for view in views])
-    return matrices - matrices.mean(0) + neutral()
-
-
-@torch.no_grad()
-def _camera_color(gaussians: Gaussians, view: TrainingView) -> Tensor:
-    black = torch.zeros(3, device=view.device)
-    render = rasterize(gaussians, view.camera, black)
-    target, behind = view.over(black)
-    image, alpha = render.image, render.alpha
-    target = target - (1 - alpha)[..., None] * behind
-    return fit_color(image, alpha, target, interior(view.mask), RIDGE).cpu()
+    matrices = []
+    for view in views:
+        black = torch.zeros(3, device=view.device)
+        render = rasterize(gaussians, view.camera, black)
+        target, behind = view.over(black)
+        target = target - (1 - render.alpha)[..., None] * behind
+        matrices.append(fit_color(render.image, render.alpha, target, interior(view.mask), RIDGE).cpu())
+    found = torch.stack(matrices)
+    return found - found.mean(0) + neutral()

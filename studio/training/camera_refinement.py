@@ -304,7 +304,7 @@ class _Run:
         state = {
             "at": torch.tensor(self._at),
             "generator": self._generator.get_state(),
-            "views": self._stepper.state()["views"],
+            **self._stepper.state(),
             **self.optimizer.state(),
         }
         return {name: value.clone() for name, value in state.items()}
@@ -313,8 +313,8 @@ class _Run:
         """Continue from a `state()`."""
         self._at = int(state["at"])
         self._generator.set_state(state["generator"])
-        self._stepper.restore({"views": state["views"]})
-        self.optimizer.restore({name: value for name, value in state.items() if "." in name})
+        self._stepper.restore(state)
+        self.optimizer.restore(state)
 
 
 def _rate(progress: float) -> float:

@@ -260,17 +260,6 @@ def _floats(image: Tensor) -> Tensor:
     return image if image.is_floating_point() else image / 255
 
 
-def surroundings(mask: Tensor) -> Tensor:
-    """(H, W) mask, 1 on and around the performer: the mask dilated by 2% of the performer's size, at least 4 px."""
-    return _grown(mask, _reach(mask))
-
-
-def _reach(mask: Tensor) -> int:
-    inside = mask > 0.5
-    extent = max(int(inside.any(0).sum()), int(inside.any(1).sum()))
-    return max(4, round(0.02 * extent))
-
-
 def _grown(mask: Tensor, reach: int) -> Tensor:
     grown = (mask > 0.02).float()[None, None]
     for axis in ((1, 0), (0, 1)):  # separable: rows, then columns
@@ -281,9 +270,12 @@ def _grown(mask: Tensor, reach: int) -> Tensor:
 
 def _compared(mask: Tensor, plate: Tensor) -> Tensor:
     """(H, W) uint8, 1 where footage is compared with splats over the plate: see `TrainingView`."""
-    near = surroundings(mask)
+    inside = mask > 0.5
+    extent = max(int(inside.any(0).sum()), int(inside.any(1).sum()))
+    reach = max(4, round(0.02 * extent))  # around the performer: 2% of their size, at least 4 pixels
+    near = _grown(mask, reach)
     if plate.shape[-1] == 4:
-        near = near * _grown(1 - mask, _reach(mask)) * (_floats(plate[..., 3]) > 0.5)
+        near = near * _grown(1 - mask, reach) * (_floats(plate[..., 3]) > 0.5)
     return near.to(torch.uint8)
 
 
