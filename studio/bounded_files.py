@@ -50,7 +50,9 @@ def parse_json(text: str | bytes, bounds: Bounds = BOUNDS, *, unique: bool = Fal
     check_text(text, bounds)
 
     def integer(digits: str) -> int:
-        return _integer(digits, bounds)
+        if len(digits.lstrip("-")) > bounds.digits:
+            raise _too_long(bounds)
+        return int(digits)
 
     try:
         # a call for each integer would take longer than all the rest
@@ -159,12 +161,6 @@ def _may_have_long_integers(text: str | bytes, bounds: Bounds) -> bool:
         return re.search(rf"[0-9]{{{bounds.digits + 1}}}", text) is not None
     in_bytes_of_two_or_four = b"\0" in text
     return in_bytes_of_two_or_four or re.search(rb"[0-9]{%d}" % (bounds.digits + 1), text) is not None
-
-
-def _integer(digits: str, bounds: Bounds) -> int:
-    if len(digits.lstrip("-")) > bounds.digits:
-        raise _too_long(bounds)
-    return int(digits)
 
 
 def _too_deep(bounds: Bounds) -> TextError:

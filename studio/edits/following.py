@@ -9,8 +9,6 @@ from studio.errors import StudioError
 
 EVERY = 4  # frames between two points of a path
 
-Path = dict[int, np.ndarray]
-
 
 def follow(
     means_at: Callable[[int], np.ndarray],
@@ -35,7 +33,7 @@ def follow(
             "frame",
             fix="Mark a place on the performer, in a trained frame, or with a larger radius.",
         )
-    path: Path = {frame: np.asarray(center, np.float64)}
+    path: dict[int, np.ndarray] = {frame: np.asarray(center, np.float64)}
     for step in (1, -1):
         members, here, at = inside, frame, number
         while True:

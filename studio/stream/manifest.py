@@ -506,17 +506,13 @@ class GroupEntry(Model):
         """Files of all renditions, each once."""
         return tuple({file.path: file for one in self.renditions for file in one.files}.values())
 
-    def to_dict(self) -> JsonObject:
-        """JSON-ready values, the inverse of `from_dict`."""
-        return self.model_dump(mode="json")
-
     @classmethod
-    def from_dict(cls, values: JsonObject, name: str = "group entry") -> GroupEntry:
-        """Inverse of `to_dict`. Raises StudioError, with `name` as the file, for invalid values."""
+    def from_dict(cls, values: JsonObject) -> GroupEntry:
+        """From its values as JSON has them. Raises StudioError for invalid ones."""
         try:
             return cls.model_validate_json(json.dumps(values))
         except ValidationError as error:
-            raise invalid(error, name, "Bake the group again.") from None
+            raise invalid(error, "group entry", "Bake the group again.") from None
 
 
 class Page(Model):

@@ -107,6 +107,9 @@ class StreamMetadata:
     def from_json(cls, values: JsonObject) -> StreamMetadata:
         """Read a manifest's metadata, which may hold anything: malformed entries count as not given. StudioError if the
         suggested camera is invalid (see `Camera.from_dict`)."""
+        original = Similarity.from_json(values.get("original"))
+        if original is None or not np.array_equal(original.rotation, np.eye(3)):  # own frames never have a rotation
+            original = Similarity()
         camera, background, up = (values.get(key) for key in ("suggested_camera", "background", "up"))
         return cls(
             suggested_camera=Camera.from_dict(camera) if isinstance(camera, dict) else None,
@@ -114,13 +117,8 @@ class StreamMetadata:
             up=(up[0], up[1], up[2]) if _is_vector(up) and any(up) else None,
             view_range=ViewRange.from_json(values.get("view_range")),
             capture=CapturePlace.from_json(values.get("capture")),
-            original=_without_rotation(Similarity.from_json(values.get("original"))),
+            original=original,
         )
-
-
-def _without_rotation(found: Similarity | None) -> Similarity:
-    """The identity if there is none, or one with a rotation, which own frames never have."""
-    return found if found is not None and np.array_equal(found.rotation, np.eye(3)) else Similarity()
 
 
 def _is_vector(value: object) -> TypeGuard[list[float]]:

@@ -66,6 +66,7 @@ class StreamReader:
 
     def __init__(self, source: Source, data: bytes, threads: int = 0, rendition: str | None = None) -> None:
         self.source = source
+        self._manifest_name = f"{source.name}/{MANIFEST_NAME}"
         self.index = self._indexed(data)
         self.manifest_bytes = data
         self._rendition = self.index.rendition_number(rendition)
@@ -102,10 +103,6 @@ class StreamReader:
         index = GroupIndex(parse_manifest(data, self._manifest_name), self.source)
         index.reading = self._reading
         return index
-
-    @property
-    def _manifest_name(self) -> str:
-        return f"{self.source.name}/{MANIFEST_NAME}"
 
     @property
     def manifest(self) -> Manifest:

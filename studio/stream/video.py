@@ -190,25 +190,19 @@ class PlaneDecoder:
     def read(self, out: np.ndarray) -> None:
         """Decode the next image into `out`, (height, width) uint8."""
         with self._lock:
-            self._read(out)
-
-    def _read(self, out: np.ndarray) -> None:
-        if self._container is None:
-            raise StudioError("stream.closed", "the video was closed during decoding", file=self.name)
-        try:
-            frame: av.VideoFrame | None = next(self._frames, None)
-        except self._errors as error:
-            raise damaged("stream.video_damaged", f"the video is damaged ({error})", self.name) from None
-        if frame is None:
-            raise damaged("stream.video_too_short", "the video has fewer frames than its group", self.name)
-        if (frame.width, frame.height) != self._size or frame.format.name not in ("yuv420p", "yuvj420p", "gray"):
-            raise damaged(
-                "stream.wrong_picture",
-                f"a picture is {frame.width}x{frame.height} {frame.format.name}; expected "
-                f"{self._size[0]}x{self._size[1]} yuv420p",
-                self.name,
-            )
-        out[:] = _bytes_of(frame.planes[0])[:, : self._size[0]]
+            if self._container is None:
+                raise StudioError("stream.closed", "the video was closed during decoding", file=self.name)
+            try:
+                frame: av.VideoFrame | None = next(self._frames, None)
+            except self._errors as error:
+                raise damaged("stream.video_damaged", f"the video is damaged ({error})", self.name) from None
+            if frame is None:
+                raise damaged("stream.video_too_short", "the video has fewer frames than its group", self.name)
+            if (frame.width, frame.height) != self._size or frame.format.name not in ("yuv420p", "yuvj420p", "gray"):
+                size, wanted = f"{frame.width}x{frame.height}", f"{self._size[0]}x{self._size[1]}"
+                problem = f"a picture is {size} {frame.format.name}; expected {wanted} yuv420p"
+                raise damaged("stream.wrong_picture", problem, self.name)
+            out[:] = _bytes_of(frame.planes[0])[:, : self._size[0]]
 
     def close(self) -> None:
         """Release the decoder as soon as no thread uses it."""

@@ -61,7 +61,7 @@ def encode(plan: BakePlan, part: Part, reporter: StageReporter, start: float, st
         key=plan.key(part),
         files={name: path.stat().st_size for name, path in files.items()},
         digests={name: digest_of_file(path) for name, path in files.items()},
-        entry=entry.to_dict(),
+        entry=entry.model_dump(mode="json"),
         smoothed=not unsmoothed,
         seen=None if seen is None else (tuple(seen[0].tolist()), tuple(seen[1].tolist())),
     )

@@ -30,7 +30,8 @@ class PlanesBake:
 
     def __init__(self, frames: Sequence[Gaussians], progress: ProgressFn) -> None:
         self._frames = frames
-        self._order = _keyframe_order(frames[0])
+        means = frames[0].means.detach().cpu().numpy()
+        self._order = morton_order(means) if np.isfinite(means).all() else np.arange(len(means))
         self._low, self._high = _ranges(component_frames(_reported(frames, progress)))
         self._box = Box(min=point(self._low), max=point(self._high))
         rows = attribute_rows("planes", frames[0].sh_degree)
@@ -90,11 +91,6 @@ class PlanesBake:
         )
 
 
-def _keyframe_order(keyframe: Gaussians) -> np.ndarray:
-    means = keyframe.means.detach().cpu().numpy()
-    return morton_order(means) if np.isfinite(means).all() else np.arange(len(means))
-
-
 def _reported(frames: Sequence[Gaussians], progress: ProgressFn) -> Iterator[Gaussians]:
     """The frames; `progress` can cancel before each."""
     for frame in frames:
@@ -104,15 +100,8 @@ def _reported(frames: Sequence[Gaussians], progress: ProgressFn) -> Iterator[Gau
 
 def _ranges(values: Iterator[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Minima and maxima of the components over the group, both (C,) float64."""
-    low: np.ndarray | None = None
-    high: np.ndarray | None = None
-    for frame in values:
-        frame_low, frame_high = frame.min(axis=1).astype(np.float64), frame.max(axis=1).astype(np.float64)
-        low = frame_low if low is None else np.minimum(low, frame_low)
-        high = frame_high if high is None else np.maximum(high, frame_high)
-    assert low is not None
-    assert high is not None
-    return low, high
+    ends = np.array([(frame.min(axis=1), frame.max(axis=1)) for frame in values], np.float64)
+    return ends[:, 0].min(axis=0), ends[:, 1].max(axis=0)
 
 
 def _planes(sh_degree: int, settings: BakeSettings) -> list[tuple[int, Component, Part, int]]:

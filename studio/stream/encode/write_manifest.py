@@ -27,7 +27,6 @@ from studio.stream.manifest import (
     Page,
     PageEntry,
     RenditionEntry,
-    compact,
     invalid,
 )
 from studio.stream.manifest_file import distinct_bytes, parse_manifest, seal
@@ -81,7 +80,7 @@ def write_manifest(
     box = groups[0].best.bounding_box
     for one in (one for group in groups for one in group.renditions):
         box = box.union(one.bounding_box)
-    sizes = [len(compact(group.to_dict())) for group in groups]
+    sizes = [len(group.to_bytes()) for group in groups]
     inline = _fitting(sizes, 0, INLINE_BYTES)
     try:
         draft = Manifest(

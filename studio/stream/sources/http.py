@@ -80,6 +80,9 @@ class HttpSource:
         address: URL of the stream's folder or of its manifest.json. A query (?token=...) is sent with every request;
             user:password@ before the host becomes basic authentication.
         stall, patience, first_patience: seconds, see the constants of this module.
+
+    Attributes:
+        name: the URL without credentials and query.
     """
 
     parallel = 6
@@ -104,6 +107,7 @@ class HttpSource:
         self._base = parts._replace(
             netloc=netloc, path=parts.path.removesuffix("manifest.json").rstrip("/"), fragment=""
         )
+        self.name = urlunsplit(self._base._replace(query=""))
         self._headers = {"Accept-Encoding": "identity", "User-Agent": "v3studio"}
         if parts.username is not None:
             login = f"{unquote(parts.username)}:{unquote(parts.password or '')}"
@@ -122,11 +126,6 @@ class HttpSource:
             # `read` does all retries, since it knows what has arrived, and follows redirects where that is safe.
             retries=urllib3.Retry(total=None, connect=0, read=0, status=0, other=0, redirect=0),
         )
-
-    @property
-    def name(self) -> str:
-        """The URL without credentials and query."""
-        return urlunsplit(self._base._replace(query=""))
 
     def read(self, path: str, limit: int) -> bytes:
         """See `Source.read`. SourceUnavailable if there is no complete answer before `patience` runs out; StudioError

@@ -87,7 +87,7 @@ def test_videos_that_are_not_those_of_the_manifest(copy_of, tmp_path, kind):
     def other(frames, splats):
         folder = tmp_path / f"{frames}-{splats}"
         group = bake_group(turned_bodies(frames, splats, degree), folder, 0, 0, chosen)
-        return (folder / entry_of({"groups": [group.to_dict()]}, 0, name)["path"]).read_bytes()
+        return (folder / entry_of({"groups": [group.model_dump(mode="json")]}, 0, name)["path"]).read_bytes()
 
     with StreamReader.open(stream) as reader:
         size = reader.groups[1].size
