@@ -138,21 +138,6 @@ class FloorReport(_Model):
     """Fraction of the points on the floor, 0 to 1."""
 
 
-class ReprojectionReport(_Model):
-    """Reprojection errors of a solution, and the arrangement of its cameras and points."""
-
-    reprojection: ErrorStatistics
-    """Errors over all observations."""
-    points: int
-    observations: int
-    mean_track_length: float
-    """Mean number of cameras that observe a point."""
-    tracks: dict[str, int]
-    """Track length to number of points."""
-    geometry: RigGeometry
-    cameras: dict[str, CameraReport]
-
-
 class SolutionReport(_Model):
     """How a solution was found, and what determines it."""
 
@@ -177,9 +162,19 @@ class SolutionReport(_Model):
     """Height of a pixel divided by its width, of all cameras; 1 unless estimated."""
 
 
-class CalibrationReport(SolutionReport, ReprojectionReport):
-    """Report of a calibration."""
+class CalibrationReport(SolutionReport):
+    """Report of a calibration: errors, the arrangement of cameras and points, and what each method adds."""
 
+    reprojection: ErrorStatistics
+    """Errors over all observations."""
+    points: int
+    observations: int
+    mean_track_length: float
+    """Mean number of cameras that observe a point."""
+    tracks: dict[str, int]
+    """Track length to number of points."""
+    geometry: RigGeometry
+    cameras: dict[str, CameraReport]
     unregistered: dict[str, str] = {}
     """Cameras without a pose, with the reason."""
 

@@ -9,7 +9,6 @@ from studio.calibration.report import (
     CameraReport,
     ErrorStatistics,
     Neighbor,
-    ReprojectionReport,
     RigGeometry,
 )
 from studio.cameras import Rig
@@ -53,7 +52,6 @@ def reprojection_report(rig: Rig, points: np.ndarray, observations: dict[str, np
     every: list[np.ndarray] = []
     cameras: dict[str, CameraReport] = {}
     tracks = np.zeros(len(points), np.int64)
-    widest = _WidestAngles(points)
     for camera in rig:
         seen = observations.get(camera.name, np.zeros((0, 3)))
         size = (camera.width, camera.height)
@@ -62,7 +60,6 @@ def reprojection_report(rig: Rig, points: np.ndarray, observations: dict[str, np
         errors = np.linalg.norm(pixels - seen[:, 1:], axis=1)
         every.append(errors)
         tracks += np.bincount(index, minlength=len(points))
-        widest.add(np.unique(index), camera.center)
         cameras[camera.name] = CameraReport(
             **error_statistics(errors).model_dump(),
             observations=len(errors),
@@ -72,21 +69,19 @@ def reprojection_report(rig: Rig, points: np.ndarray, observations: dict[str, np
             distortion=[round(float(value), 6) for value in camera.distortion],
         )
     errors = np.concatenate(every) if every else np.zeros(0)
-    statistics = error_statistics(errors)
-    fields = ReprojectionReport(
-        reprojection=statistics,
+    return CalibrationReport(
+        reprojection=error_statistics(errors),
         points=len(points),
         observations=len(errors),
         mean_track_length=round(float(tracks[tracks > 0].mean()), 3) if (tracks > 0).any() else 0.0,
         tracks={str(length): int(count) for length, count in enumerate(np.bincount(tracks)) if length and count},
-        geometry=rig_geometry(rig).model_copy(update={"triangulation_angle": widest.median()}),
+        geometry=_rig_geometry(rig, _triangulation_angle(rig, points, observations)),
         cameras=cameras,
     )
-    return CalibrationReport(**{name: getattr(fields, name) for name in ReprojectionReport.model_fields})
 
 
-def rig_geometry(rig: Rig) -> RigGeometry:
-    """Distances and angles between the cameras of a rig, without the triangulation angle."""
+def _rig_geometry(rig: Rig, triangulation_angle: float) -> RigGeometry:
+    """Distances and angles between the cameras of a rig."""
     focus, centers = rig.focus, rig.centers
     rays = centers - focus
     lengths = np.maximum(np.linalg.norm(rays, axis=1), 1e-12)
@@ -103,31 +98,25 @@ def rig_geometry(rig: Rig) -> RigGeometry:
             distance=round(float(distances[other]), 6),
             angle=round(float(np.degrees(np.arccos(np.clip(cosine, -1, 1)))), 2),
         )
-    return RigGeometry(radius=round(float(lengths.mean()), 6), neighbors=nearest)
+    radius = round(float(lengths.mean()), 6)
+    return RigGeometry(radius=radius, neighbors=nearest, triangulation_angle=triangulation_angle)
 
 
-class _WidestAngles:
-    """For each point the widest angle between the ray of the first camera that observes it and any later one."""
-
-    def __init__(self, points: np.ndarray) -> None:
-        self.points = points
-        self.first = np.full((len(points), 3), np.nan)
-        self.cosine = np.ones(len(points))
-
-    def add(self, index: np.ndarray, center: np.ndarray) -> None:
-        """Add a camera at `center` that observes the points of `index`."""
-        rays = center - self.points[index]
+def _triangulation_angle(rig: Rig, points: np.ndarray, observations: dict[str, np.ndarray]) -> float:
+    """Median over the points of the widest angle in degrees between the ray of the first camera that observes it and
+    any later one."""
+    if not len(points):
+        return 0.0
+    first, cosine = np.full((len(points), 3), np.nan), np.ones(len(points))
+    for camera in rig:
+        index = np.unique(observations.get(camera.name, np.zeros((0, 3)))[:, 0].astype(int))
+        rays = camera.center - points[index]
         rays = rays / np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), 1e-12)
-        new = np.isnan(self.first[index, 0])
-        self.first[index[new]] = rays[new]
+        new = np.isnan(first[index, 0])
+        first[index[new]] = rays[new]
         old = index[~new]
-        self.cosine[old] = np.minimum(self.cosine[old], (self.first[old] * rays[~new]).sum(1))
-
-    def median(self) -> float:
-        """Median over the points in degrees."""
-        if len(self.points) == 0:
-            return 0.0
-        return round(float(np.degrees(np.arccos(np.clip(np.median(self.cosine), -1, 1)))), 2)
+        cosine[old] = np.minimum(cosine[old], (first[old] * rays[~new]).sum(1))
+    return round(float(np.degrees(np.arccos(np.clip(np.median(cosine), -1, 1)))), 2)
 
 
 def _counts(pixels: np.ndarray, size: tuple[int, int], cells: int) -> np.ndarray:

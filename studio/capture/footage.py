@@ -44,6 +44,7 @@ class FootageView:
     __repr__ = short_repr
 
 
+@dataclass(eq=False, repr=False)
 class Footage:
     """A capture's images, masks and cameras; create it with `open_footage`.
 
@@ -62,43 +63,27 @@ class Footage:
         sound: the sound of the footage; None without `spec.audio`.
     """
 
-    def __init__(
-        self,
-        spec: CaptureSettings,
-        sources: Mapping[str, FrameSource],
-        frames: tuple[int, ...],
-        held_out: tuple[str, ...],
-        fps: float,
-        mask_source: MaskSource,
-        exact_mask_source: MaskSource | None,
-        warps: Mapping[str, Warp] | None,
-        pool: DecoderPool,
-        cache: ImageCache,
-        description: str,
-        problems: tuple[Message, ...] = (),
-        sound: CaptureSound | None = None,
-        garbage: GarbageMasks | None = None,
-        without_masks: tuple[str, ...] = (),
-    ) -> None:
-        self.spec = spec
-        self.camera_names = tuple(sources)
-        self.held_out_cameras = held_out
-        self.train_cameras = tuple(name for name in sources if name not in held_out)
-        self.without_masks = without_masks
-        self.frames = frames
-        self.fps = fps
-        self.description = description
-        self.problems = problems
-        self.sound = sound
-        self._sources = dict(sources)
-        self.mask_source = mask_source
-        self._exact_mask_source = exact_mask_source
-        self._garbage = garbage
-        self._warps = dict(warps) if warps is not None else None
-        self._pool = pool
-        self._cache = cache
+    spec: CaptureSettings
+    _sources: Mapping[str, FrameSource]
+    frames: tuple[int, ...]
+    held_out_cameras: tuple[str, ...]
+    fps: float
+    mask_source: MaskSource
+    _exact_mask_source: MaskSource | None
+    _warps: Mapping[str, Warp] | None
+    _pool: DecoderPool
+    _cache: ImageCache
+    description: str
+    problems: tuple[Message, ...] = ()
+    sound: CaptureSound | None = None
+    _garbage: GarbageMasks | None = None
+    without_masks: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        self.camera_names = tuple(self._sources)
+        self.train_cameras = tuple(name for name in self._sources if name not in self.held_out_cameras)
         # A separate cache: in a shared one, the maps of a large rig would evict all images.
-        self._undistortion_maps = image_cache(cache.limit // 4)
+        self._undistortion_maps = image_cache(self._cache.limit // 4)
         self._rig = Rig(tuple(warp.camera for warp in self._warps.values())) if self._warps is not None else None
         self._digests: dict[tuple[tuple[Path, str], ...], str] = {}
 

@@ -168,10 +168,12 @@ def difference_mask(
 
     height, width = image.shape[:2]
     ours, empty = (reduced(one, WORK_SIDE).astype(np.float32) for one in (image, plate))
-    areas = [None if area is None else reduced(area.astype(np.uint8), WORK_SIDE) > 0 for area in (known, doubtful)]
-    gain = match_exposure(ours, empty, areas[0])
+    small_known, small_doubtful = (
+        None if area is None else reduced(area.astype(np.uint8), WORK_SIDE) > 0 for area in (known, doubtful)
+    )
+    gain = match_exposure(ours, empty, small_known)
     empty *= gain
-    mask = foreground_mask(ours, empty, settings, *areas, colors)
+    mask = foreground_mask(ours, empty, settings, small_known, small_doubtful, colors)
     if not mask.any():
         return np.zeros((height, width), np.uint8)
     if mask.shape != (height, width):

@@ -65,12 +65,12 @@ def restore(
     back &= _field(others, points, hull.band) > 0
     if not back.any():
         return hull
-    shape = hull.field.shape
-    restored = np.stack(np.unravel_index(flat[back.numpy()], shape))
-    limit = np.array(shape)[:, None] - 2  # the border stays outside
+    size = hull.field.shape
+    restored = np.stack(np.unravel_index(flat[back.numpy()], size))
+    limit = np.array(size)[:, None] - 2  # the border stays outside
     near = np.zeros(hull.field.size, bool)
     for offset in itertools.product(range(-2, 3), repeat=3):
-        near[np.ravel_multi_index(tuple(np.clip(restored + np.array(offset)[:, None], 1, limit)), shape)] = True
+        near[np.ravel_multi_index(tuple(np.clip(restored + np.array(offset)[:, None], 1, limit)), size)] = True
     rim = np.flatnonzero(near)
     rim_points = torch.from_numpy(hull.points(rim).astype(np.float32))
     merged = hull.field.copy()
