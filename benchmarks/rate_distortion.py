@@ -247,10 +247,11 @@ def bd_rate(anchor: list[Point], other: list[Point], measure: str) -> float | No
     return float(bjontegaard.bd_rate(*curves[0], *curves[1], **METHOD))
 
 
-def kilobytes_at(points: list[Point], psnr: float, measure: str) -> float | None:
-    """Rate in KB per frame at a given PSNR, interpolated in log rate; None outside the range of the points."""
-    ordered = sorted(points, key=lambda point: getattr(point, measure))
-    values = [getattr(point, measure) for point in ordered]
+def kilobytes_at(points: list[Point], psnr: float) -> float | None:
+    """Rate in KB per frame at a given PSNR to unquantized splats, interpolated in log rate; None outside the range of
+    the points."""
+    ordered = sorted(points, key=lambda point: point.own_psnr)
+    values = [point.own_psnr for point in ordered]
     if not values[0] <= psnr <= values[-1]:
         return None
     return float(np.exp(np.interp(psnr, values, np.log([point.kilobytes for point in ordered]))))
@@ -354,21 +355,15 @@ def comparison(curves: dict[str, list[Point]]) -> list[str]:
             cells.append("no common range" if value is None else f"{value:+.0f}%")
         lines.append(f"| BD-rate, {label} | {' | '.join(cells)} |")
     for psnr in (36, 38, 40, 42, 44, 46):
-        base = kilobytes_at(anchor, psnr, "own_psnr")
+        base = kilobytes_at(anchor, psnr)
         if base is None:
             continue
         cells = []
         for name in ("planes", "motion"):
-            value = kilobytes_at(curves[name], psnr, "own_psnr")
+            value = kilobytes_at(curves[name], psnr)
             cells.append("out of range" if value is None else f"{value:.1f} KB, {value / base:.2f} of it")
         lines.append(f"| at {psnr} dB to unquantized: {base:.1f} KB | {' | '.join(cells)} |")
-    same = [
-        (a.kilobytes, b.kilobytes)
-        for a in anchor
-        for b in curves["planes"]
-        if a.qp == b.qp
-    ]  # fmt: skip
-    fewer = all(ours < theirs for theirs, ours in same)
+    fewer = all(b.kilobytes < a.kilobytes for a in anchor for b in curves["planes"] if a.qp == b.qp)
     lines.append(f"| fewer bytes at every QP | {'yes' if fewer else 'no'} | |")
     return lines
 

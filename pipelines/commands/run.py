@@ -28,7 +28,6 @@ def register(commands: Any) -> None:
         "--until", choices=STAGE_NAMES, metavar="STAGE", help=f"stop after this stage: {', '.join(STAGE_NAMES)}"
     )
     _add_live(run)
-    _add_detach(run)
     run.set_defaults(stage=None)
     for each in STAGES:
         name, stage = each.name, _stage_parser(commands, each.name, each.help)
@@ -38,7 +37,6 @@ def register(commands: Any) -> None:
             stage.add_argument("--keep", metavar="NAME", help="also keep the bake under this name")
         if name == "train":
             _add_live(stage)
-        _add_detach(stage)
         stage.set_defaults(stage=name, until=None)
 
 
@@ -85,20 +83,17 @@ def _add_live(stage: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_detach(stage: argparse.ArgumentParser) -> None:
-    stage.add_argument(
-        "--detach",
-        action="store_true",
-        help="return at once; the run continues in the background, on the cluster if run.address is ray://; `v3studio "
-        "status` shows it, and `v3studio cancel` stops it",
-    )
-
-
 def _stage_parser(commands: Any, name: str, text: str) -> argparse.ArgumentParser:
     parser = add_command(commands, name, text, _run)
     add_source(parser, nargs="?", note=" (default: the settings in the take)")
     parser.add_argument("--take", type=Path, metavar="TAKE", help="folder of the take; created if needed")
     add_preset(parser)
+    parser.add_argument(
+        "--detach",
+        action="store_true",
+        help="return at once; the run continues in the background, on the cluster if run.address is ray://; `v3studio "
+        "status` shows it, and `v3studio cancel` stops it",
+    )
     return parser
 
 

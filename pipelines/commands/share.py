@@ -66,7 +66,11 @@ def add_view_option(command: argparse.ArgumentParser) -> None:
 
 def page_text(arguments: argparse.Namespace) -> PageText:
     """What `add_page_options` asked for."""
-    _check_address(arguments.address)
+    if arguments.address is not None:
+        parts = urlsplit(arguments.address)
+        if parts.scheme not in ("http", "https") or not parts.netloc or parts.query or parts.fragment:
+            problem = f"--address '{arguments.address}' is not the http(s):// address of a folder"
+            raise invalid_option("--address", problem, "Example: https://example.org/walk/.", arguments.address)
     from pipelines.share.page import PageText, read_intro, read_view
 
     intro = None if arguments.intro is None else read_intro(arguments.intro, arguments.source)
@@ -107,12 +111,3 @@ def iframe(address: str) -> str:
     """HTML that embeds a shared page in another page."""
     allowed = "fullscreen; clipboard-write; gamepad; xr-spatial-tracking"
     return f'<iframe src="{escape(address)}" allow="{allowed}" width="640" height="480" style="border: 0"></iframe>'
-
-
-def _check_address(address: str | None) -> None:
-    if address is None:
-        return
-    parts = urlsplit(address)
-    if parts.scheme not in ("http", "https") or not parts.netloc or parts.query or parts.fragment:
-        problem = f"--address '{address}' is not the http(s):// address of a folder"
-        raise invalid_option("--address", problem, "Example: https://example.org/walk/.", address)

@@ -116,11 +116,8 @@ def _cameras(footage: TakeFootage, protocol: EvaluationProtocol, cameras: Sequen
     for one in wanted:
         name = find_camera(one, known)
         if name is None:
-            problem = (
-                f"the footage has no camera '{one}', which protocol {protocol.name} measures"
-                if not cameras
-                else f"the footage has no camera '{one}'"
-            )
+            asked = "" if cameras else f", which protocol {protocol.name} measures"
+            problem = f"the footage has no camera '{one}'{asked}"
             fix = f"Name others with --cameras A,B. Cameras: {', '.join(known)}."
             raise StudioError(
                 "compare.no_such_camera", problem, file=footage.take.root, value=one, fix=fix, option="--cameras"

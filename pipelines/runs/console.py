@@ -10,7 +10,6 @@ from pipelines.events import (
     Event,
     Finished,
     Log,
-    Preview,
     Progress,
     RunStarted,
     StageFailed,
@@ -126,8 +125,6 @@ class Bars:
                 self._say(f"[yellow]cancelled:[/yellow] {escaped(event.message)}")
         elif isinstance(event, Log):
             self._say(f"[dim]{escaped(event.message)}[/dim]")
-        elif isinstance(event, Preview):
-            pass  # only for the window
 
     def _warn(self, event: Warned) -> None:
         """Print a warning, but of many of one kind only the first few."""

@@ -13,7 +13,6 @@ from pipelines.events.event_log import EventLog
 from pipelines.runs.finishing import finishing
 from pipelines.runs.out_of_memory import memory_errors
 from pipelines.runs.staleness import DONE, StageStatus, assess, assess_all, not_ready, write_record
-from pipelines.runs.work import limit_threads
 from pipelines.stages import STAGE_NAMES, STAGES, Executor, Stage, stage_named
 from pipelines.stages.evaluate import lpips_of
 from pipelines.stages.inputs import Inputs
@@ -145,7 +144,9 @@ class _Run:
             _ = inputs.device  # report a missing GPU before hours of work
         evaluates = stage_named("evaluate") in todo
         if todo:
-            limit_threads(inputs.threads)
+            import torch
+
+            torch.set_num_threads(inputs.threads)
             with _executor(inputs, todo) as executor:
                 if evaluates:  # report weights that cannot be loaded before hours of work, too
                     lpips_of(inputs.config, inputs.device if executor is None else "cpu")

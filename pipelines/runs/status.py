@@ -123,20 +123,11 @@ def status_values(take: Take, config: Config) -> dict[str, JsonData]:
     now = running(take)
     if now is None:
         return {"take": str(take.root), "running": None, "stages": stages}
-    found: dict[str, JsonData] = {
-        "pid": now.pid,
-        "host": now.host or socket.gethostname(),
-        "command": now.command,
-        "stage": now.stage,
-        "reason": now.reason,
-    }
+    found: dict[str, JsonData] = {name: getattr(now, name) for name in ("pid", "host", "command", "stage", "reason")}
+    found["host"] = now.host or socket.gethostname()
     if now.progress is not None:
-        found |= {
-            "fraction": now.progress.fraction,
-            "seconds_left": now.progress.seconds_left,
-            "total_seconds_left": now.progress.total_seconds_left,
-            "label": now.progress.label,
-        }
+        names = ("fraction", "seconds_left", "total_seconds_left", "label")
+        found |= {name: getattr(now.progress, name) for name in names}
     if now.stage in stages:
         stages[now.stage] |= {"state": "running", "reason": now.reason}
     return {"take": str(take.root), "running": found, "stages": stages}

@@ -48,9 +48,11 @@ def work(
     one first (`stage.dependency`), there is no such group (`work.no_such_group`), the take is not what the caller
     expects (`work.take_changed`), or for bad input.
     """
+    import torch
+
     inputs, code = Inputs(take, config), stage_named(stage)
     chosen = group_of(inputs, group)
-    limit_threads(inputs.threads)
+    torch.set_num_threads(inputs.threads)
     with disk_errors(take.root), memory_errors(stage):
         if expected is not None and code.group_code.group_key(inputs, chosen) != expected:
             problem = f"the settings, the footage or earlier results of group {group} changed after the run began"
@@ -87,13 +89,6 @@ def is_up_to_date(stage: Stage, inputs: Inputs, group: Group, known: dict[str, S
     if stage.group_code.group_done(inputs, group):
         return True
     return stage.needs_all_groups and _status(stage.name, inputs, known).state == DONE
-
-
-def limit_threads(threads: int) -> None:
-    """Set the number of CPU threads of torch and of the kernels in this process."""
-    import torch
-
-    torch.set_num_threads(threads)
 
 
 def _work_on(stage: Stage, inputs: Inputs, group: Group, reporter: StageReporter) -> bool:

@@ -11,7 +11,7 @@ from studio.errors import StudioError
 from studio.stream.manifest import MANIFEST_NAME
 
 if TYPE_CHECKING:
-    from pipelines.review import TakeReview
+    from pipelines.review.take_review import TakeReview
 
 _LOOK_SECONDS = 1.0  # between two looks for a stream that is yet to be published
 
@@ -56,7 +56,7 @@ def find_streams(folder: str) -> dict[str, Path]:
 
 def find_reviews(streams: dict[str, Path]) -> dict[str, TakeReview]:
     """What can be reviewed of what `find_streams` found, by the same paths: streams in takes."""
-    from pipelines.review import TakeReview
+    from pipelines.review.take_review import TakeReview
     from pipelines.takes.take import Take
 
     found = {

@@ -14,7 +14,7 @@ from typing import Literal
 
 from pipelines.outputs import check_output
 from pipelines.share.cast import is_cast, write_cast
-from pipelines.share.page import GENERATOR, PAGE_NAME, PageText, player_page, preview_tags
+from pipelines.share.page import GENERATOR, PageText, player_page, preview_tags
 from pipelines.share.player_files import PlayerFiles, read_player
 from pipelines.share.shared_folder import RECORD_NAME, is_shared_folder, shared_folder
 from pipelines.share.stream_to_share import StreamToShare, stream_to_share
@@ -140,17 +140,7 @@ def _share_cast(source: Path, out: Path, text: PageText, single_file: bool, prog
     if single_file:
         raise StudioError("share.bad_cast", "a cast is shared as a folder", file=out, fix="Name a folder with --out.")
     title, written = write_cast(source, out, text, progress)
-    player = sum(size for name, size in written.items() if "/" not in name and name != RECORD_NAME)
-    return Shared(
-        form="folder",
-        path=out,
-        title=title,
-        files=len(written),
-        total_bytes=sum(written.values()),
-        stream_bytes=sum(size for name, size in written.items() if "/" in name),
-        player_bytes=player,
-        poster_bytes=0,
-    )
+    return _shared_folder(out, title, written)
 
 
 # A folder
@@ -168,17 +158,15 @@ def _write_folder(
         for name, data in beside.items():
             folder.write(name, data)
         progress(len(files) + 1, len(files) + 1)
-    written = folder.written
-    return Shared(
-        form="folder",
-        path=out,
-        title=text.title or "",
-        files=len(written),
-        total_bytes=sum(written.values()),
-        stream_bytes=sum(size for name, size in written.items() if name.startswith("stream/")),
-        player_bytes=written[PAGE_NAME] + sum(len(data) for data in player.hashed().values()),
-        poster_bytes=len(next(iter(beside.values()))),
-    )
+    return _shared_folder(out, text.title or "", folder.written, len(next(iter(beside.values()))))
+
+
+def _shared_folder(out: Path, title: str, written: dict[str, int], poster_bytes: int = 0) -> Shared:
+    """`written`: bytes by path; streams are in folders of their own, beside the page and its files."""
+    stream = sum(size for name, size in written.items() if "/" in name)
+    total = sum(written.values())
+    player = total - stream - poster_bytes - written[RECORD_NAME]
+    return Shared("folder", out, title, len(written), total, stream, player, poster_bytes)
 
 
 # One HTML file

@@ -47,13 +47,9 @@ class StreamToShare:
         """`given`, completed by what the stream says of itself, and the name for a missing title."""
         metadata = with_plain_texts(self.reader.manifest.metadata)
         own = {key: value for key in TEXTS if isinstance(value := metadata.get(key), str)}
-        return replace(
-            given,
-            title=given.title or own.get("title") or self.name,
-            credits=own.get("credits") if given.credits is None else given.credits,
-            license=own.get("license") if given.license is None else given.license,
-            description=own.get("description") if given.description is None else given.description,
-        ).plain()
+        texts = {name: own.get(name) if getattr(given, name) is None else getattr(given, name) for name in TEXTS}
+        texts["title"] = given.title or own.get("title") or self.name
+        return replace(given, **texts).plain()
 
     def poster(self) -> Poster:
         """The player's first view: from the suggested camera at eye level, or the front, over the background."""

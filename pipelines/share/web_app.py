@@ -22,7 +22,8 @@ from starlette.routing import BaseRoute, Mount, Route
 from starlette.staticfiles import StaticFiles
 from starlette.types import Receive, Scope, Send
 
-from pipelines.review import FOLDER, TakeReview, review_routes
+from pipelines.review.api import FOLDER, review_routes
+from pipelines.review.take_review import TakeReview
 from pipelines.share.host_check import HostCheck
 from pipelines.share.page import PageText, first_files, player_page, script_elements
 from pipelines.share.player_files import PlayerFiles

@@ -26,18 +26,13 @@ _LARGE = 13.0  # levels of 255 from the mean camera from which on a camera is na
 
 def ensure_camera_colors(inputs: Inputs, reporter: StageReporter, key: str, stop: Cancellation) -> None:
     """Fit the matrices unless they are there; any worker gives the same bytes. Raises StudioError."""
-    if inputs.config.train.camera_colors == "splats":
-        check_first_points(inputs.take, "the colors of the cameras are fitted to")
-    fit = partial(_fit, inputs, reporter, key)
-    ensure_fitted(inputs, reporter, stop, inputs.take.camera_colors, CameraColors, key, fit)
-
-
-def _fit(inputs: Inputs, reporter: StageReporter, key: str) -> None:
     chosen = inputs.config.train.camera_colors
     if isinstance(chosen, int):
-        _fit_to_chart(inputs, reporter, key, chosen)
+        fit = partial(_fit_to_chart, inputs, reporter, key, chosen)
     else:
-        _fit_to_splats(inputs, reporter, key)
+        check_first_points(inputs.take, "the colors of the cameras are fitted to")
+        fit = partial(_fit_to_splats, inputs, reporter, key)
+    ensure_fitted(inputs, reporter, stop, inputs.take.camera_colors, CameraColors, key, fit)
 
 
 def _fit_to_chart(inputs: Inputs, reporter: StageReporter, key: str, frame: int) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -70,15 +71,8 @@ def ensure_fitted(
         reporter.check()
 
     with inputs.take.group_locked(file.stem, 0, check):
-        if _stored_key(file, kind) != key:
-            # with the threads of the first group, so that other workers get the same bits
-            run_groups({0: fit}, 1, threads_of_groups(inputs), stop)
-
-
-def _stored_key(file: Path, kind: type[_Fitted]) -> str | None:
-    if not file.is_file():
-        return None
-    try:
-        return read_model(file, kind).key
-    except StudioError:
-        return None
+        with suppress(StudioError):  # missing or damaged
+            if read_model(file, kind).key == key:
+                return
+        # with the threads of the first group, so that other workers get the same bits
+        run_groups({0: fit}, 1, threads_of_groups(inputs), stop)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -29,43 +29,38 @@ def footage_check(
     from studio.capture.checks import ColorDrift
 
     ended, drift = Cancellation(), ColorDrift()
-    problems: list[Message] = []
-    failures: list[BaseException] = []
 
     def report(done: int, total: int, **figures: Any) -> None:
         reporter.check()
         ended.check()
 
-    def check() -> None:
+    def check() -> list[Message]:
         try:
-            problems.extend(check_footage(footage, report, frames=frames, drift=drift))
+            problems = check_footage(footage, report, frames=frames, drift=drift)
         except Cancelled:
-            pass
-        except BaseException as error:
-            failures.append(error)
-        else:
-            for message in drift.messages():
-                reporter.warn(message)
-        if problems or failures:
+            return []
+        except BaseException:
             stop.cancel()
+            raise
+        for message in drift.messages():
+            reporter.warn(message)
+        if problems:
+            stop.cancel()
+        return problems
 
-    thread = threading.Thread(target=check, name="check")
-    thread.start()
-    try:
-        yield
-    except StudioError:
-        thread.join()  # for the other problems
-        if not problems:
-            raise
-    except BaseException:
-        if not (problems or failures):
-            ended.cancel()
-            thread.join()
-            raise
-    thread.join()
+    with ThreadPoolExecutor(1, thread_name_prefix="check") as pool:
+        checking = pool.submit(check)
+        try:
+            yield
+        except BaseException as error:
+            refused = isinstance(error, StudioError)
+            if not refused:  # else the other problems are wanted
+                ended.cancel()
+            failed = checking.exception() is not None
+            if (failed and refused) or not (failed or checking.result()):
+                raise
     reporter.check()
-    if failures:
-        raise failures[0]
+    problems = checking.result()
     if problems:
         first = problems[0]
         raise StudioError(

@@ -13,13 +13,11 @@ from pydantic import Field, model_validator
 
 from pipelines.takes.atomic_files import Result, changing, read_model, write_model
 from studio.errors import StudioError
+from studio.stream.metadata import plain_text
 
 MAX_NOTE, MAX_AUTHOR = 2000, 80  # longest note and name, in characters
 MAX_MARKS = 2000  # most marks of a take
 MAX_FILE_BYTES = 32_000_000  # larger files are refused; `MAX_MARKS` notes of `MAX_NOTE` characters take less
-
-# characters that reverse the direction of the text around them
-_BIDI = frozenset("\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
 
 
 class MarkView(Result):
@@ -73,7 +71,7 @@ def read_marks(path: Path) -> dict[int, Mark]:
 
 def change_mark(path: Path, frame: int, mark: Mark | None, replaces: Mark | None) -> dict[int, Mark]:
     """Add, change or remove (`mark` None) the mark of one frame; returns all marks by frame. Others stay as they are in
-    the file. Note and author are made plain (`plain_text`). `replaces`: the frame's mark when the change was begun;
+    the file. Note and author are made plain (`plain_note`). `replaces`: the frame's mark when the change was begun;
     None for none.
 
     StudioError if it is another one by now (`take.mark_changed`), too long (`take.mark_too_long`), one too many
@@ -100,18 +98,13 @@ def change_mark(path: Path, frame: int, mark: Mark | None, replaces: Mark | None
     return marks
 
 
-def plain_text(text: str) -> str:
-    """One line without control characters and without characters that reorder the text around them."""
-    kept = (
-        one
-        for one in " ".join(text.split())
-        if one not in _BIDI and unicodedata.category(one) not in ("Cc", "Cs", "Co", "Cn")
-    )
-    return "".join(kept).strip()
+def plain_note(text: str) -> str:
+    """`studio.stream.metadata.plain_text`, without characters that no font has."""
+    return "".join(one for one in plain_text(text) if unicodedata.category(one) not in ("Cs", "Co", "Cn")).strip()
 
 
 def _plain(path: Path, mark: Mark) -> Mark:
-    note, author = plain_text(mark.note), plain_text(mark.author)
+    note, author = plain_note(mark.note), plain_note(mark.author)
     for text, most, what in ((note, MAX_NOTE, "note"), (author, MAX_AUTHOR, "name")):
         if len(text) > most:
             problem = f"the {what} has {len(text)} characters, at most {most} are kept"
@@ -120,7 +113,7 @@ def _plain(path: Path, mark: Mark) -> Mark:
     if mark.view is not None:
         # of what a browser has sent, only what is known
         view = mark.view.model_dump(include=set(MarkView.model_fields))
-        values["view"] = MarkView.model_validate({**view, "camera": plain_text(mark.view.camera)})
+        values["view"] = MarkView.model_validate({**view, "camera": plain_note(mark.view.camera)})
     return Mark.model_validate(values)
 
 

@@ -11,14 +11,19 @@ from studio.errors import StudioError
 
 def write_mesh(path: Path, vertices: np.ndarray, faces: np.ndarray) -> None:
     """Write vertices (V, 3), stored as float32, and triangles (F, 3)."""
-    header = (
-        "ply\nformat binary_little_endian 1.0\n"
-        f"element vertex {len(vertices)}\nproperty float x\nproperty float y\nproperty float z\n"
-        f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
-    )
-    rows = np.empty(len(faces), dtype=[("n", "u1"), ("v", "<i4", 3)])
-    rows["n"], rows["v"] = 3, faces
-    path.write_bytes(header.encode() + vertices.astype("<f4").tobytes() + rows.tobytes())
+    rows = np.zeros(len(vertices), [(name, "<f4") for name in "xyz"])
+    for column, name in enumerate("xyz"):
+        rows[name] = vertices[:, column]
+    triangles = np.zeros(len(faces), [("vertex_indices", "<i4", 3)])
+    triangles["vertex_indices"] = faces
+    _write(path, vertex=rows, face=triangles)
+
+
+def _write(path: Path, **elements: np.ndarray) -> None:
+    from plyfile import PlyData, PlyElement
+
+    described = [PlyElement.describe(rows, name, {"vertex_indices": "u1"}) for name, rows in elements.items()]
+    PlyData(described, byte_order="<").write(str(path))
 
 
 _MAX_BYTES = 4 << 30
@@ -26,7 +31,6 @@ _POINT = np.dtype(
     [(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")] + [(name, "u1") for name in ("red", "green", "blue")]
 )
 _FAR_POINT = np.dtype([(name, "<f8" if name in "xyz" else _POINT[name]) for name in _POINT.names or ()])
-_WORDS = {"<f4": "float", "<f8": "double", "|u1": "uchar"}
 
 
 def write_points(
@@ -34,19 +38,14 @@ def write_points(
 ) -> None:
     """Write positions (N, 3), normals (N, 3) (None: zeros) and colors (N, 3), 0 to 255; `doubles`: positions with 64
     bits, for points that may be far from zero."""
-    kinds = _FAR_POINT if doubles else _POINT
-    rows = np.zeros(len(points), dtype=kinds)
+    rows = np.zeros(len(points), dtype=_FAR_POINT if doubles else _POINT)
     for column, name in enumerate(("x", "y", "z")):
         rows[name] = points[:, column]
         if normals is not None:
             rows["n" + name] = normals[:, column]
     for column, name in enumerate(("red", "green", "blue")):
         rows[name] = np.clip(colors[:, column], 0, 255)
-    names = [f"property {_WORDS[kinds[name].str]} {name}" for name in kinds.names or ()]
-    header = "\n".join(
-        ["ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}", *names, "end_header", ""]
-    )
-    path.write_bytes(header.encode() + rows.tobytes())
+    _write(path, vertex=rows)
 
 
 def read_points(path: Path) -> tuple[np.ndarray, np.ndarray]:

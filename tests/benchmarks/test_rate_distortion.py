@@ -42,4 +42,4 @@ def test_bd_rate(script: ModuleType) -> None:
     far = [script.Point("c", 0, 1.0, 90.0 + step, 0.0, 0.0, 0.0) for step in range(3)]
     assert script.bd_rate(curve, half, "footage_psnr") == pytest.approx(-50)
     assert script.bd_rate(curve, far, "footage_psnr") is None
-    assert script.kilobytes_at(curve, 32.0, "footage_psnr") == pytest.approx(14.4)
+    assert script.kilobytes_at(curve, 32.0) == pytest.approx(14.4)

@@ -55,9 +55,12 @@ def connected(address: str, cpus: int) -> Iterator[Any]:
     options: dict[str, Any] = {"namespace": NAMESPACE, "log_to_driver": False, "configure_logging": False}
     if address == "local":
         options |= {"num_cpus": cpus, "include_dashboard": False, "_node_ip_address": "127.0.0.1"}
+    from ray.exceptions import AuthenticationError
+
     try:
-        with _authentication_errors(address):
-            ray.init(address=address, **options)
+        ray.init(address=address, **options)
+    except AuthenticationError:
+        raise _wrong_token(address) from None
     except (ConnectionError, ValueError, RuntimeError) as error:
         raise _refused(address, error) from None
     try:
@@ -86,16 +89,6 @@ def _unreachable(address: str, reason: str) -> StudioError:
     problem = f"no Ray cluster answers at {address} ({reason})"
     fix = "Check run.address, and that the head node is running."
     return StudioError("cluster.unreachable", problem, value=address, fix=fix, setting="run.address")
-
-
-@contextmanager
-def _authentication_errors(address: str) -> Iterator[None]:
-    from ray.exceptions import AuthenticationError
-
-    try:
-        yield
-    except AuthenticationError:
-        raise _wrong_token(address) from None
 
 
 def _wrong_token(address: str) -> StudioError:

@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipelines.review import TakeReview
+from pipelines.review.take_review import TakeReview
 from pipelines.takes.edits import read_edits
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.point_files import read_points

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pipelines.config import dump_config, load_config
-from pipelines.review import TakeReview
+from pipelines.review.take_review import TakeReview
 from pipelines.share.served import find_reviews, find_streams
 from pipelines.share.web_app import Reviews, build_app
 from pipelines.takes.atomic_files import write_model
