@@ -115,7 +115,6 @@ def _psnr(error: float | np.floating) -> float:
 class TakeGroup:
     """Frames of one group, and their numbers in the take."""
 
-    index: int
     indices: tuple[int, ...]
     frames: list[Gaussians]
 
@@ -380,7 +379,7 @@ def load_take(path: Path, wanted: list[int] | None) -> tuple[Views, list[TakeGro
         if not all(file.is_file() for file in files):
             fix = "Train it, or select other groups with --groups."
             raise StudioError("benchmark.not_trained", f"group {group.index} is not trained", file=path, fix=fix)
-        groups.append(TakeGroup(group.index, tuple(group.indices), [read_frame(file) for file in files]))
+        groups.append(TakeGroup(tuple(group.indices), [read_frame(file) for file in files]))
         for index, frame in zip(group.indices, groups[-1].frames, strict=True):
             views.add(index, frame)
     return views, groups

@@ -45,13 +45,15 @@ def keys(*names: str) -> Screen:
     return go
 
 
-def stage(name: str, mode: str = "") -> Screen:
-    """Select a stage and one of its images."""
+def stage(name: str, mode: str = "", key: str = "") -> Screen:
+    """Select a stage and one of its images, and press a key."""
 
     def go(window: RunningWindow) -> None:
         window.stage(name)
         if mode:
             window.click(mode)
+        if key:
+            window.key(key)
 
     return go
 
@@ -124,17 +126,7 @@ SCREENS |= {
     "train_colors": stage("train", "camera colors"),
     "bake": stage("bake"),
 }
-
-
-def _help(name: str) -> Screen:
-    def go(window: RunningWindow) -> None:
-        window.stage(name)
-        window.key("F1")
-
-    return go
-
-
-SCREENS |= {f"help_{name}": _help(name) for name in ("capture", "initialize", "train", "review")}
+SCREENS |= {f"help_{name}": stage(name, key="F1") for name in ("capture", "initialize", "train", "review")}
 SCREENS |= {
     "new_take": menu("File", "new"),
     "open": menu("File", "open"),

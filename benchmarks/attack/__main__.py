@@ -16,7 +16,7 @@ HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parents[1]), str(HERE.parent), str(HERE)]
 
 import takes  # noqa: E402
-from outcome import Outcome  # noqa: E402
+from takes import Outcome  # noqa: E402
 
 
 def main() -> int:

@@ -7,7 +7,7 @@ import fcntl
 import os
 import signal
 import socket
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Literal
@@ -76,28 +76,30 @@ class QueueFile:
             fix = "Choose another file with --queue, or move this one away."
             raise StudioError(error.code, error.problem, file=error.file, fix=fix) from None
 
-    def change(self, how: Callable[[Queue], Queue]) -> Queue:
-        """Read the queue, write what `how` makes of it, and return that. Raises StudioError: `take.*`."""
+    @contextlib.contextmanager
+    def _changing(self) -> Iterator[list[QueuedTake]]:
+        """The takes, for the block to change, which are written at its end. Raises StudioError: `take.*`."""
         with disk_errors(self.path.parent):
             self.path.parent.mkdir(parents=True, exist_ok=True)
             with self._lock("lock").open("a") as lock:
                 fcntl.flock(lock, fcntl.LOCK_EX)
-                changed = how(self.read())
-                write_model(self.path, changed)
-        return changed
+                queue = self.read()
+                takes = list(queue.takes)
+                yield takes
+                last = max([queue.last_number, *(entry.number for entry in takes)])
+                changed = {"format": 1, "last_number": last, "takes": tuple(takes)}
+                write_model(self.path, queue.model_copy(update=changed))
 
     def add(self, take: Path, config: Path | None, overrides: tuple[str, ...]) -> QueuedTake:
         """Add a take at the end; paths may be relative."""
-
-        def added(queue: Queue) -> Queue:
-            for other in queue.takes:
+        with self._changing() as takes:
+            for other in takes:
                 if other.take == take.absolute() and other.state in ("waiting", "running"):
                     problem = f"the take is in the queue already, with number {other.number}"
                     fix = f"To change its settings, first run `v3studio queue remove {other.number}`."
                     raise StudioError("queue.duplicate", problem, file=take, value=other.number, fix=fix)
-            number = queue.last_number + 1
             entry = QueuedTake(
-                number=number,
+                number=self.read().last_number + 1,
                 take=take.absolute(),
                 config=config if config is None or is_address(config) else config.absolute(),
                 overrides=overrides,
@@ -105,77 +107,55 @@ class QueueFile:
                 state="waiting",
                 added=now(),
             )
-            return Queue(format=1, last_number=number, takes=(*queue.takes, entry))
-
-        return self.change(added).takes[-1]
+            takes.append(entry)
+        return entry
 
     def replace(self, number: int, **changes: object) -> None:
         """Change values of a take; nothing happens if it was removed."""
-        self.change(
-            lambda queue: queue.model_copy(
-                update={"takes": tuple(e.having(**changes) if e.number == number else e for e in queue.takes)}
-            )
-        )
+        with self._changing() as takes:
+            takes[:] = [entry.having(**changes) if entry.number == number else entry for entry in takes]
 
     def remove(self, number: int) -> QueuedTake:
         """Take an entry out of the queue; the take's folder is not touched. Raises StudioError: `queue.*`."""
-        found: list[QueuedTake] = []
-
-        def removed(queue: Queue) -> Queue:
-            entry = _entry(queue, number)
+        with self._changing() as takes:
+            entry = _entry(takes, number)
             if entry.state == "running" and self.is_run():
                 fix = "First run `v3studio queue stop`."
                 raise StudioError("queue.running", f"take {number} is running", value=number, fix=fix)
-            found.append(entry)
-            return queue.model_copy(update={"takes": tuple(e for e in queue.takes if e.number != number)})
-
-        self.change(removed)
-        return found[0]
+            takes.remove(entry)
+        return entry
 
     def move(self, number: int, place: int) -> None:
         """Move a take to a place among those that wait, counted from 1. Raises StudioError: `queue.*`."""
-
-        def moved(queue: Queue) -> Queue:
-            entry = _entry(queue, number)
+        with self._changing() as takes:
+            entry = _entry(takes, number)
             if entry.state != "waiting":
                 problem = f"take {number} is {entry.state}; only takes that wait can be moved"
                 fix = "`v3studio queue list` shows the states."
                 raise StudioError("queue.not_waiting", problem, value=number, fix=fix)
-            rest = [e for e in queue.takes if e.number != number]
-            waiting = [index for index, e in enumerate(rest) if e.state == "waiting"]
+            takes.remove(entry)
+            waiting = [index for index, other in enumerate(takes) if other.state == "waiting"]
             before = max(place, 1) - 1
-            at = waiting[before] if before < len(waiting) else len(rest)
-            return queue.model_copy(update={"takes": (*rest[:at], entry, *rest[at:])})
-
-        self.change(moved)
+            takes.insert(waiting[before] if before < len(waiting) else len(takes), entry)
 
     def retry(self, number: int) -> None:
         """Let a take that has ended wait again, at the end of the queue. Raises StudioError: `queue.*`."""
-
-        def again(queue: Queue) -> Queue:
-            entry = _entry(queue, number)
+        with self._changing() as takes:
+            entry = _entry(takes, number)
             if entry.state not in ("done", "failed"):
                 problem = f"take {number} is {entry.state}"
                 raise StudioError("queue.not_ended", problem, value=number, fix="It needs no retry.")
-            rest = tuple(e for e in queue.takes if e.number != number)
-            return queue.model_copy(update={"takes": (*rest, entry.having(state="waiting", message=""))})
-
-        self.change(again)
+            takes.remove(entry)
+            takes.append(entry.having(state="waiting", message=""))
 
     def claim(self) -> QueuedTake | None:
         """The next take that waits, which now counts as running; None if there is none."""
-        found: list[QueuedTake] = []
-
-        def claimed(queue: Queue) -> Queue:
-            entry = next((entry for entry in queue.takes if entry.state == "waiting"), None)
-            if entry is None:
-                return queue
-            found.append(entry.having(state="running", started=now(), message=""))
-            takes = tuple(found[0] if other is entry else other for other in queue.takes)
-            return queue.model_copy(update={"takes": takes})
-
-        self.change(claimed)
-        return found[0] if found else None
+        with self._changing() as takes:
+            for index, entry in enumerate(takes):
+                if entry.state == "waiting":
+                    takes[index] = entry.having(state="running", started=now(), message="")
+                    return takes[index]
+        return None
 
     def is_run(self) -> bool:
         with contextlib.suppress(OSError):
@@ -211,22 +191,18 @@ class QueueFile:
             self._lock("run").touch()
         problem, fix = "another program works through this queue", "`v3studio queue list` shows its progress."
         with held(self._lock("run"), lambda holder: StudioError("queue.already_run", problem, file=self.path, fix=fix)):
-            self.change(_interrupted)
+            with self._changing() as takes:
+                takes[:] = [one.having(state="waiting") if one.state == "running" else one for one in takes]
             yield
 
     def _lock(self, name: str) -> Path:
         return self.path.with_name(f".{self.path.name}.{name}")
 
 
-def _interrupted(queue: Queue) -> Queue:
-    takes = tuple(e.having(state="waiting") if e.state == "running" else e for e in queue.takes)
-    return queue.model_copy(update={"format": 1, "takes": takes})
-
-
-def _entry(queue: Queue, number: int) -> QueuedTake:
-    for entry in queue.takes:
+def _entry(takes: Sequence[QueuedTake], number: int) -> QueuedTake:
+    for entry in takes:
         if entry.number == number:
             return entry
-    known = ", ".join(str(entry.number) for entry in queue.takes[:20])
+    known = ", ".join(str(entry.number) for entry in takes[:20])
     fix = f"It has {known}." if known else "It is empty."
     raise StudioError("queue.unknown", f"the queue has no take with number {number}", value=number, fix=fix)

@@ -32,39 +32,24 @@ class WorkClock:
         self._paused = 0.0
 
     def __call__(self) -> float:
-        """Seconds since an arbitrary reference."""
+        """Seconds since an arbitrary reference; call this a few times per second, which samples the time."""
         with self._lock:
-            self._look()
+            now = self._now()
+            if now - self._last > _GAP:
+                self._gap += now - self._last
+                self._gap_ended = now
+            self._last = now
+            if self._continued:
+                self._continued = False
+                self._paused += self._gap
+                self._gap = 0.0
+            elif now - self._gap_ended > _UNEXPLAINED:
+                self._gap = 0.0
             return self._last - self._paused - self._gap
-
-    @property
-    def paused(self) -> float:
-        """Total length of pauses in seconds."""
-        with self._lock:
-            self._look()
-            return self._paused
-
-    def look(self) -> None:
-        """Sample the time; call this a few times per second."""
-        with self._lock:
-            self._look()
 
     def continued(self) -> None:
         """The process received SIGCONT."""
         self._continued = True  # no lock: a signal handler may interrupt the thread that holds it
-
-    def _look(self) -> None:
-        now = self._now()
-        if now - self._last > _GAP:
-            self._gap += now - self._last
-            self._gap_ended = now
-        self._last = now
-        if self._continued:
-            self._continued = False
-            self._paused += self._gap
-            self._gap = 0.0
-        elif now - self._gap_ended > _UNEXPLAINED:
-            self._gap = 0.0
 
 
 @contextmanager
@@ -81,7 +66,7 @@ def counting_pauses() -> Iterator[WorkClock]:
 
     def watch() -> None:
         while not over.wait(_LOOK):
-            clock.look()
+            clock()
 
     before = signal.signal(signal.SIGCONT, handler)
     watcher = threading.Thread(target=watch, name="work clock", daemon=True)

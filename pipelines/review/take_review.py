@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import threading
+from contextlib import suppress
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -129,11 +130,9 @@ class TakeReview:
 
     @property
     def _background(self) -> tuple[float, float, float]:
-        try:
-            red, green, blue = self._settings.config.evaluate.background
-        except StudioError:
-            return (0.0, 0.0, 0.0)
-        return (red, green, blue)
+        with suppress(StudioError):
+            return self._settings.config.evaluate.background
+        return (0.0, 0.0, 0.0)
 
     @property
     def _opened(self) -> Footage | None:

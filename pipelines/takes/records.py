@@ -129,7 +129,6 @@ def read_failure(take: Take, stage: str) -> FailureRecord | None:
 
 
 def _read(path: Path, model: type[Record]) -> Record | None:
-    try:
-        return read_model(path, model) if path.is_file() else None
-    except StudioError:
-        return None
+    with contextlib.suppress(StudioError):
+        return read_model(path, model)
+    return None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Set
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from pipelines.events.cancellation import Cancellation
@@ -114,11 +115,9 @@ def _published(take: Take) -> list[GroupEntry]:
     """Groups of the take's stream; none if there is no valid one."""
     from studio.stream import StreamReader
 
-    try:
-        with StreamReader.open(take.stream) as reader:
-            return [reader.index.group(number) for number in range(len(reader.index))]
-    except StudioError:
-        return []
+    with suppress(StudioError), StreamReader.open(take.stream) as reader:
+        return [reader.index.group(number) for number in range(len(reader.index))]
+    return []
 
 
 class _BackgroundReporter(StageReporter):
