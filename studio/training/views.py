@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 import torch
@@ -139,43 +140,37 @@ class TrainingView:
 
         return cls(camera, tensor(image), tensor(mask), None if plate is None else tensor(plate), chroma)
 
+    def _with(self, **changes: Any) -> TrainingView:
+        view = copy.copy(self)
+        vars(view).update(changes)
+        return view
+
     def with_mask(self, mask: Tensor) -> TrainingView:
         """The same view with another (H, W) mask, 0 to 1. Where it is compared over the plate stays the same."""
-        view = copy.copy(self)
-        if self._mask.is_floating_point():
-            view._mask = mask
-        else:  # a large view is stored as bytes
-            view._mask = (mask * 255 + 0.5).to(torch.uint8)
+        # a large view is stored as bytes
+        view = self._with(_mask=mask if self._mask.is_floating_point() else (mask * 255 + 0.5).to(torch.uint8))
         if self._cached is not None and (self._plate is None or self._is_estimated):
             view._cached = view._parts()
         return view
 
     def uncached(self) -> TrainingView:
         """The same view, which takes a third of the memory and a bit more time on access."""
-        view = copy.copy(self)
-        view._cached = None
-        return view
+        return self._with(_cached=None)
 
     def with_color(self, matrix: Tensor) -> TrainingView:
         """The same view from a camera with other colors; `matrix`: (3, 4), see `color`."""
-        view = copy.copy(self)
-        view.color = matrix.to(self.device, torch.float32)
-        return view
+        return self._with(color=matrix.to(self.device, torch.float32))
 
     def with_hidden(self, number: int) -> TrainingView:
         """The same view, in which every `_HIDDEN_BLOCKS`-th block of pixels is `hidden`; others for each `number`."""
         height, width = self._mask.shape
         side = max(_BLOCK, math.ceil(max(height, width) / _BLOCKS_ACROSS))
         row, column = (torch.arange(length, device=self.device) // side for length in (height, width))
-        view = copy.copy(self)
-        view.hidden = (column + 3 * row[:, None] + number) % _HIDDEN_BLOCKS == 0
-        return view
+        return self._with(hidden=(column + 3 * row[:, None] + number) % _HIDDEN_BLOCKS == 0)
 
     def with_details(self, details: Sequence[Detail]) -> TrainingView:
         """The same view with other details."""
-        view = copy.copy(self)
-        view.details, view.detail_boxes, view.closer = tuple(details), detail_boxes(self.camera, details), ()
-        return view
+        return self._with(details=tuple(details), detail_boxes=detail_boxes(self.camera, details), closer=())
 
     def with_closer(
         self, large: CapturedView, use_plate: bool = True, chroma: ChromaSampling | None = None
@@ -203,9 +198,7 @@ class TrainingView:
             found.color = self.color
             return found
 
-        view = copy.copy(self)
-        view.closer = tuple(of(box) for box in self.detail_boxes)
-        return view
+        return self._with(closer=tuple(of(box) for box in self.detail_boxes))
 
     def in_its_colors(self, image: Tensor, alpha: Tensor, behind: Tensor) -> Tensor:
         """A render in the colors of this camera (`color`); differentiable.
