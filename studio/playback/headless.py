@@ -71,7 +71,14 @@ def play_headless(
             for item in frames:
                 if item.frame >= stop:
                     break
-                stats.append(_shown(item, on_frame, render))
+                figures = item.stats
+                if render is not None:
+                    started = time.perf_counter()
+                    render(item.gaussians)
+                    figures = replace(figures, render_ms=1e3 * (time.perf_counter() - started))
+                if on_frame is not None:
+                    on_frame(item)
+                stats.append(figures)
                 progress(item.frame + 1 - start_frame, min(stop, reader.frame_count) - start_frame)
                 if item.frame == stop - 1:
                     break
@@ -83,19 +90,6 @@ def play_headless(
     last = stats[-1].frame if stats else start_frame - 1
     lost = sum(len(range(max(group.first_frame, start_frame), min(group.stop, last + 1))) for group in skipped)
     return PlaybackReport(tuple(stats), last + 1 - start_frame - len(stats) - lost, seconds, skipped)
-
-
-def _shown(
-    item: PlayedFrame, on_frame: Callable[[PlayedFrame], None] | None, render: Callable[[Gaussians], object] | None
-) -> FrameStats:
-    stats = item.stats
-    if render is not None:
-        began = time.perf_counter()
-        render(item.gaussians)
-        stats = replace(stats, render_ms=1e3 * (time.perf_counter() - began))
-    if on_frame is not None:
-        on_frame(item)
-    return stats
 
 
 @contextmanager

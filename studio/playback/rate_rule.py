@@ -59,12 +59,6 @@ class RateRule:
             counts[0] += shown
             counts[1] += dropped
 
-    @property
-    def throughput(self) -> float | None:
-        """Bits per second over the last groups; None before the first."""
-        with self._lock:
-            return self._mean_throughput()
-
     def choose(self, buffered: float) -> int:
         """Position of the rendition to fetch next in the manifest's order, with `buffered` seconds of frames that are
         fetched and not yet shown."""
@@ -96,15 +90,12 @@ class RateRule:
         ]
         return max(range(len(scores)), key=lambda number: (scores[number], number))
 
-    def _mean_throughput(self) -> float | None:
-        if not self._throughput:
-            return None
-        # the harmonic mean weighted by size, which outliers of small files do not raise
-        return 8 * sum(size for size, _ in self._throughput) / sum(seconds for _, seconds in self._throughput)
-
     def _sustained(self) -> int:
-        """The highest rate below the throughput; the lowest where nothing is known yet."""
-        throughput = self._mean_throughput() or 0.0
+        """The highest rate below the throughput of the last groups; the lowest where nothing is known yet."""
+        if not self._throughput:
+            return 0
+        # the harmonic mean weighted by size, which outliers of small files do not raise
+        throughput = 8 * sum(size for size, _ in self._throughput) / sum(seconds for _, seconds in self._throughput)
         return max((n for n, rate in enumerate(self._rates) if rate <= _SAFETY * throughput), default=0)
 
     def _decodable(self) -> int:
