@@ -86,10 +86,12 @@ def read_compressed(path: Path, ply: PlyData) -> Gaussians:
     with np.errstate(invalid="ignore"):  # a range may be damaged
         means = ranged(_levels(words["packed_position"]), list("xyz"))
         log_scales = ranged(_levels(words["packed_scale"]), ["scale_x", "scale_y", "scale_z"])
+    turns = words["packed_rotation"]  # the three stored components follow in their order; the largest is positive
+    stored = np.stack([(turns >> np.uint32(shift) & np.uint32(1023)) / 1023 for shift in (20, 10, 0)], axis=-1)
     return from_arrays(
         {
             "means": means,
-            "quats": _quats(words["packed_rotation"]),
+            "quats": quats_of_three((stored - 0.5) * 2**0.5, turns >> np.uint32(30)),
             "log_scales": log_scales,
             "logit_opacities": logits(opacities),
             "sh": sh,
@@ -103,14 +105,6 @@ def _levels(words: np.ndarray) -> np.ndarray:
         [(words >> np.uint32(21)) / 2047, (words >> np.uint32(11) & np.uint32(1023)) / 1023, (words & 2047) / 2047],
         axis=-1,
     )
-
-
-def _quats(words: np.ndarray) -> np.ndarray:
-    """(N, 4) wxyz. The three stored components follow in their order; the largest is positive."""
-    largest = words >> np.uint32(30)
-    stored = np.stack([(words >> np.uint32(shift) & np.uint32(1023)) / 1023 for shift in (20, 10, 0)], axis=-1)
-    stored = (stored - 0.5) * 2**0.5
-    return quats_of_three(stored, largest)
 
 
 def _types(element: PlyElement) -> dict[str, str]:

@@ -26,9 +26,10 @@ def write(path: Path, gaussians: Gaussians, offset: np.ndarray | None = None) ->
     arrays = to_arrays(path, gaussians)
     opacities = 1 / (1 + np.exp(-arrays["logit_opacities"].astype(np.float64)))
     sh = arrays["sh"]
+    rgba = np.concatenate([SH_C0 * sh[:, 0] + 0.5, opacities[:, None]], axis=1)
     attributes: dict[str, np.ndarray] = {
         "POSITION": arrays["means"],
-        "COLOR_0": _fallback_color(sh[:, 0], opacities),
+        "COLOR_0": np.rint(np.clip(rgba, 0, 1) * 255).astype(np.uint8),
         f"{NAME}:ROTATION": arrays["quats"][:, [1, 2, 3, 0]],
         f"{NAME}:SCALE": np.exp(arrays["log_scales"]),
         f"{NAME}:OPACITY": opacities[:, None].astype(np.float32),
@@ -93,9 +94,3 @@ def write(path: Path, gaussians: Gaussians, offset: np.ndarray | None = None) ->
         file.write(struct.pack("<I4s", length, b"BIN\0"))
         for chunk in chunks:
             file.write(chunk)
-
-
-def _fallback_color(sh0: np.ndarray, opacities: np.ndarray) -> np.ndarray:
-    """(N, 4) uint8 RGBA colors for viewers that only draw points."""
-    rgba = np.concatenate([SH_C0 * sh0 + 0.5, opacities[:, None]], axis=1)
-    return np.rint(np.clip(rgba, 0, 1) * 255).astype(np.uint8)

@@ -666,11 +666,6 @@ class Manifest(Model):
         return (*self.pages, *((self.audio,) if self.audio is not None else ()))
 
     @property
-    def sh_degree(self) -> int:
-        """Of the best rendition."""
-        return self.renditions[0].sh_degree
-
-    @property
     def duration(self) -> float:
         """Seconds."""
         return self.frame_count / self.fps

@@ -212,7 +212,7 @@ def test_sequences_of_each_format_are_baked(folder, tmp_path, name):
         shutil.copy(SPLATS / name, folder / f"f{frame}{name[name.index('.') :]}")
     manifest = bake_video(open_import(folder), tmp_path / "stream", BakeSettings(quality=0))
     assert [group.frame_count for group in manifest.groups] == [3]
-    assert manifest.sh_degree == int(name[6])
+    assert manifest.renditions[0].sh_degree == int(name[6])
     assert manifest.metadata["up"] == ([0, 1, 0] if name.endswith(".spz") else [0, -1, 0])
 
 
@@ -236,7 +236,7 @@ def test_baked_and_played(folder, tmp_path):
         write_splats(frame, folder / f"f{index:02d}.ply")
     manifest = bake_video(open_import(folder, fps=10), tmp_path / "stream", BakeSettings(quality=0), group_size=3)
     assert [group.frame_count for group in manifest.groups] == [3, 2, 1]
-    assert (manifest.sh_degree, manifest.fps, manifest.metadata["up"]) == (1, 10, [0, -1, 0])
+    assert (manifest.renditions[0].sh_degree, manifest.fps, manifest.metadata["up"]) == (1, 10, [0, -1, 0])
     with StreamReader.open(tmp_path / "stream") as reader:
         for index, meant in enumerate(frames):
             found = reader.gaussians(index)
