@@ -18,6 +18,7 @@ from gui.models.take.exports import (
 from gui.shell import Shell
 from gui.widgets.dialogs.form import Form
 from pipelines.commands.export import DEFAULT_OF
+from pipelines.reports.evaluation import update_marks
 from pipelines.reports.images import write_image
 from pipelines.takes.take import Take
 from studio.errors import StudioError
@@ -162,8 +163,6 @@ class OutputActions:
             window.select("review")
 
     def _update_report(self, take: Take) -> None:
-        from pipelines.reports.evaluation import update_marks
-
         context, notices = self._window.workspace.context, self._window.notices
         assert context is not None  # otherwise no stage would be done
         with notices.reporting("report"):

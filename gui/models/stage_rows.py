@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 from gui.models.stages import STAGES, Inputs, camera_file
+from pipelines.runs.runner import status
 from pipelines.runs.staleness import StageStatus
 from studio.errors import Message, StudioError
 
@@ -52,8 +53,6 @@ class Assessment:
 
 def assess(context: Inputs) -> Assessment:
     """Assess a take. Reads files: call on a worker thread."""
-    from pipelines.runs.runner import status
-
     try:
         footage = context.footage.raw
     except StudioError as error:

@@ -17,9 +17,11 @@ from pipelines.takes.atomic_files import read_model
 from pipelines.takes.point_files import read_points
 from pipelines.takes.stage_files import InitialPointsReport
 from pipelines.takes.take import Take
+from studio.camera_files import read_rig
 from studio.cameras import Camera
 from studio.counts import counted
 from studio.errors import StudioError
+from studio.own_frame import in_own_frame
 
 
 class Mesh(Protocol):
@@ -106,9 +108,6 @@ def _home(take: Take, points: np.ndarray) -> OrbitCamera:
     """The initial view: of all points, from the first camera's place."""
     if not take.rig.is_file():
         return OrbitCamera.showing(points, np.array([0.0, 0.0, 1.0]), None)
-    from studio.camera_files import read_rig
-    from studio.own_frame import in_own_frame
-
     rig = in_own_frame(read_rig(take.rig))
     return OrbitCamera.showing(points, rig.up, next(iter(rig), None))
 

@@ -3,6 +3,7 @@
 from collections.abc import Hashable, Sequence
 from typing import ClassVar, cast
 
+import cv2
 import numpy as np
 
 from gui.drawing.canvas import Canvas, line_height, shortened
@@ -163,8 +164,6 @@ class OrbitView(StageView):
 
 def shown_at(places: Sequence[tuple[str, np.ndarray]], x: float, y: float) -> str:
     """The name of what is at a pixel, the last one if there are several; "" if there is none."""
-    import cv2
-
     for name, corners in reversed(places):
         hull = cv2.convexHull(corners.astype(np.float32))
         if cv2.pointPolygonTest(hull, (float(x), float(y)), True) >= -PICK_MARGIN:

@@ -4,6 +4,7 @@ from collections.abc import Hashable
 from contextlib import suppress
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from gui.drawing.canvas import Canvas, line_height
@@ -143,8 +144,6 @@ class TrainView(StageView):
 
     def _newest(self) -> tuple[str, np.ndarray, np.ndarray | None]:
         """Caption, latest render from a held-out camera, and the camera's footage."""
-        import cv2
-
         take, context = self.workspace.take, self.workspace.context
         if take is None or context is None:
             raise StudioError("gui.no_take", "no take is open", fix="Open a take.")

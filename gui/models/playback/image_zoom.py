@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
+import cv2
 import numpy as np
 
 from gui.drawing.palette import GROUND
@@ -60,8 +61,6 @@ class ImageZoom:
 
     def picture(self, image: np.ndarray, camera: Sized, width: int, height: int) -> np.ndarray:
         """(height, width, 3) uint8: the part of the camera's (H, W, 3) uint8 image, resampled."""
-        import cv2
-
         scale = self.scale(camera, width, height) * camera.width / image.shape[1]
         x, y = self.offset(camera, width, height)
         if scale < 1:  # resampling alone would alias

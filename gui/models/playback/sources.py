@@ -11,6 +11,7 @@ import numpy as np
 
 from gui.models.playback.frame_cache import frame_cache
 from gui.models.playback.stream_source import StreamSource
+from pipelines.config import load_config
 from pipelines.share.cast import is_cast
 from pipelines.share.cast_frames import CastFrames
 from pipelines.takes.edited import EditedGroup
@@ -19,10 +20,13 @@ from pipelines.takes.frame_files import read_frame
 from pipelines.takes.frame_numbers import FrameNumbers, frames_so_far
 from pipelines.takes.take import Take
 from pipelines.takes.videos import FALLBACK_FPS
+from studio.camera_files import read_rig
 from studio.cameras import Camera, Rig
 from studio.edits.edit_list import EditList, Trim
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
+from studio.own_frame import in_own_frame
+from studio.stream import is_address
 
 REACH_FRAMES = 6  # number of trained frames from which `TrainedSource.reach` is known
 
@@ -138,8 +142,6 @@ def thinned(points: np.ndarray, most: int = 4000) -> np.ndarray:
 
 def open_path(place: Path | str, in_take: bool = False) -> Opened:
     """Open a folder of a take or a stream, the URL of a stream, or the document of a cast. Raises StudioError."""
-    from studio.stream import is_address
-
     if isinstance(place, str) and is_address(place):
         return _open_stream(place, place.rstrip("/").rsplit("/", 1)[-1] or place, in_take)
     path = Path(place).expanduser().absolute()
@@ -201,9 +203,6 @@ def _open_take(path: Path) -> Opened:
 def _open_rig(take: Take, opened: Opened) -> None:
     if not take.rig.exists():
         return
-    from studio.camera_files import read_rig
-    from studio.own_frame import in_own_frame
-
     opened.rig = in_own_frame(read_rig(take.rig))
     opened.up = opened.rig.up
     opened.view = next(iter(opened.rig), None)
@@ -213,8 +212,6 @@ def _fps(take: Take, opened: Opened) -> float:
     """Frame rate of the stream, else of the settings, else `FALLBACK_FPS`."""
     if opened.default is not None:
         return opened.default.fps
-    from pipelines.config import load_config
-
     try:
         capture = load_config(take.config).capture
         return (capture.fps or FALLBACK_FPS) / capture.frame_range[2]

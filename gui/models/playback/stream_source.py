@@ -4,13 +4,10 @@ It keeps fetched files and notes damaged groups as `studio.playback` does. The w
 footage and trained frames, is the clock.
 """
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from gui.models.playback.frame_cache import AHEAD, frame_cache
 from pipelines.takes.videos import capture_place
@@ -19,11 +16,10 @@ from studio.coverage import ViewRange
 from studio.errors import Message, StudioError
 from studio.formats.rigid_motion import placed
 from studio.gaussians import Gaussians
+from studio.playback import Shared, SkippedGroup
+from studio.playback.pipeline import nothing_playable
 from studio.similarity import Similarity
-
-if TYPE_CHECKING:
-    from studio.playback import SkippedGroup
-    from studio.stream import GroupDecoder, Rendition, StreamSound
+from studio.stream import GroupDecoder, Rendition, SourceUnavailable, StreamMetadata, StreamReader, StreamSound
 
 RETRY_SECONDS = 10.0  # seconds before a damaged frame is tried again: it may have been fixed or uploaded
 
@@ -45,9 +41,6 @@ class StreamSource:
     fades = False  # whether views from where nothing was filmed are faded, as in other players
 
     def __init__(self, place: Path | str, in_take: bool = False) -> None:
-        from studio.playback import Shared
-        from studio.stream import StreamReader
-
         self._reader = StreamReader.open(place)
         self._shared = Shared(self._reader)
         self.fps = float(self._reader.fps)
@@ -157,9 +150,6 @@ class StreamSource:
 
     def _note(self, frame: int, error: Exception) -> None:
         """Record the frames from this one to the end of its group as unplayable."""
-        from studio.playback.pipeline import nothing_playable
-        from studio.stream import SourceUnavailable
-
         group = self._reader.group_of(frame)
         self._unavailable = self._unavailable + 1 if isinstance(error, SourceUnavailable) else 0
         first = self._first_bad(group, frame)
@@ -198,15 +188,11 @@ class StreamSource:
     @property
     def view_range(self) -> ViewRange | None:
         """From where the stream can be looked at, if views from elsewhere are to be faded."""
-        from studio.stream import StreamMetadata
-
         return StreamMetadata.from_json(self._reader.manifest.metadata).view_range if self.fades else None
 
     @property
     def suggested_camera(self) -> Camera | None:
         """The initial view from the stream's metadata; None if there is none."""
-        from studio.stream import StreamMetadata
-
         return StreamMetadata.from_json(self._reader.manifest.metadata).suggested_camera
 
     def close(self) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from gui.drawing.painter import NEAR
@@ -147,8 +148,6 @@ class Patch:
 
 def image_on_quad(camera: Camera, corners: np.ndarray, image: np.ndarray) -> Patch | None:
     """An image (h, w, 3) on four world points in a plane, clockwise from the upper left; None if it is not seen."""
-    import cv2
-
     pixels, depth = camera.project(corners)
     if (depth <= NEAR).any() or np.abs(pixels).max() > 20 * max(camera.width, camera.height):
         return None

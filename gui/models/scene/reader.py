@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar, cast
 
+import cv2
 import numpy as np
 
 from gui.models.scene import contents as scene
@@ -154,8 +155,6 @@ class SceneReader:
 def small_image(context: Inputs, camera: str, frame: int, number: int | None = None) -> np.ndarray:
     """(h, w, 3) uint8: a camera's image of a frame for its frustum, by its number, or counted from 0 if that is None.
     Raises StudioError as `Footage.raw_image`."""
-    import cv2
-
     footage = context.footage.raw
     found = footage.frames[min(frame, len(footage.frames) - 1)] if number is None else number
     whole = footage.raw_image(camera, found)

@@ -6,12 +6,11 @@ import torch
 from gui.models.scene.compose import SplatLayer
 from studio.cameras import Camera
 from studio.gaussians import Gaussians
+from studio.rasterizer import preferred_device, rasterize
 
 
 def draw(gaussians: Gaussians, camera: Camera, background: tuple[float, float, float]) -> np.ndarray:
     """Render on the GPU if there is one: (height, width, 3) uint8 RGB, C order. Raises StudioError, see `rasterize`."""
-    from studio.rasterizer import preferred_device, rasterize
-
     device = preferred_device()
     with torch.no_grad():
         moved = gaussians.to(device)
@@ -23,8 +22,6 @@ def draw(gaussians: Gaussians, camera: Camera, background: tuple[float, float, f
 
 def draw_layer(gaussians: Gaussians, camera: Camera) -> SplatLayer:
     """Render over black, with opacity and depth, on the GPU if there is one. Raises StudioError, see `rasterize`."""
-    from studio.rasterizer import preferred_device, rasterize
-
     device = preferred_device()
     with torch.no_grad():
         moved = gaussians.to(device)

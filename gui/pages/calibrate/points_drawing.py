@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
+import cv2
 import numpy as np
 
 from gui.drawing.areas import Areas, Box
@@ -86,8 +87,6 @@ def crops(
     choose: Callable[[str], None],
 ) -> None:
     """Draw magnified crops of a point in several cameras, stacked vertically."""
-    import cv2
-
     x, y, width, height = rect
     label = line_height(small) + 4
     count = max(min(len(images), int(height // (label + _LEAST_CROP))), 1)

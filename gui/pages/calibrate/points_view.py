@@ -18,6 +18,7 @@ from gui.pages.calibrate.points_drawing import MOST_PICTURES, Action, Spots, cro
 from gui.pages.stage_view import Size, StageView
 from pipelines.takes.stage_files import read_cameras_report
 from studio.calibration.report import CalibrationReport, TiePointReport
+from studio.camera_files import read_rig
 from studio.cameras import Rig
 from studio.errors import StudioError
 from studio.storage import is_address
@@ -202,8 +203,6 @@ class PointsView(StageView):
             return None
         stamp = take.rig.stat().st_mtime
         if stamp != self._rig[0]:
-            from studio.camera_files import read_rig
-
             footage = context.footage.raw
             rig = read_rig(take.rig)
             fits = all(

@@ -8,7 +8,7 @@ import numpy as np
 
 from gui.drawing.canvas import Canvas, line_height, text_width
 from gui.drawing.labels import draw_labels
-from gui.drawing.painter import NEAR, draw_frustum, draw_points, frustum
+from gui.drawing.painter import NEAR, draw_frustum, draw_line, draw_points, frustum
 from gui.drawing.palette import BAD, DIM, FAIR, GOOD, GROUND, HELD_OUT, LINE, RAISED, RGB, SECOND, TEXT
 from gui.models.held_out import held_out_cameras, held_out_first
 from gui.models.scene.orbit import OrbitCamera
@@ -24,9 +24,11 @@ from pipelines.takes.point_files import read_sparse_points, read_surface
 from pipelines.takes.stage_files import CamerasFromFile
 from pipelines.takes.take import Take
 from studio.calibration.report import CalibrationReport, CameraReport
+from studio.camera_files import read_rig
 from studio.cameras import Camera, Rig
 from studio.counts import counted
 from studio.errors import StudioError
+from studio.own_frame import in_own_frame
 
 AGREES: tuple[str, RGB] = ("agrees with the others", GOOD)
 DISAGREES: tuple[str, RGB] = ("disagrees with the others", BAD)
@@ -105,9 +107,6 @@ class CalibrateView(OrbitView):
         stamp = _stamp(take)
         if stamp == self._read_of:
             return
-        from studio.camera_files import read_rig
-        from studio.own_frame import in_own_frame
-
         self._rig = in_own_frame(read_rig(take.rig))
         self._checked = checked_cameras(take)
         self._points = None
@@ -223,8 +222,6 @@ class CalibrateView(OrbitView):
 
     def _floor(self, canvas: Canvas, view: Camera, home: OrbitCamera) -> None:
         """Draw a ring around the target, so that rotation is visible."""
-        from gui.drawing.painter import draw_line
-
         first, second = home.basis()
         radius = 0.25 * home.distance
         for step in range(24):

@@ -4,7 +4,9 @@ import time
 from collections.abc import Hashable
 from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
+import torch
 
 from gui.drawing.canvas import Canvas, wrapped
 from gui.drawing.palette import BAD, DIM, GROUND, RAISED, TEXT
@@ -124,9 +126,6 @@ class CameraColorPairs:
 
 def pair(view: CapturedView, colors: CameraColors) -> tuple[np.ndarray, np.ndarray]:
     """A camera's image and the image in the colors of the mean camera, (H, W, 3) uint8, cropped to the performer."""
-    import cv2
-    import torch
-
     from studio.color_fit import uncorrected
     from studio.training.views import mask_box
 

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from gui.drawing.canvas import Canvas
@@ -172,8 +173,6 @@ def _scale(polygons: GarbagePolygons, size: tuple[int, int]) -> np.ndarray:
 
 
 def _holds(polygon: np.ndarray, place: np.ndarray) -> bool:
-    import cv2
-
     return cv2.pointPolygonTest(polygon.astype(np.float32), (float(place[0]), float(place[1])), False) >= 0
 
 
@@ -185,8 +184,6 @@ def draw_garbage(
     corners: Sequence[Point],
 ) -> None:
     """Draw a camera's polygons over its image. `shown`: from its pixels (N, 2) to those of the canvas."""
-    import cv2
-
     if polygons is not None:
         scale = _scale(polygons, size)
         fill = np.zeros(canvas.pixels.shape[:2], np.uint8)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
+import cv2
 import numpy as np
 
 from gui.drawing.canvas import Canvas, line_height, shortened, wrapped
@@ -237,8 +238,6 @@ class _Reduced:
 
     def own_share(self, camera: str, frame: int) -> str:
         """What to add to the camera's name: IoU of its own mask with the agreed one; "" without a vote."""
-        import cv2
-
         if not isinstance(self.footage.mask_source, AgreedMaskSource):
             return ""
         own = self.evidence(camera, frame) > 0.5
@@ -246,8 +245,6 @@ class _Reduced:
         return f": {(own & agreed).sum() / max((own | agreed).sum(), 1):.0%} as agreed"
 
     def _small(self, key: Hashable, widest: int, read: Callable[[], np.ndarray]) -> np.ndarray:
-        import cv2
-
         found = self._kept.get(key)
         if found is None:
             whole = read()
@@ -283,8 +280,6 @@ class ImageAt:
 
 def outlined(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """A copy of an image (H, W, 3) with the edge of a mask (H, W), 0 to 255."""
-    import cv2
-
     shown = image.astype(np.uint8)
     inside = (mask > 127).astype(np.uint8)
     shown[cv2.morphologyEx(inside, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)) > 0] = TINT

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from gui.models.stage_rows import TITLES, pipeline_name
 from pipelines.config import load_config
+from pipelines.runs import runner
 from pipelines.runs.staleness import StageStatus
 from pipelines.runs.status import progress
 from pipelines.takes.evaluation import read_evaluation
@@ -106,10 +107,8 @@ def _take(take: Take, sizes: Sizes | None) -> Card:
             quality = read_evaluation(take.evaluation).summary.measures.get(f"{MAIN.name}_decoded")
     if running:
         return Card(str(take.root), "take", progress(take)[0], "running", changed, quality, *sizes)
-    from pipelines.runs.runner import status
-
     try:
-        state, tone = state_words(status(take, load_config(take.config)))
+        state, tone = state_words(runner.status(take, load_config(take.config)))
     except StudioError as error:
         state, tone = error.message.problem, "failed"
     return Card(str(take.root), "take", state, tone, changed, quality, *sizes)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
 
 from gui.drawing.areas import Areas, Box
@@ -262,7 +263,5 @@ class StartImage:
 
 
 def _filled(picture: np.ndarray, width: int, height: int) -> np.ndarray:
-    import cv2
-
     inter = cv2.INTER_AREA if picture.shape[1] > width else cv2.INTER_LINEAR
     return np.ascontiguousarray(cv2.resize(picture, (max(width, 1), max(height, 1)), interpolation=inter))

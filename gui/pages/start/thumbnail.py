@@ -4,6 +4,7 @@ import contextlib
 import hashlib
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from gui.models.playback.loading import first_whole
@@ -74,8 +75,6 @@ def _footage(opened: Opened) -> np.ndarray:
 
 def cropped(image: np.ndarray) -> np.ndarray:
     """An (h, w, 3) image scaled to fill a thumbnail, its middle."""
-    import cv2
-
     scale = max(SIZE[0] / image.shape[1], SIZE[1] / image.shape[0])
     size = max(round(image.shape[1] * scale), SIZE[0]), max(round(image.shape[0] * scale), SIZE[1])
     scaled = cv2.resize(image, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
@@ -84,8 +83,6 @@ def cropped(image: np.ndarray) -> np.ndarray:
 
 
 def _read(path: Path) -> np.ndarray | None:
-    import cv2
-
     if not path.is_file():
         return None
     image = cv2.imread(str(path), cv2.IMREAD_COLOR)
@@ -95,8 +92,6 @@ def _read(path: Path) -> np.ndarray | None:
 
 
 def _write(path: Path, image: np.ndarray) -> None:
-    import cv2
-
     with contextlib.suppress(OSError):  # without a cache, it is drawn again next time
         path.parent.mkdir(parents=True, exist_ok=True)
         write_bytes(path, cv2.imencode(".png", image[..., ::-1])[1].tobytes())
