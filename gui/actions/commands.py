@@ -175,11 +175,7 @@ class Actions:
         self._step(self._window.workspace.history.redo)
 
     def _step(self, step: Callable[[], str]) -> None:
-        try:
-            words = step()
-        except StudioError as error:
-            words = str(error)
-        self._window.notices.show(words)
+        self._window.notices.show(step())
         self._window.views.editor.pending = None  # what was selected belongs to other edits
 
     def _review(self, choice: str) -> None:

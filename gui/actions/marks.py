@@ -12,7 +12,7 @@ from gui.models.playback.player import PlayerPresenter
 from gui.models.scene.orbit import OrbitCamera
 from gui.shell import Shell
 from pipelines.takes.marks import Mark, MarkView
-from studio.errors import Message, StudioError
+from studio.errors import StudioError
 
 NO_MARKS = "No frame is marked. Press M to mark the frame on screen."
 
@@ -46,7 +46,7 @@ class MarkActions:
         window, marks = self._window, self._window.marks
         try:
             if note is None:
-                marks.remove(frame, known)
+                marks.put(frame, None, known)
             elif not marks.set(frame, note, known, view_of(window.player)):
                 return
         except StudioError as error:  # among others, somebody else has changed it: theirs is not to be undone here
@@ -54,15 +54,7 @@ class MarkActions:
             return
         now = marks.marks.get(frame)
         window.notices.clear("marks")
-
-        def put(mark: Mark | None, replaces: Mark | None) -> Message | None:
-            try:
-                marks.put(frame, mark, replaces)
-            except StudioError as error:
-                return error.message
-            return None
-
-        undo, redo = partial(put, known, now), partial(put, now, known)
+        undo, redo = partial(marks.put, frame, known, now), partial(marks.put, frame, now, known)
         window.workspace.history.add(Change(f"the mark of frame {frame}", undo, redo))
 
     def go(self, direction: int) -> None:

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from gui.models.camera_path import PathEditor, PathKey
+from gui.models.camera_path import PathEditor
 from gui.models.playback.thumbnails import Thumbnails
 from gui.models.scene.orbit import OrbitCamera
 from gui.shell import Shell
 from gui.widgets.dialogs.folder import ask_path
 from pipelines.takes.camera_paths import PATH_SUFFIXES, keys_in_take
 from studio.errors import StudioError
-from studio.formats.camera_path import CameraPath
+from studio.formats.camera_path import CameraPath, Key
 
 
 class PathActions:
@@ -125,7 +125,7 @@ class PathActions:
         self.editor.selected = row
         self._look(self.editor.keys[row], self.editor.frames[row])
 
-    def _look(self, key: PathKey, frame: int | None) -> None:
+    def _look(self, key: Key, frame: int | None) -> None:
         player = self._window.player
         player.transport.pause()
         player.look_through("")

@@ -1,35 +1,25 @@
 """PathEditor: the keys of a camera path, kept in the take, with undo."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from gui.models.history import Change, History
 from pipelines.takes.frame_numbers import FrameNumbers
 from studio.cameras import Camera
-from studio.errors import Message, StudioError
+from studio.errors import StudioError
 from studio.formats.camera_path import EASINGS, CameraPath, Key, read_path_keys, write_path_keys
 
 KEY_SECONDS = 2.0  # seconds of the movie from the last view to one that is added
 LEAST_SECONDS = 0.1  # least seconds between two views
 
 
-@dataclass(frozen=True, eq=False)
-class PathKey:
-    """A view of the camera path: number of the frame shown (`FrameNumbers`), seconds in the movie, and how the camera
-    moves to the next view, one of `EASINGS`."""
-
-    camera: Camera
-    frame: int
-    time: float = 0.0
-    easing: str = EASINGS[0]
-
-
 class PathEditor:
     """See the module. Every change is written at once."""
 
     def __init__(self) -> None:
-        self.keys: tuple[PathKey, ...] = ()  # the views, ordered by time; the first is at 0
+        self.keys: tuple[Key, ...] = ()  # the views, ordered by time; the first is at 0; with numbers of their frames
         self.selected: int | None = None  # index of the selected view; None for none
         self.error = ""  # why the take's path could not be read, in which case it is never overwritten; "" otherwise
         # of the take's frames. Callers count frames from 0 in the take, the file has their numbers
@@ -44,12 +34,9 @@ class PathEditor:
         if file is None or not file.is_file():
             return
         try:
-            found = read_path_keys(file, KEY_SECONDS)
+            self.keys = _from_zero(read_path_keys(file, KEY_SECONDS))
         except StudioError as error:
             self.error = str(error)
-            return
-        start = found[0].time
-        self.keys = tuple(PathKey(key.camera, int(key.frame or 0), key.time - start, key.easing) for key in found)
 
     @property
     def duration(self) -> float:
@@ -59,7 +46,7 @@ class PathEditor:
     @property
     def frames(self) -> list[int | None]:
         """The frame of each view; None if the take does not have it."""
-        return [self.numbers.index(key.frame) for key in self.keys]
+        return [self.numbers.index(int(key.frame or 0)) for key in self.keys]
 
     def add(self, camera: Camera, frame: int) -> None:
         """Add a view: after the selected one, in the middle of the time to the next, or at the end."""
@@ -68,31 +55,24 @@ class PathEditor:
             time = 0.5 * (self.keys[at - 1].time + self.keys[at].time)
         else:
             time = self.duration + KEY_SECONDS if self.keys else 0.0
-        self._set(
-            [*self.keys[:at], PathKey(camera, self.numbers.number(frame), time), *self.keys[at:]],
-            "a view of the camera path",
-        )
+        key = Key(time, camera, self.numbers.number(frame), EASINGS[0])
+        self._set([*self.keys[:at], key, *self.keys[at:]], "a view of the camera path")
         self.selected = at
 
     def update(self, index: int, camera: Camera, frame: int) -> None:
         """Give a key another view and frame."""
-        self._with(
-            index,
-            replace(self.keys[index], camera=camera, frame=self.numbers.number(frame)),
-            "a view of the camera path",
-        )
+        key = replace(self.keys[index], camera=camera, frame=self.numbers.number(frame))
+        self._with(index, key, "a view of the camera path")
 
     def remove(self, index: int) -> None:
         """Remove a view; the movie begins with the first that is left."""
         left = [*self.keys[:index], *self.keys[index + 1 :]]
-        start = left[0].time if left else 0.0
-        self._set([replace(key, time=key.time - start) for key in left], "a removed view of the camera path")
+        self._set(_from_zero(left), "a removed view of the camera path")
         self.selected = min(index, len(left) - 1) if left else None
 
     def load(self, keys: Sequence[Key]) -> None:
         """Replace all views by keys with numbers of frames; none: remove them."""
-        views = [PathKey(key.camera, int(key.frame or 0), key.time - keys[0].time, key.easing) for key in keys]
-        self._set(views, "the camera path")
+        self._set(_from_zero(keys), "the camera path")
         self.selected = None
 
     def move(self, index: int, by: int) -> None:
@@ -143,40 +123,38 @@ class PathEditor:
                 problem = f"view {number} of the camera path shows frame {key.frame}, which the take does not have"
                 fix = "Drag its diamond on the timeline to another frame, or remove this view."
                 raise StudioError("camera_path.frame_missing", problem, value=key.frame, fix=fix)
-            found.append(Key(key.time, reframed(key.camera, width, height), float(frame), key.easing))
+            found.append(replace(key, camera=reframed(key.camera, width, height), frame=float(frame)))
         return found
 
-    def _with(self, index: int, key: PathKey, words: str) -> None:
+    def _with(self, index: int, key: Key, words: str) -> None:
         self._set([*self.keys[:index], key, *self.keys[index + 1 :]], words)
 
-    def _set(self, keys: Sequence[PathKey], words: str) -> None:
+    def _set(self, keys: Sequence[Key], words: str) -> None:
         """Write other keys, and note the change for undo. Raises StudioError: the take's path is damaged; OSError."""
         before, now = self.keys, tuple(keys)
         self._write(now)
 
-        def put(keys: tuple[PathKey, ...]) -> Callable[[], Message | None]:
-            def action() -> Message | None:
-                try:
-                    self._write(keys)
-                except StudioError as error:
-                    return error.message
-                self.selected = None
-                return None
+        def put(keys: tuple[Key, ...]) -> None:
+            self._write(keys)
+            self.selected = None
 
-            return action
+        self._history.add(Change(words, partial(put, before), partial(put, now)))
 
-        self._history.add(Change(words, put(before), put(now)))
-
-    def _write(self, keys: tuple[PathKey, ...]) -> None:
+    def _write(self, keys: tuple[Key, ...]) -> None:
         if self.error:
             fix = "Repair or delete the file, then open the take again."
             raise StudioError("camera_path.damaged", self.error, fix=fix)
         if self._file is not None:
             if keys:
-                write_path_keys([Key(key.time, key.camera, float(key.frame), key.easing) for key in keys], self._file)
+                write_path_keys(keys, self._file)
             else:
                 self._file.unlink(missing_ok=True)
         self.keys = keys
+
+
+def _from_zero(keys: Sequence[Key]) -> tuple[Key, ...]:
+    """Keys with numbers of frames, the first at 0 seconds."""
+    return tuple(replace(key, time=key.time - keys[0].time, frame=int(key.frame or 0)) for key in keys)
 
 
 def reframed(camera: Camera, width: int, height: int) -> Camera:

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from studio.errors import Message
+from studio.errors import Message, StudioError
 
 MOST = 200  # changes that are remembered
 _LASTING = ("take.mark_changed", "take.edits_changed")  # refusals that will be repeated
@@ -11,7 +11,7 @@ _LASTING = ("take.mark_changed", "take.edits_changed")  # refusals that will be 
 
 @dataclass(frozen=True)
 class Change:
-    """A change that was made. `undo`, `redo`: return why that was refused, or None."""
+    """A change that was made. `undo`, `redo`: return why that was refused, or None, or raise StudioError."""
 
     words: str
     undo: Callable[[], Message | None]
@@ -52,7 +52,10 @@ class History:
     def _step(source: list[Change], target: list[Change], word: str, act: Callable[[Change], Message | None]) -> str:
         if not source:
             return f"Nothing to {'undo' if word == 'Undone' else 'redo'}."
-        refusal = act(source[-1])
+        try:
+            refusal = act(source[-1])
+        except StudioError as error:
+            refusal = error.message
         if refusal is not None:
             if refusal.code in _LASTING:
                 source.pop()

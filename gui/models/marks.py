@@ -57,10 +57,6 @@ class Marks:
         self.put(frame, mark, replaces)
         return True
 
-    def remove(self, frame: int, replaces: Mark | None) -> None:
-        """Remove a frame's mark; arguments and exceptions as `set`."""
-        self.put(frame, None, replaces)
-
     def next_after(self, frame: int, direction: int) -> int | None:
         """The nearest marked frame after (1) or before (-1) this one; None if there is none."""
         others = [other for other in self.marks if (other - frame) * direction > 0]

@@ -8,7 +8,7 @@ import numpy as np
 from gui.drawing.areas import Areas
 from gui.drawing.canvas import Canvas, line_height, text_width, wrapped
 from gui.drawing.palette import ACCENT, ACCENT_DARK, BAD, BORDER, DIM, FAINT, LINE, PANEL, RAISED, TEXT
-from gui.models.camera_path import PathKey
+from studio.formats.camera_path import Key
 
 THUMBNAIL = (16, 9)  # shape of a thumbnail
 
@@ -62,7 +62,7 @@ class PathList:
 
     def draw(
         self,
-        keys: Sequence[PathKey],
+        keys: Sequence[Key],
         thumbnails: Sequence[np.ndarray | None],
         selected: int | None,
         previewing: bool,
@@ -101,7 +101,7 @@ class PathList:
         return canvas.pixels
 
     def _rows(
-        self, canvas: Canvas, keys: Sequence[PathKey], thumbnails: Sequence[np.ndarray | None], selected: int | None
+        self, canvas: Canvas, keys: Sequence[Key], thumbnails: Sequence[np.ndarray | None], selected: int | None
     ) -> None:
         em, small = self.em, round(0.85 * self.em)
         wide, high = self.thumbnail_size

@@ -1,10 +1,12 @@
 """Changes of a take's edits from the window, noted for undo."""
 
+from functools import partial
+
 from gui.models.history import Change
 from gui.models.take.workspace import Workspace
 from pipelines.takes.edits import change_edits
 from studio.edits.edit_list import EditList
-from studio.errors import Message, StudioError
+from studio.errors import StudioError
 
 
 def edits_of(workspace: Workspace) -> EditList:
@@ -20,25 +22,18 @@ def change(workspace: Workspace, edits: EditList, words: str) -> str:
     before = edits_of(workspace)
     if edits == before:
         return ""
-    refused = _write(workspace, before, edits, words)
-    if refused is not None:
-        return str(refused)
-    workspace.history.add(
-        Change(
-            words,
-            lambda: _write(workspace, edits, before, f"undo: {words}"),
-            lambda: _write(workspace, before, edits, words),
-        )
-    )
+    undo = partial(_write, workspace, edits, before, f"undo: {words}")
+    redo = partial(_write, workspace, before, edits, words)
+    try:
+        redo()
+    except StudioError as error:
+        return str(error)
+    workspace.history.add(Change(words, undo, redo))
     return ""
 
 
-def _write(workspace: Workspace, before: EditList, edits: EditList, words: str) -> Message | None:
+def _write(workspace: Workspace, before: EditList, edits: EditList, words: str) -> None:
     if workspace.take is None or workspace.context is None:
-        return Message("edits.no_take", "no take with readable settings is open", fix="Open a take first.")
-    try:
-        change_edits(workspace.take.edits, edits, words, before)
-    except StudioError as error:
-        return error.message
+        raise StudioError("edits.no_take", "no take with readable settings is open", fix="Open a take first.")
+    change_edits(workspace.take.edits, edits, words, before)
     workspace.inputs_changed()
-    return None
