@@ -60,9 +60,9 @@ def state_of(window: Shell) -> JsonObject:
         "plots": [plot.title for plot in window.timeline.plots],
         "notice": window.notices.text,
         "start": window.start.shown,
-        "cards": [[card.name, card.state, card.quality] for card in window.start.cards],
+        "cards": [[card.name, card.state, card.quality] for card in window.start.page.shown],
         "start_places": window.start.places if window.start.shown else {},
-        "focus": window.start.focus if window.start.shown else "",
+        "focus": window.start.page.focus if window.start.shown else "",
         "numbers": window.numbers,  # the frames that the image, the figures and the timeline show
         "exporting": window.exports.words,
         "serving": window.serving.address,

@@ -93,12 +93,15 @@ class StartActions:
         preferences.save()
 
     def _open_card(self, number: int) -> None:
-        card = self.page.card(number)
+        if number >= len(self.page.places):
+            return
+        place = self.page.places[number]
+        card = self.page.cards.get(place)
         if card is not None and card.kind == "missing":
-            words = f"{card.place}: no such folder. It was moved, deleted, or is on a disk that is not connected."
+            words = f"{place}: no such folder. It was moved, deleted, or is on a disk that is not connected."
             self._window.notices.show(words, bad=True, topic="open")
-        elif number < len(self.page.places):
-            self._window.open(self.page.places[number])
+        else:
+            self._window.open(place)
 
     def open_sample(self) -> None:
         """Open the take of the sample capture, which is created first if need be."""

@@ -53,18 +53,8 @@ class TrainView(StageView):
         preview = max((event.time for event in run.previews.values()), default=0.0)
         points = sum(len(line.positions) for lines in list(run.curves.values()) for line in list(lines.values()))
         lanes = tuple(run.lanes.get("train", {}).values())
-        return (
-            take,
-            self.workspace.problem,
-            run.results,
-            preview,
-            points,
-            run.stage,
-            run.outcome,
-            lanes,
-            self.nothing,
-            self.em,
-        )
+        what = (take, self.workspace.problem, run.results, preview, points, run.stage, run.outcome, lanes)
+        return (*what, self.nothing, self.em)
 
     @property
     def nothing(self) -> str:
@@ -78,7 +68,8 @@ class TrainView(StageView):
             self.places = self._pairs.places
             return picture
         self.places = []
-        if self.workspace.context is None:
+        context = self.workspace.context
+        if context is None:
             return sentence(size, self.workspace.without_settings, self.em)
         canvas = Canvas(*size, GROUND)
         run, em = self.workspace.run, self.em
@@ -95,8 +86,8 @@ class TrainView(StageView):
             last = max((line for line in lines if line.values), key=lambda line: line.positions[-1], default=None)
             newest = form.format(last.values[-1]) if last is not None else ""
             area = (em + number * (each + em), top, each, share - top - 0.3 * em)
-            if name == "splats" and last is not None and last.values[-1] > self._most_splats:
-                title += " before pruning"
+            if name == "splats" and last is not None and last.values[-1] > context.config.train.max_splats:
+                title += " before pruning"  # which leaves so many: densification may make more
             short = title if each > 15 * em else title.split(" of ")[0]
             series = [snapshot(line) for line in lines]
             curve(canvas, area, short, series, SECOND, em, (0.0, 1.0), ("0%", "100%"), newest, self.nothing)
@@ -105,12 +96,6 @@ class TrainView(StageView):
             draw_lanes(canvas, (em, share, _LANES * canvas.width - em, canvas.height - share - em), lanes, em)
         self._pictures(canvas, share, _LANES * canvas.width if lanes else 0.0)
         return canvas.pixels
-
-    @property
-    def _most_splats(self) -> float:
-        """What pruning leaves of the splats; before it, densification may make more."""
-        config = self.workspace.config
-        return config.train.max_splats if config is not None else float("inf")
 
     def _pictures(self, canvas: Canvas, top: float, left: float) -> None:
         """The newest render beside its footage, right of `left`."""

@@ -102,7 +102,9 @@ class BakeView(StageView):
             if config is None:
                 raise StudioError("take.no_settings", "the settings of this take cannot be read", file=take.config)
             self.trial.start(self.workspace, self.numbers)
-            return self._rates(size)
+            chart = QpChart(size, self.em, self.trial, config.bake.quality, self._done)
+            self.points, self._cells = chart.points, chart.cells
+            return chart.canvas.pixels
         if not (take.stream / "manifest.json").is_file():
             raise StudioError("take.not_baked", "no stream yet", fix="Run all stages.")
         with StreamReader.open(take.stream) as reader:
@@ -155,14 +157,6 @@ class BakeView(StageView):
             y += step * 0.8
         return canvas.pixels
 
-    def _rates(self, size: Size) -> np.ndarray:
-        config = self.workspace.config
-        assert config is not None
-        chart = QpChart(size, self.em, self.trial, config.bake.quality, self._done)
-        self.points = chart.points
-        self._cells = chart.cells
-        return chart.canvas.pixels
-
     def click(self, x: float, y: float) -> None:
         """In "try other QPs", a click on a point of the curve or on a level makes it the setting."""
         if self.mode != "try other QPs" or not self.points:
@@ -170,7 +164,7 @@ class BakeView(StageView):
         quality, (left, top) = min(self.points.items(), key=lambda item: math.hypot(item[1][0] - x, item[1][1] - y))
         if math.hypot(left - x, top - y) > 1.5 * self.em:
             return
-        refusal = self.workspace.change_setting("bake.quality", quality)
+        refusal = self.workspace.change_settings({"bake.quality": quality})
         self._done = f"Quality {quality} is set. Run Bake to use it." if refusal is None else str(refusal)
 
     @property

@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import cv2
 import numpy as np
@@ -20,6 +19,7 @@ from gui.models.take.workspace import Workspace
 from gui.pages.capture.garbage_drawing import GarbageDrawing, Polygons, draw_garbage
 from gui.pages.stage_view import Size, StageView, rectangle, sentence
 from studio.camera_files import read_rig
+from studio.cameras import Rig
 from studio.capture import Footage, check_footage, open_footage
 from studio.capture.checks import ColorDrift
 from studio.errors import Cancelled, StudioError
@@ -101,21 +101,12 @@ class CaptureView(StageView):
         of = (context.take.root, config.capture, config.run.paths, self.garbage.stamp, calibrated)
         if self._reduced is None or self._reduced_of != of:
             self._reduced = None
-            opening = partial(
-                open_footage,
-                context.footage.capture,
-                strict=False,
-                cache_folder=context.take.footage_cache,
-                device=config.run.device,
-                threads=config.run.thread_count,
-                most_cached=DECODED_BYTES,
-            )
             try:
-                footage = opening(read_rig(rig) if calibrated else None)
+                footage = _footage(context, read_rig(rig) if calibrated else None)
             except StudioError:
                 if not calibrated:
                     raise
-                footage = opening(None)  # cameras that no longer fit the footage: as before calibration
+                footage = _footage(context, None)  # cameras that no longer fit the footage: as before calibration
             self._reduced, self._reduced_of = _Reduced(footage), of
         return self._reduced
 
@@ -133,7 +124,8 @@ class CaptureView(StageView):
         else:
             self._refused = None  # again when they are to be drawn again
         places, image_at = [], None
-        width, row = grid(len(names), canvas.width, height, _aspect(footage, names[0]), self._small)
+        wide, high = footage.raw_size(names[0])
+        width, row = grid(len(names), canvas.width, height, wide / high, self._small)
         columns = max(canvas.width // width, 1)
         for number, name in enumerate(names):
             x, y = number % columns * width, number // columns * row
@@ -230,11 +222,7 @@ class _Reduced:
         if not isinstance(source, AgreedMaskSource):
             return self.mask(camera, frame, WIDE) / np.float32(255)
         key = ("evidence", camera, frame)
-        found = self._kept.get(key)
-        if found is None:
-            found = (1 / (1 + np.exp(-source.evidence(camera, frame))),)
-            self._kept.put(key, found)
-        return found[0]
+        return self._kept.get_or_make(key, lambda _: (1 / (1 + np.exp(-source.evidence(camera, frame))),))[0]
 
     def own_share(self, camera: str, frame: int) -> str:
         """What to add to the camera's name: IoU of its own mask with the agreed one; "" without a vote."""
@@ -245,14 +233,13 @@ class _Reduced:
         return f": {(own & agreed).sum() / max((own | agreed).sum(), 1):.0%} as agreed"
 
     def _small(self, key: Hashable, widest: int, read: Callable[[], np.ndarray]) -> np.ndarray:
-        found = self._kept.get(key)
-        if found is None:
+        def made(_: Hashable) -> tuple[np.ndarray]:
             whole = read()
             scale = min(1.0, widest / whole.shape[1])
             size = max(round(whole.shape[1] * scale), 1), max(round(whole.shape[0] * scale), 1)
-            found = (cv2.resize(whole, size, interpolation=cv2.INTER_AREA),)
-            self._kept.put(key, found)
-        return found[0]
+            return (cv2.resize(whole, size, interpolation=cv2.INTER_AREA),)
+
+        return self._kept.get_or_make(key, made)[0]
 
 
 @dataclass(frozen=True)
@@ -278,17 +265,21 @@ class ImageAt:
         return np.asarray(points) * self.scale + self.place[:2]
 
 
+def _footage(context: Inputs, rig: Rig | None) -> Footage:
+    """The footage with its problems, which are shown, and few decoded images."""
+    run = context.config.run
+    return open_footage(
+        context.footage.capture, rig, strict=False, most_cached=DECODED_BYTES,
+        cache_folder=context.take.footage_cache, device=run.device, threads=run.thread_count,
+    )  # fmt: skip
+
+
 def outlined(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """A copy of an image (H, W, 3) with the edge of a mask (H, W), 0 to 255."""
     shown = image.astype(np.uint8)
     inside = (mask > 127).astype(np.uint8)
     shown[cv2.morphologyEx(inside, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)) > 0] = TINT
     return shown
-
-
-def _aspect(footage: Footage, camera: str) -> float:
-    width, height = footage.raw_size(camera)
-    return width / height
 
 
 def grid(count: int, width: int, height: float, aspect: float, label: int) -> tuple[int, int]:
@@ -337,16 +328,7 @@ class FootageCheck:
             self.words = f"checking the footage, {done} of {total} images"
 
         try:
-            run = context.config.run
-            footage = open_footage(
-                context.footage.capture,
-                None,
-                strict=False,
-                most_cached=64 << 20,
-                cache_folder=context.take.footage_cache,
-                device=run.device,
-                threads=run.thread_count,
-            )
+            footage = _footage(context, None)
             drift = ColorDrift()
             problems = [*check_footage(footage, progress, drift=drift), *drift.messages()]
         except Cancelled:

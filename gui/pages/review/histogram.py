@@ -44,15 +44,9 @@ class HistogramPlace:
         )
 
 
-def bars(opacities: np.ndarray, kept: np.ndarray) -> np.ndarray:
-    """(BINS,) number of kept splats with an opacity in each of equal parts of 0 to 1. `opacities`: highest of each."""
-    counts, _ = np.histogram(opacities[kept], BINS, (0.0, 1.0))
-    found: np.ndarray = counts
-    return found
-
-
-def draw_histogram(canvas: Canvas, place: HistogramPlace, counts: np.ndarray, limit: float | None, below: int) -> None:
-    """Draw the (logarithmic) bars; those below `limit`, the opacity of floaters, look selected."""
+def draw_histogram(canvas: Canvas, place: HistogramPlace, opacities: np.ndarray, limit: float | None) -> None:
+    """Draw the (logarithmic) bars of opacities (N,); those below `limit`, the opacity of floaters, look selected."""
+    counts, below = np.histogram(opacities, BINS, (0.0, 1.0))[0], int((opacities < (limit or 0.0)).sum())
     em, size = place.em, round(0.8 * place.em)
     canvas.rect(place.left - 0.6 * em, place.top - 1.8 * em, place.width + 1.2 * em, place.height + 3.4 * em, GROUND)
     canvas.text(place.left, place.top - 1.6 * em, "Highest opacity of the splats", size, TEXT, width=place.width)

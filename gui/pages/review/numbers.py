@@ -32,8 +32,9 @@ def fields_of(edits: EditList, kind: str, up: np.ndarray) -> list[Field]:
             low, high = _text(corners.min(axis=0)), _text(corners.max(axis=0))
         return [("low", "Min corner", low), ("high", "Max corner", high)]
     if kind == "ground":
-        ground = edits.ground
-        height = "" if ground is None else f"{_height(edits, ground, up):.4g}"
+        height, ground = "", edits.ground
+        if ground is not None:
+            height = f"{world.points(ground.height * ground.unit) @ world.directions(up):.4g}"
         return [("height", "Height", height)]
     if kind == "floaters":
         now = edits.floaters
@@ -90,22 +91,15 @@ def _with_numbers(edits: EditList, kind: str, texts: dict[str, str], up: np.ndar
     if kind == "crop":
         low, high = (_vector(texts[key], key) for key in ("low", "high"))
         box = edits.crop
-        if (
-            box is not None
-            and fields_of(edits, kind, up)[0][2] == texts["low"]
-            and (fields_of(edits, kind, up)[1][2] == texts["high"])
-        ):
+        if box is not None and [text for _, _, text in fields_of(edits, kind, up)] == [texts["low"], texts["high"]]:
             return edits  # a turned box has no such corners
-        return edits.with_(
-            crop=CropBox.model_validate(
-                {
-                    "center": back.points((low + high) / 2).tolist(),
-                    "size": (back.scale * (high - low)).tolist(),
-                    "rotation": matrices_to_quats(back.rotation).tolist(),
-                    "training": box is not None and box.training,
-                }
-            )
-        )
+        new = {
+            "center": back.points((low + high) / 2).tolist(),
+            "size": (back.scale * (high - low)).tolist(),
+            "rotation": matrices_to_quats(back.rotation).tolist(),
+            "training": box is not None and box.training,
+        }
+        return edits.with_(crop=CropBox.model_validate(new))
     if kind == "ground":
         placed_up = edits.similarity.directions(up)
         point = back.points(_number(texts["height"], "height") * placed_up)
@@ -141,11 +135,6 @@ def _with_detail(edits: EditList, texts: dict[str, str]) -> EditList:
         changed["radius"] = last.radius if same else edits.similarity.inverse.scale * changed["radius"]
         others.append(DetailMark.model_validate(last.model_dump() | changed))
     return edits.with_(details=tuple(others))
-
-
-def _height(edits: EditList, ground: Ground, up: np.ndarray) -> float:
-    point = edits.similarity.points(ground.height * ground.unit)
-    return float(point @ edits.similarity.directions(up))
 
 
 def _text(values: np.ndarray) -> str:

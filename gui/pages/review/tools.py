@@ -1,9 +1,8 @@
 """The tools of the edits: their buttons, what they say, and the limits that are proposed for floaters."""
 
+from gui.pages.choices import Choice
 from studio.counts import counted
 from studio.edits.edit_list import Floaters
-
-Choice = tuple[str, str, str]
 
 EDIT_CHOICES: tuple[Choice, ...] = (
     ("done", "Done", "Leave the edits and show the take again"),

@@ -2,7 +2,7 @@
 
 from bisect import bisect_right
 from collections.abc import Hashable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import ClassVar
 
@@ -31,7 +31,7 @@ from gui.models.take.workspace import Workspace
 from gui.pages.review import picture
 from gui.pages.review.details import detail_handles, draw_detail, marked, resized
 from gui.pages.review.frame import EditedFrame
-from gui.pages.review.histogram import HistogramPlace, bars, draw_histogram
+from gui.pages.review.histogram import HistogramPlace, draw_histogram
 from gui.pages.review.picture import Stroke
 from gui.pages.review.session import change, edits_of
 from gui.pages.review.tools import BRUSH, BRUSH_STEP, LEAST_BRUSH, MOST_BRUSH, TOOLS, hint
@@ -56,6 +56,7 @@ class _State:
 
     frame: int
     view: tuple[float, ...]
+    orbit: OrbitCamera = field(compare=False)  # with `view` as its key
     tool: str
     show_removed: bool
     edits: EditList
@@ -218,7 +219,7 @@ class EditView(OrbitView):
             self.refusal.emit(why)
 
     def _trim(self, key: str) -> None:
-        whole = Trim(first=self.numbers.number(0), last=self.numbers.number(max(self._trained_count() - 1, 0)))
+        whole = Trim(first=self.numbers.number(0), last=self.numbers.number(max(self._group_ends()[-1] - 1, 0)))
         frame, now = self.numbers.number(self.frame), self.edits.trim or whole
         first, last = (frame, now.last) if key == "in" else (now.first, frame)
         if first > last:
@@ -250,7 +251,7 @@ class EditView(OrbitView):
             self._limit(x)
             return True
         view = self._view()
-        if self.tool in ("lasso", "brush"):
+        if self._draws:
             self.pending = None
             self._stroke = Stroke(((x, y),), None if self.tool == "lasso" else self.brush * view.height)
             return True
@@ -350,7 +351,7 @@ class EditView(OrbitView):
         if take is None:
             return
         try:
-            frame = min(self.frame, max(self._trained_count() - 1, 0))
+            frame = min(self.frame, max(self._group_ends()[-1] - 1, 0))
             mark = marked(take, self.numbers.number(frame), self._view(), self._seen, x, y)
             if mark is None:
                 self._refuse(NOBODY)
@@ -379,9 +380,6 @@ class EditView(OrbitView):
             found = detail_handles(edits, self.numbers.number(self.frame), self.up)
             return [one for one in found if one.movable(self._view())]
         return []
-
-    def _trained_count(self) -> int:
-        return self._group_ends()[-1]
 
     def _group_ends(self) -> tuple[int, ...]:
         """First trained frame of each group, and the number of all."""
@@ -419,8 +417,9 @@ class EditView(OrbitView):
     def state(self) -> Hashable:
         orbit = self.orbit or OrbitCamera()
         return _State(
-            self.frame, orbit.key, self.tool, self.show_removed, self.edits, self.pending, self._stroke, self.clicks,
-            self._handle.name if self._handle is not None else "", self.background, self._trained_count(), self.em,
+            self.frame, orbit.key, orbit, self.tool, self.show_removed, self.edits, self.pending, self._stroke,
+            self.clicks, self._handle.name if self._handle is not None else "", self.background, self._group_ends()[-1],
+            self.em,
         )  # fmt: skip
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
@@ -438,7 +437,7 @@ class EditView(OrbitView):
         self._seen = edited.seen(removed)
         sums = {"removed": removed, "selected": selected, "back": back}
         self.counts = found.counts | {name: int(one.sum()) for name, one in sums.items()}
-        view = OrbitCamera(*_orbit_of(state.view)).camera(*size)
+        view = state.orbit.camera(*size)
         canvas = Canvas(1, 1)
         shown = picture.colored(edited.gaussians, removed, selected, state.show_removed)
         splats = draw_layer(shown, view)
@@ -448,9 +447,8 @@ class EditView(OrbitView):
         if state.tool == "floaters":
             limits = (state.pending or state.edits).floaters
             kept = ~(found.crop | found.ground | found.regions)
-            opacities, limit = edited.paths.opacities.max(axis=0), limits.opacity if limits is not None else None
-            below = int((kept & (opacities < limit)).sum()) if limit is not None else 0
-            draw_histogram(canvas, HistogramPlace.of(size, state.em), bars(opacities, kept), limit, below)
+            opacities, limit = edited.paths.opacities.max(axis=0)[kept], limits.opacity if limits is not None else None
+            draw_histogram(canvas, HistogramPlace.of(size, state.em), opacities, limit)
         self._say(canvas, state)
         return canvas.pixels
 
@@ -507,9 +505,3 @@ def _group_ends(take: Take, results: int) -> tuple[int, ...]:
     """See `EditView`; `results` changes with the trained frames."""
     files, starts = take.trained_files()
     return (*starts, len(files))
-
-
-def _orbit_of(key: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray, float, float, float, float]:
-    """`OrbitCamera`'s arguments from its key."""
-    distance, yaw, pitch, fov = key[6:]
-    return np.array(key[:3]), np.array(key[3:6]), distance, yaw, pitch, fov

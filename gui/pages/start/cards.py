@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from gui.models.stage_rows import TITLES, pipeline_name
+from gui.models.stages import STAGES
 from pipelines.config import load_config
 from pipelines.runs import runner
 from pipelines.runs.staleness import StageStatus
@@ -19,9 +19,6 @@ from studio.comparison.metrics import MAIN
 from studio.counts import listed, size_words
 from studio.errors import StudioError
 from studio.stream import is_address
-
-PIPELINE = {pipeline_name(key): title for key, title in TITLES.items() if key != "capture"}
-"""Titles of the stages that `pipelines.runs.runner.status` tells of, in order."""
 
 Sizes = tuple[int | None, int | None]  # `Card.stream_bytes` and `Card.total_bytes`
 
@@ -116,7 +113,7 @@ def _take(take: Take, sizes: Sizes | None) -> Card:
 
 def state_words(stages: dict[str, StageStatus]) -> tuple[str, str]:
     """A take's state in words and its tone, see `Card`. `stages`: as printed by `v3studio status`."""
-    found = {PIPELINE[name]: status for name, status in stages.items() if name in PIPELINE}
+    found = {stage.title: stages[stage.name] for stage in STAGES if stage.name in stages}
     for state in ("failed", "stale"):
         titles = [title for title, status in found.items() if status.state == state]
         if titles:
@@ -152,17 +149,11 @@ def folder_bytes(path: Path) -> int:
 def fingerprint(place: str) -> tuple[object, ...]:
     """Changes with everything that a card depends on, except the progress of a run."""
     path = Path(place)
-    files = (
-        "take.json",
-        "config.yaml",
-        "edits.json",
-        "evaluation.json",
-        "manifest.json",
-        "stream",
-        "stream/manifest.json",
-    )
-    private = (".v3studio", ".v3studio/stages", ".v3studio/events.jsonl")
-    return (path.exists(), *(_newest([path / name]) for name in (*files, *private)))
+    names = (
+        "take.json", "config.yaml", "edits.json", "evaluation.json", "manifest.json", "stream", "stream/manifest.json",
+        ".v3studio", ".v3studio/stages", ".v3studio/events.jsonl",
+    )  # fmt: skip
+    return (path.exists(), *(_newest([path / name]) for name in names))
 
 
 def _newest(paths: Iterable[Path]) -> float | None:

@@ -169,7 +169,9 @@ class StartImage:
         canvas.frame(x, y, wide, high, ACCENT if under else LINE)
         tall, pad, small = wide * 9 / 16, 0.7 * em, round(0.85 * em)
         if picture is not None:
-            canvas.image(x + 1, y + 1, _filled(picture, round(wide) - 2, round(tall)))
+            size = (max(round(wide) - 2, 1), max(round(tall), 1))
+            inter = cv2.INTER_AREA if picture.shape[1] > size[0] else cv2.INTER_LINEAR
+            canvas.image(x + 1, y + 1, cv2.resize(picture, size, interpolation=inter))
         else:
             words = {"web": "stream on the web", "missing": "missing", "damaged": "no image", "unknown": ""}
             canvas.rect(x + 1, y + 1, wide - 2, tall, GROUND)
@@ -260,8 +262,3 @@ class StartImage:
         canvas.button(left, y, wide, high, label, size, border=ACCENT if name == hover else BORDER)
         self.boxes.add((left, y, wide, high), name)
         return wide
-
-
-def _filled(picture: np.ndarray, width: int, height: int) -> np.ndarray:
-    inter = cv2.INTER_AREA if picture.shape[1] > width else cv2.INTER_LINEAR
-    return np.ascontiguousarray(cv2.resize(picture, (max(width, 1), max(height, 1)), interpolation=inter))

@@ -116,9 +116,10 @@ class StartPage:
                 return _Request(place, self._stamps.get(place), sizes=(card.stream_bytes, card.total_bytes))
         return None
 
-    def card(self, number: int) -> Card | None:
-        """The card of the n-th recent place; None while it is not known."""
-        return self.cards.get(self.places[number]) if number < len(self.places) else None
+    @property
+    def shown(self) -> list[Card]:
+        """The cards that are known, newest first."""
+        return [self.cards[place] for place in self.places if place in self.cards]
 
     @property
     def running(self) -> tuple[str, str, float | None] | None:

@@ -4,7 +4,6 @@ from collections.abc import Callable
 
 from open3d.visualization import gui
 
-from gui.pages.start.cards import Card
 from gui.pages.start.drawing import HINTS, StartImage
 from gui.pages.start.page import StartPage
 from gui.widgets.picture import ImagePanel
@@ -16,7 +15,7 @@ class StartPanel:
     """See the module. `act`: called with the name of what was chosen, see `StartImage`."""
 
     def __init__(self, page: StartPage, em: float, act: Callable[[str], None], changed: Callable[[], None]) -> None:
-        self._page, self._em, self._act, self._changed = page, em, act, changed
+        self.page, self._em, self._act, self._changed = page, em, act, changed
         self.shown = False
         self.picture = ImagePanel(self._on_mouse)
         self.picture.widget.visible = False
@@ -24,16 +23,6 @@ class StartPanel:
         self._hover = self._pressed = ""
         self._down = 0.0
         self._drawn: object = None
-
-    @property
-    def cards(self) -> list[Card]:
-        """The cards that are known, newest first."""
-        return [self._page.cards[place] for place in self._page.places if place in self._page.cards]
-
-    @property
-    def focus(self) -> str:
-        """Name of what has the keyboard focus."""
-        return self._page.focus
 
     @property
     def places(self) -> dict[str, list[float]]:
@@ -46,21 +35,21 @@ class StartPanel:
         if not self.shown:
             return False
         size = self.picture.size
-        state = (size, self._page.state(), self._hover, self._down, line)
+        state = (size, self.page.state(), self._hover, self._down, line)
         if state == self._drawn:
             return False
         self._drawn = state
         self._list = StartImage(*size, self._em, self._down)
-        pixels = self._list.draw(self._page, self._hover, line)
+        pixels = self._list.draw(self.page, self._hover, line)
         if self._down > self._list.most_down:
             self._down = self._list.down = self._list.most_down
-            pixels = self._list.draw(self._page, self._hover, line)
+            pixels = self._list.draw(self.page, self._hover, line)
         self.picture.show(pixels)
         return True
 
     def key(self, event: gui.KeyEvent, shift: bool) -> bool:
         """Handle a key that is pressed; returns whether it is one of the page."""
-        key, page = event.key, self._page
+        key, page = event.key, self.page
         if key in _MOVES:
             page.move(self._list.boxes.all, *_MOVES[key])
         elif key == gui.KeyName.TAB:
@@ -90,7 +79,7 @@ class StartPanel:
         elif event.type == kind.BUTTON_DOWN:
             self._pressed = name
             if name and not name.startswith("remove"):
-                self._page.focus = name
+                self.page.focus = name
             self._changed()
         elif event.type == kind.BUTTON_UP:
             pressed, self._pressed = self._pressed, ""

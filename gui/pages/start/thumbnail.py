@@ -7,8 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from gui.models.playback.loading import first_whole
-from gui.models.playback.sources import Opened, body_of, open_path
+from gui.models.playback.sources import body_of, first_whole, open_path
 from gui.models.playback.viewpoint import BACKGROUNDS
 from gui.models.scene.orbit import OrbitCamera
 from gui.models.scene.splats import draw
@@ -47,30 +46,18 @@ def _contents(place: str) -> list[int]:
 
 def _made(place: str) -> np.ndarray | None:
     opened = open_path(place)
-    try:
-        source = opened.default
-        if source is not None:
-            return _splats(opened)
-        return _footage(opened) if opened.take is not None else None
-    finally:
-        for one in opened.sources.values():
-            one.close()
-
-
-def _splats(opened: Opened) -> np.ndarray:
-    assert opened.default is not None
-    gaussians = first_whole(opened.default)
-    orbit = OrbitCamera.showing(body_of(gaussians), opened.up, opened.view)
-    return draw(gaussians, orbit.camera(*SIZE), BACKGROUNDS["dark"])
-
-
-def _footage(opened: Opened) -> np.ndarray:
-    assert opened.take is not None
-    footage = Inputs(opened.take, load_config(opened.take.config)).footage.raw
-    try:
+    if opened.default is not None:
+        try:
+            gaussians = first_whole(opened.default)
+        finally:
+            for one in opened.sources.values():
+                one.close()
+        orbit = OrbitCamera.showing(body_of(gaussians), opened.up, opened.view)
+        return draw(gaussians, orbit.camera(*SIZE), BACKGROUNDS["dark"])
+    if opened.take is None:
+        return None
+    with contextlib.closing(Inputs(opened.take, load_config(opened.take.config)).footage.raw) as footage:
         return cropped(footage.raw_image(footage.camera_names[0], footage.frames[0]))
-    finally:
-        footage.close()
 
 
 def cropped(image: np.ndarray) -> np.ndarray:
