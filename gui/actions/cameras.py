@@ -5,17 +5,21 @@ from functools import partial
 import numpy as np
 
 from gui.drawing.compare import ALONE
-from gui.models.evaluation import WorstFrame
+from gui.models.evaluation import Evaluation, WorstFrame
 from gui.models.loop import later
 from gui.models.playback.image_zoom import ImageZoom
 from gui.models.playback.thumbnails import Thumbnails
-from gui.models.take.cameras import camera_facts, change_uses
 from gui.pages.capture.view import MASKS
 from gui.shell import Shell
 from gui.widgets.camera_menu import Item
 from gui.widgets.dialogs.camera import ask_cameras
 from gui.widgets.dialogs.worst import WorstDialog
 from pipelines.takes.camera_uses import CameraUses
+from pipelines.takes.checked_cameras import CheckedCameras, checked_cameras
+from pipelines.takes.take import Take
+from studio.calibration.report import CalibrationReport
+from studio.comparison.metrics import MAIN
+from studio.errors import StudioError
 
 
 class CameraActions:
@@ -127,7 +131,7 @@ class CameraActions:
             "held out": f"hold out {camera}",
             "not used": f"exclude {camera} from training",
         }[use]
-        refused = change_uses(self._window.workspace, uses.with_use(use, camera), words)
+        refused = self._change(uses.with_use(use, camera), words)
         notices = self._window.notices
         if notices.outcome("camera use", refused):
             notices.show(f"{words[0].upper()}{words[1:]}: Ctrl+Z undoes it.")
@@ -140,8 +144,36 @@ class CameraActions:
             if window.workspace.config is None:
                 window.notices.show("Open a take first. A stream has no cameras to choose from.")
             return
+        ask_cameras(window.dialogs, uses, partial(self._change, words="the uses of cameras"))
 
-        def save(chosen: CameraUses) -> str:
-            return change_uses(window.workspace, chosen, "the uses of cameras")
+    def _change(self, uses: CameraUses, words: str) -> str:
+        """Write the cameras' uses to the settings; returns why that was refused, "" if it was not."""
+        workspace = self._window.workspace
+        if workspace.config is None:
+            return "Open a take first."
+        try:
+            return str(workspace.change_settings(uses.settings(workspace.config.capture), words) or "")
+        except StudioError as error:
+            return str(error)
 
-        ask_cameras(window.dialogs, uses, save)
+
+def camera_facts(take: Take, evaluation: Evaluation, camera: str) -> list[tuple[str, str]]:
+    """(name, value) of what is known about a camera: its reprojection errors and its quality, mean over the frames."""
+    rows: list[tuple[str, str]] = []
+    checked = checked_cameras(take) if take.rig.is_file() else CheckedCameras(None, None, None)
+    report = checked.report
+    figures = report.cameras.get(camera) if isinstance(report, CalibrationReport) else None
+    if figures is not None:
+        rows.append(("reprojection error", f"mean {figures.mean:.2f} px, p95 {figures.p95:.2f} px"))
+        rows.append(("points", f"{figures.observations}, on {100 * figures.coverage:.0f}% of the image"))
+    elif take.rig.is_file():
+        rows.append(("reprojection error", "not known: cameras from a file"))
+    check = checked.verdict.cameras.get(camera) if checked.verdict is not None else None
+    if check is not None and check.fits is not None:
+        rows.append(("matches", f"{check.fits:.0%} of {check.matches} fit"))
+    if check is not None and check.mask_error is not None:
+        rows.append(("mask", f"{check.mask_error:.0%} off the others' volume"))
+    measured = {what: evaluation.mean(camera, what) for what in ("trained", "decoded")}
+    words = ", ".join(f"{MAIN.text(value)} {what}" for what, value in measured.items() if value is not None)
+    rows.append((MAIN.title, words or "not evaluated"))
+    return rows

@@ -133,25 +133,6 @@ def build(application: gui.Application) -> None:
     application.menubar = bar
 
 
-class MenuStates:
-    """Keeps items of the menu bar gray that are not possible now. `why_not`: why an item is not; "" if it is."""
-
-    def __init__(self, why_not: Callable[[Item], str]) -> None:
-        self._why_not = why_not
-        self._possible: dict[int, bool] = {}
-
-    def update(self, bar: gui.Menu | None) -> bool:
-        """Call before the window is drawn, with the menu bar; returns whether an item has changed."""
-        if bar is None:
-            return False
-        before = self._possible
-        self._possible = {number: not self._why_not(item) for number, item in enumerate(ITEMS.values(), start=1)}
-        changed = [number for number, on in self._possible.items() if before.get(number, True) != on]
-        for number in changed:
-            bar.set_enabled(number, self._possible[number])
-        return bool(changed)
-
-
 def connect(window: gui.Window, chosen: Callable[[str], None]) -> None:
     """Report the key of each chosen item."""
     for number, item in enumerate(ITEMS.values(), start=1):
@@ -159,7 +140,7 @@ def connect(window: gui.Window, chosen: Callable[[str], None]) -> None:
 
 
 def commands_of(why_not: Callable[[Item], str]) -> list[Command]:
-    """The items for the list of commands, which is itself not among them; `why_not` as for `MenuStates`."""
+    """The items for the list of commands, itself not among them. `why_not`: why an item is not possible now."""
     return [
         Command(item.key, title, item.words, item.shortcut, why_not(item))
         for title, items in MENUS.items()

@@ -5,13 +5,13 @@ import threading
 from collections.abc import Callable
 
 from gui.models.marks import Marks
-from gui.models.playback.loading import load
-from gui.models.playback.sources import Opened
+from gui.models.playback.sources import Opened, load
 from gui.models.worker import Done, LatestWorker
 from gui.shell import Shell
+from studio.errors import StudioError
 from studio.gaussians import Gaussians
 
-Loaded = tuple[Opened, Gaussians | None] | str
+Loaded = tuple[Opened, Gaussians | None]
 
 
 class Opening:
@@ -30,18 +30,15 @@ class Opening:
         self._worker.ask(place)
 
     def _loaded(self, done: Done[str, Loaded]) -> None:
-        window, found = self._window, done.result
+        window, error = self._window, done.error
         self.place = window.workspace.opening = ""
-        if found is None or isinstance(found, str):
-            window.notices.show(found or str(done.error), bad=True, topic="open")
+        if done.result is None:
+            bug = f"{done.request}: cannot be opened: {type(error).__name__}: {error}"
+            window.notices.show(str(error) if isinstance(error, StudioError) else bug, bad=True, topic="open")
             self._ended(False)
             return
         window.notices.clear("open")
-        self._show(*found)
-        self._ended(True)
-
-    def _show(self, opened: Opened, first: Gaussians | None) -> None:
-        window = self._window
+        opened, first = done.result
         take = opened.take
         window.player.adopt(opened, first)
         window.workspace.open(take)
@@ -57,6 +54,7 @@ class Opening:
         if opened.sources and window.preferences.play_on_opening:
             window.player.transport.play()
         window.window.set_needs_layout()
+        self._ended(True)
 
     def close(self) -> None:
         self._worker.close()

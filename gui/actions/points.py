@@ -1,11 +1,13 @@
 """Keys and buttons for marking points by hand."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from open3d.visualization import gui
 
 from gui.models.loop import later
+from gui.pages.calibrate.marks import TieMarks
 from gui.shell import Shell
 from gui.widgets.dialogs.numbers import ask_numbers
 
@@ -24,12 +26,12 @@ class PointActions:
         if not self._window.views.edits_points:
             return {}
         return {
-            key.N: stage_view.new_point,
+            key.N: partial(stage_view.edit, TieMarks.add),
             key.E: self._describe,
             key.DELETE: stage_view.unmark,
             key.BACKSPACE: stage_view.unmark,
             key.A: stage_view.toggle_snap,
-            key.U: stage_view.undo,
+            key.U: partial(stage_view.edit, TieMarks.undo),
             key.C: lambda: stage_view.step_camera(1),
             key.UP: lambda: stage_view.step_point(-1),
             key.DOWN: lambda: stage_view.step_point(1),
@@ -55,7 +57,7 @@ class PointActions:
         config = workspace.config
         if config is not None and not config.calibrate.tie_points:
             for name, value in (("capture.rig", None), ("calibrate.tie_points", str(path.resolve()))):
-                refusal = workspace.change_setting(name, value)
+                refusal = workspace.change_settings({name: value})
                 if refusal is not None:
                     stage_view.problem = str(refusal)
                     return

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 
 from open3d.visualization import gui
 
-from gui.actions.menus import Item, MenuStates, commands_of
+from gui.actions.menus import ITEMS, Item, commands_of
 from gui.models.loop import LOOP
 from gui.shell import Shell
 from gui.widgets.dialogs.command import CommandDialog
@@ -21,7 +21,7 @@ class SearchActions:
     def __init__(self, window: Shell, actions: Callable[[], Mapping[str, Callable[[], object]]]) -> None:
         self._window = window
         self.dialog = CommandDialog(window.dialogs, lambda key: actions()[key]())
-        self._states = MenuStates(self.why_not)
+        self._possible: dict[int, bool] = {}
 
     def show(self) -> None:
         """Show the list as soon as Ctrl and Shift are released: dialogs focus their field with Tab, and these change
@@ -40,8 +40,13 @@ class SearchActions:
             self._window.changed()
 
     def update(self) -> bool:
-        """Keep the menus and the list up to date, before the window is drawn; returns whether something changed."""
-        return self.dialog.tick() | self._states.update(gui.Application.instance.menubar)
+        """Keep the list and the gray items of the menus up to date, before a draw; returns whether any changed."""
+        bar, before = gui.Application.instance.menubar, self._possible
+        self._possible = {number: not self.why_not(item) for number, item in enumerate(ITEMS.values(), start=1)}
+        changed = [number for number, on in self._possible.items() if before.get(number, True) != on]
+        for number in changed:
+            bar.set_enabled(number, self._possible[number])
+        return self.dialog.tick() or bool(changed)
 
     def why_not(self, item: Item) -> str:
         """Why an item of the menus is not possible now; "" if it is."""

@@ -108,11 +108,7 @@ class Evaluation:
 
     def series(self, name: str, frame_count: int, camera: str = "") -> list[float | None]:
         """A metric, "bytes" or "flicker", for every frame, of a camera or ("") the mean; None where not measured."""
-        found: list[float | None] = []
-        for frame in range(frame_count):
-            quality = self.frames.get(frame)
-            if quality is not None and camera and name not in ("bytes", "flicker"):
-                found.append(getattr(quality.cameras.get(camera), name, None))
-            else:
-                found.append(getattr(quality, name, None))
-        return found
+        found: list[FrameQuality | Quality | None] = [self.frames.get(frame) for frame in range(frame_count)]
+        if camera and name not in ("bytes", "flicker"):
+            found = [one.cameras.get(camera) if isinstance(one, FrameQuality) else None for one in found]
+        return [getattr(one, name, None) for one in found]

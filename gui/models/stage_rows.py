@@ -7,17 +7,14 @@ from pipelines.runs.runner import status
 from pipelines.runs.staleness import StageStatus
 from studio.errors import Message, StudioError
 
-PIPELINE_NAMES = {"review": "evaluate"}  # pipeline names that differ from the window's
-
-_KEYS = {name: key for key, name in PIPELINE_NAMES.items()}
-
-TITLES = {"capture": "Capture"} | {_KEYS.get(stage.name, stage.name): stage.title for stage in STAGES}
+TITLES = {"capture": "Capture"}
+TITLES |= {"review" if stage.name == "evaluate" else stage.name: stage.title for stage in STAGES}
 """The stages as shown in the window, in order."""
 
 
 def pipeline_name(key: str) -> str:
     """A stage's name on the command line."""
-    return PIPELINE_NAMES.get(key, key)
+    return "evaluate" if key == "review" else key
 
 
 @dataclass(frozen=True)

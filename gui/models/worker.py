@@ -19,7 +19,6 @@ Result = TypeVar("Result")
 class Done(Generic[Request, Result]):
     """A finished request: its result, or the error that ended it."""
 
-    number: int
     request: Request
     result: Result | None
     error: Exception | None
@@ -37,21 +36,18 @@ class LatestWorker(Generic[Request, Result]):
     ) -> None:
         self._work, self._done = work, done
         self._condition = threading.Condition()
-        self._waiting: tuple[int, Request] | None = None
+        self._waiting: tuple[Request] | None = None
         self._finished: Done[Request, Result] | None = None
-        self._number = 0
         self._busy = False
         self._closed = False
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 
-    def ask(self, request: Request) -> int:
-        """Put a request in the slot, replacing a waiting one. Returns its number; numbers increase."""
+    def ask(self, request: Request) -> None:
+        """Put a request in the slot, replacing a waiting one."""
         with self._condition:
-            self._number += 1
-            self._waiting = (self._number, request)
+            self._waiting = (request,)
             self._condition.notify_all()
-            return self._number
 
     def take(self) -> Done[Request, Result] | None:
         """The newest finished request, returned once; None if nothing has finished since. Never blocks."""
@@ -82,7 +78,7 @@ class LatestWorker(Generic[Request, Result]):
                 if self._closed:
                     return
                 assert self._waiting is not None
-                number, request = self._waiting
+                (request,) = self._waiting
                 self._waiting = None
                 self._busy = True
             result: Result | None = None
@@ -92,7 +88,7 @@ class LatestWorker(Generic[Request, Result]):
             except Exception as error:  # the window shows any error and continues
                 failure = error
             with self._condition:
-                self._finished = Done(number, request, result, failure)
+                self._finished = Done(request, result, failure)
                 self._busy = False
                 self._condition.notify_all()
             if self._done is not None:

@@ -10,28 +10,22 @@ import numpy as np
 from gui.drawing.canvas import Canvas
 from gui.drawing.painter import draw_points
 from gui.drawing.palette import DIM, GROUND
+from gui.models.scene.contents import Surface
 from gui.models.scene.orbit import OrbitCamera
-from gui.models.take.workspace import Workspace
+from gui.models.take.workspace import Workspace, modified
 from gui.pages.stage_view import OrbitView, Size
 from pipelines.takes.atomic_files import read_model
 from pipelines.takes.point_files import read_points
 from pipelines.takes.stage_files import InitialPointsReport
 from pipelines.takes.take import Take
 from studio.camera_files import read_rig
-from studio.cameras import Camera
 from studio.counts import counted
 from studio.errors import StudioError
 from studio.own_frame import in_own_frame
 
 
-class Mesh(Protocol):
-    """A mesh that can render itself."""
-
+class Mesh(Surface, Protocol):
     faces: int
-
-    def draw(self, camera: Camera) -> np.ndarray:
-        """(H, W, 3) uint8."""
-        ...
 
 
 class InitializeView(OrbitView):
@@ -59,7 +53,7 @@ class InitializeView(OrbitView):
         """The files of the group, and the view."""
         folder = self._folder()
         view = self.orbit.key if self.orbit is not None else None
-        return (folder, _stamp(folder), self.mode, view, self.em)
+        return (_stamp(folder), self.mode, view, self.em)
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
         folder = self._folder()
@@ -72,7 +66,7 @@ class InitializeView(OrbitView):
         if self.mode == "mesh":
             assert self._mesh is not None
             canvas = Canvas(1, 1)
-            canvas.pixels = np.ascontiguousarray(self._mesh.draw(view))
+            canvas.pixels = np.ascontiguousarray(self._mesh.seen(view)[0])
         else:
             canvas = Canvas(*size, GROUND)
             draw_points(canvas, view, points, (np.clip(colors, 0, 1) * 255).astype(np.uint8), 2)
@@ -87,10 +81,10 @@ class InitializeView(OrbitView):
         return canvas.pixels
 
     def _read(self, take: Take, folder: Path) -> None:
-        stamp = (folder, _stamp(folder))
+        stamp = _stamp(folder)
         if stamp == self._read_of:
             return
-        rig_of = (take.rig, take.rig.stat().st_mtime if take.rig.is_file() else 0.0)
+        rig_of = (take.rig, modified(take.rig))
         self._points = read_points(folder / "points.ply")
         self._mesh = self._read_mesh(folder / "mesh.ply")
         if rig_of != self._rig_of:  # of another take, or calibrated again: where up is has changed
@@ -112,8 +106,5 @@ def _home(take: Take, points: np.ndarray) -> OrbitCamera:
     return OrbitCamera.showing(points, rig.up, next(iter(rig), None))
 
 
-def _stamp(folder: Path | None) -> tuple[float, ...]:
-    if folder is None:
-        return ()
-    paths = (folder / "mesh.ply", folder / "points.ply")
-    return tuple(path.stat().st_mtime if path.is_file() else 0.0 for path in paths)
+def _stamp(folder: Path | None) -> Hashable:
+    return folder and (folder, modified(folder / "mesh.ply"), modified(folder / "points.ply"))

@@ -25,12 +25,9 @@ class RaycastMesh:
         self._scene = o3d.t.geometry.RaycastingScene(nthreads=1)
         self._scene.add_triangles(mesh)
 
-    def draw(self, camera: Camera) -> np.ndarray:
-        """(H, W, 3) uint8 RGB: gray, lit from the viewer's upper left."""
-        return self.seen(camera)[0]
-
     def seen(self, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-        """The image of `draw`, and (H, W) float32 depth along the viewing axis, infinite beside the mesh."""
+        """(H, W, 3) uint8 RGB: gray, lit from the viewer's upper left; and (H, W) float32 depth along the viewing axis,
+        infinite beside the mesh."""
         rays = o3d.t.geometry.RaycastingScene.create_rays_pinhole(
             o3d.core.Tensor(camera.cv2_K), o3d.core.Tensor(camera.world_to_camera), camera.width, camera.height
         )

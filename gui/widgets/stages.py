@@ -155,7 +155,7 @@ class StagesPanel:
     def set_text(self, field: SettingField, text: str) -> None:
         """Set a setting to a text, as if it were typed."""
         try:
-            refusal = self._workspace.change_setting(field.name, field.parsed(text))
+            refusal = self._workspace.change_settings({field.name: field.parsed(text)})
         except StudioError as error:
             refusal = error.message
         self._refuse(refusal, field.name)

@@ -18,6 +18,7 @@ from PIL import Image, ImageGrab
 
 from gui.actions.menus import MENUS
 from gui.models.playback.player import PlayerPresenter
+from gui.models.playback.sources import load
 from gui.models.stage_rows import TITLES
 from gui.models.take.workspace import Workspace
 from gui.pages.stage_views import StageViews
@@ -120,7 +121,7 @@ def clock() -> HandClock:
 def player(finished: Path) -> Iterator[PlayerPresenter]:
     """A small player of the finished take, with its footage."""
     player, take = PlayerPresenter(), Take.open(finished / "take")
-    assert player.open(take.root), player.message
+    player.adopt(*load(take.root))
     player.context = Inputs(take, load_config(take.config))
     player.resize(256, 192)
     yield player

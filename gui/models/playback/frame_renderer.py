@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -24,6 +23,7 @@ from studio.cameras import Camera, Rig
 from studio.coverage import ViewRange
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
+from studio.memory_cache import MemoryCache
 
 KEPT_PICTURES = 9
 
@@ -132,7 +132,7 @@ class FrameRenderer:
 
     draw: DrawFn
     scene: SceneRenderer = field(default_factory=SceneRenderer)
-    _kept: OrderedDict[tuple[object, ...], _Part] = field(default_factory=OrderedDict)
+    _kept: MemoryCache[tuple[object, ...], _Part] = field(default_factory=lambda: MemoryCache(KEPT_PICTURES))
     _reduced_of: tuple[object, float] = (None, 1.0)
 
     def __call__(self, request: RenderRequest) -> Picture:
@@ -164,16 +164,9 @@ class FrameRenderer:
             for box in where:
                 ring(image, box, self._camera(request, box, capture), request.place, request.text)
         return Picture(
-            image,
-            request.frame,
-            request.what,
-            parts[-1].splats,
-            sum(part.draw_seconds for part in parts),
-            request.mode,
-            where[0],
-            request.camera,
-            request.label,
-        )
+            image, request.frame, request.what, parts[-1].splats, sum(part.draw_seconds for part in parts),
+            request.mode, where[0], request.camera, request.label,
+        )  # fmt: skip
 
     def _scene(self, request: RenderRequest, wanted: SceneWanted, capture: Camera | None) -> Picture:
         source = request.sources.get(request.what)
@@ -185,10 +178,10 @@ class FrameRenderer:
         view = request.orbit.camera(width, height)
         if capture is not None:
             view = request.image_zoom.camera(capture, width, height)
-        found = self.scene(gaussians, view, wanted, request.frame, request.background)
+        image, cameras, ends = self.scene(gaussians, view, wanted, request.frame, request.background)
         return Picture(
-            found.image, request.frame, request.what, len(gaussians), time.perf_counter() - start,
-            request.mode, Box(0, 0, width, height), request.camera, request.label, found.cameras, found.ends,
+            image, request.frame, request.what, len(gaussians), time.perf_counter() - start,
+            request.mode, Box(0, 0, width, height), request.camera, request.label, cameras, ends,
         )  # fmt: skip
 
     def _part(self, request: RenderRequest, name: str, box: Box, capture: Camera | None) -> _Part:
@@ -215,10 +208,7 @@ class FrameRenderer:
                     covered = getattr(source, "view_range", None)
                     image = faded(image, covered, camera, request.background, request.text)
                 kept = _Part(image, len(gaussians), time.perf_counter() - start, holder)
-        pictures[key] = kept
-        pictures.move_to_end(key)
-        while len(pictures) > KEPT_PICTURES:
-            pictures.popitem(last=False)
+            pictures.put(key, kept)
         return kept
 
     def _camera(self, request: RenderRequest, box: Box, capture: Camera | None) -> Camera:
@@ -237,7 +227,7 @@ class FrameRenderer:
 
     def forget(self) -> None:
         """Empty the cache: something else was opened, or files have changed."""
-        self._kept = OrderedDict()
+        self._kept = MemoryCache(KEPT_PICTURES)
         self.scene.reader.forget()
 
 

@@ -54,16 +54,11 @@ class OtherSource:
         """A metric, or "bytes", for every frame of the open take or stream; None where it was not measured."""
         count = self._source.frame_count
         found = self._evaluation.series(name, count, camera if camera in self._evaluation.cameras else "")
-        if name == "bytes" and not self._evaluation.frames:
-            found = self._sizes()
+        if name == "bytes" and not self._evaluation.frames and isinstance(self._source, StreamSource):
+            groups = self._source.groups
+            found = [None] * self._source.first
+            found += [group.bytes / group.frame_count for group in groups for _ in range(group.frame_count)]
         return [found[self.frame_of(frame)] for frame in range(self.frame_count)]
-
-    def _sizes(self) -> list[float | None]:
-        if not isinstance(self._source, StreamSource):
-            return [None] * self._source.frame_count
-        groups = self._source.groups
-        sizes = [group.bytes / group.frame_count for group in groups for _ in range(group.frame_count)]
-        return [*[None] * self._source.first, *sizes]
 
     def close(self) -> None:
         self._source.close()

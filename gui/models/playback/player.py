@@ -1,6 +1,7 @@
 """PlayerPresenter: the state of the playback view. The window polls it at each tick."""
 
 import time
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -9,10 +10,8 @@ import numpy as np
 from gui.drawing.compare import ALONE, MODES, WHATS
 from gui.models.playback.frame_renderer import DrawFn, FrameRenderer, Picture, RenderRequest
 from gui.models.playback.image_zoom import ImageZoom
-from gui.models.playback.loading import first_whole, load
 from gui.models.playback.other_source import OTHER, OTHERS, OtherSource
-from gui.models.playback.rate import Rate
-from gui.models.playback.sources import FrameSource, Opened, body_of, open_path, reach_of, take_contents, thinned
+from gui.models.playback.sources import FrameSource, Opened, first_whole, open_path, reach_of, take_contents, thinned
 from gui.models.playback.stream_audio import StreamAudio
 from gui.models.playback.stream_source import LeftOut, StreamSource
 from gui.models.playback.transport import Transport
@@ -52,8 +51,8 @@ class PlayerPresenter(Viewpoint):
         self._worker: LatestWorker[RenderRequest, Picture] = LatestWorker(self._renderer, "v3studio viewport")
         self._asked: RenderRequest | None = None
         self._wanted = "decoded"  # what was chosen, also while there is no such source, as during a bake
-        self._shown = Rate(now)
-        self._contents: tuple[object, ...] = ()
+        self._shown: deque[float] = deque(maxlen=240)  # when the last images came
+        self.contents: tuple[object, ...] = ()  # changes when frames of the open take are trained or baked
         self.filmed_groups: Sequence[int] = ()  # first frame of each group of the footage; empty if unknown
         self.wipe = 0.5
         self.transport = Transport(1, FALLBACK_FPS, now=now)
@@ -79,42 +78,23 @@ class PlayerPresenter(Viewpoint):
 
     # The open take or stream
 
-    def open(self, path: str | Path) -> bool:
-        """Open a take or a stream. On bad input returns False and sets `message`."""
-        found = load(path)
-        if isinstance(found, str):
-            self._problem = found
-            return False
-        self.adopt(*found)
-        return True
-
     def adopt(self, opened: Opened, first: Gaussians | None) -> None:
         """Show the result of `load`."""
         self._close_sources()
         self._renderer.forget()
         self.opened, self.context = opened, None
         self._load_sound()
-        self._contents = take_contents(opened.take) if opened.take else ()
+        self.contents = take_contents(opened.take) if opened.take else ()
         self.mode, self.camera = "scene" if opened.cast is not None else "single", ""
         self.what = self._wanted = opened.default.name if opened.default is not None else "decoded"
         self.transport = Transport(1, FALLBACK_FPS, now=self._now)
         self.transport.numbers = opened.numbers
-        self._fit_transport()
+        self.span_source()
         self.transport.seek(self.transport.group_starts[0])  # the first that there is
         self._look_home(first)
         self.picture = None
         self._asked = self._left_out = None
         self._problem = ""
-
-    @property
-    def points(self) -> np.ndarray:
-        """(N, 3) world: where splats are in any frame, which images should contain."""
-        return self._points
-
-    @property
-    def contents(self) -> tuple[object, ...]:
-        """Changes when frames of the open take are trained or baked."""
-        return self._contents
 
     @property
     def other(self) -> OtherSource | None:
@@ -143,7 +123,7 @@ class PlayerPresenter(Viewpoint):
         for one in before:
             if one not in kept:
                 one.close()
-        self._fit_transport()
+        self.span_source()
         if other is not None and self.mode in ALONE:
             self.choose_mode("wipe")
 
@@ -152,7 +132,7 @@ class PlayerPresenter(Viewpoint):
         if self.opened is None or self.opened.take is None:
             return False
         contents = take_contents(self.opened.take)
-        if contents == self._contents:
+        if contents == self.contents:
             return False
         try:
             opened = open_path(self.opened.path)
@@ -160,7 +140,7 @@ class PlayerPresenter(Viewpoint):
         except StudioError as error:  # being written; the next refresh will succeed
             self._problem = str(error)
             return False
-        self._contents = contents
+        self.contents = contents
         was_empty = not self.opened.sources
         opened.reach = reach_of(opened) if was_empty else self.opened.reach
         self.opened.sources, others = self._without_others(self.opened)
@@ -174,7 +154,7 @@ class PlayerPresenter(Viewpoint):
             self.what = self._wanted
         elif self.what not in (*opened.sources, "footage") and opened.default is not None:
             self.what = opened.default.name
-        self._fit_transport()
+        self.span_source()
         if was_empty and first is not None:
             self._look_home(first)
         self._problem = ""
@@ -198,10 +178,10 @@ class PlayerPresenter(Viewpoint):
     def _look_home(self, first: Gaussians | None) -> None:
         assert self.opened is not None
         self.home = OrbitCamera(up=self.opened.up)
-        self._points = np.zeros((0, 3))
+        self.points = np.zeros((0, 3))
         if first is not None:
-            self._points = np.concatenate([thinned(body_of(first)), self.opened.reach])
-            self.home = OrbitCamera.showing(self._points, self.opened.up, self.opened.view)
+            self.points = np.concatenate([thinned(first), self.opened.reach])
+            self.home = OrbitCamera.showing(self.points, self.opened.up, self.opened.view)
         self.orbit = self.home
 
     def _load_sound(self) -> None:
@@ -218,11 +198,6 @@ class PlayerPresenter(Viewpoint):
         audio, transport = self.audio, self.transport
         fits = audio is not None and (audio.frame_count, audio.fps) == (transport.frame_count, transport.fps)
         transport.follow(audio.player if audio is not None and fits else None)
-
-    def _fit_transport(self) -> None:
-        source = self.source
-        if source is not None:
-            self.span(source.frame_count, source.group_starts, source.fps)
 
     def span(self, frame_count: int, group_starts: Sequence[int], fps: float) -> bool:
         """Set the transport's range; returns whether it changed."""
@@ -247,7 +222,7 @@ class PlayerPresenter(Viewpoint):
         if what == "footage" and not self.camera:
             self.look_through(self.camera_names[0])
         self.what = self._wanted = what
-        self._fit_transport()
+        self.span_source()
         return True
 
     def exchange(self) -> bool:
@@ -320,7 +295,7 @@ class PlayerPresenter(Viewpoint):
         return RenderRequest(
             self.opened.sources, self.transport.frame, self._number, self.mode, self.what, self.reference, self.orbit,
             self.camera, self.image_zoom, self.size, BACKGROUNDS[self.background], self.wipe, self.context,
-            self.opened.rig, self._points, self.home, self._scene(), self.em,
+            self.opened.rig, self.points, self.home, self._scene(), self.em,
             self.shape if self.mode == "side by side" else 1.0, self.places.get(self.transport.frame),
         )  # fmt: skip
 
@@ -336,7 +311,7 @@ class PlayerPresenter(Viewpoint):
             return None
         group = opened.group(self.transport.frame, self.filmed_groups)
         return SceneWanted(
-            opened.take, self.context, opened.rig, self.camera, group, self.scene_parts, opened.up, self._points,
+            opened.take, self.context, opened.rig, self.camera, group, self.scene_parts, opened.up, self.points,
             self.still, self.em, self.held_out, self._number, opened.cast,
         )  # fmt: skip
 
@@ -410,7 +385,7 @@ class PlayerPresenter(Viewpoint):
         if wanted is not None and done.request.label != wanted.label:
             return None  # the user has chosen something else meanwhile
         self.picture, self._left_out, self._problem = done.result, None, ""
-        self._shown.hit()
+        self._shown.append(self._now())
         return self.picture
 
     @property
@@ -421,7 +396,8 @@ class PlayerPresenter(Viewpoint):
     @property
     def rate(self) -> float:
         """Pictures per second over the last two seconds."""
-        return self._shown.value
+        recent = [one for one in self._shown if one >= self._now() - 2.0]
+        return (len(recent) - 1) / (recent[-1] - recent[0]) if len(recent) > 1 and recent[-1] > recent[0] else 0.0
 
     @property
     def behind(self) -> bool:

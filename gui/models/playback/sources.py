@@ -9,8 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from gui.models.playback.frame_cache import frame_cache
-from gui.models.playback.stream_source import StreamSource
+from gui.models.playback.stream_source import LeftOut, StreamSource, frame_cache
 from pipelines.config import load_config
 from pipelines.share.cast import is_cast
 from pipelines.share.cast_frames import CastFrames
@@ -104,11 +103,10 @@ class TrainedSource:
     def gaussians(self, frame: int) -> Gaussians:
         if frame not in self._files:
             raise StudioError("take.frame_not_trained", "not trained yet", frame=frame)
-        held = self._cache.get(frame)
-        if held is None:
-            held = self._groups[bisect_right(self.group_starts, frame) - 1].cut(read_frame(self._files[frame]))
-            self._cache.put(frame, held)
-        return held
+        return self._cache.get_or_make(frame, self._read)
+
+    def _read(self, frame: int) -> Gaussians:
+        return self._groups[bisect_right(self.group_starts, frame) - 1].cut(read_frame(self._files[frame]))
 
     def reach(self) -> np.ndarray:
         """(N, 3) world coordinates of the performer in frames spread over the take, without damaged ones."""
@@ -116,7 +114,7 @@ class TrainedSource:
         files = list(self._files.values())
         for at in sorted({round(x) for x in np.linspace(0, len(files) - 1, REACH_FRAMES)}):
             with contextlib.suppress(StudioError):
-                found.append(thinned(body_of(read_frame(files[at]))))
+                found.append(thinned(read_frame(files[at])))
         return np.concatenate(found)
 
     def close(self) -> None:
@@ -135,9 +133,34 @@ def body_of(gaussians: Gaussians) -> np.ndarray:
     return np.asarray((visible if len(visible) else gaussians.means).detach().cpu().numpy())
 
 
-def thinned(points: np.ndarray, most: int = 4000) -> np.ndarray:
-    """(M, 3) float64: every n-th of (N, 3) points, so that about `most` are left."""
-    return points[:: max(len(points) // most, 1)].astype(np.float64)
+def thinned(gaussians: Gaussians) -> np.ndarray:
+    """(M, 3) float64: every n-th point of `body_of`, so that about 4000 are left."""
+    points = body_of(gaussians)
+    return points[:: max(len(points) // 4000, 1)].astype(np.float64)
+
+
+def first_whole(source: FrameSource) -> Gaussians:
+    """The first playable keyframe."""
+    *others, last = source.group_starts
+    for start in others:
+        with contextlib.suppress(LeftOut):
+            return source.gaussians(start)
+    return source.gaussians(last)
+
+
+def load(path: str | Path) -> tuple[Opened, Gaussians | None]:
+    """Open a take, a stream or a URL, and its first frame. Raises StudioError. Thread-safe."""
+    opened = open_path(path)
+    try:
+        first = first_whole(opened.default) if opened.default is not None else None
+        opened.reach = reach_of(opened)
+    except StudioError as error:
+        if opened.take is None:
+            for source in opened.sources.values():
+                source.close()
+            raise
+        first, opened.message = None, str(error)  # the rest of the take can still be shown
+    return opened, first
 
 
 def open_path(place: Path | str, in_take: bool = False) -> Opened:
@@ -176,7 +199,9 @@ def _open_take(path: Path) -> Opened:
     opened = Opened(path.name, path, {}, take=take)
     problems = []
     try:
-        _open_rig(take, opened)
+        if take.rig.exists():
+            opened.rig = in_own_frame(read_rig(take.rig))
+            opened.up, opened.view = opened.rig.up, next(iter(opened.rig), None)
     except StudioError as error:
         problems.append(str(error))
     try:
@@ -198,14 +223,6 @@ def _open_take(path: Path) -> Opened:
             problems.append(str(error))
     opened.message = "\n".join(dict.fromkeys(problems))  # each once: trained frames need the edits, too
     return opened
-
-
-def _open_rig(take: Take, opened: Opened) -> None:
-    if not take.rig.exists():
-        return
-    opened.rig = in_own_frame(read_rig(take.rig))
-    opened.up = opened.rig.up
-    opened.view = next(iter(opened.rig), None)
 
 
 def _fps(take: Take, opened: Opened) -> float:

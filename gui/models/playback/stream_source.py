@@ -9,24 +9,31 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from gui.models.playback.frame_cache import AHEAD, frame_cache
 from pipelines.takes.videos import capture_place
 from studio.cameras import Camera
 from studio.coverage import ViewRange
 from studio.errors import Message, StudioError
 from studio.formats.rigid_motion import placed
 from studio.gaussians import Gaussians
+from studio.memory_cache import MemoryCache
 from studio.playback import Shared, SkippedGroup
 from studio.playback.pipeline import nothing_playable
 from studio.similarity import Similarity
 from studio.stream import GroupDecoder, Rendition, SourceUnavailable, StreamMetadata, StreamReader, StreamSound
 
+CACHE_BYTES = 512 * 1024 * 1024
+AHEAD = 4  # number of frames decoded ahead of the one on screen
 RETRY_SECONDS = 10.0  # seconds before a damaged frame is tried again: it may have been fixed or uploaded
 
 
 class LeftOut(StudioError):
     """A frame that playback passes over: its group is damaged or missing (`playback.group_skipped`), or the take is
     trimmed (`playback.trimmed`). Others can be played."""
+
+
+def frame_cache() -> MemoryCache[int, Gaussians]:
+    """The most recently used frames, up to `CACHE_BYTES`, but always a few."""
+    return MemoryCache(CACHE_BYTES, lambda frame: sum(one.nbytes for _, one in frame.items()), least=AHEAD + 2)
 
 
 class StreamSource:
@@ -42,7 +49,7 @@ class StreamSource:
 
     def __init__(self, place: Path | str, in_take: bool = False) -> None:
         self._reader = StreamReader.open(place)
-        self._shared = Shared(self._reader)
+        self._shared, self._metadata = Shared(self._reader), StreamMetadata.from_json(self._reader.manifest.metadata)
         self.fps = float(self._reader.fps)
         self._count = self._reader.frame_count
         self.first, self._back = 0, Similarity()
@@ -152,8 +159,12 @@ class StreamSource:
         """Record the frames from this one to the end of its group as unplayable."""
         group = self._reader.group_of(frame)
         self._unavailable = self._unavailable + 1 if isinstance(error, SourceUnavailable) else 0
-        first = self._first_bad(group, frame)
-        self._shared.note_damage(group, first, group.end_frame, _message(error))
+        first = frame  # earlier frames are unplayable too, unless they were decoded
+        while first > group.first_frame and first - 1 not in self._was_decoded:
+            first -= 1
+        bug = Message("playback.failed", str(error) or type(error).__name__)
+        why = error.message if isinstance(error, StudioError) else bug
+        self._shared.note_damage(group, first, group.end_frame, why)
         lost = sum(one.frame_count for one in self._shared.skipped)
         failure: Exception
         if self._unavailable > 1:
@@ -165,13 +176,6 @@ class StreamSource:
             failure = LeftOut("playback.group_skipped", str(skipped), group=group.index)
         for lost_frame in range(first, group.end_frame):
             self._failed[lost_frame] = (failure, time.monotonic())
-
-    def _first_bad(self, group: Rendition, frame: int) -> int:
-        """The first unplayable frame of the group: earlier frames are unplayable too, unless they were decoded."""
-        first = frame
-        while first > group.first_frame and first - 1 not in self._was_decoded:
-            first -= 1
-        return first
 
     def sound(self) -> StreamSound | None:
         """The stream's sound from frame `first` on, fetched now, which the caller closes; None: silent. StudioError."""
@@ -188,12 +192,12 @@ class StreamSource:
     @property
     def view_range(self) -> ViewRange | None:
         """From where the stream can be looked at, if views from elsewhere are to be faded."""
-        return StreamMetadata.from_json(self._reader.manifest.metadata).view_range if self.fades else None
+        return self._metadata.view_range if self.fades else None
 
     @property
     def suggested_camera(self) -> Camera | None:
         """The initial view from the stream's metadata; None if there is none."""
-        return StreamMetadata.from_json(self._reader.manifest.metadata).suggested_camera
+        return self._metadata.suggested_camera
 
     def close(self) -> None:
         with self._changed:
@@ -204,9 +208,3 @@ class StreamSource:
         self._close_decoder()
         self._cache.clear()
         self._reader.close()
-
-
-def _message(error: Exception) -> Message:
-    if isinstance(error, StudioError):
-        return error.message
-    return Message("playback.failed", str(error) or type(error).__name__)

@@ -1,7 +1,7 @@
 """The plots above the timeline: quality, KB per frame, flicker, and the waveform of the sound."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -210,7 +210,7 @@ class TimelinePlots:
             size = self._size(height)
             words = self._words(plot, frame)
             canvas.text(right, y + height / 2 - size * 0.62, words, size, TEXT, align="right")
-            self._value(canvas, timeline, plot, frame, value, y, height, plot.color)
+            self._value(canvas, frame, value, plot.range, (y, height), plot.color, plot.bars)
         if not timeline.shows(frame):
             return canvas.pixels
         first, last = timeline.span(frame)
@@ -321,25 +321,16 @@ class TimelinePlots:
         return max(min(round(0.78 * self.em), height - 1), 8)
 
     def _value(
-        self,
-        canvas: Canvas,
-        timeline: Timeline,
-        plot: Plot,
-        frame: int,
-        value: float,
-        y: int,
-        height: int,
-        color: RGB,
-        limits: tuple[float, float] | None = None,
-    ) -> None:
-        limits = limits or plot.range
-        assert limits is not None
-        low, high = limits
-        if not timeline.shows(frame):
+        self, canvas: Canvas, frame: int, value: float, limits: tuple[float, float] | None, row: tuple[int, int],
+        color: RGB, bars: bool,
+    ) -> None:  # fmt: skip
+        """Draw a value, between limits, as a bar or a line in a row (top, height)."""
+        timeline, (y, height) = self.timeline, row
+        if limits is None or not timeline.shows(frame):
             return
-        bar = max(round((value - low) / (high - low) * (height - 2)), 1)
+        bar = max(round((value - limits[0]) / (limits[1] - limits[0]) * (height - 2)), 1)
         first, last = timeline.span(frame)
-        thick = bar if plot.bars else min(max(round(self.em / 8), 2), bar)  # as thick on a dense screen
+        thick = bar if bars else min(max(round(self.em / 8), 2), bar)  # as thick on a dense screen
         canvas.rect(self.left + first, y + height - 1 - bar, max(last - first - (last - first > 3), 1), thick, color)
 
     def _plot(self, canvas: Canvas, timeline: Timeline, plot: Plot, y: int, height: int) -> None:
@@ -355,13 +346,11 @@ class TimelinePlots:
         if isinstance(plot, Waveform):
             self._waveform(canvas, plot, y, height)
             return
-        for index, value in enumerate(plot.values[: self.frame_count]):
-            if value is not None:
-                self._value(canvas, timeline, plot, index, value, y, height, _dimmed(plot.color))
-        for index, value in enumerate(plot.other[: self.frame_count]):
-            if value is not None:
-                line = replace(plot, bars=False)
-                self._value(canvas, timeline, line, index, value, y, height, FAIR, plot.range)
+        limits = plot.range
+        for values, color, bars in ((plot.values, _dimmed(plot.color), plot.bars), (plot.other, FAIR, False)):
+            for index, value in enumerate(values[: self.frame_count]):
+                if value is not None:
+                    self._value(canvas, index, value, limits, (y, height), color, bars)
         self._axis(canvas, plot, y, height)
 
     def _axis(self, canvas: Canvas, plot: Plot, y: float, height: float) -> None:

@@ -24,7 +24,8 @@ class Transport:
         self.group_starts = tuple(group_starts) or (0,)
         self.loop = True
         self.numbers = FrameNumbers()
-        self._span: tuple[int, int] | None = None
+        # first and last frame of the selected span, which playback with looping repeats; None for all frames
+        self.span: tuple[int, int] | None = None
         self._span_begin: int | None = None
         self._now = now
         self._playing = False
@@ -60,42 +61,37 @@ class Transport:
         if not self.playing:
             return self._anchor_frame
         due = self._elapsed_frame()
-        if self._span is not None and self.loop and due > self._span[1]:
-            return self._back_in_span(due, *self._span)
+        if self.span is not None and self.loop and due > self.span[1]:
+            return self._back_in_span(due, *self.span)
         return due % self.frame_count if self.loop else min(due, self.last)
-
-    @property
-    def span(self) -> tuple[int, int] | None:
-        """First and last frame of the selected span, which playback with looping repeats; None for all frames."""
-        return self._span
 
     def select_span(self, one: int, other: int) -> None:
         """Select the frames between two, both inclusive, in any order; they are clamped to the range."""
         low, high = sorted((min(max(one, 0), self.last), min(max(other, 0), self.last)))
         self._anchor(self.frame)
-        self._span, self._span_begin = (low, high), None
+        self.span, self._span_begin = (low, high), None
         self._lead()
 
     def clear_span(self) -> bool:
         """Select no span; returns whether there was one, or its beginning."""
-        if self._span is None and self._span_begin is None:
+        if self.span is None and self._span_begin is None:
             return False
         self._anchor(self.frame)
-        self._span = self._span_begin = None
+        self.span = self._span_begin = None
         self._lead()
         return True
 
     def step_span(self) -> str:
         """Set the span's beginning to the current frame, next its end, then clear it; a sentence on what was done."""
         frame = self.frame
-        if self._span is not None:
+        if self.span is not None:
             self.clear_span()
             return "No span is selected."
         if self._span_begin is None:
             self._span_begin = frame
             return f"The span begins at frame {self.number(frame)}. Go to its end and press T again."
         self.select_span(self._span_begin, frame)
-        words = self.range_words(*(self._span or (frame, frame)))
+        words = self.range_words(*(self.span or (frame, frame)))
         return f"{words} are selected: playback repeats them. Press T again for all."
 
     def _back_in_span(self, due: int, first: int, last: int) -> int:
@@ -159,8 +155,8 @@ class Transport:
         """Set the range (for example when more frames have been trained); the frame and the playing state are kept."""
         frame = self.frame
         self.frame_count, self.group_starts, self.fps = max(frame_count, 1), tuple(group_starts) or (0,), fps
-        if self._span is not None and self._span[1] > self.last:
-            self._span = None
+        if self.span is not None and self.span[1] > self.last:
+            self.span = None
         if self._span_begin is not None and self._span_begin > self.last:
             self._span_begin = None
         self._anchor(frame)
@@ -170,8 +166,8 @@ class Transport:
         """Play from the current frame, or from the beginning if the end was reached."""
         if not self.playing:
             begin = 0 if self._anchor_frame >= self.last else self._anchor_frame
-            if self._span is not None and not self._span[0] <= begin <= self._span[1]:
-                begin = self._span[0]
+            if self.span is not None and not self.span[0] <= begin <= self.span[1]:
+                begin = self.span[0]
             self._anchor(begin)
             self._playing = True
             self._lead()

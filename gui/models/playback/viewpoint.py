@@ -30,7 +30,7 @@ class Viewpoint:
         self.camera = ""  # the capture camera; "" for the free view
         self.image_zoom = ImageZoom()
         self._zoom_follows = False
-        self._points = np.zeros((0, 3))
+        self.points = np.zeros((0, 3))  # (N, 3) world: where splats are in any frame, which images should contain
         self.orbit = OrbitCamera()  # orbit, home: the current and the initial free view
         self.home = self.orbit
         self.size = self._fitted_size = (960, 540)
@@ -94,7 +94,7 @@ class Viewpoint:
         """Keep the performer in view at the current size, until the user zooms or pans."""
         if self._zoom_follows and self.camera and self.opened is not None and self.opened.rig is not None:
             camera, self._fitted_size = self.opened.rig[self.camera].undistorted(), self.size
-            self.image_zoom = ImageZoom.around(self._points, camera, *self._box_size)
+            self.image_zoom = ImageZoom.around(self.points, camera, *self._box_size)
 
     @property
     def _box_size(self) -> tuple[int, int]:
@@ -107,12 +107,12 @@ class Viewpoint:
     @property
     def shape(self) -> float:
         """Width by height of the performer as first seen from here, which images side by side are arranged for."""
-        if self.opened is None or not len(self._points):
+        if self.opened is None or not len(self.points):
             return 1.0
         view = self.home.camera(*self.size)
         if self.camera and self.opened.rig is not None:
             view = self.opened.rig[self.camera].undistorted()
-        pixels, depth = view.project(self._points)
+        pixels, depth = view.project(self.points)
         if not (depth > 0).any():
             return 1.0
         ends = np.quantile(pixels[depth > 0], (0.01, 0.99), axis=0)

@@ -54,16 +54,8 @@ class SceneWanted:
     @property
     def key(self) -> tuple[object, ...]:
         """Equal keys mean equal images, if the frame and the view are equal."""
-        return (
-            id(self.rig),
-            id(self.context),
-            self.camera,
-            self.group,
-            self.parts,
-            id(self.points),
-            self.still,
-            self.em,
-        )
+        same = (id(self.rig), id(self.context), id(self.points))
+        return (*same, self.camera, self.group, self.parts, self.still, self.em)
 
 
 @dataclass(frozen=True, eq=False)

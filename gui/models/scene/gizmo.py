@@ -1,6 +1,7 @@
 """The view axes in a corner of the scene: they turn with the view, and a click on an end looks along that axis."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -43,8 +44,5 @@ def along(orbit: OrbitCamera, name: str) -> OrbitCamera:
     if abs(direction @ orbit.up) > math.cos(math.radians(1.0)):
         # from straight above or below the yaw would be lost
         away = math.copysign(math.radians(89.0), float(direction @ orbit.up))
-        found = OrbitCamera(orbit.target, orbit.up, orbit.distance, orbit.yaw, away, orbit.fov)
-    else:
-        eye = orbit.target + orbit.distance * direction
-        found = OrbitCamera.from_to(eye, orbit.target, orbit.up, orbit.fov)
-    return found
+        return replace(orbit, pitch=away)
+    return OrbitCamera.from_to(orbit.target + orbit.distance * direction, orbit.target, orbit.up, orbit.fov)

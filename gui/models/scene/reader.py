@@ -1,7 +1,6 @@
 """Reads what the scene shows from the take, and keeps it until a file changes. Runs on the viewport's thread."""
 
-import contextlib
-from collections.abc import Callable, Hashable
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -20,12 +19,14 @@ from studio.cameras import Camera, Rig
 from studio.counts import counted
 from studio.edits.edit_list import EditList
 from studio.errors import StudioError
+from studio.memory_cache import MemoryCache
 from studio.similarity import Similarity
 
 THUMBNAIL = 160  # longer side of the images on the frusta, pixels
 
 MOST_THUMBNAILS = 200
 
+SmallImages = MemoryCache[tuple[str, int], np.ndarray | None]  # by camera and frame
 Points = tuple[np.ndarray, np.ndarray]
 Content = TypeVar("Content")
 
@@ -35,10 +36,10 @@ class SceneReader:
 
     def __init__(self, read_mesh: Callable[[Path], Surface]) -> None:
         self._read_mesh: Callable[[Path], Surface | None] = read_mesh
-        self._files: dict[Path, tuple[Hashable, object]] = {}
+        self._files: MemoryCache[tuple[Path, int], object] = MemoryCache(9)
         self._undistorted: tuple[Rig | None, list[Camera]] = (None, [])
-        self._images: dict[tuple[str, int], np.ndarray | None] = {}
-        self._last: dict[str, np.ndarray] = {}
+        self._images: SmallImages = MemoryCache(MOST_THUMBNAILS)
+        self._last: dict[str, np.ndarray | None] = {}
         self._context: object = None
 
     def read(self, wanted: SceneWanted, frame: int) -> SceneContents:
@@ -79,9 +80,9 @@ class SceneReader:
                 words.append(f"grid {step * edits.similarity.scale:g}")
             if "axes" in wanted.parts:
                 back = edits.similarity.inverse
-                lines.append(
-                    scene.axis_lines(back.points(np.zeros(3)), _unit(back.directions(np.eye(3))), 0.25 * reach)
-                )
+                ahead = back.directions(np.eye(3))
+                ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
+                lines.append(scene.axis_lines(back.points(np.zeros(3)), ahead, 0.25 * reach))
             if "volume" in wanted.parts and len(points[0]):
                 lines.append(scene.box_lines(low, high))
                 size = " x ".join(f"{side:.3g}" for side in (high - low) * edits.similarity.scale)
@@ -108,12 +109,7 @@ class SceneReader:
         """The content of a file, `missing` if it does not exist."""
         if not path.is_file():
             return missing
-        stamp = path.stat().st_mtime_ns
-        if path not in self._files or self._files[path][0] != stamp:
-            while len(self._files) > 8:
-                self._files.pop(next(iter(self._files)))
-            self._files[path] = (stamp, read(path))
-        return cast(Content, self._files[path][1])
+        return cast(Content, self._files.get_or_make((path, path.stat().st_mtime_ns), lambda _: read(path)))
 
     def _cameras(self, wanted: SceneWanted, frame: int) -> tuple[SceneCamera, ...]:
         assert wanted.rig is not None
@@ -133,17 +129,10 @@ class SceneReader:
 
     def _image(self, wanted: SceneWanted, name: str, frame: int) -> np.ndarray | None:
         """The camera's image of the frame; until the view rests, the last one that was read."""
-        key = (name, frame)
-        if key not in self._images and wanted.still and wanted.context is not None:
-            while len(self._images) >= MOST_THUMBNAILS:
-                self._images.pop(next(iter(self._images)))
-            self._images[key] = None  # the Capture view says why it cannot be read
-            with contextlib.suppress(StudioError):
-                self._images[key] = small_image(wanted.context, name, frame, wanted.number)
-        image = self._images.get(key)
-        if image is not None:
-            self._last[name] = image
-        return self._last.get(name) if key not in self._images else image
+        if wanted.context is not None and (wanted.still or (name, frame) in self._images):
+            read = partial(small_image, wanted.context, number=wanted.number)
+            self._last[name] = self._images.get_or_make((name, frame), lambda key: read(*key))
+        return self._last.get(name)
 
     def forget(self) -> None:
         self._files.clear()
@@ -152,16 +141,14 @@ class SceneReader:
         self._undistorted = (None, [])
 
 
-def small_image(context: Inputs, camera: str, frame: int, number: int | None = None) -> np.ndarray:
-    """(h, w, 3) uint8: a camera's image of a frame for its frustum, by its number, or counted from 0 if that is None.
-    Raises StudioError as `Footage.raw_image`."""
-    footage = context.footage.raw
-    found = footage.frames[min(frame, len(footage.frames) - 1)] if number is None else number
-    whole = footage.raw_image(camera, found)
+def small_image(context: Inputs, camera: str, frame: int, number: int | None = None) -> np.ndarray | None:
+    """(h, w, 3) uint8: a camera's image of a frame for its frustum, by its number, or counted from 0 if that is None;
+    None if there is none: the Capture view says why it cannot be read."""
+    try:
+        footage = context.footage.raw
+        found = footage.frames[min(frame, len(footage.frames) - 1)] if number is None else number
+        whole = footage.raw_image(camera, found)
+    except StudioError:
+        return None
     scale = THUMBNAIL / max(whole.shape[:2])
     return cv2.resize(whole, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-
-
-def _unit(directions: np.ndarray) -> np.ndarray:
-    found: np.ndarray = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    return found

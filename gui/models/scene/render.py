@@ -1,7 +1,6 @@
 """SceneRenderer: the scene's image, composed from the rasterizer's splats and everything else."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -23,15 +22,6 @@ from studio.gaussians import Gaussians
 Place = tuple[str, np.ndarray]
 
 
-@dataclass(frozen=True, eq=False)
-class ScenePicture:
-    """An image of the scene. `cameras`, `ends`: name and pixels of frusta and of axes, those in front last."""
-
-    image: np.ndarray
-    cameras: tuple[Place, ...]
-    ends: tuple[Place, ...]
-
-
 def no_mesh(path: Path) -> Surface:
     """Where meshes cannot be rendered. Raises StudioError."""
     raise StudioError("mesh.unreadable", "meshes cannot be shown here", file=path)
@@ -45,33 +35,29 @@ class SceneRenderer:
 
     def __call__(
         self, gaussians: Gaussians, view: Camera, wanted: SceneWanted, frame: int, background: Color
-    ) -> ScenePicture:
-        """Render a frame (counted from 0) of the scene. Raises StudioError: a damaged file."""
+    ) -> tuple[np.ndarray, tuple[Place, ...], tuple[Place, ...]]:
+        """Render a frame (counted from 0) of the scene: the image, and name and pixels of frusta and of axes, those in
+        front last. Raises StudioError: a damaged file."""
         contents = self.reader.read(wanted, frame).seen_from(view.center)
         splats = draw_layer(gaussians, view) if "splats" in wanted.parts else None
         surfaces = Surfaces(view.width, view.height)
         for surface, place in contents.surfaces:
             pixels, depth = surface.seen(place.inverse.camera(view))
             surfaces.add(Patch(slice(None), slice(None), np.isfinite(depth), pixels, depth * place.scale))
-        self._images(view, contents, surfaces)
-        found = [line_fragments(view, lines) for lines in (*contents.lines, frusta_lines(contents))]
-        found.append(point_fragments(view, contents.points, contents.colors, 2))
+        for one in contents.cameras:
+            if one.image is not None:
+                found = image_on_quad(view, frustum(one.camera, contents.length)[1], one.image)
+                if found is not None:
+                    surfaces.add(found)
+        parts = [line_fragments(view, lines) for lines in (*contents.lines, frusta_lines(contents))]
+        parts.append(point_fragments(view, contents.points, contents.colors, 2))
         canvas = Canvas(1, 1)
-        canvas.pixels = compose(background, splats, surfaces, Fragments.join(found))
+        canvas.pixels = compose(background, splats, surfaces, Fragments.join(parts))
         self._names(canvas, view, contents, splats, wanted.em)
         ends = draw_gizmo(canvas, view, wanted.em)
         if contents.words:
             compare.label(canvas, 0.6 * wanted.em, 0.6 * wanted.em, contents.words, size=round(0.85 * wanted.em))
-        return ScenePicture(canvas.pixels, tuple(frusta_places(contents, view)), tuple(ends))
-
-    def _images(self, view: Camera, contents: SceneContents, surfaces: Surfaces) -> None:
-        """Put the cameras' images on their frusta."""
-        for one in contents.cameras:
-            if one.image is None:
-                continue
-            found = image_on_quad(view, frustum(one.camera, contents.length)[1], one.image)
-            if found is not None:
-                surfaces.add(found)
+        return canvas.pixels, tuple(frusta_places(contents, view)), tuple(ends)
 
     def _names(
         self, canvas: Canvas, view: Camera, contents: SceneContents, splats: SplatLayer | None, em: float

@@ -10,8 +10,7 @@ from gui.models.loop import Signal
 from gui.models.playback.viewpoint import BACKGROUNDS
 from gui.models.take.jobs import ChildProcess, v3studio_command
 from gui.models.take.page_words import in_page_words
-from gui.models.take.shares import ShareRequest
-from gui.models.take.target import NamedTarget
+from gui.models.take.shares import NamedTarget, ShareRequest
 from pipelines.events import Finished, Log, Progress, read_line
 from pipelines.events.cancellation import EXIT_CANCELLED
 from pipelines.takes.atomic_files import remove
@@ -20,7 +19,6 @@ from studio.counts import counted, size_words
 from studio.errors import StudioError
 from studio.formats import EXPORTS
 from studio.formats.camera_path import Key, write_path_keys
-from studio.json_types import JsonData
 
 _FOLDERS = ("frame", "plates")
 FORMATS = {one.name: (one.title, "" if one.holds in _FOLDERS else one.suffix) for one in EXPORTS.values()}
@@ -184,7 +182,9 @@ class Exports:
             elif isinstance(event, Log):
                 self._told += f"\n{event.message[:1].upper()}{event.message[1:].rstrip('.')}."
             elif isinstance(event, Finished):
-                self._told += _size_of(event.result)
+                size, files = event.result.get("total_bytes"), event.result.get("files")  # of a share
+                if isinstance(size, int) and isinstance(files, int):
+                    self._told += f"\n{size_words(size)} in {counted(files, 'file')}"
         status = process.status
         if status is None:
             self.changed.emit()
@@ -207,11 +207,3 @@ class Exports:
         if self._process is not None:
             self._stopping = True
             self._process.cancel()
-
-
-def _size_of(result: Mapping[str, JsonData]) -> str:
-    """What a share takes, as a line; "" for exports."""
-    size, files = result.get("total_bytes"), result.get("files")
-    if not isinstance(size, int) or not isinstance(files, int):
-        return ""
-    return f"\n{size_words(size)} in {counted(files, 'file')}"

@@ -1,7 +1,8 @@
 """The inspector, drawn as an image."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from statistics import fmean
 
 import numpy as np
 
@@ -10,17 +11,20 @@ from gui.drawing.palette import DIM, LINE, PANEL, TEXT
 from gui.models.evaluation import Evaluation
 from gui.models.marks import Marks
 from gui.models.playback.player import PlayerPresenter
-from gui.models.playback.span import SPANNED, span_rows
 from gui.models.take.log_words import stage_name
 from gui.models.take.run_state import percent
 from gui.models.take.workspace import Workspace
 from pipelines.reports.terminal import duration
 from pipelines.takes.summaries import summary_words
-from studio.comparison.metrics import EVALUATED
+from studio.comparison.metrics import EVALUATED, FLICKER, MAIN
 from studio.edits import EditList
 from studio.errors import StudioError
 
 Row = tuple[str, str]
+Series = Mapping[str, Sequence[float | None]]
+
+QUALITY = f"{MAIN.name}_decoded"
+SPANNED = (QUALITY, "bytes", FLICKER.name)  # what the figures are made of
 
 
 @dataclass(frozen=True)
@@ -45,7 +49,7 @@ def review_blocks(player: PlayerPresenter, evaluation: Evaluation, marks: Marks,
         ("time", f"{frame / transport.fps:.2f} s at {transport.fps:g} fps"),
     ]
     if player.on_screen:
-        rows += [*camera_rows(player), *splat_rows(player)]
+        rows += camera_rows(player)
     blocks = [Block("Frame", rows, mark)]
     figures, whose = evaluation.figures(frame, camera)
     rows = []
@@ -98,6 +102,35 @@ def span_block(player: PlayerPresenter, evaluation: Evaluation, camera: str, fir
     )
 
 
+def span_rows(
+    series: Series, first: int, last: int, other: Series | None = None, number: Callable[[int], int] = int
+) -> list[tuple[str, str]]:
+    """(name, value) of each figure of the frames from `first` to `last` that is known, from the values of every frame
+    by name of `SPANNED`, None where nothing was measured; figures of `other`, with which it is compared, follow a
+    slash."""
+    frames = slice(first, last + 1)
+    measured = [(value, first + at) for at, value in enumerate(series.get(QUALITY, ())[frames]) if value is not None]
+    where = f", frame {number(min(measured)[1])}" if measured else ""
+    quality, flicker = f".{MAIN.digits}f", f".{FLICKER.digits}f"
+    figures: tuple[tuple[str, str, Callable[[list[float]], float], str, str], ...] = (
+        (f"{MAIN.title}, mean", QUALITY, fmean, quality, MAIN.unit),
+        (f"lowest{where}", QUALITY, min, quality, MAIN.unit),
+        ("size", "bytes", lambda sizes: sum(sizes) / 1000, ",.1f", "KB"),
+        (FLICKER.title, FLICKER.name, fmean, flicker, "/255"),
+    )
+    rows = []
+    for title, name, figure, form, unit in figures:
+        known = [
+            [value for value in one.get(name, ())[frames] if value is not None]
+            for one in (series, other)
+            if one is not None
+        ]
+        if any(known):
+            words = (format(figure(values), form) if values else "-" for values in known)
+            rows.append((title, f"{' / '.join(words)} {unit}"))
+    return rows
+
+
 def run_blocks(workspace: Workspace, stage: str) -> list[Block]:
     """Progress of the run and status of the selected stage."""
     row = workspace.row(stage)
@@ -134,21 +167,18 @@ def run_blocks(workspace: Workspace, stage: str) -> list[Block]:
 
 
 def camera_rows(player: PlayerPresenter) -> list[Row]:
-    """Rows about the capture camera or the free view."""
-    rig = player.opened.rig if player.opened is not None else None
-    if not player.camera or rig is None:
-        return [("camera", "free view")]
-    camera = rig[player.camera]
-    return [
-        ("camera", camera.name + (", held out" if camera.name in player.held_out else "")),
-        ("image", f"{camera.width} x {camera.height}, focal {camera.fx:.0f} px"),
-    ]
-
-
-def splat_rows(player: PlayerPresenter) -> list[Row]:
-    """Number of splats in the image on screen, if it is the wanted one."""
-    picture = player.picture
-    return [("splats", f"{picture.splats:,}")] if picture is not None and player.current and picture.splats else []
+    """Rows about the capture camera or the free view, and the splats in the image, if it is the wanted one."""
+    rig, picture = player.opened.rig if player.opened is not None else None, player.picture
+    rows = [("camera", "free view")]
+    if player.camera and rig is not None:
+        camera = rig[player.camera]
+        rows = [
+            ("camera", camera.name + (", held out" if camera.name in player.held_out else "")),
+            ("image", f"{camera.width} x {camera.height}, focal {camera.fx:.0f} px"),
+        ]
+    if picture is not None and player.current and picture.splats:
+        rows.append(("splats", f"{picture.splats:,}"))
+    return rows
 
 
 def figures_picture(blocks: Sequence[Block], width: int, height: int, em: float, down: float = 0.0) -> np.ndarray:

@@ -79,11 +79,6 @@ class ChildProcess:
     def pid(self) -> int:
         return self._process.pid
 
-    @property
-    def running(self) -> bool:
-        """Whether the process is still running or has unread output."""
-        return not self._ended
-
     def take_lines(self) -> list[str]:
         """New lines of standard output. Never blocks."""
         lines: list[str] = []

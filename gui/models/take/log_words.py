@@ -21,7 +21,8 @@ def metrics_words(event: Metrics) -> str:
     """One line, for example "Train, frame 12: 35,871 splats, 4 s". Figures that are not known here keep their names."""
     figures = dict(event.values)
     known = [part for part in _WORDS.get(event.stage, lambda _figures: [])(figures) if part]
-    words = ", ".join([*known, *_rest(figures)])
+    rest = [f"{name.replace('_', ' ')} {_plain(value)}" for name, value in figures.items() if value is not None]
+    words = ", ".join([*known, *rest])
     where = f"frame {event.frame}" if event.frame is not None else f"group {event.group}"
     return f"{stage_name(event.stage)}{f', {where}' if event.group is not None else ''}: {words}"
 
@@ -92,10 +93,6 @@ _WORDS: Mapping[str, Callable[[Figures], list[str]]] = {
 
 def _count(value: JsonData, noun: str) -> str:
     return counted(value, noun) if isinstance(value, int | float) else ""
-
-
-def _rest(figures: Figures) -> list[str]:
-    return [f"{name.replace('_', ' ')} {_plain(value)}" for name, value in figures.items() if value is not None]
 
 
 def _plain(value: JsonData) -> str:

@@ -7,8 +7,7 @@ from typing import cast
 from pydantic import JsonValue
 
 from gui.models.take.page_words import setting_words
-from gui.models.take.settings import stage_of
-from gui.models.take.workspace import setting_value
+from gui.models.take.settings import setting_value, stage_of
 from pipelines.config import Config
 from pipelines.events import Notice
 from studio.json_types import JsonData

@@ -109,7 +109,10 @@ class RunState:
             if event.stage == "train":
                 self._train_figures(event)
         elif isinstance(event, Metrics):
-            self._metrics(event)
+            if event.stage in ("train", "bake", "initialize"):
+                self.results += 1
+            if event.stage != "evaluate" or event.frame is not None:  # its summary is that of StageFinished
+                self._say(metrics_words(event))
         elif isinstance(event, GroupState):
             self.lanes.setdefault(event.stage, {})[event.group] = event
             if event.state in ("retried", "failed"):
@@ -161,12 +164,6 @@ class RunState:
     def _say(self, text: str, kind: str = "", notice: Notice | None = None) -> None:
         self.begun = True
         self.lines.append(LogLine(kind, in_page_words(text), self._now, notice))
-
-    def _metrics(self, event: Metrics) -> None:
-        if event.stage in ("train", "bake", "initialize"):
-            self.results += 1
-        if event.stage != "evaluate" or event.frame is not None:  # its summary is that of StageFinished
-            self._say(metrics_words(event))
 
     def _train_figures(self, event: Progress) -> None:
         if event.fraction < self._trained:  # training has started over

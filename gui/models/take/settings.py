@@ -6,8 +6,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Any, Literal, Union, get_args, get_origin
+from typing import Any, Literal, Union, cast, get_args, get_origin
 
+from pydantic import JsonValue
 from pydantic.fields import FieldInfo
 
 from gui.models.stage_rows import TITLES
@@ -54,9 +55,7 @@ class SettingField:
 
     def shown(self, config: Config) -> str:
         """The value as text: "true" or "false" for a switch, one of `choices` for a choice."""
-        value: Any = config.model_dump(mode="json")
-        for part in self.name.split("."):
-            value = value[part]
+        value: Any = setting_value(config, self.name)
         if self.empty and value in (None, [], {}):
             return self.empty
         if isinstance(value, str):
@@ -66,7 +65,8 @@ class SettingField:
         text = inline_yaml(value)
         if self.kind == "choice":
             return SWITCH_WORDS.get(text, text) if self.nullable else text
-        flat = self.kind_of_list and not any(isinstance(one, (list, dict)) for one in _items(value))
+        items = value.values() if isinstance(value, dict) else value
+        flat = self.kind_of_list and not any(isinstance(one, (list, dict)) for one in items)
         return text[1:-1].strip() if flat else text
 
     def parsed(self, text: str) -> Any:
@@ -110,19 +110,23 @@ class SettingField:
         return str(round(moved)) if self.whole else f"{moved:.6g}"
 
 
+def setting_value(config: Config, name: str) -> JsonValue:
+    """The JSON-ready value of a setting, by its dotted name."""
+    value: Any = config.model_dump(mode="json")
+    for part in name.split("."):
+        value = value[part]
+    return cast(JsonValue, value)
+
+
 def _round_step(least: float) -> float:
     """The lowest of 1, 2 and 5 times a power of ten that is not below a number above 0."""
     power = 10.0 ** math.floor(math.log10(least))
     return next(one * power for one in (1, 2, 5, 10) if one * power >= least * (1 - 1e-9))
 
 
-def fields_of(stage: str) -> list[SettingField]:
-    """All settings of a stage, in order of declaration."""
-    return list(_fields_of(stage))
-
-
 @cache
-def _fields_of(stage: str) -> tuple[SettingField, ...]:
+def fields_of(stage: str) -> tuple[SettingField, ...]:
+    """All settings of a stage, in order of declaration."""
     found: list[SettingField] = []
     for section in SECTIONS[stage]:
         model = submodel(Config.model_fields[section])
@@ -136,7 +140,7 @@ def stage_of(setting: str) -> str:
     """The stage whose panel has a setting, or a block of them ("calibrate.board"), by its dotted name; "" if no panel
     has it."""
     for stage in SECTIONS:
-        if any(field.name == setting or field.name.startswith(f"{setting}.") for field in _fields_of(stage) if setting):
+        if any(field.name == setting or field.name.startswith(f"{setting}.") for field in fields_of(stage) if setting):
             return stage
     return ""
 
@@ -205,10 +209,6 @@ def _kind_of_list(kind: Any) -> str:
 
 def _words(choice: str) -> str:
     return choice.replace("_", " ") if choice.islower() else choice
-
-
-def _items(value: Any) -> list[Any]:
-    return list(value.values()) if isinstance(value, dict) else list(value)
 
 
 def _limits(field: FieldInfo, whole: bool) -> tuple[float, float] | None:

@@ -63,12 +63,6 @@ def look(queue: QueueFile) -> QueueView:
     return QueueView(tuple(rows), is_run)
 
 
-def _killed(number: int) -> str:
-    name = signal.Signals(number).name if number in set(signal.Signals) else f"signal {number}"
-    memory = ", as by the system when memory runs out" if number == signal.SIGKILL else ""
-    return f"The program that worked through the queue was ended by {name}{memory}. Start it again to continue."
-
-
 class TakeQueue:
     """See the module. Nothing here blocks. `message`: why the last change was refused, or why the program that ran the
     queue failed; "" if neither. While it is `watched`, on screen, its file is read now and then; `changed` tells of
@@ -101,7 +95,10 @@ class TakeQueue:
             if code > 0:
                 self.message = self._why_it_ended() or self.message
             elif code < 0 and code != -signal.SIGTERM:  # SIGTERM is how it is stopped
-                self.message = _killed(-code)
+                name = signal.Signals(-code).name if -code in set(signal.Signals) else f"signal {-code}"
+                memory = ", as by the system when memory runs out" if -code == signal.SIGKILL else ""
+                ended = f"The program that worked through the queue was ended by {name}{memory}."
+                self.message = f"{ended} Start it again to continue."
             self._process = None
             self._timer.soon()
             self.changed.emit()

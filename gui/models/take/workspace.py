@@ -8,9 +8,6 @@ import time
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, cast
-
-from pydantic import JsonValue
 
 from gui.models.history import Change, History
 from gui.models.loop import LOOP, Signal
@@ -19,6 +16,7 @@ from gui.models.stages import Inputs
 from gui.models.take.jobs import Job, is_paused, pause_process, stop_process
 from gui.models.take.page_words import in_page_words, why_not_done
 from gui.models.take.run_state import RunState
+from gui.models.take.settings import setting_value
 from gui.models.worker import Done, LatestWorker
 from pipelines.config import Config, load_config
 from pipelines.events import Finished
@@ -150,7 +148,7 @@ class Workspace:
             if isinstance(event, Finished) and event.outcome == "done":
                 took = f"The run has finished after {duration(event.seconds)}."
                 ended = took if self.run.planned else "There was nothing to run: everything is up to date."
-        if not job.running:
+        if job.status is not None:
             crash = job.crash()
             if crash is not None:
                 self.run.crashed(*crash)
@@ -171,17 +169,14 @@ class Workspace:
 
     def _notify(self) -> None:
         """Emit what has changed since the last time."""
-        shown = self._shown()
+        now = (self.run.changes, self.assessment, self.holder, self.problem, self.assessed, self.checked, self.paused)
+        shown = (*now, self.context)
         if shown != self._seen:
             self._seen = shown
             self.changed.emit()
         if self.run.results != self._results_seen:
             self._results_seen = self.run.results
             self.new_results.emit()
-
-    def _shown(self) -> tuple[object, ...]:
-        now = (self.run.changes, self.assessment, self.holder, self.problem, self.assessed, self.checked, self.paused)
-        return (*now, self.context)
 
     def _job_over(self) -> None:
         assert self.take is not None
@@ -251,20 +246,20 @@ class Workspace:
         if key == "capture":
             return self._capture_row()
         name = pipeline_name(key)
+        status = self.assessment.stages.get(name)
         if self.busy:
             if self.run.stage == name:
                 words = "stopping" if self.cancelling else "paused" if self.paused else self.run.stage_words()
-                return StageRow(
-                    key, "running", words, fraction=self.run.progress.fraction if self.run.progress else 0.0
-                )
+                fraction = self.run.progress.fraction if self.run.progress else 0.0
+                return StageRow(key, "running", words, fraction=fraction)
             if name in self.run.finished:  # the assessment may be older
                 return StageRow(key, "done", "done")
             if name in self.run.planned and name not in self.run.failed:
                 return StageRow(key, "waiting", "waiting")
-        if name in self.run.failed and not self.busy and not (self.assessed and self._state(name) == "done"):
+        is_done = self.assessed and status is not None and status.state == "done"
+        if name in self.run.failed and not self.busy and not is_done:
             why = in_page_words(self.run.failed[name])
             return StageRow(key, "failed", "failed", why, self.run.failed_setting.get(name, ""))
-        status = self.assessment.stages.get(name)
         if status is None:
             return StageRow(key, "missing", "" if self.assessed or self.context is None else "checking")
         words = "not run" if status.state == "missing" else status.state
@@ -272,10 +267,6 @@ class Workspace:
             words = f"{status.units_done} of {status.units} {status.unit}"
         # that it has not run, and that earlier stages have not either, is in the list already
         return StageRow(key, status.state, words, "" if status.state == "missing" else why_not_done(status))
-
-    def _state(self, name: str) -> str:
-        status = self.assessment.stages.get(name)
-        return status.state if status else "missing"
 
     def _capture_row(self) -> StageRow:
         if self.context is None:
@@ -370,10 +361,6 @@ class Workspace:
         pid = self.holder.get("pid") if self.holder is not None else None
         return pid if isinstance(pid, int) else None
 
-    def change_setting(self, name: str, value: object) -> Message | None:
-        """Write a setting to the take's config.yaml; return None, or why it was refused."""
-        return self.change_settings({name: value})
-
     def change_settings(self, values: Mapping[str, object], words: str = "") -> Message | None:
         """Write settings, by dotted name, to config.yaml as one change to undo; returns why it was refused."""
         before = self.context.config if self.context is not None else None
@@ -387,13 +374,18 @@ class Workspace:
             self.history.add(Change(words, lambda: write(old), lambda: write(new)))
         return refusal
 
+    @property
+    def locked(self) -> Message | None:
+        """Why no setting can be changed now; None if they can."""
+        if self.context is None:
+            return Message("settings.no_take", "no take with readable settings is open", fix="Open a take first.")
+        fix = "Wait for it to finish, or cancel it."
+        return Message("settings.run_active", "settings are locked during a run", fix=fix) if self.busy else None
+
     def write_settings(self, values: Mapping[str, object]) -> Message | None:
         """As `change_settings`, but not noted for undo."""
-        if self.take is None or self.context is None:
-            return Message("settings.no_take", "no take with readable settings is open", fix="Open a take first.")
-        if self.busy:
-            fix = "Wait for it to finish, or cancel it."
-            return Message("settings.run_active", "settings are locked during a run", fix=fix)
+        if self.take is None or self.context is None or self.locked is not None:
+            return self.locked
         try:
             config = load_config(self.take.config, list(values.items()))
             if config != self.context.config:
@@ -420,14 +412,6 @@ class Workspace:
         """End the thread; a job keeps running. Returns whether the thread ended in time."""
         LOOP.stop(self._timer)
         return self._worker.close()
-
-
-def setting_value(config: Config, name: str) -> JsonValue:
-    """The JSON-ready value of a setting, by its dotted name."""
-    value: Any = config.model_dump(mode="json")
-    for part in name.split("."):
-        value = value[part]
-    return cast(JsonValue, value)
 
 
 def modified(path: Path) -> int:

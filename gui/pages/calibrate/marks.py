@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gui.models.take.workspace import modified
 from studio.calibration import TiePoint, read_tie_points, write_tie_points
 from studio.cameras import Camera, Rig
 
@@ -21,15 +22,12 @@ class TieMarks:
         self.chosen = 0
         self.changes = 0
         self._before: list[tuple[list[TiePoint], int]] = []
-        self._stamp = self._time()
-
-    def _time(self) -> int:
-        return self.path.stat().st_mtime_ns if self.path.is_file() else 0
+        self._stamp = modified(path)
 
     @property
     def stale(self) -> bool:
         """Whether another program has changed the file."""
-        return self._time() != self._stamp
+        return modified(self.path) != self._stamp
 
     @property
     def point(self) -> TiePoint | None:
@@ -108,7 +106,7 @@ class TieMarks:
     def _write(self) -> None:
         self.changes += 1
         write_tie_points([point for point in self.points if point.pixels], self.path)
-        self._stamp = self._time()
+        self._stamp = modified(self.path)
 
 
 def advice(marks: TieMarks, names: Sequence[str], camera: str, frame: int | None) -> str:

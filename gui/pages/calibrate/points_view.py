@@ -1,6 +1,6 @@
 """Manual tie points: one camera's image, the list of points, and crops of the selected point in other cameras."""
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from functools import partial
 from pathlib import Path
 
@@ -12,15 +12,15 @@ from gui.models.held_out import held_out_first
 from gui.models.loop import Signal
 from gui.models.stages import Inputs
 from gui.models.take.workspace import Workspace
-from gui.pages.calibrate.magnifier import Magnifier
 from gui.pages.calibrate.marks import TieMarks, advice, expected
-from gui.pages.calibrate.points_drawing import MOST_PICTURES, Action, Spots, crops, crosses, point_list, tabs
+from gui.pages.calibrate.points_drawing import MOST_PICTURES, Action, Magnifier, Spots, crops, crosses, point_list, tabs
 from gui.pages.stage_view import Size, StageView
 from pipelines.takes.stage_files import read_cameras_report
 from studio.calibration.report import CalibrationReport, TiePointReport
 from studio.camera_files import read_rig
 from studio.cameras import Rig
 from studio.errors import StudioError
+from studio.memory_cache import MemoryCache
 from studio.storage import is_address
 
 
@@ -38,7 +38,7 @@ class PointsView(StageView):
         self.run: Signal[[]] = Signal()
         self.problem = ""
         self.magnifiers: dict[str, Magnifier] = {}
-        self._images: dict[tuple[str, int], np.ndarray] = {}
+        self._images: MemoryCache[tuple[str, int], np.ndarray] = MemoryCache(MOST_PICTURES + 3)
         self._spots = Spots()
         self._changes = 0
         self._scroll = 0
@@ -72,16 +72,8 @@ class PointsView(StageView):
         solved = tuple(file.stat().st_mtime_ns for file in files if file.is_file())
         changes = self.marks.changes if self.marks is not None else 0
         magnifier = self.magnifiers.get(self.camera)
-        return (
-            path,
-            changes,
-            self._changes,
-            self.camera,
-            self.frame,
-            self.em,
-            solved,
-            magnifier.view if magnifier else None,
-        )
+        view = magnifier.view if magnifier is not None else None
+        return (path, changes, self._changes, self.camera, self.frame, self.em, solved, view)
 
     def _load(self, path: Path) -> None:
         chosen = self.marks.chosen if self.marks is not None and self.marks.path == path else 0
@@ -141,12 +133,8 @@ class PointsView(StageView):
         assert self.workspace.context is not None
         if number is None or number not in self.workspace.context.footage.raw.frames:
             number = self._number()
-        key = (camera, number)
-        if key not in self._images:
-            if len(self._images) > MOST_PICTURES + 2:
-                self._images.clear()
-            self._images[key] = self.workspace.context.footage.raw.raw_image(*key)
-        return self._images[key]
+        raw = self.workspace.context.footage.raw
+        return self._images.get_or_make((camera, number), lambda key: raw.raw_image(*key))
 
     def _number(self) -> int:
         """Frame number in the footage of the current frame."""
@@ -176,11 +164,11 @@ class PointsView(StageView):
 
     def _buttons(self) -> list[tuple[str, Action]]:
         return [
-            ("New point (N)", self.new_point),
+            ("New point (N)", partial(self.edit, TieMarks.add)),
             ("Edit name, position (E)", self.described.emit),
             ("Not in this camera (Delete)", self.unmark),
-            ("Delete point", self.remove),
-            ("Undo (U)", self.undo),
+            ("Delete point", partial(self.edit, TieMarks.remove)),
+            ("Undo (U)", partial(self.edit, TieMarks.undo)),
             (f"Snapping: {'on' if self.snaps else 'off'} (A)", self.toggle_snap),
             ("Calibrate", self.run.emit),
         ]
@@ -254,28 +242,18 @@ class PointsView(StageView):
             here = names.index(self.camera) if self.camera in names else 0
             self.show_camera(names[(here + direction) % len(names)])
 
-    def new_point(self) -> None:
+    def edit(self, action: Callable[[TieMarks], None]) -> None:
+        """Change the points or the selection, if there is a file for them."""
         if self.marks is not None:
-            self.marks.add()
+            self._try(partial(action, self.marks))
 
     def step_point(self, direction: int) -> None:
         """Select the next (1) or previous (-1) point in the list."""
-        if self.marks is not None:
-            self.marks.choose(self.marks.chosen + direction)
+        self.edit(lambda marks: marks.choose(marks.chosen + direction))
 
     def unmark(self) -> None:
         """Remove the selected point's mark in this camera."""
-        if self.marks is not None:
-            marks, camera = self.marks, self.camera
-            self._try(lambda: marks.unmark(camera))
-
-    def remove(self) -> None:
-        if self.marks is not None:
-            self._try(self.marks.remove)
-
-    def undo(self) -> None:
-        if self.marks is not None:
-            self._try(self.marks.undo)
+        self.edit(lambda marks: marks.unmark(self.camera))
 
     def toggle_snap(self) -> None:
         """Toggle snapping of clicks to the nearest corner or dot."""

@@ -12,7 +12,7 @@ from gui.drawing.painter import NEAR, draw_frustum, draw_line, draw_points, frus
 from gui.drawing.palette import BAD, DIM, FAIR, GOOD, GROUND, HELD_OUT, LINE, RAISED, RGB, SECOND, TEXT
 from gui.models.held_out import held_out_cameras, held_out_first
 from gui.models.scene.orbit import OrbitCamera
-from gui.models.scene.reader import MOST_THUMBNAILS, small_image
+from gui.models.scene.reader import MOST_THUMBNAILS, SmallImages, small_image
 from gui.models.take.inspector import Block
 from gui.models.take.page_words import in_page_words
 from gui.models.take.workspace import Workspace, modified
@@ -28,6 +28,7 @@ from studio.camera_files import read_rig
 from studio.cameras import Camera, Rig
 from studio.counts import counted
 from studio.errors import StudioError
+from studio.memory_cache import MemoryCache
 from studio.own_frame import in_own_frame
 
 AGREES: tuple[str, RGB] = ("agrees with the others", GOOD)
@@ -58,7 +59,7 @@ class CalibrateView(OrbitView):
         self._rig: Rig | None = None
         self._checked = CheckedCameras(None, None, None)
         self._points: tuple[np.ndarray, np.ndarray] | None = None
-        self._thumbnails: dict[tuple[str, int], np.ndarray | None] = {}
+        self._thumbnails: SmallImages = MemoryCache(MOST_THUMBNAILS)
         self._coverage: RigCoverage | None = None
         self._coverage_of: Hashable = None
         self._sorting = Sorting()
@@ -145,27 +146,15 @@ class CalibrateView(OrbitView):
             self._coverage = RigCoverage.of(self._rig, names, self.home.target, surface)
 
     @property
-    def _held_out(self) -> tuple[str, ...]:
-        """The cameras that are not trained on."""
-        return held_out_cameras(self.workspace.context)
-
-    @property
     def _cameras(self) -> list[Camera]:
         """In the order of the report."""
         assert self._rig is not None
-        return [self._rig[name] for name in held_out_first(self._rig.names, self._held_out)]
-
-    def _error(self, name: str) -> float | None:
-        figures = self._figures(name)
-        return None if figures is None else figures.mean
+        return [self._rig[name] for name in held_out_first(self._rig.names, held_out_cameras(self.workspace.context))]
 
     def _figures(self, name: str) -> CameraReport | None:
         """None if the cameras are from a file."""
         report = self._checked.report
         return report.cameras.get(name) if isinstance(report, CalibrationReport) else None
-
-    def _color(self, name: str) -> RGB:
-        return self._state(name)[1]
 
     def _state(self, name: str) -> tuple[str, RGB]:
         """Whether a camera is right."""
@@ -197,9 +186,10 @@ class CalibrateView(OrbitView):
         far_first = sorted(self._rig, key=lambda camera: -float(np.linalg.norm(camera.center - orbit.eye)))
         small = round(0.85 * self.em)
         places = []
-        held_out = self._held_out
+        context = self.workspace.context
+        held_out = held_out_cameras(context)
         for camera in far_first:
-            color = self._color(camera.name) if covered is None else SECOND
+            color = self._state(camera.name)[1] if covered is None else SECOND
             if camera.name in held_out:
                 color = HELD_OUT
             if camera.name == self.camera:
@@ -208,14 +198,18 @@ class CalibrateView(OrbitView):
             pixels, depth = view.project(np.vstack([center[None], corners]))
             if (depth > NEAR).all():
                 places.append((camera.name, pixels))
-            picture = self._thumbnail(camera.name) if covered is None else None
+            picture = None
+            if covered is None and context is not None:
+                picture = self._thumbnails.get_or_make(
+                    (camera.name, self.frame), lambda key: small_image(context, *key)
+                )
             draw_frustum(canvas, view, camera, length, color, picture, 2)
         self.places = places
         # the chosen one first, then those in front: where there is no room for all names, these have theirs
         nearest = places[::-1]
         named = sorted(nearest, key=lambda place: place[0] != self.camera)
-        errors = {name: self._error(name) if covered is None else None for name, _ in named}
-        words = [name if errors[name] is None else f"{name}  {errors[name]:.2f} px" for name, _ in named]
+        figures = {name: self._figures(name) if covered is None else None for name, _ in named}
+        words = [name if one is None else f"{name}  {one.mean:.2f} px" for name, one in figures.items()]
         draw_labels(canvas, words, [corners for _, corners in named], small)
         self._legend(canvas, small, covered, bool(held_out))
         return canvas.pixels
@@ -243,19 +237,6 @@ class CalibrateView(OrbitView):
             canvas.dot(self.em, y + 0.6 * small, 0.3 * small, color)
             canvas.text(1.7 * self.em, y, words, small, DIM)
 
-    def _thumbnail(self, name: str) -> np.ndarray | None:
-        context = self.workspace.context
-        if context is None:
-            return None
-        key = (name, self.frame)
-        if key not in self._thumbnails:
-            if len(self._thumbnails) > MOST_THUMBNAILS:
-                self._thumbnails.clear()
-            self._thumbnails[key] = None  # the Capture view shows the error
-            with suppress(StudioError):
-                self._thumbnails[key] = small_image(context, name, self.frame)
-        return self._thumbnails[key]
-
     def _table(self, size: Size) -> np.ndarray:
         assert self._rig is not None
         canvas = Canvas(*size, GROUND)
@@ -267,7 +248,7 @@ class CalibrateView(OrbitView):
         source = "a file" if isinstance(report, CamerasFromFile) else source
         facts = [counted(len(self._rig), "camera"), f"from {source}"]
         columns, same = self._columns()
-        held_out = self._held_out
+        held_out = held_out_cameras(self.workspace.context)
         if isinstance(report, CalibrationReport):
             figures = report.reprojection
             facts.append(f"reprojection error: mean {figures.mean:.2f} px, p95 {figures.p95:.2f} px")
@@ -303,7 +284,7 @@ class CalibrateView(OrbitView):
             places.append((camera.name, rectangle(0, y, size[0], step)))
             if camera.name == self.camera:
                 canvas.rect(0.2 * em, y, size[0] - 0.4 * em, step, RAISED)
-            canvas.dot(em, y + 0.6 * normal, 0.22 * em, self._color(camera.name))
+            canvas.dot(em, y + 0.6 * normal, 0.22 * em, self._state(camera.name)[1])
             label = f"{camera.name}, held out" if camera.name in held_out else camera.name
             canvas.text(1.7 * em, y, label, normal, TEXT, width=PLACES[COLUMNS[0]] * wide - 5 * em)
             for title, words in columns.items():

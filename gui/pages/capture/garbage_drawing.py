@@ -11,7 +11,8 @@ from gui.drawing.canvas import Canvas
 from gui.drawing.palette import BAD, FAIR, GOOD
 from gui.models.history import Change
 from gui.models.loop import Signal
-from gui.models.take.workspace import Workspace, setting_value
+from gui.models.take.settings import setting_value
+from gui.models.take.workspace import Workspace
 from pipelines.takes.atomic_files import disk_errors, remove
 from pipelines.takes.drawn_masks import DRAWN, file_of_garbage
 from studio.atomic_files import write_bytes
@@ -79,8 +80,8 @@ class GarbageDrawing:
             self.refused.emit(str(error))
             return
         one = old.get(camera, GarbagePolygons())
-        place = np.array(at) * _scale(one, size)
-        left = tuple(polygon for polygon in one.remove if not _holds(polygon, place))
+        x, y = (np.array(at) * _scale(one, size)).tolist()
+        left = tuple(each for each in one.remove if cv2.pointPolygonTest(each.astype(np.float32), (x, y), False) < 0)
         if len(left) < len(one.remove):
             self._write({**old, camera: replace(one, remove=left)}, f"delete a garbage mask of {camera}")
 
@@ -145,11 +146,8 @@ class GarbageDrawing:
         """Write the file and the setting; returns why that was refused."""
         workspace = self._workspace
         take, (value, polygons) = workspace.take, state
-        if take is None:
-            return Message("settings.no_take", "no take with readable settings is open", fix="Open a take first.")
-        if workspace.busy:
-            fix = "Wait for it to finish, or cancel it."
-            return Message("settings.run_active", "settings are locked during a run", fix=fix)
+        if take is None or workspace.locked is not None:
+            return workspace.locked
         try:
             with disk_errors(take.root):
                 before = take.garbage.read_bytes() if take.garbage.is_file() else None
@@ -170,10 +168,6 @@ class GarbageDrawing:
 def _scale(polygons: GarbagePolygons, size: tuple[int, int]) -> np.ndarray:
     """Pixels of the polygons per pixel of an image of this size."""
     return np.ones(2) if polygons.size is None else np.array(polygons.size) / size
-
-
-def _holds(polygon: np.ndarray, place: np.ndarray) -> bool:
-    return cv2.pointPolygonTest(polygon.astype(np.float32), (float(place[0]), float(place[1])), False) >= 0
 
 
 def draw_garbage(

@@ -9,6 +9,7 @@ import pytest
 from gui.drawing.palette import GROUND
 from gui.models.evaluation import Evaluation
 from gui.models.marks import Marks
+from gui.models.playback.sources import load
 from gui.models.preferences import RECENT, Preferences
 from gui.models.stage_rows import TITLES
 from gui.models.take.inspector import review_blocks
@@ -52,7 +53,7 @@ sys.exit(main())
 
 
 def opened(views: StageViews, take: Path) -> None:
-    assert views.player.open(take), views.player.message
+    views.player.adopt(*load(take))
     views.workspace.open(Take.open(take))
 
 

@@ -6,6 +6,7 @@ from starlette.routing import Mount
 from starlette.staticfiles import StaticFiles
 
 from gui.models.playback.player import PlayerPresenter
+from gui.models.playback.sources import load
 from gui.widgets.timeline import TimelinePanel
 from tests.support.players import settle
 from tests.support.web_servers import running
@@ -22,7 +23,7 @@ def test_a_stream_on_the_web_is_not_downloaded_for_the_strip(stream_folder: Path
 
     panel = TimelinePanel(player, 16.0, lambda: None)
     with running(Starlette(routes=[Mount("/", Files(directory=stream_folder))])) as port:
-        assert player.open(f"http://127.0.0.1:{port}"), player.message
+        player.adopt(*load(f"http://127.0.0.1:{port}"))
         for frame in (0, 11):  # of both groups
             player.transport.seek(frame)
             settle(player)
@@ -32,6 +33,6 @@ def test_a_stream_on_the_web_is_not_downloaded_for_the_strip(stream_folder: Path
         assert panel.plots_view.strip == 0, "no room for it either"
         assert panel.filmstrip.close()
         assert len(asked) == before
-    assert player.open(stream_folder)
+    player.adopt(*load(stream_folder))
     assert panel.plots_view.strip > 0
     assert player.close()

@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from gui.models.playback.player import PlayerPresenter
+from gui.models.playback.sources import load
 from gui.models.playback.stream_source import StreamSource
 from gui.models.worker import LatestWorker
 from pipelines.takes.frame_files import FrameMetadata, write_frame
@@ -38,9 +39,7 @@ def player() -> Iterator[PlayerPresenter]:
     assert presenter.close()
 
 
-def test_nothing_whole_is_a_sentence_and_playing_ends(
-    player: PlayerPresenter, stream_folder: Path, tmp_path: Path
-) -> None:
+def test_nothing_whole_is_a_sentence(stream_folder: Path, tmp_path: Path) -> None:
     shutil.copytree(stream_folder, tmp_path / "gone")
     source = StreamSource(tmp_path / "gone")
     shutil.rmtree(tmp_path / "gone" / "files")
@@ -49,8 +48,9 @@ def test_nothing_whole_is_a_sentence_and_playing_ends(
     with refuses("playback.nothing_playable"):
         source.gaussians(0)
     source.close()
-    assert not player.open(tmp_path / "gone")
-    assert "files/" in player.message
+    with refuses("playback.nothing_playable") as caught:
+        load(tmp_path / "gone")
+    assert "files/" in str(caught.value)
 
 
 def make_take(root: Path, frames: int, stream: Path | None = None) -> Take:
@@ -72,7 +72,7 @@ def make_take(root: Path, frames: int, stream: Path | None = None) -> Take:
 
 def test_a_take_shows_decoded_and_trained(player: PlayerPresenter, stream_folder: Path, tmp_path: Path) -> None:
     take = make_take(tmp_path / "take", 12, stream_folder)
-    assert player.open(take.root), player.message
+    player.adopt(*load(take.root))
     assert player.source_names == ["decoded", "trained"]
     view = player.view()
     pixels, depth = view.project(player.points)
@@ -91,7 +91,7 @@ def test_a_take_shows_decoded_and_trained(player: PlayerPresenter, stream_folder
 
 def test_frames_that_are_trained_meanwhile_show_up(player: PlayerPresenter, tmp_path: Path) -> None:
     take = Take.create(tmp_path / "take")
-    assert player.open(take.root), player.message
+    player.adopt(*load(take.root))
     assert "Nothing trained" in player.message
     assert not player.refresh()
     make_take(take.root, 3)

@@ -11,6 +11,7 @@ from gui.models.evaluation import Evaluation
 from gui.models.marks import Marks
 from gui.models.playback.image_zoom import ImageZoom
 from gui.models.playback.player import PlayerPresenter
+from gui.models.playback.sources import load
 from gui.models.take.inspector import review_blocks
 from pipelines.reports.images import render
 from pipelines.takes.frame_files import read_frame
@@ -54,7 +55,7 @@ def test_a_half_trained_group_shows_the_frames_that_are_there(take_copy: Path) -
     for frame in (0, 2):
         Take.open(take_copy).finished_frame(0, frame).unlink()
     player = PlayerPresenter()
-    assert player.open(take_copy), player.message
+    player.adopt(*load(take_copy))
     assert (player.transport.frame, player.transport.frame_count) == (1, 5), "the keyframe comes first"
     assert picture_of(player).any()
     player.transport.seek(2)
@@ -107,7 +108,7 @@ def test_marks_stay_in_the_take(tmp_path: Path) -> None:
     marks.set(4, "  hand is blurred ", None)
     marks.set(1, "", None)
     marks.set(9, "flicker", None)
-    marks.remove(1, marks.marks[1])
+    marks.put(1, None, marks.marks[1])
     again = Marks(path)
     assert again.notes == {4: "hand is blurred", 9: "flicker"}
     change_mark(path, 2, Mark(frame=2, note="thin", author="Anna"), None)  # in a browser
@@ -119,7 +120,7 @@ def test_marks_stay_in_the_take(tmp_path: Path) -> None:
     again.set(2, "thin", again.marks[2])
     assert again.marks[2].author == "Anna"
     assert marks.refresh()
-    again.remove(2, again.marks[2])
+    again.put(2, None, again.marks[2])
     assert (again.next_after(4, 1), again.next_after(4, -1), again.next_after(9, -1)) == (9, None, 4)
     path.write_text("[1, 2")
     damaged = Marks(path)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from gui.models.playback.player import PlayerPresenter
+from gui.models.playback.sources import load
 from pipelines.takes.take import Take
 from studio.stream import BakeSettings, CapturePlace
 from tests.support.sounds import FakeOutput, click_times, clicks
@@ -47,7 +48,7 @@ def player(stream: Path, device: Device) -> Iterator[PlayerPresenter]:
 def playing(place: Path, device: Device) -> PlayerPresenter:
     picture = np.zeros((8, 8, 3), np.uint8)
     player = PlayerPresenter(lambda gaussians, camera, color: picture, lambda: 0.0, lambda: device)
-    assert player.open(place)
+    player.adopt(*load(place))
     wait_until("loaded", lambda: player.audio is not None and player.audio.waveform is not None)
     player.poll()
     return player
@@ -83,7 +84,7 @@ def test_sound_can_be_turned_off_and_a_missing_device_is_told(
     device.frames(player, 1)
     assert device.played[-1].any()
     device.refuse = True
-    assert player.open(stream)
+    player.adopt(*load(stream))
     wait_until("loaded", lambda: player.audio is not None and player.audio.player is not None)
     player.poll()
     player.transport.play()

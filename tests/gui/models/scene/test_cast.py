@@ -5,6 +5,7 @@ import numpy as np
 import torch
 
 from gui.models.playback.player import PlayerPresenter
+from gui.models.playback.sources import load
 from gui.models.scene.orbit import OrbitCamera
 from gui.widgets.raycast import RaycastMesh
 from studio.formats import ply
@@ -31,7 +32,7 @@ def test_models_and_splats_hide_each_other(tmp_path: Path) -> None:
     document = {"format": "v3studio-cast", "version": 1, "ground": {"color": [0, 0.9, 0]}, "items": items}
     (tmp_path / "cast.json").write_text(json.dumps(document))
     player = PlayerPresenter(read_mesh=RaycastMesh)
-    assert player.open(tmp_path / "cast.json"), player.message
+    player.adopt(*load(tmp_path / "cast.json"))
     assert player.mode == "scene"
     player.scene_parts = frozenset({"splats"})
     player.background = "black"

@@ -81,7 +81,7 @@ def test_a_run_told_by_its_events() -> None:
 )
 def test_a_crash_is_a_sentence_with_the_end_of_its_output(tmp_path: Path, code: str, said: str) -> None:
     job = Job(Take.create(tmp_path / "take"), (), program=(sys.executable, "-c", code))
-    wait_until("ended", lambda: not job.take_events() and not job.running)
+    wait_until("ended", lambda: not job.take_events() and job.status is not None)
     crash = job.crash()
     assert said in crash[0]
     run = RunState(stage="train")
@@ -125,9 +125,9 @@ def test_a_setting_makes_stages_stale_and_a_run_makes_them_done_again(workspace:
     workspace.open(Take.open(take_copy))
     wait_in_loop("assessed", lambda: states(workspace) == dict.fromkeys(TITLES, "done"))
     assert workspace.row("capture").words == "6 cameras, 5 frames"
-    refusal = workspace.change_setting("bake.quality", 99)
+    refusal = workspace.change_settings({"bake.quality": 99})
     assert "must be" in refusal.problem
-    assert workspace.change_setting("bake.quality", 33) is None
+    assert workspace.change_settings({"bake.quality": 33}) is None
     wait_in_loop("stale", lambda: states(workspace)["bake"] == "stale")
     assert states(workspace)["train"] == "done"
     assert "'quality' in Bake changed from 22 to 33" in workspace.row("bake").detail
@@ -136,7 +136,7 @@ def test_a_setting_makes_stages_stale_and_a_run_makes_them_done_again(workspace:
     refused = heard(workspace.refused)
     assert not workspace.start("all"), "one run at a time"
     assert "Another run is in progress" in str(refused)
-    refusal = workspace.change_setting("bake.quality", 34)
+    refusal = workspace.change_settings({"bake.quality": 34})
     assert refusal.code == "settings.run_active"
     wait_in_loop("over", lambda: not workspace.busy)
     assert workspace.run.planned == ("bake", "evaluate")
@@ -179,7 +179,7 @@ def test_a_run_in_a_terminal_shows_up_can_be_stopped_and_gone_on_with(
         terminal.kill()
         terminal.wait()
     wait_in_loop("over", lambda: not workspace.busy and workspace.run.outcome == "cancelled")
-    assert workspace.change_setting("train.keyframe_iterations", 100_001) is None
+    assert workspace.change_settings({"train.keyframe_iterations": 100_001}) is None
     assert workspace.start("train")
     wait_in_loop("training", lambda: workspace.run.stage == "train")
     os.kill(workspace.job.pid, signal.SIGKILL)

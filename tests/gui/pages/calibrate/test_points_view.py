@@ -6,7 +6,7 @@ import pytest
 
 from gui.drawing.palette import ACCENT, FAIR
 from gui.models.take.workspace import Workspace
-from gui.pages.calibrate.marks import expected
+from gui.pages.calibrate.marks import TieMarks, expected
 from gui.pages.calibrate.points_view import PointsView
 from pipelines.takes.take import Take
 from studio.calibration import TiePoint, read_tie_points
@@ -58,7 +58,7 @@ def test_a_click_marks_where_the_picture_is_clicked(stage_view: PointsView) -> N
     assert set(read_tie_points(stage_view.path)[0].pixels) == {first, stage_view.camera}
     stage_view.unmark()
     assert set(read_tie_points(stage_view.path)[0].pixels) == {first}
-    stage_view.remove()
+    stage_view.edit(TieMarks.remove)
     assert read_tie_points(stage_view.path) == ()
 
 
@@ -114,10 +114,10 @@ def test_footage_that_is_gone(workspace: Workspace, take_copy: Path, tmp_path: P
     picture(stage_view)
     assert stage_view.names() == ()
     assert stage_view.status == ""
-    stage_view.new_point()
+    stage_view.edit(TieMarks.add)
     stage_view.step_camera(1)
     stage_view.unmark()
-    stage_view.undo()
+    stage_view.edit(TieMarks.undo)
     stage_view.click(450, 300)
     stage_view.wheel(0, 0, 1)
     assert not (take_copy / "points.yaml").exists()
