@@ -14,6 +14,7 @@ from studio.edits.edit_list import EditList, Floaters
 from studio.edits.selection import Paths, Selection, select
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
+from studio.memory_cache import MemoryCache
 
 SEEN = 0.1  # opacity of splats that are clicked, and that a new box surrounds
 KEPT = 8  # selections that are kept: a drag compares two, a proposal a few more
@@ -30,7 +31,7 @@ class EditedFrame:
     def __init__(self) -> None:
         self._paths_of: object = None
         self._frame_of: object = None
-        self._selections: dict[EditList, Selection] = {}
+        self._selections: MemoryCache[EditList, Selection] = MemoryCache(KEPT)
 
     def read(self, take: Take | None, frame: int) -> None:
         """Read what has changed; the last frame if `frame`, counted from 0, is beyond. Raises StudioError."""
@@ -44,7 +45,7 @@ class EditedFrame:
         if self._paths_of != key:
             self.group = trained_groups(take)[number]
             self.paths = read_paths(take, self.group)
-            self._paths_of, self._selections = key, {}
+            self._paths_of, self._selections = key, MemoryCache(KEPT)
         self.at = index - start
         if self._frame_of != (key, index):
             self.gaussians = read_frame(files[index])
@@ -53,11 +54,7 @@ class EditedFrame:
     def selection(self, edits: EditList) -> Selection:
         """What edits of the take remove of the group."""
         edits = edits_of_group(edits, self.group)
-        if edits not in self._selections:
-            while len(self._selections) >= KEPT:
-                self._selections.pop(next(iter(self._selections)))
-            self._selections[edits] = select(edits, self.paths)
-        return self._selections[edits]
+        return self._selections.get_or_make(edits, lambda one: select(one, self.paths))
 
     def proposed_floaters(self, edits: EditList) -> Floaters:
         """The first of `FLOATERS` that remove something else than the edits do; the last if none does."""
