@@ -49,7 +49,6 @@ def play(place: Path, seconds: float, size: tuple[int, int], device: str) -> Non
     """Open the window, play and rotate the view, and print the frame rates."""
     from open3d.visualization import gui
 
-    from gui.models.playback.frame_cache import frame_cache
     from gui.models.playback.stream_source import StreamSource
     from gui.window import MainWindow
 
@@ -76,7 +75,7 @@ def play(place: Path, seconds: float, size: tuple[int, int], device: str) -> Non
     player = window.player
     source = player.opened.sources["decoded"] if player.opened else None
     assert isinstance(source, StreamSource)
-    source._cache = frame_cache(0)  # only keeps a few frames ahead
+    source._cache.limit = 0  # only keeps a few frames ahead
     decode, loads = source._decoded, list[float]()
 
     def timed(frame: int) -> Gaussians:
