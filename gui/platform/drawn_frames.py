@@ -44,11 +44,6 @@ class DrawnFrames:
         with errors_ignored(x, display):  # the window may be closed by now
             self._watched = damage.XDamageCreate(display, window, _REPORT_NON_EMPTY)
 
-    @property
-    def active(self) -> bool:
-        """Whether frames are reported."""
-        return bool(self._display)
-
     def poll(self) -> bool:
         """Whether something has been drawn since the last call. Does not wait."""
         if not self._display:

@@ -6,6 +6,7 @@ X nothing happens, and the user has to click or press Tab.
 
 import time
 from collections.abc import Sequence
+from contextlib import closing
 
 from gui.platform.x_window import XDisplay
 from gui.platform.xlib import EXPOSE, EXPOSURE_MASK, InputEvent
@@ -24,31 +25,29 @@ KEYS = {letter: first + number for row, first in _ROWS for number, letter in enu
 """X key code by the letter of a place on an American keyboard, which is how the toolkit names keys."""
 
 
-def send_key(keycode: int, down: bool) -> bool:
-    """Press or release a key that is not a letter in this process's window; return whether the window was found. Press
-    and release must fall on different drawn frames."""
-    return _send([(keycode, down, False)])
+def send_key(keycode: int, down: bool) -> None:
+    """Press or release a key that is not a letter in this process's window. Press and release must fall on different
+    drawn frames."""
+    _send([(keycode, down, False)])
 
 
-def tap_key(keycode: int) -> bool:
+def tap_key(keycode: int) -> None:
     """Press a key that is not a letter in this process's window for one drawn frame only: the toolkit would repeat it
-    if frames are slow. Returns whether the window was found."""
-    return _send([(keycode, True, False), None, (keycode, False, False)])
+    if frames are slow."""
+    _send([(keycode, True, False), None, (keycode, False, False)])
 
 
-def type_keys(keys: Sequence[tuple[int, bool]]) -> bool:
-    """Press and release keys of letters in this process's window; return whether the window was found. `keys`: X key
-    code, and whether Shift is held."""
-    return _send([(code, down, shift) for code, shift in keys for down in (True, False)])
+def type_keys(keys: Sequence[tuple[int, bool]]) -> None:
+    """Press and release keys of letters in this process's window: X key code, and whether Shift is held."""
+    _send([(code, down, shift) for code, shift in keys for down in (True, False)])
 
 
-def _send(keys: Sequence[tuple[int, bool, bool] | None]) -> bool:
+def _send(keys: Sequence[tuple[int, bool, bool] | None]) -> None:
     """Send key events: (X key code, whether it is pressed, whether Shift is held), or None to draw the window."""
-    server = XDisplay()
-    try:
+    with closing(XDisplay()) as server:
         window = server.window
         if window is None:
-            return False
+            return
         # the toolkit drops presses whose time is not after that of the same key's last one; X servers count like this
         now = int(1000 * time.monotonic()) & 0xFFFFFFFF
         events = []
@@ -61,6 +60,3 @@ def _send(keys: Sequence[tuple[int, bool, bool] | None]) -> bool:
             event = InputEvent(type=kind, code=code, same_screen=1, time=now + number, state=_SHIFT if shift else 0)
             events.append((event, mask))
         server.send(window, events)
-        return True
-    finally:
-        server.close()

@@ -53,22 +53,15 @@ class XDisplay:
         with errors_ignored(self._x, self._display):
             return next(self._own_windows(), None)
 
-    def set_least_size(self, width: int, height: int) -> bool:
-        """Ask the window manager to keep this process's windows this large at least, pixels; whether there is one."""
-        found = False
+    def set_least_size(self, width: int, height: int) -> None:
+        """Ask the window manager to keep this process's windows this large at least, pixels."""
         with errors_ignored(self._x, self._display):  # windows of other programs come and go
             for window in self._own_windows():
-                hints = self._hints(window)
+                hints, supplied = SizeHints(), ctypes.c_long()
+                self._x.XGetWMNormalHints(self._display, window, ctypes.byref(hints), ctypes.byref(supplied))
                 hints.flags |= _MIN_SIZE
                 hints.min_width, hints.min_height = width, height
                 self._x.XSetWMNormalHints(self._display, window, ctypes.byref(hints))
-                found = True
-        return found
-
-    def _hints(self, window: int) -> SizeHints:
-        hints, supplied = SizeHints(), ctypes.c_long()
-        self._x.XGetWMNormalHints(self._display, window, ctypes.byref(hints), ctypes.byref(supplied))
-        return hints
 
     def _own_windows(self) -> Iterator[int]:
         """Windows of this process."""

@@ -27,7 +27,6 @@ _TYPES: dict[str, tuple[Any, ...]] = {
     "XQueryTree": (_INT, _POINTER, _NUMBER, *[_POINTER] * 4),
     "XQueryPointer": (_INT, _POINTER, _NUMBER, *[_POINTER] * 7),
     "XQueryKeymap": (_INT, _POINTER, ctypes.c_char_p),
-    "XGetInputFocus": (_INT, _POINTER, _POINTER, _POINTER),
     "XGetWMNormalHints": (_INT, _POINTER, _NUMBER, _POINTER, _POINTER),
     "XSetWMNormalHints": (_INT, _POINTER, _NUMBER, _POINTER),
     "XGetWindowProperty": (_INT, _POINTER, _NUMBER, _NUMBER, _LONG, _LONG, _INT, _NUMBER, *[_POINTER] * 5),
