@@ -12,7 +12,7 @@ from gui.models.worker import Done, LatestWorker
 from gui.pages.review.numbers import TITLES, fields_of, with_numbers
 from gui.pages.review.session import edits_of
 from gui.shell import Shell
-from gui.widgets.dialogs.numbers import ask_numbers
+from gui.widgets.dialogs.form import ask_numbers
 from gui.widgets.picture import holds
 from pipelines.takes.edited import newly_removed
 from pipelines.takes.edits import describe, singular

@@ -9,7 +9,7 @@ from open3d.visualization import gui
 from gui.models.loop import later
 from gui.pages.calibrate.marks import TieMarks
 from gui.shell import Shell
-from gui.widgets.dialogs.numbers import ask_numbers
+from gui.widgets.dialogs.form import ask_numbers
 
 
 class PointActions:

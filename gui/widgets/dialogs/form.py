@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 from open3d.visualization import gui
@@ -113,3 +114,31 @@ class Form:
         dialogs.widgets |= self.widgets
         if first:
             dialogs.focus(self.widgets[first])
+
+
+def ask_numbers(
+    dialogs: Dialogs,
+    title: str,
+    text: str,
+    fields: Sequence[tuple[str, str, str]],
+    save: Callable[[dict[str, str]], str],
+    error: str = "",
+) -> None:
+    """Ask for the texts of fields: key, label, text. `save` gets the texts by key; it returns "", or why they are
+    refused: then the dialog stays."""
+    dialogs.widgets = {}
+    typed = SimpleNamespace(**{key: value for key, _, value in fields})
+    form = Form(dialogs, typed)
+    for key, label, _ in fields:
+        form.line(key, label)
+
+    def done() -> None:
+        found = {key: str(getattr(typed, key)) for key, _, _ in fields}
+        refused = save(found)
+        if refused:
+            again = [(key, label, found[key]) for key, label, _ in fields]
+            ask_numbers(dialogs, title, text, again, save, refused)
+        else:
+            dialogs.close()
+
+    form.show("numbers", title, [dialogs.label(text), form.grid], ("save", "Apply", done), 70, error, fields[0][0])
