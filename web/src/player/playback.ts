@@ -203,7 +203,7 @@ export abstract class Playback<Content extends Shown> extends Emitter<PlayerEven
   dispose(): void {
     this.stop.abort();
     this.stream.close();
-    this.sound.dispose();
+    this.sound.clear();
     this.removeAll();
   }
 

@@ -153,10 +153,6 @@ export class Sound {
     this.loop?.halt();
   }
 
-  dispose(): void {
-    this.clear();
-  }
-
   private begin(): void {
     const { muted } = this.element; // may change before the browser answers
     this.element.play().catch((error: unknown) => {

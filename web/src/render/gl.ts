@@ -24,17 +24,13 @@ export class Program {
 
   /** Drivers compile in the background until the status is queried. */
   use(): void {
-    if (!this.checked) this.check();
-    this.checked = true;
-    this.gl.useProgram(this.handle);
-  }
-
-  private check(): void {
     const { gl } = this;
-    if (gl.getProgramParameter(this.handle, gl.LINK_STATUS) !== true && !gl.isContextLost()) {
+    if (!this.checked && gl.getProgramParameter(this.handle, gl.LINK_STATUS) !== true && !gl.isContextLost()) {
       const logs = (gl.getAttachedShaders(this.handle) ?? []).map((shader) => gl.getShaderInfoLog(shader) ?? "");
       throw new StreamError(`The graphics driver cannot compile the player's shader: ${logs.join(" ").slice(0, 300)}`);
     }
+    this.checked = true;
+    gl.useProgram(this.handle);
   }
 
   at(name: string): WebGLUniformLocation | null {
