@@ -3,9 +3,8 @@
 import hashlib
 import os
 from pathlib import Path
-from typing import Any
 
-from studio.stream.manifest import FILES, NAME_DIGITS
+from studio.stream.manifest import FILES, NAME_DIGITS, FileEntry
 
 
 def content_name(data: bytes, suffix: str) -> tuple[str, str]:
@@ -14,9 +13,9 @@ def content_name(data: bytes, suffix: str) -> tuple[str, str]:
     return f"{FILES}/{digest[:NAME_DIGITS]}{suffix}", digest
 
 
-def named_by_content(file: Path) -> dict[str, Any]:
-    """Rename a file by its content, in its folder. Returns the values of its `FileEntry`."""
+def named_by_content(file: Path) -> FileEntry:
+    """Rename a file by its content, in its folder. Returns its entry."""
     data = file.read_bytes()
     path, digest = content_name(data, file.suffix)
     os.replace(file, file.parent / Path(path).name)
-    return {"path": path, "bytes": len(data), "sha256": digest}
+    return FileEntry(path=path, bytes=len(data), sha256=digest)

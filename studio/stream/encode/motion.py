@@ -151,8 +151,8 @@ class MotionBake:
         data, raw_bytes = compress(side, bits)
         (folder / "motion.bin").write_bytes(data)
         self._encode(pictures, folder / "video.mp4", settings, progress, fps)
-        side_entry = SideEntry(**named_by_content(folder / "motion.bin"), raw_bytes=raw_bytes)
-        facts = named_by_content(folder / "video.mp4")
+        side_entry = SideEntry(**dict(named_by_content(folder / "motion.bin")), raw_bytes=raw_bytes)
+        facts = dict(named_by_content(folder / "video.mp4"))
         video = VideoEntry.model_construct(**facts, qp=CODECS[settings.codec].own_qp(settings.qp), checks=())
         return MotionRendition.model_construct(
             **identity,

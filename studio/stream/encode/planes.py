@@ -70,7 +70,7 @@ class PlanesBake:
                 progress(number + 1, len(self._frames))
         entries: dict[int, list[PlaneEntry]] = {}
         for row, component, part, qp in planes:
-            facts = named_by_content(folder / _file_name(component, part))
+            facts = dict(named_by_content(folder / _file_name(component, part)))
             plane = PlaneEntry.model_construct(**facts, qp=qp, part=part, checks=())
             entries.setdefault(row, []).append(plane)
         wanted = components(keyframe.sh_degree)
