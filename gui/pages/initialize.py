@@ -63,8 +63,8 @@ class InitializeView(OrbitView):
         self._read(take, folder)
         view = (self.orbit or self.home or OrbitCamera()).camera(*size)
         points, colors = self._points
+        assert self._mesh is not None
         if self.mode == "mesh":
-            assert self._mesh is not None
             canvas = Canvas(1, 1)
             canvas.pixels = np.ascontiguousarray(self._mesh.seen(view)[0])
         else:
@@ -75,8 +75,7 @@ class InitializeView(OrbitView):
         small = round(0.9 * self.em)
         group = int(folder.name.removeprefix("group_"))
         words = f"group {group}, frame {keyframe}: {counted(len(points), 'point')}"
-        if self._mesh is not None:
-            words += f" on {counted(self._mesh.faces, 'triangle')}"
+        words += f" on {counted(self._mesh.faces, 'triangle')}"
         canvas.text(self.em, 0.7 * self.em, words, small, DIM)
         return canvas.pixels
 

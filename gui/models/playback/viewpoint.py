@@ -146,7 +146,7 @@ class Viewpoint:
         if not names:
             self.refused.emit("No capture cameras.")
         elif not self.camera:
-            self.look_through(self.camera_names[0])
+            self.look_through(names[0])
         else:
             self.look_through(names[(names.index(self.camera) + direction) % len(names)])
 

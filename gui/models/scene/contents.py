@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from gui.drawing.palette import AXES, FAIR, HELD_OUT, LINE, RGB
+from gui.drawing.palette import AXES, FAIR, LINE, RGB
 from gui.models.stages import Inputs
 from pipelines.share.cast_frames import CastFrames
 from pipelines.takes.take import Take
@@ -139,8 +139,3 @@ def box_lines(low: np.ndarray, high: np.ndarray) -> Lines:
     """The edges of a box with edges along the axes of the world, from corner `low` (3,) to `high` (3,)."""
     corners = np.array([[(high if at >> axis & 1 else low)[axis] for axis in range(3)] for at in range(8)])
     return Lines.of([(corners[a], corners[b]) for a, b in BOX_EDGES], FAIR, 1.5)
-
-
-def camera_color(name: str, looks_through: str, held_out: Sequence[str]) -> RGB:
-    """Color of a camera's frustum: the one that one looks through, held-out ones, all others."""
-    return (255, 255, 255) if name == looks_through else HELD_OUT if name in held_out else (150, 156, 166)

@@ -1,7 +1,6 @@
 """Reads what the scene shows from the take, and keeps it until a file changes. Runs on the viewport's thread."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TypeVar, cast
@@ -9,6 +8,7 @@ from typing import TypeVar, cast
 import cv2
 import numpy as np
 
+from gui.drawing.palette import HELD_OUT, RGB
 from gui.models.scene import contents as scene
 from gui.models.scene.contents import Lines, SceneCamera, SceneContents, SceneWanted, Surface
 from gui.models.scene.handles import up_of
@@ -21,6 +21,8 @@ from studio.edits.edit_list import EditList
 from studio.errors import StudioError
 from studio.memory_cache import MemoryCache
 from studio.similarity import Similarity
+
+OTHERS: RGB = (150, 156, 166)  # color of the frusta of cameras that are not held out
 
 THUMBNAIL = 160  # longer side of the images on the frusta, pixels
 
@@ -93,17 +95,15 @@ class SceneReader:
         length = 1.0
         if wanted.rig is not None and "cameras" in wanted.parts:
             cameras, length = self._cameras(wanted, frame), scene.frustum_length(wanted.rig, middle)
-        found = SceneContents(
+        return SceneContents(
             cameras=cameras,
             length=length,
+            points=sparse[0],
+            colors=(np.clip(sparse[1], 0, 1) * 255).astype(np.uint8),
             surfaces=[(one, at) for one, at in surfaces if one is not None],
             lines=tuple(lines),
             words="   ".join(words),
         )
-        if "points" in wanted.parts:
-            colors = (np.clip(sparse[1], 0, 1) * 255).astype(np.uint8)
-            found = replace(found, points=sparse[0], colors=colors)
-        return found
 
     def _file(self, path: Path, read: Callable[[Path], Content], missing: Content) -> Content:
         """The content of a file, `missing` if it does not exist."""
@@ -123,7 +123,7 @@ class SceneReader:
         for camera in self._undistorted[1]:
             if camera.name == wanted.camera:
                 continue  # one looks through it
-            color = scene.camera_color(camera.name, wanted.camera, wanted.not_trained_on)
+            color = HELD_OUT if camera.name in wanted.not_trained_on else OTHERS
             found.append(SceneCamera(camera, color, self._image(wanted, camera.name, frame)))
         return tuple(found)
 

@@ -11,6 +11,7 @@ from gui.drawing.labels import draw_labels
 from gui.drawing.painter import NEAR, draw_frustum, draw_line, draw_points, frustum
 from gui.drawing.palette import BAD, DIM, FAIR, GOOD, GROUND, HELD_OUT, LINE, RAISED, RGB, SECOND, TEXT
 from gui.models.held_out import held_out_cameras, held_out_first
+from gui.models.scene.contents import frustum_length
 from gui.models.scene.orbit import OrbitCamera
 from gui.models.scene.reader import MOST_THUMBNAILS, SmallImages, small_image
 from gui.models.take.inspector import Block
@@ -182,7 +183,7 @@ class CalibrateView(OrbitView):
         if self._points is not None and covered is None:
             points, colors = self._points
             draw_points(canvas, view, points, (np.clip(colors, 0, 1) * 255).astype(np.uint8), 2)
-        length = 0.16 * float(np.median([np.linalg.norm(camera.center - self.home.target) for camera in self._rig]))
+        length = frustum_length(self._rig, self.home.target)
         far_first = sorted(self._rig, key=lambda camera: -float(np.linalg.norm(camera.center - orbit.eye)))
         small = round(0.85 * self.em)
         places = []
