@@ -47,33 +47,23 @@ def write_easymocap(rig: Rig, folder: Path) -> None:
     """Write intri.yml and extri.yml."""
     import cv2
 
-    intrinsics = _Text([camera.name for camera in rig])
-    pose = _Text([camera.name for camera in rig])
+    intrinsics = ["%YAML:1.0", "---", "names:", *(f'   - "{camera.name}"' for camera in rig)]
+    pose = list(intrinsics)
     for camera in rig:
         coefficients = np.zeros(max(5, camera.distortion.size))
         coefficients[: camera.distortion.size] = camera.distortion
-        intrinsics.matrix(f"K_{camera.name}", camera.cv2_K)
-        intrinsics.matrix(f"dist_{camera.name}", coefficients[None])
-        intrinsics.lines += [f"H_{camera.name}: {camera.height}", f"W_{camera.name}: {camera.width}"]
-        pose.matrix(f"R_{camera.name}", cv2.Rodrigues(camera.rotation)[0])
-        pose.matrix(f"Rot_{camera.name}", camera.rotation)
-        pose.matrix(f"T_{camera.name}", camera.translation[:, None])
-    write_atomic(folder / INTRINSICS, intrinsics.bytes())
-    write_atomic(folder / EXTRINSICS, pose.bytes())
+        intrinsics += _matrix(f"K_{camera.name}", camera.cv2_K) + _matrix(f"dist_{camera.name}", coefficients[None])
+        intrinsics += [f"H_{camera.name}: {camera.height}", f"W_{camera.name}: {camera.width}"]
+        pose += _matrix(f"R_{camera.name}", cv2.Rodrigues(camera.rotation)[0])
+        pose += _matrix(f"Rot_{camera.name}", camera.rotation)
+        pose += _matrix(f"T_{camera.name}", camera.translation[:, None])
+    for name, lines in ((INTRINSICS, intrinsics), (EXTRINSICS, pose)):
+        write_atomic(folder / name, ("\n".join(lines) + "\n").encode())
 
 
-class _Text:
-    """Text in the format of OpenCV's FileStorage, with full precision."""
-
-    def __init__(self, names: list[str]) -> None:
-        self.lines = ["%YAML:1.0", "---", "names:", *(f'   - "{name}"' for name in names)]
-
-    def matrix(self, key: str, value: np.ndarray) -> None:
-        data = ", ".join(repr(float(number)) for number in value.ravel())
-        rows, columns = value.shape
-        self.lines += [f"{key}: !!opencv-matrix", f"   rows: {rows}", f"   cols: {columns}", "   dt: d"]
-        self.lines += [f"   data: [ {data} ]"]
-
-    def bytes(self) -> bytes:
-        """The content of the file."""
-        return ("\n".join(self.lines) + "\n").encode()
+def _matrix(key: str, value: np.ndarray) -> list[str]:
+    """Lines of a matrix in OpenCV's FileStorage, with full precision."""
+    data = ", ".join(repr(float(number)) for number in value.ravel())
+    rows, columns = value.shape
+    head = [f"{key}: !!opencv-matrix", f"   rows: {rows}", f"   cols: {columns}", "   dt: d"]
+    return [*head, f"   data: [ {data} ]"]

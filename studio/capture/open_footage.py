@@ -75,8 +75,11 @@ def open_footage(
     cache_folder = None if cache_folder is None else Path(cache_folder)
     spec = on_this_machine(spec)
     pattern, matches = _find_images(spec)
-    matches = _chosen(spec, matches)
     found = tuple(dict.fromkeys(match.camera for match in matches))
+    if spec.cameras:
+        refuse_unknown_cameras(spec.cameras, found, "capture.cameras")
+        matches = [match for match in matches if match.camera in spec.cameras]
+        found = tuple(name for name in found if name in spec.cameras)
     if every_camera and rig is not None and not spec.cameras:
         refuse_missing(rig, found)
     held_out = held_out_cameras(spec, found)
@@ -214,14 +217,6 @@ def refuse_unknown_cameras(names: Sequence[str], known: Sequence[str], setting: 
                 known=tuple(known),
                 suggestion=near[0] if near else None,
             )
-
-
-def _chosen(spec: CaptureSettings, matches: list[Match]) -> list[Match]:
-    if not spec.cameras:
-        return matches
-    known = list(dict.fromkeys(match.camera for match in matches))
-    refuse_unknown_cameras(spec.cameras, known, "capture.cameras")
-    return [match for match in matches if match.camera in spec.cameras]
 
 
 def _all_of(problems: Sequence[Message]) -> StudioError:

@@ -119,7 +119,8 @@ class PlainMaskSource(MaskSource):
         self._inputs = inputs
         self._colors: MemoryCache[str, np.ndarray] = MemoryCache(math.inf)
 
-    def _color(self, camera: str) -> np.ndarray:
+    def color(self, camera: str) -> np.ndarray:
+        """(3,) uint8: the plain background of the camera's images. Raises StudioError `mask.not_plain`."""
         return self._colors.get_or_make(camera, self._find)
 
     def _find(self, camera: str) -> np.ndarray:
@@ -136,16 +137,6 @@ class PlainMaskSource(MaskSource):
             raise StudioError("mask.not_plain", problem, fix=fix, camera=camera, setting="capture.masks")
         return color
 
-    def has_color(self, camera: str) -> bool:
-        """Whether the camera's images have a plain background."""
-        try:
-            self._color(camera)
-        except StudioError as error:
-            if error.code != "mask.not_plain":
-                raise
-            return False
-        return True
-
     @cached_property
     def _shared(self) -> np.ndarray | None:
         """The color of most of up to nine cameras; None if fewer than half agree."""
@@ -158,13 +149,13 @@ class PlainMaskSource(MaskSource):
 
     def mask(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
         """See `MaskSource`. Raises StudioError `mask.not_plain`."""
-        return plain_mask(np.ascontiguousarray(image[:, :, :3]), self._color(camera))
+        return plain_mask(np.ascontiguousarray(image[:, :, :3]), self.color(camera))
 
     def recolored(self, camera: str, image: np.ndarray, mask: np.ndarray) -> np.ndarray:
         """See `Recolors`: the performer's color in mixed pixels, F = (I - (1 - a) B) / a."""
         rows, columns = np.nonzero((mask > 25) & (mask < 255))
         alpha = mask[rows, columns, None].astype(np.float32) / 255
-        mixed = image[rows, columns].astype(np.float32) - (1 - alpha) * self._color(camera)
+        mixed = image[rows, columns].astype(np.float32) - (1 - alpha) * self.color(camera)
         result = image.copy()
         result[rows, columns] = np.clip(mixed / alpha + 0.5, 0, 255).astype(np.uint8)
         return result
@@ -186,6 +177,8 @@ def _is_plain(inputs: MaskInputs, source: PlainMaskSource) -> bool:
     some = spread(inputs.names)
     try:
         whole = sum(plain_color(inputs.first_image(camera), cut_off=False) is not None for camera in some)
-        return 2 * whole >= len(some) and all(source.has_color(camera) for camera in some)
-    except StudioError:  # an unreadable file is reported when it is needed
+        for camera in some if 2 * whole >= len(some) else ():
+            source.color(camera)
+    except StudioError:  # not plain; or an unreadable file, which is reported when it is needed
         return False
+    return 2 * whole >= len(some)

@@ -9,8 +9,8 @@ import numpy as np
 from studio.capture.detect import PLATE_FOLDERS
 from studio.capture.digest import digest_files
 from studio.capture.images import read_image
-from studio.capture.patterns import VIDEO_EXTENSIONS, Match, natural_key
-from studio.capture.transfer import TransferFunction
+from studio.capture.patterns import VIDEO_EXTENSIONS
+from studio.capture.settings import CaptureSettings
 from studio.errors import StudioError
 from studio.masks.clean_plate import difference_mask
 from studio.masks.mask_files import find_files_of
@@ -79,42 +79,19 @@ def shown(behind: Background) -> np.ndarray:
     return np.dstack([behind.plate, reliable])
 
 
-def plates_from_files(
-    matches: list[Match], color_matrix: str, transfer: TransferFunction = "auto"
-) -> Callable[[str], Background]:
-    """A loader of clean plates: one image per camera, or the median of several images or of a video.
+def _plate(paths: list[Path], spec: CaptureSettings) -> Background:
+    """A clean plate: one image, or the median of several or of a video. Raises StudioError: a file cannot be read."""
+    from studio.capture.video import VideoReader
 
-    Args:
-        matches: files of the clean plates.
-        color_matrix: for videos, see `VideoReader`.
-        transfer: what the values in the files are, as in `CaptureSettings`.
-
-    Returns:
-        a function from a camera's name to its background. It raises StudioError `mask.plate_missing` for a camera
-        without a plate, or if the file cannot be read.
-    """
-    groups: dict[str, list[Match]] = {}
-    for match in matches:
-        groups.setdefault(match.camera, []).append(match)
-
-    def load(camera: str) -> Background:
-        from studio.capture.video import VideoReader
-
-        if camera not in groups:
-            problem = f"Camera '{camera}' has no clean plate; cameras with one: {', '.join(sorted(groups)) or 'none'}"
-            raise StudioError("mask.plate_missing", problem, camera=camera, setting="capture.clean_plates")
-        paths = [match.path for match in groups[camera]]
-        if paths[0].suffix.lower() in VIDEO_EXTENSIONS:
-            reader = VideoReader(paths[0], color_matrix, transfer)
-            try:
-                return Background(median_plate(lambda frame: reader.read(frame)[:, :, :3], reader.frame_count))
-            finally:
-                reader.close()
-        if len(paths) == 1:
-            return Background(np.ascontiguousarray(read_image(paths[0], transfer)[:, :, :3]))
-        return Background(median_plate(lambda index: read_image(paths[index], transfer)[:, :, :3], len(paths)))
-
-    return load
+    if paths[0].suffix.lower() in VIDEO_EXTENSIONS:
+        reader = VideoReader(paths[0], spec.color_matrix, spec.transfer)
+        try:
+            return Background(median_plate(lambda frame: reader.read(frame)[:, :, :3], reader.frame_count))
+        finally:
+            reader.close()
+    if len(paths) == 1:
+        return Background(np.ascontiguousarray(read_image(paths[0], spec.transfer)[:, :, :3]))
+    return Background(median_plate(lambda index: read_image(paths[index], spec.transfer)[:, :, :3], len(paths)))
 
 
 def open_clean_plate(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | None:
@@ -127,7 +104,8 @@ def open_clean_plate(inputs: MaskInputs, required: bool) -> tuple[MaskSource, st
     if found is None:
         return None
     pattern, matches = found
-    without = sorted(set(inputs.names) - {match.camera for match in matches}, key=natural_key)
+    paths = {name: [match.path for match in matches if match.camera == name] for name in inputs.names}
+    without = [name for name in inputs.names if not paths[name]]
     if without:
         camera, setting = without[0], "capture.clean_plates"
         problem = f"camera '{camera}' has no clean plate that matches '{pattern}'"
@@ -135,8 +113,7 @@ def open_clean_plate(inputs: MaskInputs, required: bool) -> tuple[MaskSource, st
         raise StudioError(
             "mask.plate_missing", problem, file=spec.root, value=pattern, fix=fix, camera=camera, setting=setting
         )
-    load = plates_from_files(matches, spec.color_matrix, spec.transfer)
-    source = PlateMaskSource(inputs, load, [match.path for match in matches])
+    source = PlateMaskSource(inputs, lambda camera: _plate(paths[camera], spec), [match.path for match in matches])
     return source, f"difference from the clean plates '{pattern}'"
 
 
