@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -120,6 +120,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> C
     with atomic_path(inputs.take.rig) as temporary:
         write_rig(rig, temporary)
     write_model(inputs.take.calibration_report, report)
+    figures: dict[str, Any] = {}
     if isinstance(report, CalibrationReport):
         write_calibration_page(inputs.take)
         reporter.metrics(calibration_figures(report))
@@ -127,21 +128,18 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> C
             reporter.log(sentence)
         for warning in calibration_warnings(report):
             reporter.warn(warning)
-    else:
-        for note in report.notes:
-            reporter.log(note)
-    inputs.footage.forget_cameras()
-    reporter.progress(1.0, "done")
-    summary = CalibrateSummary(cameras=len(rig), source=report.source or "")
-    if isinstance(report, CalibrationReport):
-        figures: dict[str, str | float] = {"mean_error_px": report.reprojection.mean}
+        figures["mean_error_px"] = report.reprojection.mean
         if report.verdict is not None:
             figures["grade"] = report.verdict.grade
             reporter.log(f"cameras: {report.verdict.grade}. {report.verdict.reason}")
         if report.match_inlier_ratio is not None:
             figures["match_inlier_ratio"] = report.match_inlier_ratio
-        summary = summary.model_copy(update=figures)
-    return summary
+    else:
+        for note in report.notes:
+            reporter.log(note)
+    inputs.footage.forget_cameras()
+    reporter.progress(1.0, "done")
+    return CalibrateSummary(cameras=len(rig), source=report.source or "", **figures)
 
 
 def _from_file(inputs: Inputs, path: Path) -> tuple[Rig, CamerasFromFile]:

@@ -89,9 +89,9 @@ def _refine(inputs: Inputs, reporter: StageReporter, key: str) -> None:
         used=used,
         before=round(found.before, 3),
         after=round(found.after, 3),
-        held_out_calibrated=_rounded(found.held_out_calibrated),
-        held_out_before=_rounded(found.held_out_before),
-        held_out_after=_rounded(found.held_out_after),
+        held_out_calibrated=found.held_out_calibrated and round(found.held_out_calibrated, 3),
+        held_out_before=found.held_out_before and round(found.held_out_before, 3),
+        held_out_after=found.held_out_after and round(found.held_out_after, 3),
         cameras=_changes(given, rig, footage.rig, names),
     )
     write_model(inputs.take.camera_refinement, report)
@@ -136,7 +136,3 @@ def _changes(given: Rig, rig: Rig, seen: Rig, names: Sequence[str]) -> dict[str,
 
 def _radial(camera: Camera) -> float:
     return float(camera.distortion[0]) if camera.distortion.size else 0.0
-
-
-def _rounded(value: float | None) -> float | None:
-    return None if value is None else round(value, 3)
