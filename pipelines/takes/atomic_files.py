@@ -202,7 +202,7 @@ def changing(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def held(path: Path, refused: Callable[[dict[str, Any]], StudioError], **about: str) -> Iterator[None]:
+def held(path: Path, refused: Callable[[JsonObject], StudioError], **about: str) -> Iterator[None]:
     """Lock a file for this process, whose `pid` and `host` are written to it with `about`; the kernel releases it when
     the process ends for any reason. `refused`: what to raise if another one holds it, of what `holder_of` says."""
     with path.open("a") as file:
@@ -222,7 +222,7 @@ def held(path: Path, refused: Callable[[dict[str, Any]], StudioError], **about: 
             file.truncate(0)
 
 
-def holder_of(path: Path) -> dict[str, Any] | None:
+def holder_of(path: Path) -> JsonObject | None:
     """`pid`, `host` and what else the process that holds a lock says; {}: it has not said it yet; None: none does."""
     with contextlib.suppress(FileNotFoundError), path.open("r") as file:
         try:

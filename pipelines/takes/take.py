@@ -20,6 +20,7 @@ from pipelines.version import program_version
 from studio.atomic_files import leftovers
 from studio.bounded_files import need_utf8
 from studio.errors import StudioError
+from studio.json_types import JsonObject
 from studio.storage import StoreAddress, is_address
 
 TAKE_FORMAT = 2  # version of this layout
@@ -233,7 +234,7 @@ class Take:
                     break
             yield
 
-    def running(self) -> dict[str, Any] | None:
+    def running(self) -> JsonObject | None:
         """`pid`, `command` and `host` of the run in progress; {} if it has just begun; None if there is none."""
         return holder_of(self.private / "lock")
 
