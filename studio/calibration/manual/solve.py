@@ -189,9 +189,9 @@ def _adjust_without_outliers(
         if where is None:
             return rig, left_out
         name, number = where
-        left_out.append(
-            RejectedMark(point=observations.points[number], camera=name, error=_rounded(float(errors[name][number])))
-        )
+        error = float(errors[name][number])  # infinite behind the camera
+        rounded = round(error, 2) if np.isfinite(error) else None
+        left_out.append(RejectedMark(point=observations.points[number], camera=name, error=rounded))
         observations.pixels[name][number] = np.nan
         seen_by = sum(bool(observations.seen(other)[number]) for other in rig.cameras)
         if seen_by < 2 and not observations.measured[number]:
@@ -207,11 +207,6 @@ def _adjust_without_outliers(
                 fix="Check these marks, or mark more points.",
                 camera=name,
             )
-
-
-def _rounded(error: float) -> float | None:
-    """Rounded to 0.01 pixels; None for a point behind the camera."""
-    return round(error, 2) if np.isfinite(error) else None
 
 
 def _unregistered(observations: Observations, sizes: Mapping[str, tuple[int, int]], best: TieRig | None) -> StudioError:

@@ -31,7 +31,8 @@ class TargetRig:
         """Reprojection errors (M,) in pixels of each observation."""
         found = {}
         for (sync_frame, name), view in self.views.items():
-            corners = _apply(self.target_poses[sync_frame], target.corners[view.ids])
+            pose = self.target_poses[sync_frame]
+            corners = target.corners[view.ids] @ pose[:3, :3].T + pose[:3, 3]
             found[sync_frame, name] = np.linalg.norm(self.cameras[name].project(corners)[0] - view.pixels, axis=1)
         return found
 
@@ -55,10 +56,6 @@ class TargetRig:
             )
             costs.append(sum(min(float(np.median(error)), most) for error in errors))
         return ways[int(np.argmin(costs))]
-
-
-def _apply(transform: np.ndarray, points: np.ndarray) -> np.ndarray:
-    return points @ transform[:3, :3].T + transform[:3, 3]
 
 
 def refine(

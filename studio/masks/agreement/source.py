@@ -26,7 +26,7 @@ import numpy as np
 
 from studio.cameras import Camera
 from studio.capture.digest import digest_files
-from studio.capture.settings import CaptureSettings, DifferenceSettings, ModelSettings
+from studio.capture.settings import DifferenceSettings, ModelSettings
 from studio.errors import StudioError
 from studio.masks.agreement.empty_set import cover, uncovered
 from studio.masks.agreement.evidence import LIMIT, brightness, evidence_of, smoothed
@@ -331,8 +331,11 @@ def open_agreed(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | 
         return AgreedMaskSource(inputs, None, plates, model), words
     cache = None
     if inputs.cache_folder is not None:  # the sets do not depend on the model
-        sets = _recipe(inputs, plates)
-        cache = _recipe_of_masks(sets, inputs.spec, model), sets, inputs.cache_folder
+        masks = sets = _recipe(inputs, plates)
+        if model is not None:
+            files = digest_files(inputs.spec.root, model.files())
+            masks = _digest(sets, files, inputs.spec.model_dump_json(include=set(ModelSettings.model_fields)))
+        cache = masks, sets, inputs.cache_folder
     source = AgreedMaskSource(inputs, inputs.cameras(), plates, model, clean is None, cache)
     if model:
         phrase += " and a matting model"
@@ -353,14 +356,6 @@ def _recipe(inputs: MaskInputs, plates: PlateMaskSource) -> str:
         spec.model_dump_json(include={"color_matrix", "transfer", "held_out"}),
         *(f"{camera.to_dict()}" for camera in inputs.cameras().values()),
     )
-
-
-def _recipe_of_masks(sets: str, spec: CaptureSettings, model: MattingModel | None) -> str:
-    """Everything that the masks depend on: the recipe of the sets, and the model."""
-    if model is None:
-        return sets
-    files = digest_files(spec.root, model.files())
-    return _digest(sets, files, spec.model_dump_json(include=set(ModelSettings.model_fields)))
 
 
 def _digest(*parts: str) -> str:

@@ -192,9 +192,8 @@ def test_initial_focal_lengths_from_pairs(tmp_path: Path) -> None:
     database.close()
     pycolmap.geometric_verification(tmp_path / "database.db")
     guess_focal_lengths(tmp_path / "database.db", tmp_path, range(1, 7), job.seed)
-    database = pycolmap.Database.open(tmp_path / "database.db")
-    found = [camera.mean_focal_length() for camera in database.read_all_cameras()]
-    database.close()
+    with pycolmap.Database.open(tmp_path / "database.db") as database:
+        found = [camera.mean_focal_length() for camera in database.read_all_cameras()]
     np.testing.assert_allclose(found, 1280, rtol=0.08)
 
 
@@ -273,11 +272,10 @@ def test_the_global_mapper_estimates_focal_lengths_only_if_unknown(tmp_path, mon
         return calibrate(path, options)
 
     monkeypatch.setattr(pycolmap, "calibrate_view_graph", counted)
-    opened = pycolmap.Database.open(database)
-    for camera in opened.read_all_cameras():
-        camera.has_prior_focal_length = False
-        opened.update_camera(camera)
-    opened.close()
+    with pycolmap.Database.open(database) as opened:
+        for camera in opened.read_all_cameras():
+            camera.has_prior_focal_length = False
+            opened.update_camera(camera)
     assert is_any_unknown(database)
     mapper = Mapper(tmp_path, database, job_of(8, attempts=("global",)))
     model, how = mapper.solve()
