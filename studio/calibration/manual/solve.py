@@ -189,8 +189,8 @@ def _adjust_without_outliers(
         if where is None:
             return rig, left_out
         name, number = where
-        error = float(errors[name][number])  # infinite behind the camera
-        rounded = round(error, 2) if np.isfinite(error) else None
+        off = float(errors[name][number])  # infinite behind the camera
+        rounded = round(off, 2) if np.isfinite(off) else None
         left_out.append(RejectedMark(point=observations.points[number], camera=name, error=rounded))
         observations.pixels[name][number] = np.nan
         seen_by = sum(bool(observations.seen(other)[number]) for other in rig.cameras)
