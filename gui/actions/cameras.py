@@ -152,9 +152,10 @@ class CameraActions:
         if workspace.config is None:
             return "Open a take first."
         try:
-            return str(workspace.change_settings(uses.settings(workspace.config.capture), words) or "")
+            workspace.change_settings(uses.settings(workspace.config.capture), words)
         except StudioError as error:
             return str(error)
+        return ""
 
 
 def camera_facts(take: Take, evaluation: Evaluation, camera: str) -> list[tuple[str, str]]:

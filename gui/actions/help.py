@@ -89,12 +89,12 @@ class HelpActions:
     def apply_fix(self, fix: Fix) -> None:
         """Set the setting that fixes a warning, or show it where people must choose the value."""
         window = self._window
-        if fix.sets and not fix.done:
-            refusal = window.workspace.change_settings({fix.setting: fix.value})
-            if not window.notices.outcome("setting", str(refusal or "")):
-                return
-            window.notices.show(f"{setting_words(fix.setting)} changed. Run again to use it; Ctrl+Z changes it back.")
-        self._show(fix.setting)
+        with window.notices.reporting("setting"):
+            if fix.sets and not fix.done:
+                window.workspace.change_settings({fix.setting: fix.value})
+                words = f"{setting_words(fix.setting)} changed. Run again to use it; Ctrl+Z changes it back."
+                window.notices.show(words)
+            self._show(fix.setting)
 
     def _show(self, setting: str) -> None:
         window = self._window

@@ -10,6 +10,7 @@ from gui.models.loop import later
 from gui.pages.calibrate.marks import TieMarks
 from gui.shell import Shell
 from gui.widgets.dialogs.form import ask_numbers
+from studio.errors import StudioError
 
 
 class PointActions:
@@ -56,10 +57,11 @@ class PointActions:
             return
         config = workspace.config
         if config is not None and not config.calibrate.tie_points:
-            for name, value in (("capture.rig", None), ("calibrate.tie_points", str(path.resolve()))):
-                refusal = workspace.change_settings({name: value})
-                if refusal is not None:
-                    stage_view.problem = str(refusal)
-                    return
+            try:
+                for name, value in (("capture.rig", None), ("calibrate.tie_points", str(path.resolve()))):
+                    workspace.change_settings({name: value})
+            except StudioError as error:
+                stage_view.problem = str(error)
+                return
         if workspace.start("calibrate", again=False):
             window.select("calibrate")

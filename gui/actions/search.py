@@ -57,8 +57,8 @@ class SearchActions:
         if item.needs == "take" and window.workspace.take is None:
             return "No take is open."
         possible = {
-            "undo": (history.can_undo, "Nothing to undo."),
-            "redo": (history.can_redo, "Nothing to redo."),
+            "undo": (bool(history.made), "Nothing to undo."),
+            "redo": (bool(history.undone), "Nothing to redo."),
             "camera": (window.player.camera_names, "There are no cameras yet."),
             "worst": (window.evaluation.frames, "Nothing is evaluated yet. Run Review."),
             "next_mark": (window.marks.notes, "No marks yet. M makes one."),

@@ -17,7 +17,7 @@ from gui.widgets.settings import SettingActions, SettingsList
 from gui.widgets.swap_guard import SwapGuard
 from pipelines.config import Config
 from pipelines.config.presets import PRESETS, differing, preset_of
-from studio.errors import Message, StudioError
+from studio.errors import StudioError
 
 _HINTS = {
     "Check": "Read all images of the footage once and list those that are missing or cannot be read",
@@ -75,8 +75,7 @@ class StagesPanel:
         self.error = make_label("", BAD, PANEL)
         self.estimates = Estimates()
         self.estimates.changed.connect(self._show_estimates)
-        choose = lambda preset: self._write(dict(PRESETS[preset]), f"the preset {preset}")  # noqa: E731
-        actions = SettingActions(self.set_text, self._reset, choose, pick, self._estimate, changed)
+        actions = SettingActions(self.set_text, self._reset, self._choose, pick, self._estimate, changed)
         self.settings = {stage: SettingsList(stage, em, actions, self.estimates) for stage in TITLES}
         for widget in (self.detail, self.error, self.link, *(panel.widget for panel in self.settings.values())):
             widget.visible = False  # until there is something to show
@@ -145,24 +144,26 @@ class StagesPanel:
         config = self._workspace.config
         if config is not None:
             usual = differing(config, preset_of(config))
-            self._write({name: usual[name] for name in names if name in usual}, "")
+            self._write(lambda: {name: usual[name] for name in names if name in usual})
 
-    def _write(self, values: Mapping[str, object], words: str) -> None:
-        self._refuse(self._workspace.change_settings(values, words))
-        self._shown_config = None
-        self._changed()
+    def _choose(self, preset: str) -> None:
+        self._write(lambda: PRESETS[preset], f"the preset {preset}")
 
     def set_text(self, field: SettingField, text: str) -> None:
         """Set a setting to a text, as if it were typed."""
+        self._write(lambda: {field.name: field.parsed(text)}, edited=field.name)
+
+    def _write(self, values: Callable[[], Mapping[str, object]], words: str = "", edited: str = "") -> None:
+        refusal = None
         try:
-            refusal = self._workspace.change_settings({field.name: field.parsed(text)})
+            self._workspace.change_settings(values(), words)
         except StudioError as error:
-            refusal = error.message
-        self._refuse(refusal, field.name)
+            refusal = error
+        self._refuse(refusal, edited)
         self._shown_config = None  # shows the actual value, even if the new one was refused
         self._changed()
 
-    def _refuse(self, refusal: Message | None, edited: str = "") -> None:
+    def _refuse(self, refusal: StudioError | None, edited: str = "") -> None:
         """Show why a setting was refused; None clears it."""
         text = "" if refusal is None else in_page_words(str(refusal))
         setting = "" if refusal is None else str(refusal.fields.get("setting", ""))

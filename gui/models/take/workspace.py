@@ -7,6 +7,7 @@ import socket
 import time
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from gui.models.history import Change, History
@@ -26,7 +27,7 @@ from pipelines.takes.atomic_files import disk_errors
 from pipelines.takes.cancel_request import request_cancel
 from pipelines.takes.settings_file import save_config
 from pipelines.takes.take import Take
-from studio.errors import Message, StudioError
+from studio.errors import StudioError
 from studio.settings import OVERRIDES
 from studio.yaml_text import inline_yaml
 
@@ -361,44 +362,41 @@ class Workspace:
         pid = self.holder.get("pid") if self.holder is not None else None
         return pid if isinstance(pid, int) else None
 
-    def change_settings(self, values: Mapping[str, object], words: str = "") -> Message | None:
-        """Write settings, by dotted name, to config.yaml as one change to undo; returns why it was refused."""
-        before = self.context.config if self.context is not None else None
-        refusal = self.write_settings(values)
-        if refusal is None and before is not None and self.context is not None and self.context.config != before:
-            old = {name: setting_value(before, name) for name in values}
-            new = {name: setting_value(self.context.config, name) for name in values}
+    def change_settings(self, values: Mapping[str, object], words: str = "") -> None:
+        """Write settings, by dotted name, to config.yaml as one change to undo. Raises StudioError."""
+        before = self.config
+        self.write_settings(values)
+        now = self.config
+        if before is not None and now is not None and now != before:
+            old, new = ({name: setting_value(config, name) for name in values} for config in (before, now))
             changes = [f"{name} from {inline_yaml(old[name])} to {inline_yaml(new[name])}" for name in new]
             words = words or f"the change of {in_page_words(', '.join(changes))}"
-            write = self.write_settings
-            self.history.add(Change(words, lambda: write(old), lambda: write(new)))
-        return refusal
+            self.history.add(Change(words, partial(self.write_settings, old), partial(self.write_settings, new)))
 
-    @property
-    def locked(self) -> Message | None:
-        """Why no setting can be changed now; None if they can."""
-        if self.context is None:
-            return Message("settings.no_take", "no take with readable settings is open", fix="Open a take first.")
-        fix = "Wait for it to finish, or cancel it."
-        return Message("settings.run_active", "settings are locked during a run", fix=fix) if self.busy else None
+    def changeable(self) -> tuple[Take, Inputs]:
+        """The take, whose settings can be changed now. Raises StudioError if they cannot."""
+        if self.take is None or self.context is None:
+            raise StudioError("settings.no_take", "no take with readable settings is open", fix="Open a take first.")
+        if self.busy:
+            fix = "Wait for it to finish, or cancel it."
+            raise StudioError("settings.run_active", "settings are locked during a run", fix=fix)
+        return self.take, self.context
 
-    def write_settings(self, values: Mapping[str, object]) -> Message | None:
+    def write_settings(self, values: Mapping[str, object]) -> None:
         """As `change_settings`, but not noted for undo."""
-        if self.take is None or self.context is None or self.locked is not None:
-            return self.locked
+        take, context = self.changeable()
         try:
-            config = load_config(self.take.config, list(values.items()))
-            if config != self.context.config:
-                with disk_errors(self.take.root):
-                    save_config(self.take.config, config)  # keeps comments
+            config = load_config(take.config, list(values.items()))
         except StudioError as error:
-            return replace(error.message, file=None) if error.file == OVERRIDES else error.message
-        if config != self.context.config:
+            message = error.message
+            raise StudioError.of(replace(message, file=None) if error.file == OVERRIDES else message) from None
+        if config != context.config:
+            with disk_errors(take.root):
+                save_config(take.config, config)  # keeps comments
             self.context = self._new_context(config)
             self._unchecked()
         self._look_soon()
         self._notify()
-        return None
 
     def inputs_changed(self) -> None:
         """Read the take's edits again, and assess the stages soon."""

@@ -164,8 +164,11 @@ class BakeView(StageView):
         quality, (left, top) = min(self.points.items(), key=lambda item: math.hypot(item[1][0] - x, item[1][1] - y))
         if math.hypot(left - x, top - y) > 1.5 * self.em:
             return
-        refusal = self.workspace.change_settings({"bake.quality": quality})
-        self._done = f"Quality {quality} is set. Run Bake to use it." if refusal is None else str(refusal)
+        try:
+            self.workspace.change_settings({"bake.quality": quality})
+            self._done = f"Quality {quality} is set. Run Bake to use it."
+        except StudioError as error:
+            self._done = str(error)
 
     @property
     def table_text(self) -> str:

@@ -16,7 +16,7 @@ from gui.models.take.workspace import Workspace
 from pipelines.takes.atomic_files import disk_errors, remove
 from pipelines.takes.drawn_masks import DRAWN, file_of_garbage
 from studio.atomic_files import write_bytes
-from studio.errors import Message, StudioError
+from studio.errors import StudioError
 from studio.masks.garbage_polygons import EXTENSIONS, GarbagePolygons, read_garbage_polygons, write_garbage_polygons
 from studio.storage import is_address
 
@@ -127,42 +127,36 @@ class GarbageDrawing:
         if take is None or context is None:
             return False
         left = {camera: one for camera, one in polygons.items() if one.keep or one.remove}
+        after: _State = (DRAWN, left) if left else (None, None)
         try:
-            own = self._own()
+            before: _State = (setting_value(context.config, SETTING), self._own())
+            self._apply(after)
         except StudioError as error:
             self.refused.emit(str(error))
-            return False
-        before: _State = (setting_value(context.config, SETTING), own)
-        after: _State = (DRAWN, left) if left else (None, None)
-        refusal = self._apply(after)
-        if refusal is not None:
-            self.refused.emit(str(refusal))
             return False
         workspace.history.add(Change(words, lambda: self._apply(before), lambda: self._apply(after)))
         self.written.emit()
         return True
 
-    def _apply(self, state: _State) -> Message | None:
-        """Write the file and the setting; returns why that was refused."""
-        workspace = self._workspace
-        take, (value, polygons) = workspace.take, state
-        if take is None or workspace.locked is not None:
-            return workspace.locked
-        try:
-            with disk_errors(take.root):
-                before = take.garbage.read_bytes() if take.garbage.is_file() else None
-                if polygons is not None:
-                    write_garbage_polygons(take.garbage, polygons)
-            refusal = workspace.write_settings({SETTING: value})
-            with disk_errors(take.root):
-                if refusal is not None and before is not None:
+    def _apply(self, state: _State) -> None:
+        """Write the file and the setting, both or neither. Raises StudioError."""
+        workspace, (value, polygons) = self._workspace, state
+        take, _ = workspace.changeable()
+        with disk_errors(take.root):
+            before = take.garbage.read_bytes() if take.garbage.is_file() else None
+            if polygons is not None:
+                write_garbage_polygons(take.garbage, polygons)
+            try:
+                workspace.write_settings({SETTING: value})
+            except StudioError:
+                if before is not None:
                     write_bytes(take.garbage, before)
-                elif refusal is not None or polygons is None:
+                else:
                     remove(take.garbage)
-        except StudioError as error:
-            return error.message
+                raise
+            if polygons is None:
+                remove(take.garbage)
         workspace.inputs_changed()
-        return refusal
 
 
 def _scale(polygons: GarbagePolygons, size: tuple[int, int]) -> np.ndarray:

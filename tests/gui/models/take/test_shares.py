@@ -57,7 +57,7 @@ def test_a_stream_is_not_taken_for_up_to_date_before_it_is_checked(workspace: Wo
     wait_in_loop("the check", lambda: workspace.checked)
     assert told() == ""
     config, take = workspace.config, workspace.take
-    assert workspace.change_settings({"bake.quality": config.bake.quality + 8}) is None
+    workspace.change_settings({"bake.quality": config.bake.quality + 8})
     assert "Checking" in told(), "what was found before the change does not count"
     wait_in_loop("the check", lambda: workspace.checked)
     assert "out of date: 'quality' in Bake changed" in told()

@@ -23,6 +23,7 @@ from pipelines.events import (
 )
 from pipelines.events.event_log import EventLog
 from pipelines.takes.take import Take
+from tests.support.errors import refuses
 from tests.support.looping import heard, wait_in_loop
 from tests.support.waiting import wait_until
 from tests.support.warm_python import forking, warm_python
@@ -125,9 +126,10 @@ def test_a_setting_makes_stages_stale_and_a_run_makes_them_done_again(workspace:
     workspace.open(Take.open(take_copy))
     wait_in_loop("assessed", lambda: states(workspace) == dict.fromkeys(TITLES, "done"))
     assert workspace.row("capture").words == "6 cameras, 5 frames"
-    refusal = workspace.change_settings({"bake.quality": 99})
-    assert "must be" in refusal.problem
-    assert workspace.change_settings({"bake.quality": 33}) is None
+    with refuses("settings.invalid", file=None) as refusal:
+        workspace.change_settings({"bake.quality": 99})
+    assert "must be" in refusal.value.problem
+    workspace.change_settings({"bake.quality": 33})
     wait_in_loop("stale", lambda: states(workspace)["bake"] == "stale")
     assert states(workspace)["train"] == "done"
     assert "'quality' in Bake changed from 22 to 33" in workspace.row("bake").detail
@@ -136,8 +138,8 @@ def test_a_setting_makes_stages_stale_and_a_run_makes_them_done_again(workspace:
     refused = heard(workspace.refused)
     assert not workspace.start("all"), "one run at a time"
     assert "Another run is in progress" in str(refused)
-    refusal = workspace.change_settings({"bake.quality": 34})
-    assert refusal.code == "settings.run_active"
+    with refuses("settings.run_active"):
+        workspace.change_settings({"bake.quality": 34})
     wait_in_loop("over", lambda: not workspace.busy)
     assert workspace.run.planned == ("bake", "evaluate")
     assert workspace.run.finished == ["bake", "evaluate"]
@@ -179,7 +181,7 @@ def test_a_run_in_a_terminal_shows_up_can_be_stopped_and_gone_on_with(
         terminal.kill()
         terminal.wait()
     wait_in_loop("over", lambda: not workspace.busy and workspace.run.outcome == "cancelled")
-    assert workspace.change_settings({"train.keyframe_iterations": 100_001}) is None
+    workspace.change_settings({"train.keyframe_iterations": 100_001})
     assert workspace.start("train")
     wait_in_loop("training", lambda: workspace.run.stage == "train")
     os.kill(workspace.job.pid, signal.SIGKILL)
