@@ -12,14 +12,14 @@ from gui.actions.bakes import BakeActions
 from gui.actions.cameras import CameraActions
 from gui.actions.edits import EditActions
 from gui.actions.help import HelpActions
-from gui.actions.marks import MarkActions
+from gui.actions.marks import ask_mark, go_to_next, show_marks
 from gui.actions.menus import ITEMS
 from gui.actions.output import OutputActions
 from gui.actions.path import PathActions
 from gui.actions.points import PointActions
 from gui.actions.queue import QueueActions
 from gui.actions.search import SearchActions, opens_list
-from gui.actions.shares import ShareActions
+from gui.actions.shares import ask_share, follow_sharing, serve
 from gui.actions.start import StartActions
 from gui.models.loop import later
 from gui.models.preferences import BACKGROUND_NAMES, PICTURE_SIZES, Preferences
@@ -51,10 +51,10 @@ class Actions:
 
     def __init__(self, window: Shell) -> None:
         self._window = window
-        self._marks, self._outputs = MarkActions(window), OutputActions(window)
+        follow_sharing(window)
+        self._outputs = OutputActions(window)
         self.help = HelpActions(window)
         self.points = PointActions(window)
-        self.shares = ShareActions(window)
         self.cameras = CameraActions(window)
         self.queue = QueueActions(window)
         self.bakes = BakeActions(window)
@@ -91,19 +91,19 @@ class Actions:
             "queue": self.queue.show,
             "start": self.start.toggle,
             "span": self._step_span,
-            "mark": self._marks.ask,
-            "next_mark": lambda: self._marks.go(1),
-            "previous_mark": lambda: self._marks.go(-1),
-            "marks": self._marks.show_all,
+            "mark": partial(ask_mark, window),
+            "next_mark": partial(go_to_next, window, 1),
+            "previous_mark": partial(go_to_next, window, -1),
+            "marks": partial(show_marks, window),
             "export": self._outputs.export,
             "path": self.path.toggle,
             "add_key": self.path.add,
             "read_keys": self.path.ask_file,
             "clear_keys": self.path.clear,
             "stop_export": window.exports.stop,
-            **{f"share {form}": partial(self.shares.ask, form) for form in FORMS},
-            "serve": self.shares.serve,
-            "stop_serving": self.shares.stop,
+            **{f"share {form}": partial(ask_share, window, form) for form in FORMS},
+            "serve": partial(serve, window),
+            "stop_serving": window.serving.stop,
             "stage_help": self.help.stage,
             "shortcuts": self.help.shortcuts,
             "about": self._about,

@@ -17,71 +17,66 @@ from studio.errors import StudioError
 NO_MARKS = "No frame is marked. Press M to mark the frame on screen."
 
 
-class MarkActions:
-    """See the module; it acts through the main window."""
+def ask_mark(window: Shell) -> None:
+    """Ask for a note on the frame on screen, and mark it."""
+    if window.player.opened is None:
+        return
+    window.player.transport.pause()
+    frame = window.player.transport.number(window.player.transport.frame)
+    known = window.marks.marks.get(frame)
+    where = "" if window.marks.kept else ". Marks on a stream are lost when it is closed."
+    answers: list[tuple[str, str, Callable[[str], None]]] = [
+        ("save", "Mark", lambda note: _change(window, frame, note, known))
+    ]
+    if known is not None:
+        answers.append(("remove", "Remove mark", lambda _: _change(window, frame, None, known)))
+    answers.append(("close", "Cancel", lambda _: None))
+    note = "" if known is None else known.note
+    window.dialogs.line("mark", f"Mark frame {frame}", f"Note (optional){where}", note, answers)
 
-    def __init__(self, window: Shell) -> None:
-        self._window = window
 
-    def ask(self) -> None:
-        """Ask for a note on the frame on screen, and mark it."""
-        window = self._window
-        if window.player.opened is None:
+def _change(window: Shell, frame: int, note: str | None, known: Mark | None) -> None:
+    """Mark a frame, or remove its mark (None); noted for undo."""
+    marks = window.marks
+    try:
+        if note is None:
+            marks.put(frame, None, known)
+        elif not marks.set(frame, note, known, view_of(window.player)):
             return
-        window.player.transport.pause()
-        frame = window.player.transport.number(window.player.transport.frame)
-        known = window.marks.marks.get(frame)
-        where = "" if window.marks.kept else ". Marks on a stream are lost when it is closed."
-        answers: list[tuple[str, str, Callable[[str], None]]] = [
-            ("save", "Mark", lambda note: self._change(frame, note, known))
-        ]
-        if known is not None:
-            answers.append(("remove", "Remove mark", lambda _: self._change(frame, None, known)))
-        answers.append(("close", "Cancel", lambda _: None))
-        note = "" if known is None else known.note
-        window.dialogs.line("mark", f"Mark frame {frame}", f"Note (optional){where}", note, answers)
+    except StudioError as error:  # among others, somebody else has changed it: theirs is not to be undone here
+        window.notices.show(str(error), bad=True, topic="marks")
+        return
+    now = marks.marks.get(frame)
+    window.notices.clear("marks")
+    undo, redo = partial(marks.put, frame, known, now), partial(marks.put, frame, now, known)
+    window.workspace.history.add(Change(f"the mark of frame {frame}", undo, redo))
 
-    def _change(self, frame: int, note: str | None, known: Mark | None) -> None:
-        """Mark a frame, or remove its mark (None); noted for undo."""
-        window, marks = self._window, self._window.marks
-        try:
-            if note is None:
-                marks.put(frame, None, known)
-            elif not marks.set(frame, note, known, view_of(window.player)):
-                return
-        except StudioError as error:  # among others, somebody else has changed it: theirs is not to be undone here
-            window.notices.show(str(error), bad=True, topic="marks")
-            return
-        now = marks.marks.get(frame)
-        window.notices.clear("marks")
-        undo, redo = partial(marks.put, frame, known, now), partial(marks.put, frame, now, known)
-        window.workspace.history.add(Change(f"the mark of frame {frame}", undo, redo))
 
-    def go(self, direction: int) -> None:
-        """Go to the next (1) or previous (-1) mark, and to its view."""
-        window = self._window
-        transport = window.player.transport
-        frame = window.marks.next_after(transport.number(transport.frame), direction)
-        if frame is not None:
-            self._go_to(frame)
+def go_to_next(window: Shell, direction: int) -> None:
+    """Go to the next (1) or previous (-1) mark, and to its view."""
+    transport = window.player.transport
+    frame = window.marks.next_after(transport.number(transport.frame), direction)
+    if frame is not None:
+        _go_to(window, frame)
 
-    def show_all(self) -> None:
-        """Show the list of marks; choosing one goes to its frame and view."""
-        window = self._window
-        lines = {f"frame {frame}: {note or '(no note)'}": frame for frame, note in sorted(window.marks.notes.items())}
-        window.dialogs.choose("marks", "Marks", list(lines), lambda line: self._go_to(lines[line]), nothing=NO_MARKS)
 
-    def _go_to(self, frame: int) -> None:
-        """Go to a mark's frame, and to its view if it has one."""
-        player, mark = self._window.player, self._window.marks.marks.get(frame)
-        index = player.transport.numbers.index(frame)
-        if index is None:
-            self._window.notices.show(f"The take does not have frame {frame}.", topic="marks")
-            return
-        player.transport.pause()
-        player.transport.seek(index)
-        if mark is not None and mark.view is not None:
-            show_view(player, mark.view)
+def show_marks(window: Shell) -> None:
+    """Show the list of marks; choosing one goes to its frame and view."""
+    lines = {f"frame {frame}: {note or '(no note)'}": frame for frame, note in sorted(window.marks.notes.items())}
+    window.dialogs.choose("marks", "Marks", list(lines), lambda line: _go_to(window, lines[line]), nothing=NO_MARKS)
+
+
+def _go_to(window: Shell, frame: int) -> None:
+    """Go to a mark's frame, and to its view if it has one."""
+    player, mark = window.player, window.marks.marks.get(frame)
+    index = player.transport.numbers.index(frame)
+    if index is None:
+        window.notices.show(f"The take does not have frame {frame}.", topic="marks")
+        return
+    player.transport.pause()
+    player.transport.seek(index)
+    if mark is not None and mark.view is not None:
+        show_view(player, mark.view)
 
 
 def view_of(player: PlayerPresenter) -> MarkView:

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from gui.actions.marks import MarkActions
+from gui.actions.marks import ask_mark, go_to_next
 from gui.models.history import History
 from gui.models.marks import Marks
 from gui.models.notices import Notices
@@ -41,15 +41,15 @@ def test_a_mark_stays_with_the_footage_when_the_take_begins_later(window: Window
     window.player.transport = Transport(5, 25.0)
     window.player.transport.numbers = FrameNumbers((60, 61, 62, 63, 64))
     window.player.transport.seek(3)
-    MarkActions(window).ask()  # type: ignore[arg-type]
+    ask_mark(window)  # type: ignore[arg-type]
     window.answers["save"]("hand")
     assert list(read_marks(tmp_path / "marks.json")) == [63]
     window.player.transport.numbers = FrameNumbers((62, 63, 64))  # capture.frames is 62: now
     window.player.transport.seek(0)
-    MarkActions(window).go(1)  # type: ignore[arg-type]
+    go_to_next(window, 1)  # type: ignore[arg-type]
     assert window.player.transport.frame == 1
     window.player.transport.numbers = FrameNumbers((64,))
-    MarkActions(window).go(-1)  # type: ignore[arg-type]
+    go_to_next(window, -1)  # type: ignore[arg-type]
     assert "does not have frame 63" in window.notices.text
 
 
@@ -57,7 +57,7 @@ def test_a_mark_stays_with_the_footage_when_the_take_begins_later(window: Window
 def test_undo_leaves_what_somebody_else_wrote_meanwhile(window: Window, tmp_path: Path, answer: str) -> None:
     path = tmp_path / "marks.json"
     window.marks.set(0, "hand", None)
-    MarkActions(window).ask()  # type: ignore[arg-type]
+    ask_mark(window)  # type: ignore[arg-type]
     change_mark(path, 0, ANNAS, window.marks.marks[0])
     assert window.marks.refresh(), "the window shows it at once"
     window.answers[answer]("head")
