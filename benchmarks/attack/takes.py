@@ -9,7 +9,7 @@ from pathlib import Path
 
 from pipelines.takes.take import Take
 from studio.errors import StudioError
-from studio.stream import StreamReader
+from studio.stream import StreamReader, check_stream
 from tests.support.tiny_capture import ROOT, SETTINGS, environment, write_capture
 from tests.support.warm_python import WarmProcess, warm_python
 
@@ -96,7 +96,7 @@ def problems_of(take: Path, before: dict[str, str] | None = None) -> list[str]:
             Take.open(take)
         if (take / "stream" / "manifest.json").exists():
             with StreamReader.open(take / "stream") as reader:
-                reader.verify()
+                found += [f"{one.file}: {one.problem}" for one in check_stream(reader).damage]
     except StudioError as error:
         found.append(str(error))
     now = results(take)

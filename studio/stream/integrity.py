@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 from studio.errors import StudioError
 from studio.progress import ProgressFn, no_progress
-from studio.stream.manifest import FileEntry
+from studio.stream.manifest import MANIFEST_NAME, FileEntry
+from studio.stream.manifest_file import check_total
 from studio.stream.reader import StreamReader, checked_file
 from studio.stream.sources.source import SourceUnavailable
 
@@ -13,7 +14,7 @@ from studio.stream.sources.source import SourceUnavailable
 @dataclass(frozen=True)
 class StreamDamage:
     """A file that is missing or not what the manifest says: its path in the stream, what is wrong, and the numbers of
-    the groups that cannot be played without it, at least in one rendition; empty for the sound."""
+    the groups that cannot be played without it, at least in one rendition; empty for sound and manifest."""
 
     file: str
     problem: str
@@ -32,9 +33,9 @@ class StreamIntegrity:
 def check_stream(reader: StreamReader, progress: ProgressFn = no_progress) -> StreamIntegrity:
     """Read every file of all renditions and compare it with the size and the SHA-256 in the manifest.
 
-    The manifest itself was checked when the stream was opened. Files of groups whose page of the index is damaged
-    cannot be checked, because only the page lists them. `progress` is called with the bytes checked, and with how many
-    are known of. SourceUnavailable if the server does not answer.
+    The manifest itself was checked when the stream was opened, except for its total where groups are in pages. Files
+    of groups whose page is damaged cannot be checked, because only the page lists them. `progress` is called with the
+    bytes checked, and with how many are known of. SourceUnavailable if the server does not answer.
     """
     damage: list[StreamDamage] = []
     files: dict[str, FileEntry] = {}
@@ -46,6 +47,11 @@ def check_stream(reader: StreamReader, progress: ProgressFn = no_progress) -> St
             files[entry.path] = entry
             groups.setdefault(entry.path, []).append(number)
     total, done = sum(entry.bytes for entry in files.values()), 0
+    if not damage:  # all files are known
+        try:
+            check_total(reader.manifest, total, len(reader.manifest_bytes), MANIFEST_NAME)
+        except StudioError as error:
+            damage.append(StreamDamage(MANIFEST_NAME, error.problem, ()))
     for path, entry in files.items():
         try:
             checked_file(reader.source, entry)

@@ -39,7 +39,7 @@ def parse_manifest(data: bytes, name: str) -> Manifest:
             "manifest.wrong_checksum", "the file does not match its own SHA-256: it was damaged or edited", name
         )
     if not manifest.pages:
-        check_total(manifest, distinct_bytes(manifest.groups), len(data), name)
+        check_total(manifest, _file_bytes(manifest, manifest.groups), len(data), name)
     return manifest
 
 
@@ -86,24 +86,24 @@ def parse_page(
     return groups
 
 
-def distinct_bytes(groups: Sequence[GroupEntry]) -> int:
-    """Total size of the files of all renditions, each counted once."""
-    return sum({file.path: file.bytes for group in groups for file in group.files}.values())
+def _file_bytes(manifest: Manifest, groups: Sequence[GroupEntry]) -> int:
+    files = {file.path: file.bytes for group in groups for file in group.files}
+    return sum(files.values()) + sum(file.bytes for file in manifest.fixed_files)
 
 
-def check_total(manifest: Manifest, group_bytes: int, manifest_bytes: int, name: str) -> None:
-    """Raises StudioError unless `total_bytes` is right. `group_bytes`: size of all files of all groups, each once."""
-    expected = group_bytes + sum(file.bytes for file in manifest.fixed_files) + manifest_bytes
+def check_total(manifest: Manifest, file_bytes: int, manifest_bytes: int, name: str) -> None:
+    """Raises StudioError unless `total_bytes` is right. `file_bytes`: size of all files but the manifest, each once."""
+    expected = file_bytes + manifest_bytes
     if manifest.total_bytes != expected:
         problem = f"total_bytes is {manifest.total_bytes}, but the listed files have {expected} bytes"
         raise damaged("manifest.wrong_total", problem, name, manifest.total_bytes, expected=expected)
 
 
-def seal(manifest: Manifest, group_bytes: int) -> tuple[Manifest, bytes]:
-    """The manifest with `total_bytes` and `manifest_sha256`, which depend on its own bytes, and these bytes;
-    `group_bytes` are `distinct_bytes` of all groups, also of those in pages."""
+def seal(manifest: Manifest, groups: Sequence[GroupEntry]) -> tuple[Manifest, bytes]:
+    """The manifest with `total_bytes` and `manifest_sha256`, which depend on its own bytes, and these bytes; `groups`
+    are all, also those in pages."""
     zeros = "0" * 64
-    total = file_bytes = group_bytes + sum(file.bytes for file in manifest.fixed_files)
+    total = file_bytes = _file_bytes(manifest, groups)
     while True:  # the size includes its own digits; it only grows, so this converges after a few rounds
         draft = manifest.model_copy(update={"total_bytes": total, "manifest_sha256": zeros})
         data = draft.to_bytes()

@@ -25,7 +25,7 @@ from studio.stream.manifest import (
     Rendition,
     RenditionEntry,
 )
-from studio.stream.manifest_file import check_growth, check_total, parse_manifest
+from studio.stream.manifest_file import check_growth, parse_manifest
 from studio.stream.sound import StreamSound
 from studio.stream.sources.open_source import open_source
 from studio.stream.sources.source import Source, SourceUnavailable, close_source, damaged, read_files
@@ -286,18 +286,6 @@ class StreamReader:
         """Frames `start` to `stop` (exclusive; all by default), in order."""
         for frame in range(start, self.frame_count if stop is None else min(stop, self.frame_count)):
             yield self.gaussians(frame)
-
-    def verify(self) -> None:
-        """Verify size and SHA-256 of every file, of all renditions. Raises StudioError for the first mismatch."""
-        sizes: dict[str, int] = {}
-        if self.audio is not None:
-            self.checked(self.audio)
-        for number in range(len(self.index)):
-            group = self.index.group(number)
-            sizes.update((file.path, file.bytes) for file in group.files)
-            for one in group.renditions:
-                self.fetch(one)
-        check_total(self.manifest, sum(sizes.values()), len(self.manifest_bytes), self._manifest_name)
 
     def _drop_decoder(self) -> None:
         if self._decoder is not None:

@@ -29,7 +29,7 @@ from studio.stream.manifest import (
     RenditionEntry,
     invalid,
 )
-from studio.stream.manifest_file import distinct_bytes, parse_manifest, seal
+from studio.stream.manifest_file import parse_manifest, seal
 from studio.stream.metadata import with_plain_texts
 from studio.stream.settings import BakeSettings
 from studio.stream.sources.source import FolderSource
@@ -100,7 +100,7 @@ def write_manifest(
             total_bytes=1,
             manifest_sha256="0" * 64,
         )
-        manifest, data = seal(draft, distinct_bytes(groups))
+        manifest, data = seal(draft, groups)
         index = GroupIndex(manifest, FolderSource(directory))
         for number in range(len(groups)):  # what a reader of the pages would refuse
             index.group(number)

@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from studio.errors import StudioError
-from studio.stream import StreamReader, manifest
+from studio.stream import StreamReader, check_stream, manifest
 from studio.stream.manifest_file import VERSION, manifest_schema, parse_manifest
 from tests.studio.formats.test_damage import at_most
 from tests.support.errors import refuses
@@ -263,8 +263,10 @@ def test_pages_that_are_damaged_or_missing(copy_of):
 def test_a_total_that_is_wrong_is_found_by_verifying(copy_of):
     stream = copy_of("ladder")
     edit_manifest(stream, lambda values: None)  # its total leaves out what is in the page
-    with StreamReader.open(stream) as reader, refuses("manifest.wrong_total"):
-        reader.verify()
+    with StreamReader.open(stream) as reader:
+        (found,) = check_stream(reader).damage
+    assert (found.file, found.groups) == ("manifest.json", ())
+    assert "total_bytes" in found.problem
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from studio.stream import StreamReader
+from studio.stream import StreamReader, check_stream
 from tests.support.errors import refuses
 from tests.support.sounds import click_times
 from tests.support.streams import put_file, write_sealed
@@ -25,7 +25,7 @@ def test_sound_in_the_manifest_and_decoded(stream):
         assert (entry.codec, entry.sample_rate, entry.channels, entry.start) == ("aac", 48_000, 2, 0)
         assert entry.samples == 30 * 48_000 // 25
         assert entry.path in {file.path for file in reader.files}
-        reader.verify()
+        assert not check_stream(reader).damage
         assert reader.played_bytes == sum(p.stat().st_size for p in stream.rglob("*") if p.is_file())
         sound = reader.sound()
         whole = sound.read(0, sound.samples)
@@ -65,9 +65,11 @@ def test_damaged_files_are_found(stream):
     with StreamReader.open(stream) as reader:
         file = stream / reader.audio.path
         file.write_bytes(bytes(file.read_bytes()[:-1]) + b"x")
-        for read in (reader.sound, reader.audio_bytes, reader.verify):
+        for read in (reader.sound, reader.audio_bytes):
             with refuses("stream.wrong_checksum", file=f"{stream}/{reader.audio.path}"):
                 read()
+        (found,) = check_stream(reader).damage
+        assert (found.file, found.groups) == (reader.audio.path, ())
 
 
 def test_streams_without_sound(intact):
