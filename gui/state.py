@@ -8,7 +8,6 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
-from gui.pages.review.session import edits_of
 from gui.shell import Shell
 from pipelines.takes.edits import describe
 from studio.json_types import JsonObject
@@ -32,7 +31,7 @@ def state_of(window: Shell) -> JsonObject:
         "lines": window.dialogs.lines,
         "stage": views.stage,
         "mode": sorted(views.chosen()),  # the pressed buttons above the view
-        "edits": describe(edits_of(window.workspace)),
+        "edits": describe(views.editor.edits),
         "selected": views.editor.counts.get("selected", 0) if views.edits_take else 0,  # splats
         "fullscreen": window.layout.fullscreen,
         "figures": window.layout.shows_figures,

@@ -3,7 +3,7 @@
 from bisect import bisect_right
 from collections.abc import Hashable
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import ClassVar
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from gui.drawing import compare
 from gui.drawing.canvas import Canvas, wrapped
 from gui.drawing.palette import FAIR, TEXT
+from gui.models.history import Change
 from gui.models.loop import Signal
 from gui.models.playback.viewpoint import BACKGROUNDS
 from gui.models.scene.compose import SplatLayer
@@ -33,10 +34,9 @@ from gui.pages.review.details import detail_handles, draw_detail, marked, resize
 from gui.pages.review.frame import EditedFrame
 from gui.pages.review.histogram import HistogramPlace, draw_histogram
 from gui.pages.review.picture import Stroke
-from gui.pages.review.session import change, edits_of
 from gui.pages.review.tools import BRUSH, BRUSH_STEP, LEAST_BRUSH, MOST_BRUSH, TOOLS, hint
 from gui.pages.stage_view import OrbitView, Size
-from pipelines.takes.edits import describe
+from pipelines.takes.edits import change_edits, describe
 from pipelines.takes.frame_numbers import FrameNumbers
 from pipelines.takes.take import Take
 from studio.cameras import Camera
@@ -109,7 +109,12 @@ class EditView(OrbitView):
 
     @property
     def edits(self) -> EditList:
-        return edits_of(self.workspace)
+        """The edits of the open take; none if no take is open, or they cannot be read."""
+        try:
+            context = self.workspace.context
+            return context.edits if context is not None else EditList()
+        except StudioError:
+            return EditList()
 
     @property
     def up(self) -> np.ndarray:
@@ -206,12 +211,27 @@ class EditView(OrbitView):
         return edits.with_(regions=(*others, last.model_copy(update={"frames": frames})))
 
     def commit(self, edits: EditList, words: str) -> bool:
-        """Write the edits as one change; returns whether that was possible, and sets `refused` if not."""
-        self._refuse(change(self.workspace, edits, words))
-        self.pending = None
+        """Write the edits as one change to undo; returns whether that was possible, and sets `refused` if not."""
+        before, self.pending = self.edits, None
+        undo = partial(self._write, edits, before, f"undo: {words}")
+        redo = partial(self._write, before, edits, words)
+        self._refuse("")
+        try:
+            if edits != before:
+                redo()
+                self.workspace.history.add(Change(words, undo, redo))
+        except StudioError as error:
+            self._refuse(str(error))
         if self.tool == "floaters":
             self.tool = "look"
         return not self.refused
+
+    def _write(self, before: EditList, edits: EditList, words: str) -> None:
+        take = self.workspace.take
+        if take is None or self.workspace.context is None:
+            raise StudioError("edits.no_take", "no take with readable settings is open", fix="Open a take first.")
+        change_edits(take.edits, edits, words, before)
+        self.workspace.inputs_changed()
 
     def _refuse(self, why: str) -> None:
         self.refused = why

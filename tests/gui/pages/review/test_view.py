@@ -11,7 +11,6 @@ from gui.models.scene.handles import crop_handles
 from gui.models.scene.orbit import OrbitCamera
 from gui.models.take.workspace import Workspace
 from gui.pages.review.numbers import fields_of, with_numbers
-from gui.pages.review.session import edits_of
 from gui.pages.review.tools import LEAST_BRUSH, MOST_BRUSH
 from gui.pages.review.view import EditView
 from pipelines.takes.edits import read_edits
@@ -54,7 +53,7 @@ def test_a_lasso_selects_and_removes_in_the_group_and_undo_brings_back(view: Edi
     selected = view.counts["selected"]
     assert selected > 20
     assert (selected_picture != before).any()
-    assert edits_of(view.workspace) == EditList()  # nothing is removed yet
+    assert view.edits == EditList()  # nothing is removed yet
     asked = heard(view.range_wanted)
     view.press("remove")
     assert asked == [(range(3),)]
@@ -69,7 +68,7 @@ def test_a_lasso_selects_and_removes_in_the_group_and_undo_brings_back(view: Edi
     assert view.counts["removed"] == 0
     view.frame = 0
     assert view.workspace.history.undo() == "Undone: lasso removal."
-    assert edits_of(view.workspace) == EditList()
+    assert view.edits == EditList()
     assert view.workspace.history.redo() == "Redone: lasso removal."
     assert len(read_edits(view.workspace.context.take.edits).regions) == 1
 
