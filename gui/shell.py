@@ -12,6 +12,7 @@ from gui.models.evaluation import Evaluation
 from gui.models.marks import Marks
 from gui.models.notices import Notices
 from gui.models.playback.player import PlayerPresenter
+from gui.models.playback.thumbnails import Thumbnails
 from gui.models.preferences import PICTURE_SIZES, Preferences
 from gui.models.take.exports import Exports
 from gui.models.take.serving import Serving
@@ -77,7 +78,7 @@ class Shell:
         self.views = StageViews(self.workspace, self.player, RaycastMesh)
         self.exports, self.serving = Exports(), Serving()
         self.evaluation, self.marks = Evaluation(), Marks(None)
-        self.notices = Notices()
+        self.notices, self.thumbnails = Notices(), Thumbnails()
         self.pictures = 0
         self.numbers: list[int | None] = [None, None, None]
         self.title, self.wants_close = "", False
@@ -166,18 +167,16 @@ class Layout:
 
     def set_fullscreen(self, on: bool) -> None:
         """Show the viewport alone, or with all panels."""
+        if on == self.fullscreen:
+            return
         self.fullscreen = on
         self._panels.window.show_menu(not on)
         self._show_panels(not on and not self._panels.start.shown)
 
-    def leave_fullscreen(self) -> None:
-        if self.fullscreen:
-            self.set_fullscreen(False)
-
     def set_start(self, on: bool) -> None:
         """Show the start page alone, or the panels."""
         panels = self._panels
-        self.leave_fullscreen()
+        self.set_fullscreen(False)
         panels.start.shown = panels.start.picture.widget.visible = on
         panels.camera_menu.close()
         self._show_panels(not on)

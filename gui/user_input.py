@@ -100,7 +100,7 @@ class UserInput:
             or window.views.leave()
             or window.player.transport.clear_span()
         ):
-            window.layout.leave_fullscreen()
+            window.layout.set_fullscreen(False)
         window.changed()
 
     def item_chosen(self, key: str) -> None:

@@ -8,6 +8,7 @@ from open3d.visualization import gui, rendering
 
 from gui.actions import menus
 from gui.actions.commands import Actions
+from gui.actions.help import apply_fix, show_stage_help
 from gui.actions.opening import Opening
 from gui.drawing.icons import FONT
 from gui.drawing.palette import DIM, TEXT
@@ -94,9 +95,9 @@ class MainWindow(Shell):
         self.modes = ModesPanel(self.views.choices(), em, self._chosen, hints)
         self.stages = StagesPanel(
             self.workspace, em, self.select, self.actions.run, changed, self.actions.pick, self._widen,
-            self.actions.help.stage, self._guard, hints,
+            partial(show_stage_help, self), self._guard, hints,
         )  # fmt: skip
-        self.inspector = InspectorPanel(em, changed, self.actions.help.apply_fix, self.window.set_needs_layout)
+        self.inspector = InspectorPanel(em, changed, partial(apply_fix, self), self.window.set_needs_layout)
         self.camera_menu = CameraMenu(em, changed)
         self.path_panel = PathPanel(em, self.exports.path, self.actions.path.act, changed)
         self.timeline.moved_key = self.actions.path.move_frame
@@ -138,7 +139,8 @@ class MainWindow(Shell):
         workspace.new_results.connect(self.player.refresh)
         exports.changed.connect(self.changed)
         exports.finished.connect(self._exported)
-        for signal in (self.serving.started, self.serving.failed, self.actions.bakes.bakes.changed):
+        bakes = self.actions.bakes.bakes
+        for signal in (self.serving.started, self.serving.failed, bakes.changed, self.thumbnails.changed):
             signal.connect(lambda *_: self.changed())
         self._marks_timer = LOOP.every(LOOK_EVERY, self._look_at_marks)
 
@@ -171,7 +173,7 @@ class MainWindow(Shell):
 
     def _opening_ended(self, opened: bool) -> None:
         if opened:
-            self.actions.start.opened()
+            self.actions.start.hide()
             self.actions.path.stop()
         else:
             self.actions.start.update()
@@ -203,16 +205,15 @@ class MainWindow(Shell):
         self.serving.stop()
         self.stages.estimates.stop()
         self.actions.new_take_dialog.close()
-        self.actions.queue.close()
+        self.actions.queue.queue.close()
         self.actions.start.close()
         self.actions.clipboard.close()
         self.actions.bakes.close()
-        self.actions.cameras.thumbnails.close()
-        self.actions.path.close()
-        self.actions.edits.close()
+        self.actions.edits.counter.close()
+        self.thumbnails.close()
         self.timeline.filmstrip.close()
         self.workspace.close()
-        self.places.close()
+        self.places.worker.close()
         LOOP.stop(self._marks_timer)
         # Open3D keeps references to callbacks and therefore to this object; release large objects.
         self._keep_alive = None
@@ -312,18 +313,13 @@ class MainWindow(Shell):
         if self.layout.fullscreen or self.start.shown:
             return False
         stage_view = self.views.stage_view
-        changed, layout = self.controls.update(self.views.edits_take)
-        if layout:
-            self.window.set_needs_layout()
-        row, chosen, idle = self.views.row, self.views.chosen(), self.views.idle
-        touched, layout = self.modes.update(row, chosen, idle, self.input.pointer)
-        changed |= touched
-        if layout:
+        controls, row = self.controls.update(self.views.edits_take), self.views.row
+        modes = self.modes.update(row, self.views.chosen(), self.views.idle, self.input.pointer)
+        stages = self.stages.update()
+        changed = controls[0] | modes[0] | stages[0]
+        if modes[1]:
             self._guard.swapped()
-            self.window.set_needs_layout()
-        touched, layout = self.stages.update()
-        changed |= touched
-        if layout:
+        if controls[1] or modes[1] or stages[1]:
             self.window.set_needs_layout()
         changed |= self.inspector.update(
             self.player, self.evaluation, self.marks, self.workspace, self.views.stage,

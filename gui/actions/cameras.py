@@ -8,7 +8,6 @@ from gui.drawing.compare import ALONE
 from gui.models.evaluation import Evaluation, WorstFrame
 from gui.models.loop import later
 from gui.models.playback.image_zoom import ImageZoom
-from gui.models.playback.thumbnails import Thumbnails
 from gui.pages.capture.view import MASKS
 from gui.shell import Shell
 from gui.widgets.camera_menu import Item
@@ -27,10 +26,8 @@ class CameraActions:
 
     def __init__(self, window: Shell) -> None:
         self._window = window
-        self.thumbnails = Thumbnails()
         self._worst = WorstDialog(window.dialogs, self._show_frame, self._picture)
-        self.thumbnails.changed.connect(self._worst.update)
-        self.thumbnails.changed.connect(window.changed)
+        window.thumbnails.changed.connect(self._worst.update)
         views, garbage, notices = window.views, window.views.capture.garbage, window.notices
         views.clicked.connect(lambda: window.camera_menu.close())
         views.camera_clicked.connect(self._clicked)
@@ -72,7 +69,7 @@ class CameraActions:
             return None
         camera = player.opened.rig[worst.camera].undistorted()
         view = ImageZoom.around(player.points, camera, *size).camera(camera, *size)
-        return self.thumbnails.get(player.opened.path, player.contents, view, worst.frame, size)
+        return self._window.thumbnails.get(player.opened.path, player.contents, view, worst.frame, size)
 
     def _alone(self, camera: str) -> None:
         views = self._window.views

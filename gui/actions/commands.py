@@ -11,12 +11,12 @@ from open3d.visualization import gui
 from gui.actions.bakes import BakeActions
 from gui.actions.cameras import CameraActions
 from gui.actions.edits import EditActions
-from gui.actions.help import HelpActions
+from gui.actions.help import show_shortcuts, show_stage_help
 from gui.actions.marks import ask_mark, go_to_next, show_marks
 from gui.actions.menus import ITEMS
 from gui.actions.output import OutputActions
 from gui.actions.path import PathActions
-from gui.actions.points import PointActions
+from gui.actions.points import follow_points, point_keys
 from gui.actions.queue import QueueActions
 from gui.actions.search import SearchActions, opens_list
 from gui.actions.shares import ask_share, follow_sharing, serve
@@ -51,10 +51,9 @@ class Actions:
 
     def __init__(self, window: Shell) -> None:
         self._window = window
+        follow_points(window)
         follow_sharing(window)
         self._outputs = OutputActions(window)
-        self.help = HelpActions(window)
-        self.points = PointActions(window)
         self.cameras = CameraActions(window)
         self.queue = QueueActions(window)
         self.bakes = BakeActions(window)
@@ -104,8 +103,8 @@ class Actions:
             **{f"share {form}": partial(ask_share, window, form) for form in FORMS},
             "serve": partial(serve, window),
             "stop_serving": window.serving.stop,
-            "stage_help": self.help.stage,
-            "shortcuts": self.help.shortcuts,
+            "stage_help": partial(show_stage_help, window),
+            "shortcuts": partial(show_shortcuts, window),
             "about": self._about,
             "log": window.layout.toggle_log,
             "log_warnings": window.inspector.toggle_warnings,
@@ -153,7 +152,7 @@ class Actions:
             key.L: lambda: transport.set_loop(not transport.loop),
             key.V: player.toggle_sound,
             **of_menu,
-            **self.points.keys(),
+            **point_keys(window),
             **self.edits.keys(),
         }
         return actions.get(event.key)

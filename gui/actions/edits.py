@@ -10,7 +10,6 @@ from open3d.visualization import gui
 from gui.models.loop import later
 from gui.models.worker import Done, LatestWorker
 from gui.pages.review.numbers import TITLES, fields_of, with_numbers
-from gui.pages.review.session import edits_of
 from gui.shell import Shell
 from gui.widgets.dialogs.form import ask_numbers
 from gui.widgets.picture import holds
@@ -46,7 +45,7 @@ class EditActions:
     def __init__(self, window: Shell) -> None:
         self._window = window
         self._known = EditList()
-        self._counter: LatestWorker[Removal, list[int]] = LatestWorker(self._count, "v3studio count", self._counted)
+        self.counter: LatestWorker[Removal, list[int]] = LatestWorker(self._count, "v3studio count", self._counted)
         self._removal: Removal | None = None
         views, notices = window.views, window.notices
         views.edit_dialog.connect(later(lambda key: self._list() if key == "list" else self._numbers()))
@@ -67,7 +66,7 @@ class EditActions:
         editor.pointer = self._pointer() if editor.tool == "brush" else None
 
     def _follow_edits(self) -> None:
-        now = edits_of(self._window.workspace)
+        now = self._window.views.editor.edits
         if now != self._known:
             self._known = now
             self._window.notices.clear("edits")
@@ -149,7 +148,7 @@ class EditActions:
         window.dialogs.choose("remove", "Remove from", list(ranges), lambda line: remove(ranges[line]), note=REMOVED)
         removals = {words: editor.reaching(frames) for words, frames in ranges.items()}
         self._removal = window.workspace.take, editor.edits, removals
-        self._counter.ask(self._removal)
+        self.counter.ask(self._removal)
 
     def _count(self, removal: Removal) -> list[int]:
         def progress(*_: object, **_figures: object) -> None:
@@ -168,9 +167,6 @@ class EditActions:
             for number, line in enumerate(dialogs.lines):
                 dialogs.widgets[f"choice{number}"].text = line
             self._window.changed()
-
-    def close(self) -> None:
-        self._counter.close()
 
     def _list(self) -> None:
         window, editor = self._window, self._window.views.editor

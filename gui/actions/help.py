@@ -50,54 +50,49 @@ KEYS: dict[str, dict[str, str]] = {  # keys and what they do, under headings, be
 WIDTH, SHORTCUTS_WIDTH = 50, 66  # widths of the help of a stage and of the list of shortcuts, em
 
 
-class HelpActions:
-    """See the module; it acts through the main window."""
+def show_stage_help(window: Shell) -> None:
+    """Show what to look for in the selected stage."""
+    dialogs, stage = window.dialogs, window.stages.selected
+    if stage not in HELP:
+        window.notices.show(f"There is no help on {TITLES[stage]}.")
+        return
+    dialogs.widgets = {}
+    image = gui.ImageWidget(as_image(help_image(stage, round(WIDTH * dialogs.em), dialogs.em)))
+    row = gui.Horiz(0.4 * dialogs.em)
+    down = round(BUTTON_PADDING * dialogs.em) + FIELD_PADDING
+    row.add_child(lowered(dialogs.label("If it looks bad:"), down))
+    for setting in HELP[stage].settings:
+        action = dialogs.closing(partial(_show, window, setting))
+        row.add_child(dialogs.button(f"setting {setting}", setting_words(setting), action))
+    row.add_stretch()
+    answers = [("close", "Close", dialogs.close)]
+    dialogs.show("help", f"{TITLES[stage]}: what to look for", [image, row], answers, 40, dialogs.close)
 
-    def __init__(self, window: Shell) -> None:
-        self._window = window
 
-    def stage(self) -> None:
-        """Show what to look for in the selected stage."""
-        dialogs, stage = self._window.dialogs, self._window.stages.selected
-        if stage not in HELP:
-            self._window.notices.show(f"There is no help on {TITLES[stage]}.")
-            return
-        dialogs.widgets = {}
-        image = gui.ImageWidget(as_image(help_image(stage, round(WIDTH * dialogs.em), dialogs.em)))
-        row = gui.Horiz(0.4 * dialogs.em)
-        down = round(BUTTON_PADDING * dialogs.em) + FIELD_PADDING
-        row.add_child(lowered(dialogs.label("If it looks bad:"), down))
-        for setting in HELP[stage].settings:
-            action = dialogs.closing(partial(self._show, setting))
-            row.add_child(dialogs.button(f"setting {setting}", setting_words(setting), action))
-        row.add_stretch()
-        answers = [("close", "Close", dialogs.close)]
-        dialogs.show("help", f"{TITLES[stage]}: what to look for", [image, row], answers, 40, dialogs.close)
+def show_shortcuts(window: Shell) -> None:
+    dialogs = window.dialogs
+    dialogs.widgets = {}
+    width = min(round(SHORTCUTS_WIDTH * dialogs.em), dialogs.room)
+    sections = {title: dict(keys) for title, keys in KEYS.items()}
+    for title, items in MENUS.items():
+        keys = {item.shortcut: item.words for item in items if item is not None and item.shortcut}
+        sections[title] = sections.get(title, {}) | keys
+    shown = {title: keys for title, keys in sections.items() if keys}
+    image = gui.ImageWidget(as_image(key_list(shown, width, dialogs.em)))
+    dialogs.show("message", "Shortcuts", [image], [("close", "Close", dialogs.close)], 40, dialogs.close)
 
-    def shortcuts(self) -> None:
-        dialogs = self._window.dialogs
-        dialogs.widgets = {}
-        width = min(round(SHORTCUTS_WIDTH * dialogs.em), dialogs.room)
-        sections = {title: dict(keys) for title, keys in KEYS.items()}
-        for title, items in MENUS.items():
-            keys = {item.shortcut: item.words for item in items if item is not None and item.shortcut}
-            sections[title] = sections.get(title, {}) | keys
-        shown = {title: keys for title, keys in sections.items() if keys}
-        image = gui.ImageWidget(as_image(key_list(shown, width, dialogs.em)))
-        dialogs.show("message", "Shortcuts", [image], [("close", "Close", dialogs.close)], 40, dialogs.close)
 
-    def apply_fix(self, fix: Fix) -> None:
-        """Set the setting that fixes a warning, or show it where people must choose the value."""
-        window = self._window
-        with window.notices.reporting("setting"):
-            if fix.sets and not fix.done:
-                window.workspace.change_settings({fix.setting: fix.value})
-                words = f"{setting_words(fix.setting)} changed. Run again to use it; Ctrl+Z changes it back."
-                window.notices.show(words)
-            self._show(fix.setting)
+def apply_fix(window: Shell, fix: Fix) -> None:
+    """Set the setting that fixes a warning, or show it where people must choose the value."""
+    with window.notices.reporting("setting"):
+        if fix.sets and not fix.done:
+            window.workspace.change_settings({fix.setting: fix.value})
+            words = f"{setting_words(fix.setting)} changed. Run again to use it; Ctrl+Z changes it back."
+            window.notices.show(words)
+        _show(window, fix.setting)
 
-    def _show(self, setting: str) -> None:
-        window = self._window
-        none = "Only a take has settings. Open one, or create one from footage."
-        if window.notices.outcome("settings", none if window.workspace.config is None else ""):
-            window.stages.show_setting(setting)
+
+def _show(window: Shell, setting: str) -> None:
+    none = "Only a take has settings. Open one, or create one from footage."
+    if window.notices.outcome("settings", none if window.workspace.config is None else ""):
+        window.stages.show_setting(setting)

@@ -6,7 +6,6 @@ from functools import partial
 
 from open3d.visualization import gui
 
-from gui.widgets.command_list import Command
 from gui.widgets.picture import text_room
 
 
@@ -137,13 +136,3 @@ def connect(window: gui.Window, chosen: Callable[[str], None]) -> None:
     """Report the key of each chosen item."""
     for number, item in enumerate(ITEMS.values(), start=1):
         window.set_on_menu_item_activated(number, partial(chosen, item.key))
-
-
-def commands_of(why_not: Callable[[Item], str]) -> list[Command]:
-    """The items for the list of commands, itself not among them. `why_not`: why an item is not possible now."""
-    return [
-        Command(item.key, title, item.words, item.shortcut, why_not(item))
-        for title, items in MENUS.items()
-        for item in items
-        if item is not None and item.key != "search"
-    ]

@@ -19,19 +19,18 @@ class Opening:
 
     def __init__(self, window: Shell, ended: Callable[[bool], object]) -> None:
         self._window, self._ended = window, ended
-        self._worker: LatestWorker[str, Loaded] = LatestWorker(load, "v3studio open", self._loaded)
-        self.place = ""
+        self.worker: LatestWorker[str, Loaded] = LatestWorker(load, "v3studio open", self._loaded)
 
     def open(self, place: str) -> None:
         """Open a take, a stream or a URL; bad input is reported in the window."""
         window = self._window
-        self.place = window.workspace.opening = place
+        window.workspace.opening = place
         window.notices.show(f"Opening {place} ...", topic="open")
-        self._worker.ask(place)
+        self.worker.ask(place)
 
     def _loaded(self, done: Done[str, Loaded]) -> None:
         window, error = self._window, done.error
-        self.place = window.workspace.opening = ""
+        window.workspace.opening = ""
         if done.result is None:
             bug = f"{done.request}: cannot be opened: {type(error).__name__}: {error}"
             window.notices.show(str(error) if isinstance(error, StudioError) else bug, bad=True, topic="open")
@@ -55,9 +54,6 @@ class Opening:
             window.player.transport.play()
         window.window.set_needs_layout()
         self._ended(True)
-
-    def close(self) -> None:
-        self._worker.close()
 
 
 def _return_freed_memory() -> None:

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from gui.models.camera_path import PathEditor
-from gui.models.playback.thumbnails import Thumbnails
 from gui.models.scene.orbit import OrbitCamera
 from gui.shell import Shell
 from gui.widgets.dialogs.folder import ask_path
@@ -21,8 +20,6 @@ class PathActions:
 
     def __init__(self, window: Shell, export: Callable[[], None]) -> None:
         self._window, self._export = window, export
-        self.thumbnails = Thumbnails()
-        self.thumbnails.changed.connect(window.changed)
         self._preview: tuple[CameraPath, float] | None = None
         self._shown: tuple[int, OrbitCamera] | None = None
 
@@ -193,10 +190,8 @@ class PathActions:
         opened, size = window.player.opened, window.path_panel.thumbnail_size
         if opened is None or window.player.transport.playing or not window.path_panel.shown:
             return [None] * len(self.editor.keys)
+        get, contents = window.thumbnails.get, window.player.contents
         return [
-            None if frame is None else self.thumbnails.get(opened.path, window.player.contents, key.camera, frame, size)
+            None if frame is None else get(opened.path, contents, key.camera, frame, size)
             for key, frame in zip(self.editor.keys, self.editor.frames, strict=True)
         ]
-
-    def close(self) -> None:
-        self.thumbnails.close()

@@ -119,7 +119,3 @@ class QueueActions:
         dialogs, rows = self._window.dialogs, self.queue.view.rows
         start = rows[-1].take.parent if rows else (self._open_take or dialogs.usual_folder())
         ask_path(dialogs, "Add take to the queue", start, "take", done, self.show)
-
-    def close(self) -> None:
-        """End the thread; the queue keeps running."""
-        self.queue.close()

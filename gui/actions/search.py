@@ -4,9 +4,10 @@ from collections.abc import Callable, Mapping
 
 from open3d.visualization import gui
 
-from gui.actions.menus import ITEMS, Item, commands_of
+from gui.actions.menus import ITEMS, MENUS, Item
 from gui.models.loop import LOOP
 from gui.shell import Shell
+from gui.widgets.command_list import Command
 from gui.widgets.dialogs.command import CommandDialog
 
 
@@ -34,7 +35,14 @@ class SearchActions:
         dialogs = self._window.dialogs
         if dialogs.expected and not self._window.chords.held:
             try:
-                self.dialog.show(commands_of(self.why_not))
+                self.dialog.show(
+                    [
+                        Command(item.key, title, item.words, item.shortcut, self.why_not(item))
+                        for title, items in MENUS.items()
+                        for item in items
+                        if item is not None and item.key != "search"
+                    ]
+                )
             finally:  # input must not stay kept back if that fails
                 dialogs.expected = False
             self._window.changed()

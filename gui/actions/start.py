@@ -142,11 +142,6 @@ class StartActions:
         if problem:
             self._window.notices.show(problem, bad=True, topic="open")
 
-    def opened(self) -> None:
-        """Something has been opened."""
-        self._asked = False
-        self.update()
-
     def copied(self, text: str) -> None:
         """Open what came from the clipboard, if it was asked for."""
         if self._pasting:

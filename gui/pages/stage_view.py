@@ -106,10 +106,6 @@ class StageView:
     def right_click(self, x: float, y: float) -> None:
         """Handle a right click at a pixel of the image where no camera is shown."""
 
-    def camera_at(self, x: float, y: float) -> str:
-        """The camera shown at a pixel of the image; "" if there is none."""
-        return shown_at(self.places, x, y)
-
     def reset(self) -> None:
         """Return to the initial view."""
 

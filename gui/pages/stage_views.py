@@ -330,7 +330,7 @@ class StageViews:
         self.clicked.emit()
         stage_view = self.stage_view
         if stage_view is not None:
-            camera = stage_view.camera_at(x, y)
+            camera = shown_at(stage_view.places, x, y)
             if camera:
                 self.camera_clicked.emit(camera)  # which may select another stage
             stage_view.click(x, y)
@@ -352,7 +352,7 @@ class StageViews:
         self.clicked.emit()
         view = self.stage_view
         if view is not None:
-            camera = view.camera_at(x, y)
+            camera = shown_at(view.places, x, y)
         else:
             hit = shown_at(self.player.scene_places[0], x, y) if self.shows_scene else ""
             camera = hit or self.player.camera

@@ -304,13 +304,9 @@ class FootageCheck:
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
 
-    @property
-    def running(self) -> bool:
-        return self._thread is not None and self._thread.is_alive()
-
     def start(self, context: Inputs) -> None:
         """Start, unless it is running."""
-        if self.running:
+        if self._thread is not None and self._thread.is_alive():
             return
         self._stop.clear()
         self.words, self.problems = "checking the footage", ()

@@ -50,7 +50,7 @@ def stand_in(workspace: Workspace, take_copy: Path) -> Iterator[Any]:
     )  # fmt: skip
     actions = EditActions(window)
     yield window
-    actions.close()
+    actions.counter.close()
     editor.close()
 
 

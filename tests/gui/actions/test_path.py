@@ -46,4 +46,3 @@ def test_a_camera_of_a_film_tool_becomes_the_path(tmp_path: Path) -> None:
     actions.read(str(file))
     assert "no node Camera2" in window.notices.text
     assert len(path.keys) == 4, "kept"
-    actions.close()
