@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from studio.cameras import Rig
-from studio.meshing.silhouettes import Silhouette
+from studio.meshing.silhouettes import Silhouette, votes
 
 _COARSE, _FINE = 48, 96  # voxels along each side while the volume is located, and for the comparison
 _OUTVOTED = 0.15  # fraction of the cameras, besides one, that may reject a voxel of the common volume
@@ -78,7 +78,7 @@ def frame_that_fits(shapes: list[Silhouette], name: str, masks: Mapping[int, np.
 
 @dataclass(frozen=True)
 class _Common:
-    """Points (N, 3), `voxel` apart, in and around the volume on which the cameras agree; see `_votes`."""
+    """Points (N, 3), `voxel` apart, in and around the volume on which the cameras agree; see `votes`."""
 
     points: torch.Tensor
     inside: torch.Tensor
@@ -103,7 +103,7 @@ def _common_volume(shapes: list[Silhouette], least: int) -> _Common | None:
         axis = torch.linspace(-half, half, count)
         points = torch.cartesian_prod(axis, axis, axis) + torch.from_numpy(middle.astype(np.float32))
         slack = (0.5 if count == _FINE else 0.87) * voxel  # 0.87: half of a voxel's diagonal
-        inside, seen = _votes(shapes, points, slack)
+        inside, seen = votes(shapes, points, slack)
         accepting, views = inside.sum(0, dtype=torch.int32), seen.sum(0, dtype=torch.int32)
         agreed = points[_agreed(accepting, views, least)]
         if not len(agreed):
@@ -123,16 +123,6 @@ def contradicting(agreement: dict[str, MaskAgreement]) -> list[str]:
     most = usual + max(_ABOVE_USUAL, 1 / len(agreement))
     worst = sorted(agreement, key=lambda name: -agreement[name].error)
     return [name for name in worst if agreement[name].missing > outside or agreement[name].error > most]
-
-
-def _votes(shapes: list[Silhouette], points: torch.Tensor, slack: float) -> tuple[torch.Tensor, torch.Tensor]:
-    """(cameras, N) bool: whether each camera's mask holds a point, give or take `slack`, and whether it sees it."""
-    inside, seen = [], []
-    for shape in shapes:
-        distance, visible = shape.distance(points)
-        inside.append(visible & (distance > -slack))
-        seen.append(visible)
-    return torch.stack(inside), torch.stack(seen)
 
 
 def _agreed(accepting: torch.Tensor, views: torch.Tensor, least: int) -> torch.Tensor:

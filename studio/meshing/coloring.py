@@ -88,7 +88,6 @@ def color_points(
         colors[lit] = np.nanmedian(values[:, lit], axis=0)
     if lit.any() and not lit.all():
         o3d = open3d()
-
         tree = o3d.core.nns.NearestNeighborSearch(o3d.core.Tensor(points[lit].astype(np.float32)))
         tree.knn_index()
         nearest = tree.knn_search(o3d.core.Tensor(points[~lit].astype(np.float32)), 1)[0].numpy()[:, 0]

@@ -13,21 +13,19 @@ import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NoReturn
 
 import numpy as np
 import torch
 
 from studio.cameras import nearest_point_to_rays
-from studio.meshing.diagnostics import raise_disagreement
-from studio.meshing.silhouettes import Silhouette
+from studio.errors import StudioError
+from studio.meshing.silhouettes import Silhouette, votes
 
 _CHUNK = 1 << 18
 
+Bounds = tuple[np.ndarray, np.ndarray]  # lower and upper corner, (3,) each, in world units
 Tick = Callable[[], None]  # called several times per second during long computations; may raise `Cancelled`
-
-
-def no_tick() -> None:
-    """A `Tick` that does nothing."""
 
 
 @dataclass
@@ -57,8 +55,8 @@ class Hull:
         """Volume in cubic world units."""
         return float((self.field > 0).sum()) * self.voxel**3
 
-    def bounds(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """Lower and upper corner (3,) of the voxels that may be inside, plus one voxel; None if there are none."""
+    def bounds(self) -> Bounds | None:
+        """Bounds of the voxels that may be inside, plus one voxel; None if there are none."""
         near = self.field > -self.voxel
         low, high = np.zeros(3), np.zeros(3)
         for axis in range(3):
@@ -83,7 +81,7 @@ def _cells(parents: torch.Tensor, size: float, split: int) -> torch.Tensor:
 
 
 def _keep(
-    shapes: list[Silhouette], centers: torch.Tensor, size: float, allowed: int, min_views: int, tick: Tick = no_tick
+    shapes: list[Silhouette], centers: torch.Tensor, size: float, allowed: int, min_views: int, tick: Tick
 ) -> torch.Tensor:
     """(N,) bool: cells that may contain a part of the hull."""
     kept = torch.empty(len(centers), dtype=torch.bool)
@@ -131,8 +129,8 @@ def _start(shapes: list[Silhouette]) -> tuple[np.ndarray, float]:
     return center, 2.0 * float(max(reach, spread, 1e-9))
 
 
-def locate(shapes: list[Silhouette], allowed: int, min_views: int) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper corner, (3,) world units, of the volume that the masks agree on; a few percent too wide."""
+def locate(shapes: list[Silhouette], allowed: int, min_views: int, tick: Tick) -> Bounds:
+    """Bounds of the volume that the masks agree on; a few percent too wide."""
     center, edge = _start(shapes)
     cells = torch.from_numpy(center[None].astype(np.float32))
     split, before = 16, math.inf
@@ -140,7 +138,7 @@ def locate(shapes: list[Silhouette], allowed: int, min_views: int) -> tuple[np.n
         candidates = _cells(cells, edge, split)
         edge /= split
         split = 2
-        kept = candidates[_keep(shapes, candidates, edge, allowed, min_views)]
+        kept = candidates[_keep(shapes, candidates, edge, allowed, min_views, tick)]
         if len(kept) == 0:
             raise_disagreement(shapes, candidates, edge * math.sqrt(3) / 2, min_views)
         cells = kept
@@ -187,16 +185,10 @@ def _evaluate(
 
 
 def carve(
-    shapes: list[Silhouette],
-    bounds: tuple[np.ndarray, np.ndarray],
-    *,
-    resolution: int,
-    allowed: int,
-    min_views: int,
-    tick: Tick = no_tick,
+    shapes: list[Silhouette], bounds: Bounds, resolution: int, allowed: int, min_views: int, tick: Tick
 ) -> tuple[Hull, np.ndarray]:
-    """Carve the hull within a lower and an upper corner, (3,) each, in world units: the strict hull; and (Z, Y, X) bool
-    on the same grid, true where at most `allowed` cameras reject.
+    """Carve the hull within bounds: the strict hull; and (Z, Y, X) bool on the same grid, true where at most `allowed`
+    cameras reject.
 
     `resolution`: voxels along the longest side; fewer if pixels are coarser. `allowed` cameras may be outliers,
     `min_views` must see a point.
@@ -243,3 +235,35 @@ def _voxels(blocks: torch.Tensor, size: int) -> torch.Tensor:
     """Voxel indices (N * size^3, 3) x, y, z of blocks (N, 3)."""
     steps = torch.cartesian_prod(*[torch.arange(size)] * 3)
     return (blocks[:, None] * size + steps[None]).reshape(-1, 3)
+
+
+def raise_disagreement(shapes: list[Silhouette], points: torch.Tensor, slack: float, min_views: int) -> NoReturn:
+    """Raise an error that names the cameras that reject the (N, 3) float32 world points, covering the expected hull, on
+    which most other cameras agree. `slack`: distance in world units by which a point may be outside a silhouette cone;
+    `min_views`: number of cameras that must see a point."""
+    accepted, sees = votes(shapes, points, slack)
+    rejected, views = sees & ~accepted, sees.sum(0)
+    names, count = [shape.camera.name for shape in shapes], len(shapes)
+    most = int(views.max())
+    if most < min_views:
+        problem = (
+            f"The visual hull is empty: no point is seen by more than {most} of {count} cameras, but {min_views} are "
+            "required"
+        )
+        raise StudioError("hull.no_overlap", problem, value=most, fix="Check the camera poses.", expected=min_views)
+    agreement = accepted.sum(0).float() / views.clamp_min(1)
+    agreement[views < min_views] = -1
+    top = agreement >= agreement.max() - 1e-6
+    share = rejected[:, top].float().mean(1)
+    outliers = [names[i] for i in torch.argsort(share, descending=True).tolist() if share[i] > 0.25]
+    empty = [shape.camera.name for shape in shapes if shape.box is None]
+    hint = f" (empty masks: {', '.join(empty)})" if empty else ""
+    cameras = outliers or names
+    problem = f"The visual hull is empty: the masks of {', '.join(cameras)}"
+    if 0 < len(outliers) <= count // 2:
+        problem += f"{hint} disagree with those of the other {count - len(outliers)} cameras"
+        fix = "Fix these masks, or exclude these cameras."
+    else:
+        problem += f" have no common volume{hint}"
+        fix = "Check the camera poses and the masks."
+    raise StudioError("hull.masks_disagree", problem, fix=fix, cameras=tuple(cameras), empty=tuple(empty))

@@ -10,7 +10,7 @@ import itertools
 import numpy as np
 import torch
 
-from studio.meshing.hull import Hull, Tick, no_tick
+from studio.meshing.hull import Hull, Tick
 from studio.meshing.silhouettes import Silhouette
 
 
@@ -24,7 +24,7 @@ def _field(shapes: list[Silhouette], points: torch.Tensor, band: float) -> torch
 
 
 def restore(
-    hull: Hull, tolerant: np.ndarray, shapes: list[Silhouette], uncovered: list[np.ndarray], tick: Tick = no_tick
+    hull: Hull, tolerant: np.ndarray, shapes: list[Silhouette], uncovered: list[np.ndarray], tick: Tick
 ) -> Hull:
     """Restore the volume that outlier masks carved away; `hull` itself if there is none.
 

@@ -137,6 +137,13 @@ def silhouettes(
     return found
 
 
+def votes(shapes: list[Silhouette], points: torch.Tensor, slack: float) -> tuple[torch.Tensor, torch.Tensor]:
+    """(cameras, N) bool each: whether a camera's mask holds a world point (N, 3), give or take `slack` world units, and
+    whether it sees it."""
+    distances, seen = (torch.stack(parts) for parts in zip(*(shape.distance(points) for shape in shapes), strict=True))
+    return seen & (distances > -slack), seen
+
+
 def _silhouette(camera: Camera, mask: np.ndarray, budget: float) -> Silhouette:
     import cv2
 

@@ -38,7 +38,6 @@ class Mesh:
     def to_open3d(self) -> Any:
         """Convert to an `open3d.geometry.TriangleMesh`."""
         o3d = open3d()
-
         return o3d.geometry.TriangleMesh(
             o3d.utility.Vector3dVector(self.vertices), o3d.utility.Vector3iVector(self.faces)
         )
@@ -73,7 +72,6 @@ class Mesh:
     def save(self, path: Path | str) -> None:
         """Write a PLY file, atomically; StudioError: `mesh.unwritable`."""
         o3d = open3d()
-
         with atomic_path(Path(path)) as temporary:
             if not o3d.io.write_triangle_mesh(str(temporary), self.to_open3d(), print_progress=False):
                 fix = "Check the free disk space and the permissions of the folder."
@@ -83,7 +81,6 @@ class Mesh:
     def load(cls, path: Path | str) -> Mesh:
         """Read a mesh file (PLY, OBJ, ...); StudioError: `mesh.missing` or `mesh.unreadable`."""
         o3d = open3d()
-
         if not Path(path).is_file():
             raise StudioError("mesh.missing", "mesh file not found", file=path)
         mesh = cls.from_open3d(o3d.io.read_triangle_mesh(str(path)))
@@ -119,7 +116,6 @@ _LEAST_COMPONENT = 0.01  # components whose area is below this fraction of the l
 def extract_surface(hull: Hull, smoothing: float) -> Mesh:
     """The surface of a hull by marching cubes, normals outward; empty if no voxel is inside. `refined` is slow."""
     o3d = open3d()
-
     field = smooth_field(hull.field, smoothing)
     if not (field > 0).any():
         return Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32))
@@ -128,11 +124,10 @@ def extract_surface(hull: Hull, smoothing: float) -> Mesh:
     raw = o3d.t.geometry.TriangleMesh.create_isosurfaces(o3d.core.Tensor(np.ascontiguousarray(field)), [0.0])
     vertices = raw.vertex.positions.numpy().astype(np.float64) * hull.voxel + hull.origin
     mesh = Mesh(vertices, raw.triangle.indices.numpy().astype(np.int32))
-    return _large_components(mesh, _LEAST_COMPONENT)
+    return _large_components(mesh)
 
 
-def _large_components(mesh: Mesh, min_component: float) -> Mesh:
-    """The mesh without components whose area is below the fraction `min_component` of the largest one's."""
+def _large_components(mesh: Mesh) -> Mesh:
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 
@@ -143,7 +138,7 @@ def _large_components(mesh: Mesh, min_component: float) -> Mesh:
     components, of_vertex = connected_components(graph, directed=False)
     label = of_vertex[faces[:, 0]]
     area = np.bincount(label, mesh.areas, components)
-    faces = faces[area[label] >= min_component * area.max()]
+    faces = faces[area[label] >= _LEAST_COMPONENT * area.max()]
     if len(faces) == len(mesh.faces):
         return mesh
     used = np.zeros(count, bool)
@@ -180,7 +175,6 @@ class MeshViews:
 
     def __init__(self, mesh: Mesh) -> None:
         o3d = open3d()
-
         self._scene = o3d.t.geometry.RaycastingScene()
         self._scene.add_triangles(
             o3d.core.Tensor(mesh.vertices.astype(np.float32)), o3d.core.Tensor(mesh.faces.astype(np.uint32))
@@ -189,7 +183,6 @@ class MeshViews:
     def depth(self, camera: Camera) -> np.ndarray:
         """(H, W) float32 depth along the optical axis at each pixel center; infinity where no surface is hit."""
         o3d = open3d()
-
         columns, rows = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
         local = np.stack([columns, rows, np.ones_like(rows)], -1) @ np.linalg.inv(camera.K).T
         directions = local @ camera.rotation  # their third component in camera coordinates is 1, so t is the depth

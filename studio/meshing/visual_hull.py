@@ -9,8 +9,7 @@ import torch
 
 from studio.cameras import ViewLike
 from studio.errors import StudioError
-from studio.meshing.diagnostics import raise_disagreement
-from studio.meshing.hull import Hull, Tick, carve, locate
+from studio.meshing.hull import Bounds, Hull, Tick, carve, locate, raise_disagreement
 from studio.meshing.outlier_masks import restore
 from studio.meshing.settings import InitializeSettings
 from studio.meshing.silhouettes import Silhouette, silhouettes
@@ -33,7 +32,6 @@ class HullResult:
         hull: the field.
         mesh: its surface, never empty.
         disagreement: camera name to 1 - IoU of the hull's silhouette and the mask, 0..1.
-        uncovered: camera name to the fraction of the mask that the hull does not cover, 0..1.
         outlier_shares: camera name to the fraction of the hull's voxels that its mask wrongly rejects, 0..1; cameras
             above 0.05 were excluded.
     """
@@ -41,7 +39,6 @@ class HullResult:
     hull: Hull
     mesh: Mesh
     disagreement: dict[str, float]
-    uncovered: dict[str, float]
     outlier_shares: dict[str, float]
 
 
@@ -67,22 +64,14 @@ def visual_hull(
         # These masks were ignored where they are wrong, but they are not reliable at the seams either.
         used = [shape for shape in shapes if shape.camera.name not in gross]
         coarse = _zoom(used, settings, min(coarse.hull.min_views, len(used)), at(50))
-    hull, mesh = _carve_corrected(
-        used,
-        coarse.bounds,
-        settings.resolution,
-        settings.outvoted(len(used)),
-        coarse.hull.min_views,
-        at(70),
-        _SMOOTHING,
-    )
+    hull, mesh = _carve_corrected(used, coarse.bounds, settings, coarse.hull.min_views, at(70), coarse=False)
     mesh = refined(mesh, settings.max_faces)
     if len(mesh.faces) == 0:
         _raise_empty(shapes, coarse.bounds, coarse.hull.min_views)
-    _, disagreement, uncovered = _compare(mesh, shapes, at(95))
+    _, disagreement, _ = _compare(mesh, shapes, at(95))
     small = {name: share for name, share in _outlier_shares(hull, shapes).items() if name not in gross}
     progress(100, 100)
-    return HullResult(hull, mesh, disagreement, uncovered, {**shares, **small})
+    return HullResult(hull, mesh, disagreement, {**shares, **small})
 
 
 def _outlier_shares(hull: Hull, shapes: list[Silhouette]) -> dict[str, float]:
@@ -96,7 +85,7 @@ class _Coarse:
     """A hull at low resolution, its bounds, and its differences from the masks."""
 
     hull: Hull
-    bounds: tuple[np.ndarray, np.ndarray]
+    bounds: Bounds
     disagreement: dict[str, float]
     uncovered: dict[str, float]
 
@@ -133,10 +122,9 @@ def _choose_min_views(shapes: list[Silhouette], settings: InitializeSettings, ti
 
 def _zoom(shapes: list[Silhouette], settings: InitializeSettings, min_views: int, tick: Tick) -> _Coarse:
     """The hull at low resolution. Bounds are refined repeatedly: if cameras overlap little, they start too wide."""
-    allowed = settings.outvoted(len(shapes))
-    bounds = locate(shapes, allowed, min_views)
+    bounds = locate(shapes, settings.outvoted(len(shapes)), min_views, tick)
     for _ in range(4):
-        hull, mesh = _carve_corrected(shapes, bounds, min(_COARSE, settings.resolution), allowed, min_views, tick)
+        hull, mesh = _carve_corrected(shapes, bounds, settings, min_views, tick, coarse=True)
         found = hull.bounds()
         if found is None:
             _raise_empty(shapes, bounds, min_views)
@@ -147,23 +135,19 @@ def _zoom(shapes: list[Silhouette], settings: InitializeSettings, min_views: int
     return _Coarse(hull, bounds, disagreement, uncovered)
 
 
-def _raise_empty(shapes: list[Silhouette], bounds: tuple[np.ndarray, np.ndarray], min_views: int) -> NoReturn:
+def _raise_empty(shapes: list[Silhouette], bounds: Bounds, min_views: int) -> NoReturn:
     """Diagnose an empty hull on a grid of points within the bounds."""
     axes = [torch.linspace(float(low), float(high), 48) for low, high in zip(*bounds, strict=True)]
     raise_disagreement(shapes, torch.cartesian_prod(*axes), 0.0, min_views)
 
 
 def _carve_corrected(
-    shapes: list[Silhouette],
-    bounds: tuple[np.ndarray, np.ndarray],
-    resolution: int,
-    allowed: int,
-    min_views: int,
-    tick: Tick,
-    smoothing: float = 0.0,
+    shapes: list[Silhouette], bounds: Bounds, settings: InitializeSettings, min_views: int, tick: Tick, coarse: bool
 ) -> tuple[Hull, Mesh]:
     """The hull within bounds, corrected for outlier masks, and its surface, not refined (may be empty)."""
-    hull, tolerant = carve(shapes, bounds, resolution=resolution, allowed=allowed, min_views=min_views, tick=tick)
+    allowed = settings.outvoted(len(shapes))
+    resolution, smoothing = (min(_COARSE, settings.resolution), 0.0) if coarse else (settings.resolution, _SMOOTHING)
+    hull, tolerant = carve(shapes, bounds, resolution, allowed, min_views, tick)
     surface = extract_surface(hull, smoothing)
     if allowed:
         uncovered_areas, _, _ = _compare(surface, shapes, tick)
