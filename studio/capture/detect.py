@@ -71,7 +71,7 @@ def detect_images(root: Path) -> tuple[str, list[Match]]:
         return _matching(root, layouts[0])
     if layouts:
         raise _ambiguous(root, layouts)
-    found = _only_folder(root, _folders_with(listing(), IMAGE_EXTENSIONS))
+    found = _only_folder(root, listing())
     if found is not None:
         return _as_grid(root, found)
     container = next((relative for relative in listing() if relative.endswith(".smc")), None)
@@ -164,7 +164,11 @@ def _masks_named_in(path: Path) -> tuple[list[str], set[str]]:
     return list(patterns) if len(patterns) == 1 else [], folders
 
 
-def _only_folder(root: Path, folders: Sequence[str]) -> tuple[str, list[Match]] | None:
+def _only_folder(root: Path, listing: Sequence[str]) -> tuple[str, list[Match]] | None:
+    """The images in the only folder that has several."""
+    counts = Counter(Path(path).parent.as_posix() for path in _of_kind(listing, IMAGE_EXTENSIONS))
+    several = [folder for folder, count in counts.items() if count > 1]
+    folders = [folder for folder in several if folder != "."] or several
     if len(folders) != 1:
         return None
     layout = "{camera}.*" if folders[0] == "." else f"{folders[0]}/{{camera}}.*"
@@ -200,13 +204,6 @@ def _of_kind(listing: Sequence[str], extensions: frozenset[str]) -> list[str]:
         and not any(_is_other(part) for part in path.parts[:-1])
         and not _is_mask(path.name, stems)
     ]
-
-
-def _folders_with(listing: Sequence[str], extensions: frozenset[str]) -> list[str]:
-    """The folders with several files of a kind."""
-    folders = Counter(Path(path).parent.as_posix() for path in _of_kind(listing, extensions))
-    several = sorted(folder for folder, count in folders.items() if count > 1)
-    return [folder for folder in several if folder != "."] or several
 
 
 def parts_pattern(paths: Sequence[str]) -> str | None:
@@ -368,11 +365,6 @@ def _with_extension(layout: str, matches: Sequence[Match]) -> str:
     """The layout, with `.*` replaced by the extension if all files have the same one."""
     extensions = {match.path.suffix for match in matches}
     return layout[:-2] + extensions.pop() if len(extensions) == 1 and layout.endswith(".*") else layout
-
-
-def detect_beside(root: Path, folders: re.Pattern[str], cameras: Sequence[str]) -> tuple[str, list[Match]] | None:
-    """The first of `all_beside`; None if there are none."""
-    return next(all_beside(root, folders, cameras), None)
 
 
 def all_beside(root: Path, folders: re.Pattern[str], cameras: Sequence[str]) -> Iterator[tuple[str, list[Match]]]:

@@ -6,14 +6,13 @@ the silhouette a mask solved from the screen color next to the performer: I = a 
 """
 
 import math
-from pathlib import Path
 
 import numpy as np
 
 from studio.capture.settings import DifferenceSettings
 from studio.masks.clean_plate import noise_of, solve_edges
 from studio.masks.despill import despill
-from studio.masks.filters import guided_filter, keep_components, masked_mean, reduced
+from studio.masks.filters import brightness, guided_filter, keep_components, masked_mean, reduced
 from studio.masks.mask_source import MaskInputs, MaskSource
 from studio.masks.screen_color import Screen, find_screen
 from studio.memory_cache import MemoryCache
@@ -29,17 +28,8 @@ _NO_SHADOW = 0.75
 def chroma_mask(
     image: np.ndarray, screen: Screen, settings: DifferenceSettings, inside: np.ndarray | None = None
 ) -> np.ndarray:
-    """Mask of `image` in front of `screen`.
-
-    Args:
-        image: (H, W, 3) uint8 RGB.
-        screen: from `find_screen`.
-        settings: sensitivity, components and shadows.
-        inside: (H, W) bool, where the performer may be; None: everywhere.
-
-    Returns:
-        (H, W) uint8, 255 = foreground, soft at the edges.
-    """
+    """Mask of an image (H, W, 3) uint8 RGB in front of a screen: (H, W) uint8, 255 = foreground, soft at the edges.
+    `inside`: (H, W) bool, where the performer may be; None: everywhere."""
     import cv2
 
     height, width = image.shape[:2]
@@ -50,9 +40,7 @@ def chroma_mask(
     if solid.shape != (height, width):
         full = cv2.resize(solid.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR)
         solid = (full > 0.5).astype(np.uint8)
-    reach = edge_reach(image)
-    behind = screen_behind(image, solid)
-    mask = solve_edges(image, behind, np.ones(3, np.float32), solid, reach, known=None)
+    mask = solve_edges(image, screen_behind(image, solid), np.ones(3, np.float32), solid, edge_reach(image), None)
     return mask if inside is None else mask * inside.astype(np.uint8)
 
 
@@ -78,13 +66,10 @@ def key_evidence(image: np.ndarray, screen: Screen, settings: DifferenceSettings
 
 def _binary(image: np.ndarray, screen: Screen, settings: DifferenceSettings, inside: np.ndarray | None) -> np.ndarray:
     """(H, W) uint8, 0 or 1, of a float32 image; see `chroma_mask`."""
-    import cv2
-
     evidence = key_evidence(image, screen, settings)
     if inside is not None:
         evidence[~inside] = -4.0
-    gray = np.ascontiguousarray(cv2.transform(image, np.full((1, 3), 1 / 765.0, np.float32)))
-    smooth = guided_filter(gray, evidence, radius=2, epsilon=4e-4)
+    smooth = guided_filter(brightness(image), evidence, radius=2, epsilon=4e-4)
     mask = (smooth > 0.0).astype(np.uint8)
     return keep_components(mask, settings.mask_components, int(1e-4 * mask.size), core=evidence > 4.0)
 
@@ -157,9 +142,6 @@ class ChromaMaskSource(MaskSource):
         image = np.ascontiguousarray(image[:, :, :3])
         inside = self._inputs.inside(camera, frame, image)
         return chroma_mask(image, self.screen(camera), self._inputs.spec, inside)
-
-    def files(self) -> list[Path]:
-        return self._inputs.garbage.files() if self._inputs.garbage is not None else []
 
     def recolored(self, camera: str, image: np.ndarray, mask: np.ndarray) -> np.ndarray:
         behind = screen_behind(image, (mask > 127).astype(np.uint8))

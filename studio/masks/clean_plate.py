@@ -12,11 +12,12 @@ from studio.capture.settings import DifferenceSettings
 from studio.masks.colored_shadow import WINDOW, colored_shadow
 from studio.masks.filters import (
     binned_color_table,
+    brightness,
     color_bins,
     guided_filter,
     keep_components,
-    look_up,
     masked_mean,
+    odds_of_colors,
     reduced,
 )
 
@@ -43,15 +44,9 @@ def _noise(difference: np.ndarray) -> np.float32:
 
 
 def match_exposure(image: np.ndarray, plate: np.ndarray, known: np.ndarray | None = None) -> np.ndarray:
-    """Per-channel gain that matches the plate to the image's exposure and white balance.
-
-    Args:
-        image, plate: (H, W, 3) float32 in 0..255.
-        known: (H, W) bool, which pixels to use; None: all.
-
-    Returns:
-        (3,) float32 median of ratios, clamped to 0.7..1.4; ones if fewer than 500 pixels are usable.
-    """
+    """Per-channel gain that matches the plate to the image's exposure and white balance, both (H, W, 3) float32 in
+    0..255: (3,) float32 median of ratios, clamped to 0.7..1.4; ones if fewer than 500 pixels are usable. `known`:
+    (H, W) bool, which pixels to use; None: all."""
     import cv2
 
     usable = cv2.inRange(plate, _TOO_DARK, _TOO_BRIGHT).reshape(-1) != 0
@@ -179,8 +174,7 @@ def difference_mask(
     if mask.shape != (height, width):
         larger = cv2.resize(mask.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR)
         mask = (larger > 0.5).astype(np.uint8)
-    reach = max(2.0, 2.0 / (WORK_SIDE / max(height, width)))
-    return solve_edges(image, plate, gain, mask, reach, known)
+    return solve_edges(image, plate, gain, mask, max(2.0, 2.0 / (WORK_SIDE / max(height, width))), known)
 
 
 def foreground_mask(
@@ -198,7 +192,7 @@ def foreground_mask(
     sure, empty = evidence > 4.0, evidence < -1.0
     ratio: np.ndarray | None = None
     if colors is not None:
-        ratio = cv2.blur(np.clip(look_up(colors, image), -4.0, 4.0), (3, 3))
+        ratio = odds_of_colors(colors, image)
         if known is not None:
             evidence = np.where(known, evidence, ratio)
         evidence += 0.7 * ratio
@@ -210,8 +204,7 @@ def foreground_mask(
             colored = color_bins(image, _COLOR_BINS)
             table = binned_color_table(colored[sure], colored[empty], _COLOR_BINS)
             evidence += 0.7 * np.clip(table, -3.0, 3.0).reshape(-1)[colored]
-    gray = np.ascontiguousarray(cv2.transform(image, np.full((1, 3), 1 / 765.0, np.float32)))
-    smooth = guided_filter(gray, evidence, radius=3, epsilon=4e-4)
+    smooth = guided_filter(brightness(image), evidence, radius=3, epsilon=4e-4)
     mask = (smooth > 0.0).astype(np.uint8)
     minimum = int(1e-4 * mask.size)
     mask = keep_components(mask, settings.mask_components, minimum, core=sure, likeness=ratio)

@@ -26,24 +26,17 @@ def colored_shadow(
     also where the set is too plain to tell, and so is everything between them and no shadow, its edges. Where the plate
     has texture and the footage nearby lacks it, there is no shadow, whatever the factors.
 
-    Args:
-        ours, empty: (H, W) luma of image and plate in 0..255.
-        image, plate_image: (H, W, 3) RGB of both in 0..255.
-        noise: standard deviation of the luma.
-
-    Returns:
-        (H, W) float32 in 0..1, 1 in such shadows; None if there are none.
+    Takes the luma (H, W) and the RGB (H, W, 3) of image and plate in 0..255, and the standard deviation of the luma's
+    noise; returns (H, W) float32 in 0..1, 1 in such shadows, or None if there are none.
     """
     import cv2
 
     factors = cv2.blur(image, WINDOW) / np.maximum(cv2.blur(plate_image, WINDOW), 4.0)
-    first, second = cv2.blur(ours, WINDOW), cv2.blur(empty, WINDOW)
-    factor = first / np.maximum(second, 1.0)
+    own, plate, common, factor = _textures(ours, empty, WINDOW)
     dark = (factor > _LEAST_FACTOR) & (factor < 0.97) & (factors.max(-1) < _BRIGHTEST)
     if not dark.any():
         return None
     # Sums over pixels with about the same factors, for the regression of the footage's texture on the shaded plate's.
-    own, plate, common = _textures(ours, empty, WINDOW)
     flat = _factor_bins(factors)
     foreign = own > 3.0 * plate + np.float32(3.0 * noise) ** 2  # texture that the plate does not have
     asked = dark & ~foreign
@@ -63,14 +56,15 @@ def colored_shadow(
 
 
 def _textures(ours: np.ndarray, empty: np.ndarray, window: tuple[int, int]) -> tuple[np.ndarray, ...]:
-    """Variances (H, W) of the footage and of the plate times the local factor, and their covariance, in windows."""
+    """Variances (H, W) of the footage and of the plate times the local factor, their covariance, and that factor, in
+    windows."""
     import cv2
 
     first, second = cv2.blur(ours, window), cv2.blur(empty, window)
     factor = first / np.maximum(second, 1.0)
     own = np.maximum(cv2.blur(ours * ours, window) - first * first, 0.0)
     plate = np.maximum(cv2.blur(empty * empty, window) - second * second, 0.0) * factor * factor
-    return own, plate, (cv2.blur(ours * empty, window) - first * second) * factor
+    return own, plate, (cv2.blur(ours * empty, window) - first * second) * factor, factor
 
 
 def _without_texture(ours: np.ndarray, empty: np.ndarray, asked: np.ndarray) -> np.ndarray:
@@ -78,7 +72,7 @@ def _without_texture(ours: np.ndarray, empty: np.ndarray, asked: np.ndarray) -> 
     import cv2
 
     weight = asked.astype(np.float32)
-    parts = (weight, *(weight * part for part in _textures(ours, empty, _SMALL)))
+    parts = (weight, *(weight * part for part in _textures(ours, empty, _SMALL)[:3]))
     count, own, plate, common = (cv2.boxFilter(part, -1, _NEARBY, normalize=False) for part in parts)
     slope, error = _regression(count, own, plate, common)
     found = ((slope + 2 * error < _LEAST_SLOPE) & (count > _LEAST_PIXELS)).astype(np.uint8)

@@ -12,10 +12,8 @@ _LEAST_COVER = 0.1  # lower limit of alpha when solving for F; below it, noise d
 
 
 def key_channels(color: np.ndarray) -> tuple[list[int], list[int]]:
-    """The bright channels (0 red, 1 green, 2 blue) of a screen's (3,) RGB color, and the other channels.
-
-    There is one bright channel for green, blue and red screens, two for yellow, cyan and magenta ones.
-    """
+    """The bright channels (0 red, 1 green, 2 blue) of a screen's (3,) RGB color: one for green, blue and red screens,
+    two for yellow, cyan and magenta ones; and the other channels."""
     order = np.argsort(-np.asarray(color, np.float64), kind="stable")
     high, middle, low = (float(color[index]) for index in order)
     count = 1 if high - middle >= middle - low else 2
@@ -23,18 +21,9 @@ def key_channels(color: np.ndarray) -> tuple[list[int], list[int]]:
 
 
 def despill(image: np.ndarray, mask: np.ndarray, behind: np.ndarray, color: np.ndarray) -> np.ndarray:
-    """Remove the screen's light from the performer's outline.
-
-    Args:
-        image: (H, W, 3) uint8 RGB.
-        mask: (H, W) uint8, 255 = performer.
-        behind: (H, W, 3) uint8 RGB, the screen without the performer.
-        color: (3,) RGB color of the screen.
-
-    Returns:
-        (H, W, 3) uint8. Pixels farther from the outline than 1% of the performer's size (at least 3 pixels) are
-        unchanged.
-    """
+    """Remove a screen's light, of RGB color (3,), from the performer's outline in an image (H, W, 3) uint8 RGB, by a
+    mask (H, W) uint8, 255 = performer, and the screen `behind` them, (H, W, 3) uint8 RGB. Pixels farther from the
+    outline than 1% of the performer's size (at least 3 pixels) are unchanged."""
     import cv2
 
     result = image.copy()

@@ -16,16 +16,9 @@ def reduced(image: np.ndarray, side: int) -> np.ndarray:
 
 
 def guided_filter(guide: np.ndarray, values: np.ndarray, radius: int, epsilon: float) -> np.ndarray:
-    """Edge-preserving smoothing of `values` (He, Sun and Tang, "Guided Image Filtering", ECCV 2010; gray guide).
-
-    Args:
-        guide: (H, W) float32 in 0..1.
-        values: (H, W) float32.
-        radius: in pixels; windows are 2 radius + 1 wide.
-        epsilon: regularization: variance of the guide below which it is considered flat.
-
-    Returns:
-        (H, W) float32.
+    """Edge-preserving smoothing of `values` (H, W) float32 (He, Sun and Tang, "Guided Image Filtering", ECCV 2010; gray
+    guide, (H, W) float32 in 0..1). Windows are 2 `radius` + 1 pixels wide. `epsilon`: variance of the guide below which
+    it is considered flat.
     """
     import cv2
 
@@ -52,16 +45,9 @@ def _density(flat: np.ndarray, bins: int) -> np.ndarray:
 
 
 def color_table(front: np.ndarray, back: np.ndarray, bins: int = 16, floor: float = 1e-5) -> np.ndarray:
-    """Log-likelihood ratio of colors: foreground over background, natural logarithm.
-
-    Args:
-        front, back: (N, 3) samples of foreground and background colors in 0..255.
-        bins: number of bins per channel.
-        floor: density added to both; colors that occur in neither get 0.
-
-    Returns:
-        (bins, bins, bins) float32, for `look_up`.
-    """
+    """Natural logarithm of the likelihood ratio of colors, foreground over background, from samples (N, 3) of both in
+    0..255: (bins, bins, bins) float32, for `odds_of_colors`. `floor` is added to both densities, so that colors that
+    occur in neither get 0."""
     return binned_color_table(color_bins(front, bins), color_bins(back, bins), bins, floor)
 
 
@@ -80,9 +66,19 @@ def color_bins(image: np.ndarray, bins: int) -> np.ndarray:
     return (index[..., 0] * bins + index[..., 1]) * bins + index[..., 2]
 
 
-def look_up(table: np.ndarray, image: np.ndarray) -> np.ndarray:
-    """(H, W) values of a `color_table` at the colors of an (H, W, 3) image in 0..255."""
-    return table.reshape(-1)[color_bins(image, table.shape[0])]
+def odds_of_colors(table: np.ndarray, image: np.ndarray, limit: float = 4.0, side: int = 3) -> np.ndarray:
+    """(H, W) values of a `color_table` at the colors of an (H, W, 3) image in 0..255, clipped to +-`limit`: their mean
+    in squares of `side` pixels."""
+    import cv2
+
+    return cv2.blur(np.clip(table.reshape(-1)[color_bins(image, table.shape[0])], -limit, limit), (side, side))
+
+
+def brightness(image: np.ndarray) -> np.ndarray:
+    """(H, W) float32 mean of the channels of an (H, W, 3) image in 0..255, 0 to 1."""
+    import cv2
+
+    return np.asarray(cv2.transform(image.astype(np.float32, copy=False), np.full((1, 3), 1 / 765)))
 
 
 def masked_mean(image: np.ndarray, mask: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray]:

@@ -74,24 +74,18 @@ def garbage_masks(spec: CaptureSettings, names: tuple[str, ...], pool: DecoderPo
     """The garbage masks of the cameras `names`; None without the setting. Raises StudioError: `mask.garbage_*`."""
     if not spec.garbage_masks:
         return None
-    if Path(spec.garbage_masks).suffix.lower() in EXTENSIONS:
-        return _drawn(spec, spec.garbage_masks, names)
     value, setting = spec.garbage_masks, "capture.garbage_masks"
+    if Path(value).suffix.lower() in EXTENSIONS:
+        path = whole_files([spec.root / Path(value).expanduser()])[0]
+        found = DrawnGarbageMasks(path)
+        unknown = [camera for camera in found.polygons if camera not in names]
+        if unknown and not (spec.cameras and len(unknown) < len(found.polygons)):  # others may be left out on purpose
+            near = difflib.get_close_matches(unknown[0], names, n=1, cutoff=0.5)
+            problem = f"the footage has no camera '{unknown[0]}'"
+            fix = (f"Did you mean '{near[0]}'? " if near else "") + f"Cameras: {', '.join(names)}."
+            raise StudioError("mask.garbage_file", problem, file=path, value=unknown[0], fix=fix, setting=setting)
+        return found
     problem = f"no garbage mask of the footage's cameras matches the pattern '{value}'"
     fix = "Check capture.garbage_masks."
     none = StudioError("mask.garbage_not_found", problem, file=spec.root, value=value, fix=fix, setting=setting)
     return GarbageImages(matching(spec.root, value, names, none), pool, spec.offsets)
-
-
-def _drawn(spec: CaptureSettings, named: str, names: tuple[str, ...]) -> DrawnGarbageMasks:
-    path = whole_files([spec.root / Path(named).expanduser()])[0]
-    found = DrawnGarbageMasks(path)
-    unknown = [camera for camera in found.polygons if camera not in names]
-    if unknown and not (spec.cameras and len(unknown) < len(found.polygons)):  # the others may be left out on purpose
-        near = difflib.get_close_matches(unknown[0], names, n=1, cutoff=0.5)
-        problem = f"the footage has no camera '{unknown[0]}'"
-        fix = (f"Did you mean '{near[0]}'? " if near else "") + f"Cameras: {', '.join(names)}."
-        raise StudioError(
-            "mask.garbage_file", problem, file=path, value=unknown[0], fix=fix, setting="capture.garbage_masks"
-        )
-    return found

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.capture.detect import MASK_FOLDERS, detect_beside
+from studio.capture.detect import MASK_FOLDERS, all_beside
 from studio.capture.frame_sources import DecoderPool, FrameSource, make_sources
 from studio.capture.patterns import VIDEO_EXTENSIONS, Match, find_files, number_ranges
 from studio.capture.settings import CaptureSettings
@@ -68,8 +68,10 @@ class FileMaskSource:
     def warnings(self) -> list[Message]:
         """What is not as in usual masks: they are nearly black (`mask.weak`), or inverted (`mask.inverted`)."""
         sampled = self.sampled
-        weak = {name: found for name, found in sampled.items() if found.is_weak}
-        inverted = [name for name, found in sampled.items() if found.looks_inverted]
+        weak = {
+            name: found for name, found in sampled.items() if not found.labels and 0 < found.highest < found.full / 2
+        }
+        inverted = [name for name, found in sampled.items() if found.border > 0.5]  # performers are in the middle
         warnings = []
         for name, found in list(weak.items())[:1]:
             warnings.append(
@@ -216,7 +218,7 @@ def find_beside(
     root: Path, folders: re.Pattern[str], sources: Mapping[str, FrameSource]
 ) -> tuple[str, list[Match]] | None:
     """Masks or clean plates below `root`, or else in the folder of `root` that has all the footage."""
-    found = detect_beside(root, folders, tuple(sources))
+    found = next(all_beside(root, folders, tuple(sources)), None)
     if found is not None:
         return found
     files = [path for source in sources.values() for path in source.files()]
@@ -225,7 +227,7 @@ def find_beside(
     if len(within) < len(files) or len(first) != 1:
         return None
     folder = first.pop()
-    found = detect_beside(root / folder, folders, tuple(sources))
+    found = next(all_beside(root / folder, folders, tuple(sources)), None)
     return (f"{folder}/{found[0]}", found[1]) if found is not None else None
 
 
@@ -271,19 +273,9 @@ def _file_mask_source(
 def exact_masks(
     spec: CaptureSettings, pattern: str | None, names: tuple[str, ...], frames: tuple[int, ...]
 ) -> tuple[MaskSource | None, str]:
-    """The exact masks for evaluation.
-
-    Args:
-        spec: the capture's settings.
-        pattern: of their files, relative to the capture; None: there are none.
-        frames: frame numbers that must have a mask.
-
-    Returns:
-        their source and a sentence that describes it; None and "" if there are none.
-
-    Raises:
-        StudioError: `mask.not_found`, or `mask.missing` for a camera or frame.
-    """
+    """The source of the exact masks for evaluation and a sentence that describes it; None and "" if there are none.
+    `pattern`: of their files, relative to the capture; `frames`: numbers of those that must have a mask. StudioError:
+    `mask.not_found`, or `mask.missing` for a camera or frame."""
     if pattern is None:
         return None, ""
     problem = f"no evaluation mask matches the pattern '{pattern}'"

@@ -45,23 +45,9 @@ class MaskValues:
     around: float = 0.0
     lowest: float = 0.0
 
-    @property
-    def is_weak(self) -> bool:
-        """Whether no soft mask reaches half of full scale, so that nothing would be foreground."""
-        return not self.labels and 0 < self.highest < self.full / 2
-
-    @property
-    def looks_inverted(self) -> bool:
-        """Whether most of the border is foreground: a performer is in the middle of most images."""
-        return self.border > 0.5
-
     def mask(self, values: np.ndarray, chosen: Sequence[int] = ()) -> np.ndarray:
-        """(H, W) uint8, 255 = foreground.
-
-        Args:
-            values: (H, W) as from `mask_values_of`.
-            chosen: the labels that are foreground; empty: all but 0. Of soft masks, only `INVERTED` counts.
-        """
+        """(H, W) uint8, 255 = foreground, of values (H, W) as from `read_mask_values`. `chosen`: the labels that are
+        foreground; empty: all but 0. Of soft masks, only `INVERTED` counts."""
         if self.labels:
             is_inside = np.isin(values, chosen) if chosen else values != 0
             return np.where(is_inside, 255, 0).astype(np.uint8)
@@ -77,11 +63,7 @@ class MaskValues:
 
 def read_mask_values(path: Path) -> np.ndarray:
     """The values of a mask image, (H, W), as `mask_channel`; of a palette, the index. A palette of grays with black and
-    white is that of a gray image, so that its colors count.
-
-    Raises:
-        StudioError: as `read_values`.
-    """
+    white is that of a gray image, so that its colors count. Raises StudioError as `read_values`."""
     values, palette = read_values(path)
     if palette is not None:
         used = palette[np.unique(values)]
@@ -102,14 +84,10 @@ def mask_channel(values: np.ndarray) -> np.ndarray:
 
 
 def values_in(images: Sequence[np.ndarray], exact: bool, chosen: Sequence[int] = ()) -> MaskValues:
-    """What the values of several masks mean.
+    """What the values of masks mean, (H, W) each, as from `read_mask_values`; `chosen`: as in `MaskValues.mask`.
 
-    Few different numbers are labels if those between black and white fill areas. Those of smooth edges do not.
-
-    Args:
-        images: (H, W) each, as from `read_mask_values`.
-        exact: whether they were stored without loss; if not, they cannot be labels.
-        chosen: as in `MaskValues.mask`.
+    Few different numbers are labels if those between black and white fill areas. Those of smooth edges do not, and if
+    the masks are not `exact`, but were stored with loss, there are no labels.
     """
     found: set[float] = set().union(*(np.unique(values).tolist() for values in images))
     integral = all(float(number).is_integer() for number in found)

@@ -96,7 +96,8 @@ class MattingModel:
         return cv2.resize(mask, (width, height), interpolation=cv2.INTER_LINEAR)
 
     def _mask_of(self, outputs: Sequence[np.ndarray]) -> np.ndarray:
-        mask = first_mask(outputs)
+        shaped = [one for one in outputs if one.ndim >= 2 and one.size == one.shape[-1] * one.shape[-2]]
+        mask = next((one.reshape(one.shape[-2:]) for one in shaped if min(one.shape[-2:]) > 1), None)
         if mask is None:
             shapes = ", ".join("x".join(map(str, output.shape)) for output in outputs)
             problem = f"the matting model returns {shapes}, none of which is a mask (1x1xHxW)"
@@ -206,16 +207,8 @@ def providers(device: str, available: Sequence[str]) -> list[Any]:
 
 
 def input_size(wanted: int, fixed: tuple[int | None, int | None], width: int, height: int) -> tuple[int, int]:
-    """The size to which an image is resized for a model.
-
-    Args:
-        wanted: longer side in pixels, or 0 for the size of the image.
-        fixed: (height, width) of the model's input, None where it is dynamic.
-        width, height: size of the image in pixels.
-
-    Returns:
-        (width, height): the fixed size, otherwise multiples of `STRIDE`.
-    """
+    """(width, height) to which an image is resized for a model: the `fixed` size (height, width) of its input; where
+    that is None, multiples of `STRIDE` near the `wanted` longer side, or near the size of the image if that is 0."""
 
     def near(length: float) -> int:
         return max(STRIDE, STRIDE * round(length / STRIDE))
@@ -235,14 +228,6 @@ def preprocess(image: np.ndarray, size: tuple[int, int], kind: Kind) -> np.ndarr
     mean, deviation = np.array(kind.mean, np.float32), np.array(kind.deviation, np.float32)
     values = (image.astype(np.float32) / 255.0 - mean) / deviation
     return np.ascontiguousarray(values.transpose(2, 0, 1)[None], np.float32)
-
-
-def first_mask(outputs: Sequence[np.ndarray]) -> np.ndarray | None:
-    """The first output with a single channel and two spatial dimensions above 1, as (h, w); None if there is none."""
-    for output in outputs:
-        if output.ndim >= 2 and min(output.shape[-2:]) > 1 and output.size == output.shape[-1] * output.shape[-2]:
-            return output.reshape(output.shape[-2:])
-    return None
 
 
 def _number(size: Any, otherwise: int | None = None) -> int | None:

@@ -21,7 +21,7 @@ import numpy as np
 from studio.atomic_files import atomic_path
 from studio.capture.settings import DifferenceSettings
 from studio.masks.clean_plate import difference_evidence
-from studio.masks.filters import color_table, guided_filter, look_up, reduced
+from studio.masks.filters import color_table, guided_filter, odds_of_colors, reduced
 from studio.memory_cache import MemoryCache
 
 _SIDE = 480  # longest side while estimating
@@ -125,12 +125,6 @@ def _pick(stack: np.ndarray, score: np.ndarray, tolerance: int) -> tuple[np.ndar
     return total / members.sum(axis=0, dtype=np.float32)[..., None], members
 
 
-def _evidence_of_color(table: np.ndarray, image: np.ndarray) -> np.ndarray:
-    import cv2
-
-    return cv2.blur(np.clip(look_up(table, image), -4.0, 4.0), (5, 5))
-
-
 def _estimate_small(stack: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
     """Plate (H, W, 3) float32, its members (S, H, W) bool, known and doubtful (H, W) bool, color table or None."""
     import cv2
@@ -146,7 +140,7 @@ def _estimate_small(stack: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarr
         swept = cv2.dilate((moved.mean(axis=0) > 0.05).astype(np.uint8), np.ones((15, 15), np.uint8)) > 0
         clear = share > (0.6 if table is None else 0.3)
         if table is not None:
-            clear &= _evidence_of_color(table, plate) < 1.0
+            clear &= odds_of_colors(table, plate, side=5) < 1.0
         front = stack[moved & clear]
         if len(front) < 200:
             # Hardly anything moves: there is no performer to learn colors from.
@@ -155,13 +149,13 @@ def _estimate_small(stack: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarr
         # Colors of the set count more near the performer.
         near = plate[clear & swept]
         table = color_table(front, np.concatenate([plate[clear], near, near]), bins=24, floor=2e-5)
-        colors = np.stack([_evidence_of_color(table, sample) for sample in stack])
+        colors = np.stack([odds_of_colors(table, sample, side=5) for sample in stack])
         plate, members = _pick(stack, density - colors, tolerance)
     assert table is not None
     settings = DifferenceSettings()
     covered = np.empty(stack.shape[:3], np.float32)
     for _ in range(2):
-        behind = _evidence_of_color(table, plate)
+        behind = odds_of_colors(table, plate, side=5)
         for index, sample in enumerate(stack):
             image = sample.astype(np.float32)
             covered[index] = _covered(image, plate, behind, colors[index], settings)
@@ -170,7 +164,7 @@ def _estimate_small(stack: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarr
     members &= covered < 0.0
     best = np.take_along_axis(covered, score.argmax(axis=0)[None], axis=0)[0]
     # A color of the performer that is only visible at times may be the performer standing there.
-    doubtful = (_evidence_of_color(table, plate) > 0.0) & (members.mean(axis=0) < 0.85)
+    doubtful = (odds_of_colors(table, plate, side=5) > 0.0) & (members.mean(axis=0) < 0.85)
     return plate, members, best < 0.0, doubtful, table
 
 

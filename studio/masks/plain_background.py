@@ -23,17 +23,11 @@ _SPECK = 1e-5  # fraction of the image; smaller components are noise
 
 
 def plain_color(image: np.ndarray, cut_off: bool = True) -> np.ndarray | None:
-    """The plain background color of an image, from its border.
+    """The plain background color (3,) uint8 of an image (H, W, 3) uint8, from its border; None if there is none, or if
+    the image contains nothing else.
 
     Nearly all of the border must have the same color, except for compression artifacts, which is never the case in
-    camera footage. A performer may be cut off by the image's edge: then at least half of three sides must have it.
-
-    Args:
-        image: (H, W, 3) uint8.
-        cut_off: whether the performer may be cut off.
-
-    Returns:
-        (3,) uint8; None if there is no such color, or if the image contains nothing else.
+    camera footage. If the performer may be `cut_off` by the image's edge, half of three sides is enough.
     """
     parts = (image[:_BORDER], image[-_BORDER:], image[:, :_BORDER], image[:, -_BORDER:])
     sides = [part.reshape(-1, 3).astype(np.int16) for part in parts]
@@ -54,17 +48,11 @@ def _near(pixels: np.ndarray, color: np.ndarray) -> np.ndarray:
 
 
 def plain_mask(image: np.ndarray, color: np.ndarray) -> np.ndarray:
-    """Mask of everything that differs from a plain color, soft by one pixel at the outline.
+    """Mask (H, W) uint8, 255 = performer, of everything in an image (H, W, 3) uint8 that differs from the background's
+    color (3,) uint8, soft by one pixel at the outline.
 
     Areas of that color inside the performer are holes (for example, between an arm and the body). The tolerance is
     derived from the compression noise next to the performer.
-
-    Args:
-        image: (H, W, 3) uint8.
-        color: (3,) uint8 color of the background.
-
-    Returns:
-        (H, W) uint8, 255 = performer.
     """
     import cv2
 

@@ -39,15 +39,8 @@ class Screen:
         return np.stack([along, first, np.cross(along, first)]).astype(np.float32)
 
     def tangents(self, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Directions of colors relative to the screen's, and their brightness along it.
-
-        Args:
-            image: (H, W, 3) float32 RGB in 0..255.
-
-        Returns:
-            (H, W, 2) tangents along the two perpendicular axes, 0 for the screen under any light; and (H, W) length
-            along the screen's direction, at least 1.
-        """
+        """Directions of colors (H, W, 3) float32 RGB in 0..255 relative to the screen's: (H, W, 2) tangents along the
+        two perpendicular axes, 0 for the screen under any light; and (H, W) length along its direction, at least 1."""
         import cv2
 
         rotated = cv2.transform(image, self.axes)
@@ -56,19 +49,11 @@ class Screen:
 
 
 def find_screen(images: Sequence[np.ndarray], camera: str, key_color: Sequence[float] | None = None) -> Screen:
-    """Estimate the screen's color in one camera.
+    """Estimate the screen's color in one camera from a few of its images, (H, W, 3) uint8 RGB.
 
-    Args:
-        images: a few frames, (H, W, 3) uint8 RGB.
-        camera: name of the camera, for errors.
-        key_color: approximate RGB in 0..1; None: the saturated hue that covers most of the image, with the border
-            counted twice (the performer is rarely there).
-
-    Returns:
-        the screen.
-
-    Raises:
-        StudioError: `mask.no_screen`: no saturated color covers enough of the image; `mask.key_color_not_found`.
+    `key_color`: approximate RGB in 0..1; None: the saturated hue that covers most of the image, with the border counted
+    twice (the performer is rarely there). StudioError: `mask.no_screen`: no saturated color covers enough of the image;
+    `mask.key_color_not_found`.
     """
     pixels, weights = [], []
     for image in images:

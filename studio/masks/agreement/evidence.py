@@ -13,7 +13,7 @@ import numpy as np
 
 from studio.capture.settings import DifferenceSettings
 from studio.masks.clean_plate import difference_evidence, match_exposure
-from studio.masks.filters import guided_filter, look_up
+from studio.masks.filters import brightness, guided_filter, odds_of_colors
 from studio.masks.median_background import Background
 
 LIMIT = 4.0
@@ -36,16 +36,8 @@ _CONNECTED = 0.1
 def evidence_of(
     image: np.ndarray, neighbors: Sequence[np.ndarray], behind: Background, settings: DifferenceSettings
 ) -> np.ndarray:
-    """Log-odds that pixels show the performer.
-
-    Args:
-        image: (H, W, 3) uint8 RGB.
-        neighbors: the same of frames shortly before and after; may be empty.
-        behind: the set behind the performer, of the same size.
-
-    Returns:
-        (H, W) float32, between -`LIMIT` and `LIMIT`.
-    """
+    """Log-odds that pixels of an (H, W, 3) uint8 RGB image show the performer: (H, W) float32, within +-`LIMIT`.
+    `neighbors`: the images shortly before and after, maybe none; `behind`: the set, of the same size."""
     ours, empty = image.astype(np.float32), behind.plate.astype(np.float32)
     empty *= match_exposure(ours, empty, behind.known)
     difference = difference_evidence(ours, empty, settings)
@@ -57,9 +49,9 @@ def evidence_of(
     sure = constant + differs * np.clip(difference, -LIMIT, LIMIT) + noisy * noise
     colors = np.zeros_like(difference)
     if behind.colors is not None:
-        colors = _blurred_colors(behind.colors, ours)
+        colors = odds_of_colors(behind.colors, ours, 3.0)
         # Where the plate looks more like the performer than the image does, the plate is wrong.
-        difference[(_blurred_colors(behind.colors, empty) - colors > 1.0) & (difference > 0.0)] = 0.0
+        difference[(odds_of_colors(behind.colors, empty, 3.0) - colors > 1.0) & (difference > 0.0)] = 0.0
     equal = np.clip(difference, -1.0, 0.0)
     if behind.known is not None:
         equal[~behind.known] = 0.0
@@ -74,22 +66,9 @@ def evidence_of(
     return smoothed(brightness(image), np.clip(total, -LIMIT, LIMIT).astype(np.float32))
 
 
-def brightness(image: np.ndarray) -> np.ndarray:
-    """(H, W) float32 mean of the channels of an (H, W, 3) uint8 image, 0 to 1."""
-    import cv2
-
-    return np.asarray(cv2.transform(image.astype(np.float32), np.full((1, 3), 1 / 765)))
-
-
 def smoothed(gray: np.ndarray, values: np.ndarray) -> np.ndarray:
     """(H, W) float32 `values`, smoothed along the edges of the image of that `brightness`."""
     return guided_filter(gray, values, radius=3, epsilon=4e-4)
-
-
-def _blurred_colors(table: np.ndarray, image: np.ndarray) -> np.ndarray:
-    import cv2
-
-    return cv2.blur(np.clip(look_up(table, image), -3.0, 3.0), (3, 3))
 
 
 def _features(image: np.ndarray) -> np.ndarray:

@@ -19,16 +19,9 @@ _FEWEST = 50
 
 
 def color_odds(bins: np.ndarray, odds: np.ndarray, shared: np.ndarray) -> np.ndarray:
-    """How much more frequent each pixel's color is on the performer than on the set.
-
-    Args:
-        bins: (H, W) int32 `color_bins` of an image.
-        odds: (H, W) float32 log-odds of the performer.
-        shared: (N,) int32, the performer's bins in all cameras.
-
-    Returns:
-        (H, W) float32 log ratio, -3 to 3.
-    """
+    """How much more frequent each pixel's color is on the performer than on the set: (H, W) float32 log ratio, -3 to 3,
+    from the `color_bins` (H, W) int32 of an image, the log-odds (H, W) float32 of the performer, and the performer's
+    bins (N,) int32 in all cameras."""
     import cv2
 
     own, behind = bins[odds > 0.5], odds < -0.5
@@ -44,16 +37,9 @@ def color_odds(bins: np.ndarray, odds: np.ndarray, shared: np.ndarray) -> np.nda
 
 
 def cut(image: np.ndarray, odds: np.ndarray, colors: np.ndarray) -> np.ndarray:
-    """GrabCut (Rother, Kolmogorov and Blake, SIGGRAPH 2004) that starts from log-odds.
-
-    Args:
-        image: (H, W, 3) uint8 RGB.
-        odds: (H, W) float32 log-odds of the performer.
-        colors: (H, W) float32, what `color_odds` says of them.
-
-    Returns:
-        (H, W) bool; where the log-odds are positive if the performer has the colors of the set.
-    """
+    """GrabCut (Rother, Kolmogorov and Blake, SIGGRAPH 2004) of an (H, W, 3) uint8 RGB image that starts from log-odds
+    (H, W) float32: (H, W) bool. If the performer has the colors of the set, as `color_odds` says in `colors` (H, W), it
+    is where the log-odds are positive."""
     import cv2
 
     result = odds > 0

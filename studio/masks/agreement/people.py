@@ -15,16 +15,9 @@ _CLIP = 0.02
 
 
 def odds_of_people(image: np.ndarray, solid: np.ndarray, model: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    """Log-odds of a model that gets square parts of an image for each person: the mean of those that show a pixel.
-
-    Args:
-        image: (H, W, 3) uint8 RGB.
-        solid: (h, w) bool, roughly where the performer is, at any size.
-        model: returns masks (N, N) in 0..1 of images (N, N, 3) uint8 RGB.
-
-    Returns:
-        (H, W) float32; 0 in no part.
-    """
+    """Log-odds of a model that gets square parts of an image (H, W, 3) uint8 RGB for each person: (H, W) float32, the
+    mean of those that show a pixel, 0 in no part. `solid`: (h, w) bool, roughly where the performer is, at any size;
+    `model`: returns masks (N, N) in 0..1 of images (N, N, 3) uint8 RGB."""
     import cv2
 
     height, width = image.shape[:2]

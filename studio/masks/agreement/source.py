@@ -29,12 +29,12 @@ from studio.capture.digest import digest_files
 from studio.capture.settings import DifferenceSettings, ModelSettings
 from studio.errors import StudioError
 from studio.masks.agreement.empty_set import cover, uncovered
-from studio.masks.agreement.evidence import LIMIT, brightness, evidence_of, smoothed
+from studio.masks.agreement.evidence import LIMIT, evidence_of, smoothed
 from studio.masks.agreement.outlines import BINS, color_odds, cut
 from studio.masks.agreement.people import odds_of_people
 from studio.masks.agreement.vote import heard
 from studio.masks.clean_plate import match_exposure, solve_edges
-from studio.masks.filters import color_bins, keep_components, reduced
+from studio.masks.filters import brightness, color_bins, keep_components, reduced
 from studio.masks.mask_cache import MaskCache
 from studio.masks.mask_source import MaskInputs, MaskSource
 from studio.masks.matting_model import MattingModel, load_model

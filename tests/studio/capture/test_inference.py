@@ -9,7 +9,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from studio.capture import CaptureSettings, open_footage
-from studio.capture.detect import MASK_FOLDERS, detect_beside, detect_images
+from studio.capture.detect import MASK_FOLDERS, all_beside, detect_images
 from studio.capture.inference import infer_layouts
 from studio.capture.patterns import find_files
 from tests.studio.capture.test_patterns import touch
@@ -118,7 +118,7 @@ def test_images_and_masks_are_one_capture(tmp_path: Path, images: str, masks: st
     _, matches = detect_images(tmp_path)
     places = {(match.camera, match.frame) for match in matches}
     assert places == {(camera, frame) for camera in CAMERAS for frame in FRAMES}
-    found = detect_beside(tmp_path, MASK_FOLDERS, CAMERAS)
+    found = next(all_beside(tmp_path, MASK_FOLDERS, CAMERAS), None)
     assert {(match.camera, match.frame) for match in found[1]} == places
     assert not {match.path for match in found[1]} & {match.path for match in matches}
 

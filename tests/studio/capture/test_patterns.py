@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from studio.capture.detect import MASK_FOLDERS, detect_beside, detect_images
+from studio.capture.detect import MASK_FOLDERS, all_beside, detect_images
 from studio.capture.patterns import find_files
 from tests.support.errors import refuses
 
@@ -90,5 +90,5 @@ def test_masks_of_other_layouts_are_detected(tmp_path: Path) -> None:
         ("b", "mask/{frame}/img_{camera}.png", "0001", 0),
         ("c", "mask/{camera}.mp4", "001", None),
     ):
-        found, (match,) = detect_beside(tmp_path / folder, MASK_FOLDERS, [camera])
+        found, (match,) = next(all_beside(tmp_path / folder, MASK_FOLDERS, [camera]))
         assert (found, match.camera, match.frame) == (pattern, camera, frame)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from studio.masks.filters import color_table, guided_filter, keep_components, look_up
+from studio.masks.filters import color_table, guided_filter, keep_components, odds_of_colors
 
 
 def test_the_guided_filter_is_that_of_its_paper() -> None:
@@ -42,7 +42,9 @@ def test_a_color_table_is_the_log_ratio_of_two_smoothed_histograms() -> None:
     for place, value in expected.items():
         assert table[place] == pytest.approx(value, abs=1e-3), place
     image = np.array([[[72, 72, 72], [200, 200, 200]]], np.uint8)
-    assert look_up(table, image).tolist() == [[table[4, 4, 4], table[12, 12, 12]]]
+    assert odds_of_colors(table, image, 99, 1).tolist() == [[table[4, 4, 4], table[12, 12, 12]]]
+    first, second = np.clip([table[4, 4, 4], table[12, 12, 12]], -2, 2)
+    assert odds_of_colors(table, image, 2, 3)[0, 0] == pytest.approx((first + 2 * second) / 3)  # mirrored at the border
 
 
 def scene() -> np.ndarray:
