@@ -20,8 +20,8 @@ from studio.errors import StudioError
 PARTIAL = ".partial"
 """Part of every temporary name. Remaining files with this name are leftovers of killed processes and may be deleted."""
 
-_NAMED = rf"(?P<pid>[0-9]{{1,9}})(-(?P<machine>[0-9a-f]{{8}})-[0-9a-f]{{8}})?(?P<what>\.[a-z]+)?{re.escape(PARTIAL)}"
-"""Middle of a temporary name. Earlier versions wrote the process id only."""
+_NAMED = rf"(?P<pid>[0-9]{{1,9}})-(?P<machine>[0-9a-f]{{8}})-[0-9a-f]{{8}}(?P<what>\.[a-z]+)?{re.escape(PARTIAL)}"
+"""Middle of a temporary name."""
 
 _ABANDONED_SECONDS = 3600.0
 """Temporary files of other machines, whose processes are not known here, are leftovers if unwritten for so long."""
@@ -93,14 +93,14 @@ def leftovers(folder: Path, of: Path | None = None, what: str = "") -> list[Path
 def is_being_written(path: Path) -> bool:
     """Whether a file or folder has the temporary name of another process that runs, or may run on another machine."""
     named = re.fullmatch(rf"\..+\.{_NAMED}(\.[^.]*)?", path.name)
-    if named is None or (named["machine"] in (None, machine_name()) and int(named["pid"]) == os.getpid()):
+    if named is None or (named["machine"] == machine_name() and int(named["pid"]) == os.getpid()):
         return False
     return _has_writer(path, named)
 
 
 def _has_writer(path: Path, named: re.Match[str]) -> bool:
     """Whether the process in a temporary name runs, or may run."""
-    if named["machine"] in (None, machine_name()):
+    if named["machine"] == machine_name():
         return _running(int(named["pid"]))
     return time.time() - _last_written(path) < _ABANDONED_SECONDS
 

@@ -18,6 +18,7 @@ from pipelines.share import sharing
 from pipelines.share.page import PageText, first_files, read_intro, read_view
 from pipelines.share.sharing import share, share_size
 from pipelines.takes.take import TAKE_FORMAT
+from studio.atomic_files import machine_name
 from studio.errors import Cancelled
 from studio.formats.camera_path import Key, write_path_keys
 from studio.rasterizer import rasterize
@@ -148,12 +149,13 @@ def test_what_is_damaged_or_cancelled_leaves_the_earlier_share_as_it_was(stream,
     copy, out, page = shutil.copytree(stream, tmp_path / "copy"), tmp_path / "out" / "site", tmp_path / "out" / "a.html"
     killed = subprocess.Popen([sys.executable, "-S", "-c", ""])
     killed.wait()
-    (tmp_path / "out" / f".site.{killed.pid}.partial").mkdir(parents=True)
-    (tmp_path / "out" / f".a.{killed.pid}.partial.html").write_text("half")
+    writer = f"{killed.pid}-{machine_name()}-00000000"
+    (tmp_path / "out" / f".site.{writer}.partial").mkdir(parents=True)
+    (tmp_path / "out" / f".a.{writer}.partial.html").write_text("half")
     share(copy, out)
     share(copy, page)
     before = contents(out.parent)
-    out.rename(out.with_name(f".site.{killed.pid}.old.partial"))  # as if killed while it was replaced
+    out.rename(out.with_name(f".site.{writer}.old.partial"))  # as if killed while it was replaced
 
     def stop(done: int, total: int, **_: object) -> None:
         if done == total - 1:

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from pipelines.takes.atomic_files import atomic_path, disk_errors, sweep_partial, write_json, write_text
+from studio.atomic_files import machine_name
 from tests.support.errors import refuses
 
 
@@ -48,10 +49,11 @@ def test_a_disk_that_fails_is_a_sentence(tmp_path, number):
 
 def test_sweep_takes_leftovers_only(tmp_path):
     write_text(tmp_path / "deep" / "kept.txt", "x")
-    (tmp_path / "deep" / ".kept.999999999.partial.txt").write_text("half")
-    (tmp_path / f".marks.{os.getppid()}.partial.json").write_text("another process is writing it")
+    alive = f".marks.{os.getppid()}-{machine_name()}-00000000.partial.json"
+    (tmp_path / "deep" / f".kept.999999999-{machine_name()}-00000000.partial.txt").write_text("half")
+    (tmp_path / alive).write_text("another process is writing it")
     (tmp_path / ".group_000.partial").mkdir()
     (tmp_path / ".group_000.partial" / "x.mp4").write_text("half")
     assert sweep_partial(tmp_path) == 2
     left = [path.name for path in sorted(tmp_path.rglob("*"))]
-    assert left == [f".marks.{os.getppid()}.partial.json", "deep", "kept.txt"]
+    assert left == [alive, "deep", "kept.txt"]

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from pipelines.takes.take import TAKE_FORMAT, Take
+from studio.atomic_files import machine_name
 from tests.support.errors import refuses
 
 
@@ -81,7 +82,7 @@ def test_a_take_that_lost_its_take_json_is_taken_up_again(tmp_path: Path) -> Non
 def test_a_run_killed_as_it_created_the_take_is_begun_again(tmp_path: Path) -> None:
     process = subprocess.Popen([sys.executable, "-S", "-c", ""])
     process.wait()
-    left = tmp_path / f".take.{process.pid}.partial.json"
+    left = tmp_path / f".take.{process.pid}-{machine_name()}-00000000.partial.json"
     left.write_text("{")
     take = Take.create(tmp_path)
     assert Take.open(tmp_path) == take
