@@ -42,7 +42,7 @@ class Shared:
             self.rule = RateRule([one.bandwidth for one in reader.renditions])
         self._renditions = {one.id: number for number, one in enumerate(reader.renditions)}
         self._files: MemoryCache[tuple[int, str], dict[str, bytes]] = MemoryCache(_CACHED_GROUPS)
-        self._skipped: dict[int, tuple[SkippedGroup, float]] = {}
+        self._skipped: dict[int, SkippedGroup] = {}
         self._lock = threading.Lock()
         self._grown = threading.Condition()
         self.replaced: StudioError | None = None
@@ -97,12 +97,11 @@ class Shared:
     def note_damage(self, group: Rendition | Span, first_frame: int, end_frame: int, cause: Message) -> None:
         """Record that these frames of a group cannot be played."""
         with self._lock:
-            if group.index in self._skipped:
-                known = self._skipped[group.index][0]
+            known = self._skipped.get(group.index)
+            if known is not None:
                 first_frame = min(first_frame, known.first_frame)
-                end_frame = max(end_frame, known.first_frame + known.frame_count)
-            skipped = SkippedGroup(group.index, first_frame, end_frame - first_frame, cause)
-            self._skipped[group.index] = (skipped, time.monotonic())
+                end_frame = max(end_frame, known.stop)
+            self._skipped[group.index] = SkippedGroup(group.index, first_frame, end_frame - first_frame, cause)
             for key in [key for key in self._files if key[0] == group.index]:
                 self._files.drop(key)
 
@@ -110,11 +109,11 @@ class Shared:
         """Forget that a whole group could not be fetched, because it has been repaired."""
         with self._lock:
             known = self._skipped.get(group.index)
-            if known is not None and known[0].frame_count == group.frame_count:
+            if known is not None and known.frame_count == group.frame_count:
                 del self._skipped[group.index]
 
     @property
     def skipped(self) -> tuple[SkippedGroup, ...]:
         """All groups, or parts of groups, that could not be played, in order."""
         with self._lock:
-            return tuple(self._skipped[index][0] for index in sorted(self._skipped))
+            return tuple(self._skipped[index] for index in sorted(self._skipped))

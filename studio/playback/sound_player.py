@@ -92,7 +92,7 @@ class SoundPlayer:
         self._start = 0  # first sample of this take; samples count on through loops
         self._next = 0  # next sample to decode
         self._queue: deque[tuple[int, np.ndarray]] = deque()
-        self._queued = 0
+        self.queued = 0  # samples that are decoded and not yet passed to the device
         self._heard: deque[tuple[float, int, int]] = deque(maxlen=_KEPT)  # time, first sample, samples
         self._reached = 0.0
         self._asked_at = 0.0
@@ -113,7 +113,7 @@ class SoundPlayer:
             self._reached = self._start / self._sound.sample_rate
             self._queue.clear()
             self._heard.clear()
-            self._queued = 0
+            self.queued = 0
             self._asked_at = self._output.now() if self._open else math.inf  # opening takes its time
             if self._thread is None:
                 self._thread = threading.Thread(target=self._run, name="sound", daemon=True)
@@ -125,7 +125,7 @@ class SoundPlayer:
         with self._changed:
             self._playing = False
             self._queue.clear()
-            self._queued = 0
+            self.queued = 0
             self._changed.notify_all()
 
     @property
@@ -138,12 +138,6 @@ class SoundPlayer:
         self._volume = min(max(float(value), 0.0), 1.0)
 
     # State
-
-    @property
-    def buffered(self) -> float:
-        """Seconds that are decoded and not yet passed to the device."""
-        with self._changed:
-            return self._queued / self._sound.sample_rate
 
     def position(self) -> float | None:
         """Time of the stream that is heard now, in seconds, counted on through loops; never decreases while playing.
@@ -190,7 +184,7 @@ class SoundPlayer:
                 filled += count
                 if count < len(samples):
                     self._queue.appendleft((first + count, samples[count:]))
-            self._queued -= filled
+            self.queued -= filled
             self._changed.notify_all()
             out *= 0.0 if self.muted else self._volume
 
@@ -238,7 +232,7 @@ class SoundPlayer:
         rate = self._sound.sample_rate
         with self._changed:
             left = self._end - self._next
-            if self._queued >= _AHEAD * rate or left <= 0:
+            if self.queued >= _AHEAD * rate or left <= 0:
                 self._changed.wait(_AHEAD)
                 return
             take, first = self._take, self._next
@@ -247,7 +241,7 @@ class SoundPlayer:
         with self._changed:
             if take == self._take and self._playing:
                 self._queue.append((first, samples))
-                self._queued += count
+                self.queued += count
                 self._next = first + count
 
     @property

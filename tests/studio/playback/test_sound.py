@@ -27,7 +27,7 @@ def sound(output):
 
 def heard(output, sound, seconds):
     """Play some time once that much is decoded."""
-    wait_until("decoded", lambda: sound.buffered >= seconds)
+    wait_until("decoded", lambda: sound.queued >= seconds * 48_000)
     return output.pull(seconds)
 
 

@@ -29,7 +29,7 @@ class Device(FakeOutput):
 
     def frames(self, player: PlayerPresenter, count: float) -> None:
         sound = player.audio.player if player.audio is not None else None
-        wait_until("decoded", lambda: sound.buffered >= count / FPS)
+        wait_until("decoded", lambda: sound.queued >= count / FPS * 48_000)
         self.pull(count / FPS)
 
 
