@@ -17,9 +17,10 @@ _KEPT_PAGES = 16
 class GroupIndex:
     """All groups of a stream. Thread safe. `reading`: a context around each read of a page, to change errors."""
 
-    def __init__(self, manifest: Manifest, source: Source) -> None:
-        self.manifest = manifest
-        self.reading: Callable[[], AbstractContextManager[None]] = nullcontext
+    def __init__(
+        self, manifest: Manifest, source: Source, reading: Callable[[], AbstractContextManager[None]] = nullcontext
+    ) -> None:
+        self.manifest, self._reading = manifest, reading
         self.starts = tuple(accumulate(manifest.frame_counts[:-1], initial=0))
         self._source = source
         counts = [len(manifest.groups), *(len(page.frames) for page in manifest.pages)]
@@ -51,7 +52,7 @@ class GroupIndex:
     def _read(self, place: int) -> tuple[GroupEntry, ...]:
         page, first = self.manifest.pages[place - 1], self._page_starts[place]
         name = f"{self._source.name}/{page.path}"
-        with self.reading():
+        with self._reading():
             data = self._source.read(page.path, page.bytes)
             return parse_page(data, page, self.manifest, first, self.starts[first], name)
 

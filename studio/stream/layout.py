@@ -19,18 +19,12 @@ _SHORTEST_QUAT = 1e-6
 
 def plane_side(splats: int) -> int:
     """Side of a plane in pixels: the smallest multiple of 8 whose square is at least `splats`."""
-    side = 8
-    while side * side < splats:
-        side += 8
-    return side
+    return 8 * math.ceil(math.sqrt(splats) / 8)
 
 
 def tile_side(splats: int) -> int:
     """Side of a tile in pixels: the smallest multiple of 16, the codec's block, whose square is at least `splats`."""
-    side = 16
-    while side * side < splats:
-        side += 16
-    return side
+    return 16 * math.ceil(math.sqrt(splats) / 16)
 
 
 def tile_grid(tiles: int) -> tuple[int, int]:

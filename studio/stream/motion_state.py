@@ -48,13 +48,13 @@ class Side:
     rotation: np.ndarray
     escapes: Escapes  # codes outside the range of the video
 
-    def to_parts(self, bits: int) -> list[bytes]:
-        """Parts of the uncompressed side file."""
+    def to_bytes(self, bits: int) -> tuple[bytes, int]:
+        """The compressed side file and its decompressed size."""
         escapes = self.escapes
         order = np.lexsort((escapes.frame, escapes.splat, escapes.channel))
         channel, splat, frame, code = (getattr(escapes, name)[order] for name in ("channel", "splat", "frame", "code"))
         beyond = np.where(code < 0, code, code - 255)
-        return [
+        parts = [
             *encode_octree(self.codes, bits),
             *_label_runs(self.labels),
             _in_pairs(self.classes),
@@ -66,10 +66,11 @@ class Side:
             *split(np.diff(frame, prepend=0), _ESCAPE_BYTES),
             *split(beyond, _ESCAPE_BYTES),
         ]
+        return deflate(parts), sum(map(len, parts))
 
     @classmethod
     def parse(cls, data: bytes, group: MotionRendition) -> Side:
-        """Inverse of `to_parts` and `deflate`. Raises ValueError: the bytes do not match the manifest."""
+        """Inverse of `to_bytes`. Raises ValueError: the bytes do not match the manifest."""
         cursor = Cursor(inflate(data, group.side.raw_bytes))
         splats, blocks, moved = group.splats, group.blocks.count, group.frame_count - 1
         codes = decode_octree(cursor, group.positions.bits, splats)
@@ -154,12 +155,6 @@ def _check_values(channels: Sequence[ChannelEntry], channel: np.ndarray, code: n
     if len(wrong):
         first = wrong[0]
         raise ValueError(f"an escape in {channels[channel[first]].name} has the value {values[first]:g}")
-
-
-def compress(side: Side, bits: int) -> tuple[bytes, int]:
-    """The compressed side file and its decompressed size."""
-    parts = side.to_parts(bits)
-    return deflate(parts), sum(len(part) for part in parts)
 
 
 class MotionState:

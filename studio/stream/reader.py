@@ -100,9 +100,7 @@ class StreamReader:
         return reader
 
     def _indexed(self, data: bytes) -> GroupIndex:
-        index = GroupIndex(parse_manifest(data, self._manifest_name), self.source)
-        index.reading = self._reading
-        return index
+        return GroupIndex(parse_manifest(data, self._manifest_name), self.source, self._reading)
 
     @property
     def manifest(self) -> Manifest:

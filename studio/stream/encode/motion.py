@@ -21,7 +21,7 @@ from studio.stream.layout import component_frames, tile_grid, tile_side, typical
 from studio.stream.manifest import BlockTable, Box, ChannelEntry, Lattice, MotionRendition, SideEntry, VideoEntry, point
 from studio.stream.morton import deinterleave, interleave, square_scan
 from studio.stream.motion_blocks import Blocks, find_blocks
-from studio.stream.motion_state import MAX_BITS, MAX_CLASS, Escapes, MotionState, Side, compress, keyframe_bits
+from studio.stream.motion_state import MAX_BITS, MAX_CLASS, Escapes, MotionState, Side, keyframe_bits
 from studio.stream.profiles.motion import channel_range, channel_steps
 from studio.stream.settings import BakeSettings
 from studio.stream.shapes import shapes_of
@@ -148,7 +148,7 @@ class MotionBake:
             entries.append(ChannelEntry(name=channel, offset=offset, step=step))
         channel_, splat_, frame_, code_ = np.concatenate(escapes, axis=1)
         side = Side(codes, self._labels, classes, affine, self._turns, Escapes(channel_, splat_, frame_, code_))
-        data, raw_bytes = compress(side, bits)
+        data, raw_bytes = side.to_bytes(bits)
         (folder / "motion.bin").write_bytes(data)
         self._encode(pictures, folder / "video.mp4", settings, progress, fps)
         side_entry = SideEntry(**dict(named_by_content(folder / "motion.bin")), raw_bytes=raw_bytes)
