@@ -163,9 +163,7 @@ class Refinement:
         """Continue from a `state()`, bit for bit."""
         if not state:
             return
-        parts = part_of(state, "splats.")
-        device = self._stepper.views[0].device
-        splats = Gaussians.from_state_dict(parts).to(device)
+        splats = Gaussians.from_state_dict(part_of(state, "splats.")).to(self._stepper.views[0].device)
         self.refined, self.off, shift = bool(state["refined"]), float(state["off"]), float(state["chroma_shift"])
         self.chroma_shift = None if math.isnan(shift) else shift
         self._set(splats, self._drawn(splats) if self.refined else [])

@@ -58,34 +58,32 @@ def shared_opacity_and_scale(opacity: Tensor, copies: Tensor) -> tuple[Tensor, T
     return new, opacity / denominator
 
 
-def relocate_dead(optimizer: SplatOptimizer, generator: torch.Generator, details: Sequence[Detail] = ()) -> int:
-    """Move each dead splat onto a live one; returns the number of moved splats."""
+def relocate_dead(optimizer: SplatOptimizer, generator: torch.Generator, details: Sequence[Detail] = ()) -> None:
+    """Move each dead splat onto a live one."""
     gaussians = optimizer.gaussians.detach()
     opacities = gaussians.opacities
     dead = (opacities <= _DEAD).nonzero()[:, 0]
     alive = (opacities > _DEAD).nonzero()[:, 0]
     if len(dead) == 0 or len(alive) == 0:
-        return 0
+        return
     chances = opacities * detail_weights(gaussians.means, details)
     chosen = alive[_draw(chances[alive], len(dead), generator)]
     shared = _shared(gaussians, chosen)
     optimizer.overwrite(chosen, shared)
     optimizer.overwrite(dead, shared)
-    return len(dead)
 
 
-def grow(optimizer: SplatOptimizer, budget: int, generator: torch.Generator, details: Sequence[Detail] = ()) -> int:
-    """Add 5% more splats as copies of live ones, up to `budget` in total; returns the number added."""
+def grow(optimizer: SplatOptimizer, budget: int, generator: torch.Generator, details: Sequence[Detail] = ()) -> None:
+    """Add 5% more splats as copies of live ones, up to `budget` in total."""
     count = len(optimizer)
     more = min(budget, int(_GROWTH * count)) - count
     if more <= 0:
-        return 0
+        return
     gaussians = optimizer.gaussians.detach()
     chosen = _draw(gaussians.opacities * detail_weights(gaussians.means, details), more, generator)
     shared = _shared(gaussians, chosen)
     optimizer.overwrite(chosen, shared)
     optimizer.append(shared)
-    return more
 
 
 def add_noise(optimizer: SplatOptimizer, generator: torch.Generator) -> None:
