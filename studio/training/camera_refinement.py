@@ -27,6 +27,7 @@ from studio.rotations import quats_to_matrices
 from studio.similarity import Similarity
 from studio.torch_rotations import quat_multiply, rotate_vectors
 from studio.training.adam import Adam, ParameterGroup
+from studio.training.interframe import rate_factor
 from studio.training.keyframe import initial_gaussians, scene_extent
 from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
@@ -36,8 +37,7 @@ from studio.training.views import TrainingView
 WORTH = 0.1  # gain in dB from which on refined cameras are used
 _VISITS = 75  # steps per camera in which cameras are refined; a third as many with fixed cameras come before
 ALIGN_STEPS = 150  # steps that align a camera to finished splats
-_RATE, _LAST_RATE = 1e-3, 0.05
-"""Adam's rate, so that a step moves the performer by a thousandth of its size, and what it decays to at the end."""
+_RATE = 1e-3  # Adam's, so that a step moves the performer by a thousandth of its size; decays with `rate_factor`
 _USUAL = (*[0.03] * 6, 0.02, 0.02, 0.03, 0.03)
 """Usual errors of a calibration: rotation in radians and translation as a fraction of the performer's radius (three
 each), principal point as a fraction of the focal length (two), relative focal length, radial term."""
@@ -212,9 +212,9 @@ class _Placement:
         """What the distance from the given camera costs."""
         return _PRIOR * (self.values / self._usual).square().sum()
 
-    def step(self, rate: float) -> None:
-        """Take a step with the gradient, if it has one."""
-        self.adam.groups[0].rate = rate
+    def step(self, progress: float) -> None:
+        """Take a step with the gradient, if it has one; `progress`: 0 at the first step, 1 after the last."""
+        self.adam.groups[0].rate = _RATE * rate_factor(progress)
         self.adam.step()
         self.adam.zero_grad()
 
@@ -285,7 +285,7 @@ class _Run:
             loss.backward()  # type: ignore[no-untyped-call]
             self.optimizer.step()
             if refine:
-                placed[id(found.view)].step(_rate(step / steps))
+                placed[id(found.view)].step(step / steps)
             self._done += 1
             self._progress(self._done, self._total, **found.figures(self._done, "camera", len(self.optimizer)))
 
@@ -295,7 +295,7 @@ class _Run:
         stepper.moved = lambda splats, view: place(splats)
         for step in range(ALIGN_STEPS):
             (stepper(gaussians).loss + place.prior()).backward()  # type: ignore[no-untyped-call]
-            place.step(_rate(step / ALIGN_STEPS))
+            place.step(step / ALIGN_STEPS)
             self._done += 1
             self._progress(self._done, self._total)
 
@@ -315,11 +315,6 @@ class _Run:
         self._generator.set_state(state["generator"])
         self._stepper.restore(state)
         self.optimizer.restore(state)
-
-
-def _rate(progress: float) -> float:
-    """The cameras' learning rate; `progress`: 0 at the first step, 1 after the last."""
-    return _RATE * _LAST_RATE ** max(0.0, 2 * progress - 1)
 
 
 @torch.no_grad()

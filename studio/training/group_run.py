@@ -20,8 +20,8 @@ class GroupRun(ABC):
     """The state that changes in each step.
 
     Args:
-        leaves: what is trained, by name; each has its own Adam moments. Made leaves that require gradients.
-        rates: learning rate of each; it decays in the second half of the steps (`rate_factor`).
+        start: what is trained, by name, where it has any numbers; each has its own Adam moments. With its learning
+            rate, which decays in the second half of the steps (`rate_factor`).
         seed: equal seeds and inputs give equal results, bit for bit.
 
     Attributes:
@@ -34,16 +34,19 @@ class GroupRun(ABC):
         self,
         views: Sequence[Sequence[TrainingView]],
         settings: TrainSettings,
-        leaves: Mapping[str, Tensor],
-        rates: Mapping[str, float],
+        start: Mapping[str, tuple[Tensor, float]],
         iterations: int,
         seed: int,
     ) -> None:
         self._generator = torch.Generator().manual_seed(seed)
         self.steppers = [Stepper(seen, settings, self._generator) for seen in views]
-        self.leaves = {name: value.detach().clone().contiguous().requires_grad_() for name, value in leaves.items()}
-        self._rates = rates
-        groups = [ParameterGroup([leaf], rates[name], name) for name, leaf in self.leaves.items()]
+        self.leaves = {
+            name: value.detach().clone().contiguous().requires_grad_()
+            for name, (value, _) in start.items()
+            if value.shape[1:].numel()
+        }
+        self._rates = {name: rate for name, (_, rate) in start.items()}
+        groups = [ParameterGroup([leaf], self._rates[name], name) for name, leaf in self.leaves.items()]
         self._adam = Adam(groups, eps=1e-15)
         self._order: list[int] = []
         self.done, self.iterations = 0, iterations

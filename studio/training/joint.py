@@ -126,10 +126,7 @@ class _Run(GroupRun):
         for number, frame in enumerate(frames):
             found[f"means.{number}"] = (frame.means, MEANS_FINETUNE_RATE * self._extent)
             found[f"quats.{number}"] = (frame.unit_quats, rates.rotation)
-        trained = {name: one for name, one in found.items() if one[0].shape[1:].numel()}
-        leaves = {name: value for name, (value, _) in trained.items()}
-        leaf_rates = {name: rate for name, (_, rate) in trained.items()}
-        super().__init__(views, settings, leaves, leaf_rates, joint_steps(settings, len(frames)), seed)
+        super().__init__(views, settings, found, joint_steps(settings, len(frames)), seed)
         for frame, stepper in zip(frames, self.steppers, strict=True):
             Refinement(stepper, settings, keyframe_off or 0.0).begin(frame.detach())
 

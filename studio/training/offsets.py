@@ -144,17 +144,15 @@ class _Run(GroupRun):
         self._selected = [start.selected(frame) for frame in frames]
         self._extent = scene_extent(torch.stack(performer_box(self._selected[0].means)))
         rates = settings.rates
-        rate = {
-            "means": MEANS_FINETUNE_RATE * self._extent,
-            "rotation": rates.rotation,
-            "log_scales": rates.scale,
-            "logit_opacities": rates.opacity,
-            "sh_dc": rates.sh_dc,
-            "sh_rest": rates.sh_rest,
+        found = {
+            "means": (start.means, MEANS_FINETUNE_RATE * self._extent),
+            "rotation": (start.rotation, rates.rotation),
+            "log_scales": (start.log_scales, rates.scale),
+            "logit_opacities": (start.logit_opacities, rates.opacity),
+            "sh_dc": (start.sh[:, :1], rates.sh_dc),
+            "sh_rest": (start.sh[:, 1:], rates.sh_rest),
         }
-        values = {**start.to_tensors(), "sh_dc": start.sh[:, :1], "sh_rest": start.sh[:, 1:]}
-        leaves = {name: values[name] for name in rate if values[name].shape[1:].numel()}
-        super().__init__(views, settings, leaves, rate, iterations, seed)
+        super().__init__(views, settings, found, iterations, seed)
 
     def _offsets(self) -> SplatOffsets:
         leaves = self.leaves
