@@ -41,8 +41,7 @@ def main() -> None:
             trained.append(v3.train_keyframe(views, points, colors, settings, seed=0))
         else:
             before = trained[-2] if len(trained) > 1 else None
-            result: v3.InterframeResult = v3.train_interframe(trained[-1], views, settings, before_previous=before)
-            trained.append(result.gaussians)
+            trained.append(v3.train_interframe(trained[-1], views, settings, before_previous=before))
         for camera, found in v3.evaluate(trained[-1], footage, frame).items():
             print(f"frame {frame}: {len(trained[-1])} splats, {found['psnr']:.1f} dB in {camera}, not trained on")
             assert found["psnr"] > 18

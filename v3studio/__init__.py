@@ -67,7 +67,7 @@ _EXPORTS = {
     "studio.splat_video": ("SplatVideo",),
     "studio.stream": ("BakeSettings", "Manifest", "StreamReader", "bake_group", "write_manifest"),
     "studio.stream.publish": ("Published",),
-    "studio.training": ("InterframeResult", "TrainingView", "TrainSettings", "train_interframe", "train_keyframe"),
+    "studio.training": ("TrainingView", "TrainSettings", "train_interframe", "train_keyframe"),
 }
 """Names by module; type checkers read the same from __init__.pyi."""
 

@@ -39,7 +39,7 @@ from studio.rasterizer import Render, available_backends, rasterize
 from studio.splat_video import SplatVideo
 from studio.stream import BakeSettings, Manifest, StreamReader, bake_group, write_manifest
 from studio.stream.publish import Published
-from studio.training import InterframeResult, TrainingView, TrainSettings, train_interframe, train_keyframe
+from studio.training import TrainingView, TrainSettings, train_interframe, train_keyframe
 
 __version__: str
 
@@ -60,7 +60,6 @@ __all__ = [
     "Gaussians",
     "InitResult",
     "InitializeSettings",
-    "InterframeResult",
     "Manifest",
     "MaskFunction",
     "MaskSource",

@@ -288,7 +288,7 @@ class GroupWork:
         if not last:
             return self._keyframe(group, views, keys[position], seed, snapshot)
         previous, *earlier = [frame.to(device) for frame in reversed(last)]
-        found = train_interframe(
+        gaussians = train_interframe(
             previous,
             views,
             self.settings,
@@ -299,7 +299,7 @@ class GroupWork:
             progress=self._progress(group, position),
             snapshot=snapshot,
         )
-        return found.gaussians.detach().to("cpu")
+        return gaussians.to("cpu")
 
     def _keyframe(
         self, group: Group, views: list[TrainingView], key: str, seed: int, snapshot: Callable[[int, Gaussians], None]
@@ -327,7 +327,7 @@ class GroupWork:
             resume=resume,
             compared=lambda refinement: self._tell_outlines(group, refinement),
         )
-        return gaussians.detach().to("cpu")
+        return gaussians.to("cpu")
 
     def _tell_outlines(self, group: Group, refinement: Refinement) -> None:
         """Keep and report what the keyframe shows about the masks."""

@@ -1,7 +1,7 @@
 from .camera_colors import fit_camera_colors
 from .camera_refinement import Correction, RefinedCameras, refine_cameras
 from .details import Detail
-from .interframe import InterframeResult, interframe_steps, train_interframe
+from .interframe import interframe_steps, train_interframe
 from .joint import joint_steps, train_jointly
 from .keyframe import train_keyframe
 from .settings import LearningRates, TrainSettings
@@ -10,7 +10,6 @@ from .views import TrainingView
 __all__ = [
     "Correction",
     "Detail",
-    "InterframeResult",
     "LearningRates",
     "RefinedCameras",
     "TrainSettings",

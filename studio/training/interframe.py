@@ -1,7 +1,7 @@
 """Training of the frames after the keyframe: motion, then fine-tuning (paper sections 4.1 and 4.2)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import torch
@@ -27,19 +27,6 @@ _BOX_QUANTILE = 1e-3
 _LAST_RATE = 0.05
 
 
-@dataclass
-class InterframeResult:
-    """A trained frame.
-
-    Attributes:
-        gaussians: the splats after fine-tuning.
-        warped: the splats of the previous frame after the motion stage, before fine-tuning.
-    """
-
-    gaussians: Gaussians
-    warped: Gaussians
-
-
 def interframe_steps(settings: TrainSettings, first: bool = False) -> int:
     """Number of training steps of a frame after the keyframe; `first`: it immediately follows the keyframe."""
     return settings.motion_steps(first) + settings.finetune_iterations
@@ -57,7 +44,7 @@ def train_interframe(
     progress: ProgressFn = no_progress,
     snapshot: SnapshotFn | None = None,
     snapshot_every: int = 500,
-) -> InterframeResult:
+) -> Gaussians:
     """Train frame t from the splats of frame t-1. Their number and order do not change.
 
     Args:
@@ -73,6 +60,9 @@ def train_interframe(
             `loss`, `psnr` (dB) and `splats`.
         snapshot: called with the splats every `snapshot_every` steps.
         snapshot_every: steps between these calls.
+
+    Returns:
+        Detached splats.
 
     Raises:
         StudioError: `training.diverged` or `training.no_views`.
@@ -96,13 +86,12 @@ def train_interframe(
         snapshot_at(motion_steps + step, gaussians)
 
     previous = previous.detach()
-    warped = previous.clone()
+    warped = previous
     if motion_steps:
         start = predicted_means(previous, before_previous, third_last, settings.motion_acceleration)
         warped = _move(previous, start, views, settings, motion_steps, generator, report(0, "motion"), snapshot_at)
     tuning = report(motion_steps, "fine-tune")
-    tuned = _fine_tune(previous, warped, views, settings, keyframe_off, generator, tuning, snapshot_later)
-    return InterframeResult(tuned, warped)
+    return _fine_tune(previous, warped, views, settings, keyframe_off, generator, tuning, snapshot_later)
 
 
 def _move(
