@@ -1,8 +1,6 @@
 """Speed of the rasterizer, alone and compared with the reference.
 
-    python benchmarks/rasterizer.py            # about two minutes on two cores
-    python benchmarks/rasterizer.py --quick    # only a few repetitions
-    python benchmarks/rasterizer.py --json results.json
+    python benchmarks/rasterizer.py [--repeat 31]    # about two minutes on two cores
 
 Times are medians over repetitions and wall-clock times unless labeled as CPU time. Ratios compare times of the same
 run. `benchmarks/training.py` measures training, and `benchmarks/gpu_check.py` GPUs.
@@ -12,14 +10,11 @@ Its splats have a radius of 2 to 4 pixels (at which alpha falls to 1/255) and SH
 """
 
 import argparse
-import json
 import math
 import os
-import platform
 import statistics
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # see studio.process; read when torch is imported
@@ -31,7 +26,6 @@ from rich.table import Table
 
 from studio.cameras import Camera
 from studio.gaussians import Gaussians
-from studio.json_types import JsonObject
 from studio.rasterizer import available_backends, rasterize
 from studio.rasterizer.cpu import load_kernels
 
@@ -102,80 +96,51 @@ def both_function(splats: Gaussians, camera: Camera, backend: str = "auto") -> C
     return run
 
 
-def speed_table(repeat: int, results: JsonObject) -> None:
+def speed_table(repeat: int) -> None:
     table = Table(title="CPU kernels, person-like surface, milliseconds (median)")
     for name in ("image", "splats", "threads", "forward", "fwd + bwd", "CPU, 1 thread", "2 threads"):
         table.add_column(name, justify="right")
-    results["speed"] = []
     for width, height in ((480, 270), (960, 540)):
         for count in (5_000, 30_000, 100_000):
-            splats, camera = person(count, width, height)
-            single = None
+            scene = person(count, width, height)
+            single = 0.0
             for threads in (1, 2):
                 torch.set_num_threads(threads)
-                forward, _ = time_it(forward_function(splats, camera), repeat)
-                both, cpu = time_it(both_function(splats, camera), repeat)
-                single = both if threads == 1 else single
-                assert single is not None
-                table.add_row(
-                    f"{width}x{height}",
-                    f"{count}",
-                    f"{threads}",
-                    f"{forward:.1f}",
-                    f"{both:.1f}",
-                    f"{cpu:.1f}" if threads == 1 else "",
-                    f"x{single / both:.2f}" if threads == 2 else "",
-                )
-                results["speed"].append(
-                    {"width": width, "splats": count, "threads": threads, "forward_ms": forward, "both_ms": both,
-                     "both_cpu_ms": cpu if threads == 1 else None}
-                )  # fmt: skip
+                forward, _ = time_it(forward_function(*scene), repeat)
+                both, cpu = time_it(both_function(*scene), repeat)
+                last = (f"{cpu:.1f}", "") if threads == 1 else ("", f"x{single / both:.2f}")
+                single = both
+                table.add_row(f"{width}x{height}", f"{count}", f"{threads}", f"{forward:.1f}", f"{both:.1f}", *last)
     console.print(table)
 
 
-def reference_table(repeat: int, results: JsonObject) -> None:
+def reference_table(repeat: int) -> None:
     torch.set_num_threads(1)
-    splats, camera = person(5_000, 480, 270)
+    scene = person(5_000, 480, 270)
     table = Table(title="Compared with the torch reference: 5k splats, 480x270, one thread, CPU ms (median, same run)")
     for name in ("pass", "reference", "cpu kernels", "ratio"):
         table.add_column(name, justify="right")
-    results["reference"] = {}
     for name, make in (("forward", forward_function), ("forward and backward", both_function)):
-        _, slow = time_it(make(splats, camera, "reference"), max(1, repeat // 10))
-        _, fast = time_it(make(splats, camera, "cpu"), repeat)
+        _, slow = time_it(make(*scene, "reference"), max(1, repeat // 10))
+        _, fast = time_it(make(*scene, "cpu"), repeat)
         table.add_row(name, f"{slow:.0f}", f"{fast:.2f}", f"{slow / fast:.0f}")
-        results["reference"][name] = {"reference_ms": slow, "cpu_ms": fast}
     console.print(table)
-
-
-def processor() -> str:
-    if Path("/proc/cpuinfo").exists():
-        for line in Path("/proc/cpuinfo").read_text().splitlines():
-            if line.startswith("model name"):
-                return line.split(":", 1)[1].strip()
-    return platform.processor() or platform.machine()
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="5 repetitions instead of 31")
-    parser.add_argument("--json", type=Path, help="also write the results to this file")
-    options = parser.parse_args()
-    repeat = 5 if options.quick else 31
-    kernels = load_kernels()
-    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")
+    parser.add_argument("--repeat", type=int, default=31, help="repetitions")
+    repeat = parser.parse_args().repeat
+    kernels, load = load_kernels(), os.getloadavg()[0]
     console.print(
-        f"{processor()}, {os.cpu_count()} cores, load {load:.1f}; torch {torch.__version__}; instruction set "
+        f"{os.cpu_count()} cores, load {load:.1f}; torch {torch.__version__}; instruction set "
         f"{kernels.instruction_set()} of {', '.join(kernels.instruction_sets())}; backends "
         f"{', '.join(available_backends())}"
     )
     if load > 0.5:
         console.print("[yellow]Other programs are running: wall-clock times and two-thread speedups are affected.[/]")
-    results: JsonObject = {"processor": processor(), "load": load, "instruction_set": kernels.instruction_set()}
-    speed_table(repeat, results)
-    reference_table(repeat, results)
-    if options.json is not None:
-        options.json.write_text(json.dumps(results, indent=2))
+    speed_table(repeat)
+    reference_table(repeat)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,6 @@
 
     python benchmarks/rate_distortion.py TAKE                          # all groups, several minutes on two cores
     python benchmarks/rate_distortion.py TAKE --groups 0,2             # some groups
-    python benchmarks/rate_distortion.py TAKE --codecs                 # motion as h264, hevc and av1
     python benchmarks/rate_distortion.py TAKE --speed                  # bake, open, decode at up to 300,000 splats
 
 Frames are rendered from the take's held-out cameras (or from its training cameras if none is held out) and compared,
@@ -30,6 +29,7 @@ from typing import Literal
 
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
+import av
 import bjontegaard
 import numpy as np
 import torch
@@ -45,13 +45,12 @@ from studio.atomic_files import write_json
 from studio.errors import StudioError
 from studio.formats.videogs import open_videogs
 from studio.gaussians import Gaussians
-from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
+from studio.playback import play_headless
+from studio.stream import BakeSettings, StreamReader, bake_group, fetch_group, write_manifest
 from studio.stream.layout import plane_side
 
-Codec = Literal["h264", "hevc", "av1"]
 Profile = Literal["motion", "planes"]
 RELEASED_QPS = (10, 16, 22, 28, 34, 40)
-CODEC_QPS: dict[Codec, tuple[int, ...]] = {"h264": (16, 20, 24), "hevc": (18, 22, 26), "av1": (12, 18, 24)}
 OUR_QPS: dict[Profile, tuple[int, ...]] = {"planes": (10, 16, 22, 28, 34, 40), "motion": (12, 16, 20, 24, 28, 32)}
 SPEED_SPLATS = (60_000, 100_000, 300_000)
 
@@ -135,8 +134,6 @@ def released_channels(frames: Sequence[Gaussians]) -> list[np.ndarray]:
 
 
 def encode_released(planes: list[np.ndarray], path: Path, qp: int, b_frames: bool) -> None:
-    import av
-
     with av.open(str(path), "w", format="mp4") as out:
         stream = out.add_stream("libx264", rate=30)
         stream.width = stream.height = planes[0].shape[0]
@@ -277,8 +274,6 @@ def enlarged(frames: list[Gaussians], count: int) -> list[Gaussians]:
 def speed_rows(group: TakeGroup, work: Path) -> list[str]:
     """Markdown rows: total CPU time of all threads, which other programs hardly affect, and a wall-clock rate last:
     of two groups, from the first frame to the last."""
-    from studio.stream import fetch_group
-
     rows = []
     for count in SPEED_SPLATS:
         frames = enlarged(group.frames, count)
@@ -306,8 +301,6 @@ def speed_rows(group: TakeGroup, work: Path) -> list[str]:
                         frame.gaussians()
                         dequantizes.append(1e3 * (time.thread_time() - began))
                     decoder.close()
-            from studio.playback import play_headless
-
             for _ in range(3):
                 times: list[float] = []
                 play_headless(folder, on_frame=lambda _: times.append(time.perf_counter()))  # noqa: B023
@@ -318,7 +311,6 @@ def speed_rows(group: TakeGroup, work: Path) -> list[str]:
                 f"{min(opens):.0f} ms | {min(decodes):.1f} ms | {np.median(dequantizes):.1f} ms | "
                 f"{max(plays):.0f} |"
             )
-            console.print(rows[-1])
     return [
         "| splats | profile | KB per frame | bake per frame | open per group | decode per frame | dequantize | frames"
         " per second, file to arrays |",
@@ -390,7 +382,6 @@ def main(words: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="Rate and distortion of baked streams.")
     parser.add_argument("take", type=Path, help="folder of a trained take")
     parser.add_argument("--groups", help="indices of the groups, for example 0,2 (default: all)")
-    parser.add_argument("--codecs", action="store_true", help="compare h264, hevc and av1 for motion instead")
     parser.add_argument("--speed", action="store_true", help="measure times at 60,000 to 300,000 splats instead")
     arguments = parser.parse_args(words)
     wanted = [int(number) for number in arguments.groups.split(",")] if arguments.groups else None
@@ -404,27 +395,11 @@ def main(words: Sequence[str] | None = None) -> int:
         f"splats have {views.trained_psnr():.2f} dB to the footage. {os.cpu_count()} cores, "
         f"load {os.getloadavg()[0]:.1f} while measuring."
     )
-    console.print(about)
     lines = [about, ""]
     with tempfile.TemporaryDirectory() as name:
         work = Path(name)
         if arguments.speed:
             lines += speed_rows(groups[0], work)
-        elif arguments.codecs:
-            points = []
-            for codec, qps in CODEC_QPS.items():
-                for qp in qps:
-                    settings = BakeSettings(profile="motion", quality=qp, codec=codec)
-                    points.append(measure_ours(groups, views, settings, codec, work))
-                    console.print(points[-1])
-            lines += table(points)
-            base = [point for point in points if point.name == "h264"]
-            for other in ("hevc", "av1"):
-                value = bd_rate(base, [point for point in points if point.name == other], "own_psnr")
-                lines.append("")
-                lines.append(
-                    f"BD-rate of {other} against h264: " + ("no common range." if value is None else f"{value:+.0f}%.")
-                )
         else:
             curves: dict[str, list[Point]] = {}
             both = {b: [measure_released(groups, views, qp, b, work) for qp in RELEASED_QPS] for b in (False, True)}

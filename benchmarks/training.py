@@ -1,7 +1,6 @@
 """Speed of training on the CPU: each fused part against its PyTorch definition, and whole steps.
 
-    python benchmarks/training.py TAKE               # a trained take, such as demo-take; about two minutes
-    python benchmarks/training.py TAKE --json results.json
+    python benchmarks/training.py TAKE [--rounds 25]    # a trained take, such as demo-take; about two minutes
 
 The first two frames of the take are used: their splats, their views and the take's settings. The two sides of each
 comparison alternate in one process. Times are CPU times of one thread, in milliseconds: median and minimum, so that
@@ -10,13 +9,11 @@ of the whole step.
 """
 
 import argparse
-import json
 import os
-import platform
 import statistics
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
@@ -231,12 +228,11 @@ def table_of(pairs: list[Pair]) -> Table:
     return table
 
 
-def main(words: Sequence[str] | None = None) -> None:
-    """Measure, print, and write the results."""
+def main(words: Sequence[str] | None = None) -> list[Pair]:
+    """Measure, print, and return the results."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("take", type=Path, help="a trained take")
     parser.add_argument("--rounds", type=int, default=25, help="calls of each side")
-    parser.add_argument("--json", type=Path, help="write the results to this file")
     options = parser.parse_args(words)
     torch.set_num_threads(1)
     set_kernel_threads(1)
@@ -246,14 +242,7 @@ def main(words: Sequence[str] | None = None) -> None:
     kernels = load_kernels().instruction_set()
     console.print(f"{len(scene.now)} splats, {len(scene.views)} views, {kernels}, load {os.getloadavg()[0]:.1f}")
     console.print(table_of(scene.pairs))
-    if options.json:
-        results = {
-            "machine": platform.processor() or platform.machine(),
-            "instruction_set": kernels,
-            "splats": len(scene.now),
-            "pairs": [asdict(pair) for pair in scene.pairs],
-        }
-        options.json.write_text(json.dumps(results, indent=2) + "\n")
+    return scene.pairs
 
 
 if __name__ == "__main__":

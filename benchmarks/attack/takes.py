@@ -1,4 +1,7 @@
-"""Attacks on runs of a tiny take: kills, full disks and power cuts at writes, jumping clocks, cut checkpoints."""
+"""Attacks on runs of a tiny take: kills, full disks and power cuts at writes, and files that cannot grow.
+
+Each takes the share of the full count to try, and adds what happened to an outcome.
+"""
 
 import hashlib
 import random
@@ -104,7 +107,7 @@ def problems_of(take: Path, before: dict[str, str] | None = None) -> list[str]:
     return found + [f"{name} was finished and has changed" for name in lost]
 
 
-def at_every_write(project: Project, kind: str, most: int, outcome: Outcome) -> None:
+def at_every_write(kind: str, project: Project, share: float, outcome: Outcome) -> None:
     """`kill` or `full` at one write after the other, each run going on from where the last one failed.
 
     As soon as a run leaves a new result, the next one begins with the first write after those that every run makes.
@@ -112,7 +115,7 @@ def at_every_write(project: Project, kind: str, most: int, outcome: Outcome) -> 
     take = project.folder / kind
     shutil.rmtree(take, ignore_errors=True)
     number = 1
-    for _ in range(most):
+    for _ in range(max(2, round(1000 * share))):
         before = results(take)
         ended = project.run(kind, number, take)
         outcome.count += 1
@@ -133,13 +136,13 @@ def at_every_write(project: Project, kind: str, most: int, outcome: Outcome) -> 
         outcome.failed(f"{kind}: in the end exit {ended.returncode}, other bytes: {str(ended.stderr)[-600:]}")
 
 
-def random_cuts(project: Project, kind: str, count: int, outcome: Outcome) -> None:
+def random_cuts(kind: str, count: int, project: Project, share: float, outcome: Outcome) -> None:
     """Takes whose first run is killed at a random write, and whose second run ends with `kind`: killed again, or by a
     power cut that loses all that it has not synced. The third must give the same bytes."""
     random_ = random.Random(kind)
     take = project.folder / "cut"
     killed = empty = 0
-    for _ in range(count):
+    for _ in range(max(1, round(count * share))):
         shutil.rmtree(take, ignore_errors=True)
         kept = random_.randint(1, project.writes - 1)
         killed += project.run("kill", kept, take).returncode == -9
@@ -161,9 +164,10 @@ def random_cuts(project: Project, kind: str, count: int, outcome: Outcome) -> No
     outcome.notes.insert(0, f"{killed} runs were killed, {empty} manifests were empty")
 
 
-def small_files(project: Project, outcome: Outcome) -> None:
+def small_files(project: Project, share: float, outcome: Outcome) -> None:
     """Files that cannot grow beyond a size, as with a quota: also the writes of native libraries fail."""
-    for size in (0, 100, 1000, 2000, 4000, 8000, 16000, 32000):
+    sizes = (0, 100, 1000, 2000, 4000, 8000, 16000, 32000)
+    for size in sizes[: max(1, round(len(sizes) * share))]:
         take = project.folder / "size"
         shutil.rmtree(take, ignore_errors=True)
         ended = project.run("size", size, take)

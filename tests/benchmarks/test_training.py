@@ -1,6 +1,5 @@
 """The benchmark of training runs on a take."""
 
-import json
 from pathlib import Path
 
 import pytest
@@ -11,16 +10,15 @@ from studio.rasterizer import set_kernel_threads
 ROOT = Path(__file__).parents[2]
 
 
-def test_parts_and_steps_of_a_take(finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_parts_and_steps_of_a_take(finished: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
     import training
 
     threads = torch.get_num_threads()
     try:
-        training.main([str(finished / "take"), "--rounds", "1", "--json", str(tmp_path / "out.json")])
+        pairs = training.main([str(finished / "take"), "--rounds", "1"])
     finally:
         torch.set_num_threads(threads)
         set_kernel_threads(None)
-    pairs = json.loads((tmp_path / "out.json").read_text())["pairs"]
-    assert {pair["step"] for pair in pairs if pair["name"] == "whole step"} == {"keyframe", "motion", "fine-tuning"}
-    assert all(pair["fused"][0] > 0 and pair["plain"][0] > 0 for pair in pairs)
+    assert {pair.step for pair in pairs if pair.name == "whole step"} == {"keyframe", "motion", "fine-tuning"}
+    assert all(pair.fused[0] > 0 and pair.plain[0] > 0 for pair in pairs)
