@@ -1,6 +1,6 @@
 """Makes a synthetic capture: a dancer of textured ellipsoids and capsules, filmed by cameras in two rings.
 
-    python benchmarks/make_dancer.py FOLDER [--frames N] [--seed N]
+    python benchmarks/make_dancer.py FOLDER [--frames N]
     v3studio run FOLDER/dancer.yaml --take TAKE
 
 It differs from the sample capture in body, texture, light and speed: hands move by up to 0.3 m per frame. Images are
@@ -15,17 +15,17 @@ import argparse
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import open3d as o3d
 
 from studio.camera_files.rig_json import write_rig_json
-from studio.cameras import Camera, Rig
+from studio.cameras import Camera, Rig, look_at_pose
 from studio.yaml_text import dump_yaml, parse_yaml
 
 CAMERAS = 16
-HELD_OUT = ("cam05", "cam11")
 WIDTH, HEIGHT, FOCAL = 640, 360, 527.0
 FPS = 25.0
 NOISE = 0.02
@@ -113,13 +113,9 @@ def two_rings(count: int, first: float, high_low: tuple[float, float], target: t
     for number in range(count):
         angle = 2 * math.pi * (number + first) / count
         center = np.array([3.4 * math.cos(angle), 3.4 * math.sin(angle) + target[1], high_low[number % 2]])
-        forward = np.array(target) - center
-        forward /= np.linalg.norm(forward)
-        right = np.cross(forward, [0, 0, 1.0])
-        right /= np.linalg.norm(right)
-        rotation = np.stack([right, np.cross(forward, right), forward])
+        pose = look_at_pose(center, np.array(target), np.array([0, 0, 1.0]))
         matrix = np.array([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]])
-        found.append(Camera(f"cam{number:02d}", WIDTH, HEIGHT, matrix, np.c_[rotation, -rotation @ center]))
+        found.append(Camera(f"cam{number:02d}", WIDTH, HEIGHT, matrix, pose))
     return Rig(tuple(found))
 
 
@@ -177,38 +173,47 @@ def render(body: Body, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     return total / np.maximum(covered, 1)[..., None], covered / len(SAMPLES)
 
 
+def write_settings(path: Path, frames: int, capture: dict[str, Any], **sections: dict[str, Any]) -> None:
+    """The settings of the quickstart with another capture and sections, and all frames in one group."""
+    quickstart = Path(__file__).parent.parent / "sample_configs" / "quickstart.yaml"
+    settings = parse_yaml(quickstart.read_text()) | sections
+    settings["capture"] = {"root": ".", "rig": "cameras.json", **capture}
+    settings["train"]["group_size"] = frames
+    path.write_text(dump_yaml(settings))
+
+
+def write_image(path: Path, image: np.ndarray) -> None:
+    """A PNG of an image in 0 to 1: gray, RGB or RGBA."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    pixels = to_bytes(image)
+    if pixels.ndim == 3:  # OpenCV's order is BGR
+        pixels[..., :3] = pixels[..., 2::-1].copy()
+    cv2.imwrite(str(path), pixels)
+
+
+def to_bytes(image: np.ndarray) -> np.ndarray:
+    """uint8 of an image in 0 to 1."""
+    return np.round(255 * np.clip(image, 0, 1)).astype(np.uint8)
+
+
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Make a synthetic capture of a dancer.")
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--frames", type=int, default=16)
-    parser.add_argument("--seed", type=int, default=0, help="of the sensor noise")
     arguments = parser.parse_args()
     rig, folder = two_rings(CAMERAS, 0, (1.9, 0.9), (0, -0.2, 0.95)), arguments.folder
     folder.mkdir(parents=True, exist_ok=True)
     write_rig_json(rig, folder / "cameras.json")
-    generator = np.random.default_rng(arguments.seed)
+    generator = np.random.default_rng(0)
     for frame in range(arguments.frames):
         body = Body(dancer(frame / FPS))
         for camera in rig.cameras:
             color, alpha = render(body, camera)
             noisy = np.clip(color + NOISE * generator.standard_normal(color.shape), 0, 1) * (alpha > 0)[..., None]
-            image = np.concatenate([noisy[..., ::-1], alpha[..., None]], -1)
-            path = folder / "images" / camera.name / f"{frame:06d}.png"
-            path.parent.mkdir(parents=True, exist_ok=True)
-            cv2.imwrite(str(path), np.round(255 * image).astype(np.uint8))
+            write_image(folder / "images" / camera.name / f"{frame:06d}.png", np.dstack([noisy, alpha]))
         print(f"frame {frame + 1} of {arguments.frames}", flush=True)
-    quickstart = Path(__file__).parent.parent / "sample_configs" / "quickstart.yaml"
-    settings = parse_yaml(quickstart.read_text())
-    settings["capture"] = {
-        "root": ".",
-        "images": "images/{camera}/{frame:06d}.png",
-        "rig": "cameras.json",
-        "masks": "alpha",
-        "held_out": list(HELD_OUT),
-        "fps": FPS,
-    }
-    settings["train"]["group_size"] = arguments.frames
-    (folder / "dancer.yaml").write_text(dump_yaml(settings))
+    images = {"images": "images/{camera}/{frame:06d}.png", "masks": "alpha", "fps": FPS}
+    write_settings(folder / "dancer.yaml", arguments.frames, {**images, "held_out": ["cam05", "cam11"]})
 
 
 if __name__ == "__main__":

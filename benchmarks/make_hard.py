@@ -1,7 +1,6 @@
 """Makes a synthetic capture that is hard for masks, with exact masks: thin parts, or colored shadows.
 
-    python benchmarks/make_hard.py thin FOLDER [--frames N] [--seed N]
-    python benchmarks/make_hard.py shadows FOLDER [--frames N] [--seed N]
+    python benchmarks/make_hard.py thin|shadows FOLDER [--frames N]
     v3studio run FOLDER/own.yaml --take TAKE
 
 A performer stands in a room between 12 cameras and moves by up to 2 cm per frame. `thin`: loose strands of hair 1 to 3
@@ -26,14 +25,24 @@ from typing import Any
 import av
 import cv2
 import numpy as np
-from make_dancer import HEIGHT, WIDTH, Body, Part, limb, pixel_rays, turn, two_rings
+from make_dancer import (
+    HEIGHT,
+    WIDTH,
+    Body,
+    Part,
+    limb,
+    pixel_rays,
+    to_bytes,
+    turn,
+    two_rings,
+    write_image,
+    write_settings,
+)
 
 from studio.camera_files.rig_json import write_rig_json
-from studio.cameras import Camera, Rig
-from studio.yaml_text import dump_yaml, parse_yaml
+from studio.cameras import Camera
 
 CAMERAS = 12
-HELD_OUT = ("cam03", "cam08")
 FPS = 25
 NOISE = 0.012
 CRF = 18
@@ -139,11 +148,6 @@ def performer(time: float, thin: bool) -> list[Part]:
     return parts
 
 
-def cameras() -> Rig:
-    """Two rings around the performer, at 1 m and 1.9 m."""
-    return two_rings(CAMERAS, 0.5, (1.9, 1.0), (0, 0, 0.95))
-
-
 def wall_picture(contrast: float) -> np.ndarray:
     """(1024, 1024, 3) float32 factors around 1: spots of several sizes and rectangles, for walls and floor."""
     random = np.random.default_rng(11)
@@ -245,56 +249,35 @@ def write_video(path: Path, images: list[np.ndarray]) -> None:
         container.mux(stream.encode())
 
 
-def to_bytes(image: np.ndarray) -> np.ndarray:
-    """uint8 of an image in 0..1."""
-    return np.round(255 * np.clip(image, 0, 1)).astype(np.uint8)
-
-
-def write_settings(folder: Path, frames: int) -> None:
-    """own.yaml and exact.yaml."""
-    quickstart = Path(__file__).parent.parent / "sample_configs" / "quickstart.yaml"
-    files = {"root": ".", "images": "videos/{camera}.mp4", "rig": "cameras.json"}
-    plates = {"clean_plates": "clean_plates/{camera}.png"}
-    exact = "mattes/{camera}/{frame:06d}.png"
-    sources: dict[str, dict[str, Any]] = {
-        "own": {"masks": "clean_plate", "mask_shadows": "colored", **plates},
-        "exact": {"masks": "files", "mask_files": exact, **plates},
-    }
-    for name, source in sources.items():
-        settings = parse_yaml(quickstart.read_text())
-        settings["capture"] = {**files, **source, "held_out": list(HELD_OUT)}
-        settings["evaluate"] = {"exact_masks": exact}
-        settings["train"]["group_size"] = frames
-        (folder / f"{name}.yaml").write_text(dump_yaml(settings))
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Make a synthetic capture that is hard for masks.")
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scene", choices=sorted(SCENES))
     parser.add_argument("folder", type=Path)
     parser.add_argument("--frames", type=int, default=3)
-    parser.add_argument("--seed", type=int, default=0, help="of noise and soft shadows")
     arguments = parser.parse_args()
-    scene, folder, rig = SCENES[arguments.scene], arguments.folder, cameras()
+    scene, folder = SCENES[arguments.scene], arguments.folder
+    rig = two_rings(CAMERAS, 0.5, (1.9, 1.0), (0, 0, 0.95))
     folder.mkdir(parents=True, exist_ok=True)
     write_rig_json(rig, folder / "cameras.json")
-    random, picture = np.random.default_rng(arguments.seed), wall_picture(scene.pattern)
+    random, picture = np.random.default_rng(0), wall_picture(scene.pattern)
     bodies = [Body(performer(frame / FPS, scene.thin)) for frame in range(arguments.frames)]
-    (folder / "clean_plates").mkdir(exist_ok=True)
     for camera in rig.cameras:
         room = Room(scene, camera, picture)
         plate = np.mean([room.color(sample, None) for sample in range(len(SAMPLES))], axis=0)
-        cv2.imwrite(str(folder / "clean_plates" / f"{camera.name}.png"), to_bytes(plate)[..., ::-1])
+        write_image(folder / "clean_plates" / f"{camera.name}.png", plate)
         images = []
         for frame, body in enumerate(bodies):
             image, mask = draw(room, body, random)
             images.append(to_bytes(image + NOISE * random.standard_normal(image.shape)))
-            path = folder / "mattes" / camera.name / f"{frame:06d}.png"
-            path.parent.mkdir(parents=True, exist_ok=True)
-            cv2.imwrite(str(path), to_bytes(mask))
+            write_image(folder / "mattes" / camera.name / f"{frame:06d}.png", mask)
         write_video(folder / "videos" / f"{camera.name}.mp4", images)
         print(f"{camera.name} of {CAMERAS} cameras", flush=True)
-    write_settings(folder, arguments.frames)
+    mattes = "mattes/{camera}/{frame:06d}.png"
+    files = {"images": "videos/{camera}.mp4", "clean_plates": "clean_plates/{camera}.png"}
+    own, exact = {"masks": "clean_plate", "mask_shadows": "colored"}, {"masks": "files", "mask_files": mattes}
+    for name, masks in {"own": own, "exact": exact}.items():
+        capture = {**files, **masks, "held_out": ["cam03", "cam08"]}
+        write_settings(folder / f"{name}.yaml", arguments.frames, capture, evaluate={"exact_masks": mattes})
 
 
 if __name__ == "__main__":
