@@ -43,20 +43,12 @@ def atomic_path(path: Path, durable: bool = False) -> Iterator[Path]:
         if durable:
             sync(temporary)
         os.replace(temporary, path)
-    except StudioError as error:
+    except BaseException as error:
         remove(temporary)
-        raise _naming(error, temporary, path) from None
-    except BaseException:
-        remove(temporary)
+        if isinstance(error, StudioError) and error.file and Path(error.file).is_relative_to(temporary):
+            final = path / Path(error.file).relative_to(temporary)
+            raise type(error).of(replace(error.message, file=final)) from None
         raise
-
-
-def _naming(error: StudioError, temporary: Path, path: Path) -> StudioError:
-    """The error with the final name, if it has the temporary one, or that of a file inside."""
-    file = Path(error.file) if error.file else None
-    if file is None or not file.is_relative_to(temporary):
-        return error
-    return type(error).of(replace(error.message, file=path / file.relative_to(temporary)))
 
 
 def sync(path: Path) -> None:
@@ -93,15 +85,16 @@ def leftovers(folder: Path, of: Path | None = None, what: str = "") -> list[Path
 def is_being_written(path: Path) -> bool:
     """Whether a file or folder has the temporary name of another process that runs, or may run on another machine."""
     named = re.fullmatch(rf"\..+\.{_NAMED}(\.[^.]*)?", path.name)
-    if named is None or (named["machine"] == machine_name() and int(named["pid"]) == os.getpid()):
-        return False
-    return _has_writer(path, named)
+    own = str(os.getpid()), machine_name()
+    return named is not None and (named["pid"], named["machine"]) != own and _has_writer(path, named)
 
 
 def _has_writer(path: Path, named: re.Match[str]) -> bool:
     """Whether the process in a temporary name runs, or may run."""
     if named["machine"] == machine_name():
-        return _running(int(named["pid"]))
+        import psutil
+
+        return psutil.pid_exists(int(named["pid"]))
     return time.time() - _last_written(path) < _ABANDONED_SECONDS
 
 
@@ -137,16 +130,6 @@ def restore_old(path: Path) -> None:
             remove(old)
         else:
             os.rename(old, path)
-
-
-def _running(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except (PermissionError, OverflowError):
-        return True
-    return True
 
 
 def write_bytes(path: Path, data: bytes, durable: bool = False) -> None:

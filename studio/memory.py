@@ -3,6 +3,7 @@
 Without this, a run in a container of 4 GB on a machine of 64 GB would plan for 64 GB and be killed by the kernel.
 """
 
+import contextlib
 import errno
 import importlib
 import os
@@ -112,14 +113,6 @@ def _cgroup_limits() -> list[int]:
         for folder in (place, *place.parents):
             if folder == root.parent:
                 break
-            text = _first_line(folder / name)
-            if text.isdigit() and int(text) > 0:  # version 2 says "max" for no limit, version 1 a huge number
-                found.append(int(text))
-    return found
-
-
-def _first_line(file: Path) -> str:
-    try:
-        return file.read_text(encoding="ascii", errors="replace").strip()
-    except OSError:
-        return ""
+            with contextlib.suppress(OSError, ValueError):  # version 2 says "max" for no limit, version 1 a huge number
+                found.append(int((folder / name).read_bytes()))
+    return [limit for limit in found if limit > 0]

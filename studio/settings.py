@@ -7,6 +7,7 @@ settings file, `v3studio config`, the window and the staleness check all read th
 """
 
 import difflib
+import functools
 import json
 import os
 from collections.abc import Collection
@@ -185,31 +186,21 @@ def field_named(model: type[Settings], name: str) -> FieldInfo | None:
     return field
 
 
-def nearest_name(model: type[Settings], name: str) -> str | None:
-    """The setting or section of a model most similar to a dotted name; None if none is similar."""
-    known = list(affected(model))
-    sections = {known_name.rsplit(".", 1)[0] for known_name in known}
-    if "." not in name:
-        near = difflib.get_close_matches(name, sorted(sections), n=1, cutoff=0.5)
-        if near:
-            return near[0]
-    # the usual mistake is a correct name in the wrong section
-    last = name.rsplit(".", 1)[-1]
-    twins = [candidate for candidate in known if candidate.rsplit(".", 1)[-1] == last]
-    if twins:
-        return difflib.get_close_matches(name, twins, n=1, cutoff=0.0)[0]
-    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
-    if near:
-        return near[0]
-    tails = {candidate.rsplit(".", 1)[-1]: candidate for candidate in known}
-    near = difflib.get_close_matches(last, list(tails), n=1, cutoff=0.5)
-    return tails[near[0]] if near else None
-
-
 def nearest_sentence(model: type[Settings], name: str) -> str:
-    """What to do about an unknown setting."""
-    near = nearest_name(model, name)
-    return f"Did you mean {near}?" if near else "`v3studio config` lists all settings."
+    """What to do about an unknown setting: the most similar setting or section, if one is similar."""
+    close = functools.partial(difflib.get_close_matches, n=1)
+    known = list(affected(model))
+    sections = sorted({one.rpartition(".")[0] for one in known})
+    tails = {one.rpartition(".")[2]: one for one in known}
+    last = name.rpartition(".")[2]
+    near = (
+        ("." not in name and close(name, sections, cutoff=0.5))
+        # the usual mistake is a correct name in the wrong section
+        or close(name, [one for one in known if one.rpartition(".")[2] == last], cutoff=0.0)
+        or close(name, known, cutoff=0.5)
+        or [tails[one] for one in close(last, tails, cutoff=0.5)]
+    )
+    return f"Did you mean {near[0]}?" if near else "`v3studio config` lists all settings."
 
 
 def refused(
