@@ -46,8 +46,8 @@ export class Program {
 /** A texture without filtering; its memory is reused while its size does not change. */
 export class Texture {
   readonly handle: WebGLTexture;
-  private width = 0;
-  private height = 0;
+  width = 0;
+  height = 0;
 
   constructor(
     private readonly gl: WebGL2RenderingContext,

@@ -1,6 +1,7 @@
 /** Renders frames with WebGL2. */
 
 import { StreamError } from "../stream/errors.ts";
+import type { Vector } from "../stream/metadata.ts";
 import { BLOCK_TEXELS } from "../stream/motion.ts";
 import type { GroupSetup, Picture } from "../worker/messages.ts";
 import { centerOf, fieldLimits, type Pinhole } from "./camera.ts";
@@ -45,15 +46,13 @@ class Resources {
   constructor(private readonly gl: WebGL2RenderingContext, half: boolean) {
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
     gl.disable(gl.DITHER);
+    const integers = [gl.RGBA32UI, gl.RGBA_INTEGER, gl.UNSIGNED_INT] as const;
     this.luma = new Texture(gl, LUMA, [gl.R8, gl.RED, gl.UNSIGNED_BYTE]);
-    this.statics = new Texture(gl, STATICS, [gl.RGBA32UI, gl.RGBA_INTEGER, gl.UNSIGNED_INT]);
+    this.statics = new Texture(gl, STATICS, integers);
     this.blocks = new Texture(gl, BLOCKS, [gl.RGBA32F, gl.RGBA, gl.FLOAT]);
     this.escapedLuma = new Texture(gl, ESCAPED_LUMA, [gl.R32F, gl.RED, gl.FLOAT]);
-    this.escapedStatics = new Texture(gl, ESCAPED_STATICS, [gl.RGBA32UI, gl.RGBA_INTEGER, gl.UNSIGNED_INT]);
-    this.words = [
-      new Texture(gl, WORDS0, [gl.RGBA32UI, gl.RGBA_INTEGER, gl.UNSIGNED_INT]),
-      new Texture(gl, WORDS1, [gl.RGBA32UI, gl.RGBA_INTEGER, gl.UNSIGNED_INT]),
-    ];
+    this.escapedStatics = new Texture(gl, ESCAPED_STATICS, integers);
+    this.words = [new Texture(gl, WORDS0, integers), new Texture(gl, WORDS1, integers)];
     this.wordsFrame = gl.createFramebuffer();
     this.order = new Texture(gl, ORDER, [gl.R32UI, gl.RED_INTEGER, gl.UNSIGNED_INT]);
     // Shaders have no other input from buffers, so that it stays bound.
@@ -75,15 +74,10 @@ class Resources {
     return program;
   }
 
-  private wordsWidth = 0;
-  private wordsHeight = 0;
-
   /** Makes room for the words of the first pass; there may be more rows. */
   resizeWords(width: number, height: number): void {
-    if (width === this.wordsWidth && height <= this.wordsHeight) return;
-    this.wordsWidth = width;
-    this.wordsHeight = height;
     const { gl, words: [first, second] } = this;
+    if (width === first.width && height <= first.height) return;
     first.resize(width, height);
     second.resize(width, height);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.wordsFrame);
@@ -99,6 +93,12 @@ export interface Viewport {
   readonly y: number;
   readonly width: number;
   readonly height: number;
+}
+
+/** A camera's image, and where it goes. */
+export interface DrawnView {
+  readonly pinhole: Pinhole;
+  readonly viewport: Viewport;
 }
 
 interface TimerQuery {
@@ -195,8 +195,6 @@ export class Renderer {
       resources.statics.resize(tile, tile);
       resources.statics.fill(setup.statics);
     }
-    this.escapedSide = 0;
-    this.escapedPixels = new Uint32Array(0);
     this.moved = new Uint32Array(tile ** 2);
     resources.resizeWords(tile, tile);
     if (setup.blocks > 0) resources.blocks.resize(BLOCKS_PER_ROW * BLOCK_TEXELS, Math.ceil(setup.blocks / BLOCKS_PER_ROW));
@@ -229,12 +227,11 @@ export class Renderer {
     this.escapedSide = 0;
     if (escapes === null || escapes.length === 0) return;
     const { tile, columns, rows } = setup;
-    const escaped = escapedSplats(setup, luma, escapes);
-    const { pixels, side } = escaped;
+    const { pixels, side, luma: small, statics } = escapedSplats(setup, luma, escapes);
     resources.escapedLuma.resize(side * columns, side * rows);
-    resources.escapedLuma.fill(escaped.luma);
+    resources.escapedLuma.fill(small);
     resources.escapedStatics.resize(side, side);
-    resources.escapedStatics.fill(escaped.statics);
+    resources.escapedStatics.fill(statics);
     resources.resizeWords(tile, tile + side);
     for (let k = 0; k < pixels.length; k++) this.moved[pixels[k]] = tile * (tile + Math.floor(k / side)) + (k % side);
     this.escapedPixels = pixels;
@@ -242,7 +239,7 @@ export class Renderer {
   }
 
   /** Renders the last upload, scaled to the canvas. `background`: RGB, 0 to 1; null leaves the background transparent. */
-  draw(pinhole: Pinhole, background: readonly [number, number, number] | null): void {
+  draw(pinhole: Pinhole, background: Vector | null): void {
     const { gl } = this;
     if (this.resources === null) return;
     const begun = this.beginTimer();
@@ -255,11 +252,7 @@ export class Renderer {
   }
 
   /** Renders views into parts of a framebuffer of this context, such as that of a WebXR session; null for the canvas. */
-  drawViews(
-    views: readonly { readonly pinhole: Pinhole; readonly viewport: Viewport }[],
-    frame: WebGLFramebuffer | null,
-    background: readonly [number, number, number] | null,
-  ): void {
+  drawViews(views: readonly DrawnView[], frame: WebGLFramebuffer | null, background: Vector | null): void {
     const { gl, resources } = this;
     if (resources === null) return;
     for (const { pinhole, viewport } of views) {
@@ -271,7 +264,7 @@ export class Renderer {
   }
 
   /** Renders off screen and reads the pixels back: (height, width, 4) bytes, top row first. */
-  snapshot(pinhole: Pinhole, background: readonly [number, number, number]): Uint8ClampedArray<ArrayBuffer> {
+  snapshot(pinhole: Pinhole, background: Vector): Uint8ClampedArray<ArrayBuffer> {
     const { gl, resources } = this;
     const { width, height } = pinhole;
     const row = 4 * width;
@@ -324,33 +317,13 @@ export class Renderer {
   }
 
   private project(resources: Resources, setup: GroupSetup, pinhole: Pinhole): void {
-    const { gl } = this;
+    const { gl, escapedSide } = this;
     gl.bindFramebuffer(gl.FRAMEBUFFER, resources.wordsFrame);
-    gl.viewport(0, 0, setup.tile, setup.tile);
-    const program = this.useProject(resources, setup, pinhole);
-    gl.drawArrays(gl.TRIANGLES, 0, 3);
-    const { escapedSide: side } = this;
-    if (side > 0) {
-      gl.viewport(0, setup.tile, side, side);
-      resources.escapedLuma.bindTo(program, "luma");
-      resources.escapedStatics.bindTo(program, "statics");
-      gl.uniform2i(program.at("layoutOf"), side, setup.columns);
-      gl.uniform2i(program.at("origin"), 0, setup.tile);
-      gl.drawArrays(gl.TRIANGLES, 0, 3);
-    }
-  }
-
-  private useProject(resources: Resources, setup: GroupSetup, pinhole: Pinhole): Program {
-    const { gl } = this;
     const program = resources.project(setup.profile, setup.shDegree);
     program.use();
-    resources.luma.bindTo(program, "luma");
     gl.uniform2fv(program.at("units"), setup.units);
-    gl.uniform2i(program.at("layoutOf"), setup.tile, setup.columns);
-    gl.uniform2i(program.at("origin"), 0, 0);
     gl.uniform1f(program.at("dilation"), setup.dilation);
     if (setup.lattice !== null) {
-      resources.statics.bindTo(program, "statics");
       resources.blocks.bindTo(program, "blocks");
       gl.uniform3f(program.at("latticeMin"), ...setup.lattice.min);
       gl.uniform2f(program.at("lattice"), setup.lattice.step, setup.lattice.ratio);
@@ -365,17 +338,21 @@ export class Renderer {
     gl.uniform4f(program.at("lens"), pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy);
     gl.uniform4f(program.at("limits"), ...fieldLimits(pinhole));
     gl.uniform2f(program.at("size"), pinhole.width, pinhole.height);
-    return program;
+    const tile = (luma: Texture, statics: Texture, side: number, top: number): void => {
+      gl.viewport(0, top, side, side);
+      luma.bindTo(program, "luma");
+      if (setup.statics !== null) statics.bindTo(program, "statics");
+      gl.uniform2i(program.at("layoutOf"), side, setup.columns);
+      gl.uniform2i(program.at("origin"), 0, top);
+      gl.drawArrays(gl.TRIANGLES, 0, 3);
+    };
+    tile(resources.luma, resources.statics, setup.tile, 0);
+    if (escapedSide > 0) tile(resources.escapedLuma, resources.escapedStatics, escapedSide, setup.tile);
   }
 
-  private resolveFrom(
-    resources: Resources,
-    target: Target,
-    { x, y, width, height }: Viewport,
-    background: readonly [number, number, number] | null,
-  ): void {
+  private resolveFrom({ resolve }: Resources, target: Target, viewport: Viewport, background: Vector | null): void {
     const { gl } = this;
-    const { resolve } = resources;
+    const { x, y, width, height } = viewport;
     gl.viewport(x, y, width, height);
     resolve.use();
     target.texture.bindTo(resolve, "drawing");

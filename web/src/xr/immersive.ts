@@ -1,8 +1,7 @@
 /** A WebXR session: VR (the stream stands on the floor) or AR (it is placed on a surface). Both eyes are rendered into an
  * XRWebGLLayer. One sort, from the center of the head, serves both. */
 
-import type { Pinhole } from "../render/camera.ts";
-import { Renderer } from "../render/renderer.ts";
+import { type DrawnView, Renderer } from "../render/renderer.ts";
 import type { Player } from "../player/player.ts";
 import { Resolution } from "../player/resolution.ts";
 import { StreamError } from "../stream/errors.ts";
@@ -65,7 +64,7 @@ export class Immersive {
   /** Fraction of the layer's resolution that is drawn. */
   readonly resolution = new Resolution();
   /** Of the last frame, for tests: the eyes' cameras and where they are in the layer. */
-  views: readonly { readonly pinhole: Pinhole; readonly viewport: XRViewport }[] = [];
+  views: readonly DrawnView[] = [];
   private readonly stop = new AbortController();
   /** Whether it stands where it is; if not, it follows the surface that the viewer looks at, or waits for a first pose. */
   private placed = false;
