@@ -93,8 +93,6 @@ export class WebCodecsPictures implements PictureSource {
 
   private restart(): void {
     this.stopDecoder();
-    for (const luma of this.ready.values()) this.pool.give(luma.data);
-    this.ready.clear();
     this.fed = this.out = 0;
   }
 
@@ -103,6 +101,8 @@ export class WebCodecsPictures implements PictureSource {
     this.submitted.length = 0;
     if (this.decoder !== null && this.decoder.state !== "closed") this.decoder.close();
     this.decoder = null;
+    for (const luma of this.ready.values()) this.pool.give(luma.data);
+    this.ready.clear();
   }
 
   private start(): VideoDecoder {
@@ -232,8 +232,6 @@ export class WebCodecsPictures implements PictureSource {
     this.error = error;
     clearTimeout(this.watchdog);
     this.stopDecoder();
-    for (const luma of this.ready.values()) this.pool.give(luma.data);
-    this.ready.clear();
     this.waiting?.reject(error);
     this.waiting = null;
   }

@@ -4,8 +4,7 @@ import { messageOf, StreamError } from "../stream/errors.ts";
 import { isMotion, type Manifest, type Rendition, type VideoEntry } from "../stream/manifest.ts";
 import { MotionTables } from "../stream/motion.ts";
 import { inflate, parseSideFile } from "../stream/side_file.ts";
-import type { Arriving } from "./arriving.ts";
-import { demux, type Demuxed, type Packet } from "./demux.ts";
+import { demux, type Packet } from "./demux.ts";
 import type { DecodePath } from "./messages.ts";
 import { arrivingPictures, checkedPictures, type PictureSource, WebCodecsPictures } from "./pictures.ts";
 import { PlanesPictures } from "./planes_pictures.ts";
@@ -117,22 +116,17 @@ export class PreparedGroups {
   ): Promise<PictureSource> {
     const file = files.get(path)!;
     const video = await demux(file, path, this.manifest.codec.name, size, frames);
-    return checkedPictures(await this.openPictures(file, video, size, path), checks, path, this.pool);
-  }
-
-  private async openPictures(
-    file: Arriving,
-    video: Demuxed,
-    size: readonly [number, number],
-    path: string,
-  ): Promise<PictureSource> {
+    let pictures: PictureSource;
     if (this.path === "video")
-      return new VideoElementPictures(this.channel, await file.whole(), await video.packets(), size, this.pool);
-    const hardwareAcceleration = this.path === "webcodecs" ? "no-preference" : "prefer-software";
-    const config = { ...video.config, optimizeForLatency: true, hardwareAcceleration } as const;
-    const decode = (packets: readonly Packet[]): PictureSource =>
-      new WebCodecsPictures(config, packets, size, path, this.pool);
-    const whole = async (): Promise<PictureSource> => decode(await video.packets());
-    return file.complete ? whole() : arrivingPictures(decode([await video.first()]), whole);
+      pictures = new VideoElementPictures(this.channel, await file.whole(), await video.packets(), size, this.pool);
+    else {
+      const hardwareAcceleration = this.path === "webcodecs" ? "no-preference" : "prefer-software";
+      const config = { ...video.config, optimizeForLatency: true, hardwareAcceleration } as const;
+      const decode = (packets: readonly Packet[]): PictureSource =>
+        new WebCodecsPictures(config, packets, size, path, this.pool);
+      const whole = async (): Promise<PictureSource> => decode(await video.packets());
+      pictures = file.complete ? await whole() : arrivingPictures(decode([await video.first()]), whole);
+    }
+    return checkedPictures(pictures, checks, path, this.pool);
   }
 }

@@ -1,10 +1,10 @@
 /** Decodes luma with a <video> element if WebCodecs is unavailable: on insecure pages, and in browsers without it. The
  * element is on the page; this requests its images. */
 
+import { StreamError } from "../stream/errors.ts";
 import type { Packet } from "./demux.ts";
 import type { VideoReply, VideoRequest } from "./messages.ts";
 import { Closed, type Luma, type PictureSource } from "./pictures.ts";
-import { StreamError } from "../stream/errors.ts";
 import type { Pool } from "./pool.ts";
 
 /** Matches the page's replies to requests. */
@@ -72,19 +72,18 @@ export class VideoElementPictures implements PictureSource {
     const ahead = this.ahead;
     this.ahead = null;
     const luma = await (ahead?.index === index ? ahead.luma : this.read(index));
-    if (index + 1 < this.packets.length && !this.closed) {
-      const next = this.read(index + 1);
-      next.catch(() => undefined);
-      this.ahead = { index: index + 1, luma: next };
-    }
+    if (index + 1 < this.packets.length && !this.closed) this.begin(index + 1);
     return luma;
   }
 
   warm(): void {
-    if (this.ahead !== null) return;
-    const first = this.read(0);
-    first.catch(() => undefined);
-    this.ahead = { index: 0, luma: first };
+    if (this.ahead === null) this.begin(0);
+  }
+
+  private begin(index: number): void {
+    const luma = this.read(index);
+    luma.catch(() => undefined);
+    this.ahead = { index, luma };
   }
 
   close(): void {
