@@ -3,8 +3,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { plainText, readMetadata } from "../src/stream/metadata.ts";
-import { readParameters } from "../src/ui/parameters.ts";
-import { readBackground, readSeconds, readSpeed, readSwitch, readView } from "../src/ui/values.ts";
+import { readBackground, readParameters, readSeconds, readSpeed, readSwitch, readView } from "../src/ui/values.ts";
 
 const NOT_NUMBERS = [NaN, Infinity, -Infinity, "1", "", null, undefined, {}, [], [1], true, 1n, 1e300];
 

@@ -2,7 +2,7 @@
 
 import type { View } from "../render/camera.ts";
 import { groupOfFrame } from "../stream/manifest.ts";
-import type { EmbeddedFiles } from "../worker/embedded.ts";
+import type { EmbeddedFiles } from "../worker/source.ts";
 import type { StreamEvents, StreamInfo } from "../worker/messages.ts";
 import { Emitter } from "./emitter.ts";
 import { type Course, dueFrame, playable } from "./schedule.ts";
@@ -53,10 +53,7 @@ export interface Shown {
 export abstract class Playback<Content extends Shown> extends Emitter<PlayerEvents> {
   readonly statistics = new Statistics();
   readonly stream: V3Stream;
-  readonly sound = new Sound({
-    changed: () => this.emit("sound", undefined),
-    notice: (message) => this.emit("notice", message),
-  });
+  readonly sound = new Sound(() => this.emit("sound", undefined), (message) => this.emit("notice", message));
   protected shown: Shown | null = null; // frame on the screen
   protected requested: Requested | null = null;
   protected failed = false;
@@ -113,7 +110,7 @@ export abstract class Playback<Content extends Shown> extends Emitter<PlayerEven
     this.position = 0;
     this.sound.clear();
     const opened = this.stream.open(address, files, archive);
-    this.stream.playing = this.playing_;
+    this.stream.request({ type: "playing", playing: this.playing_ });
     return opened;
   }
 
@@ -131,7 +128,7 @@ export abstract class Playback<Content extends Shown> extends Emitter<PlayerEven
     // At the end, playback starts over.
     if (info !== null && this.shown !== null && dueFrame(this.courseOf(info), this.shown.frame + 1) === "end") this.seekFrame(0);
     this.playing_ = true;
-    this.stream.playing = true;
+    this.stream.request({ type: "playing", playing: true });
     this.lastTick = null;
     // Within the viewer's input, if it is one: some browsers start sound only then.
     if (info !== null && this.shown !== null && this.requested?.seek !== true) this.sound.follow(this.position / info.fps, this.speed_);
@@ -141,7 +138,7 @@ export abstract class Playback<Content extends Shown> extends Emitter<PlayerEven
   pause(): void {
     if (!this.playing_) return;
     this.playing_ = false;
-    this.stream.playing = false;
+    this.stream.request({ type: "playing", playing: false });
     this.sound.halt();
     if (this.shown !== null && this.requested?.seek !== true) this.position = this.shown.frame;
     this.emit("pause", undefined);
@@ -154,7 +151,7 @@ export abstract class Playback<Content extends Shown> extends Emitter<PlayerEven
   set loop(loop: boolean) {
     this.loop_ = loop;
     this.sound.looping = loop && this.info?.live !== true;
-    this.stream.loop = loop;
+    this.stream.request({ type: "loop", loop });
   }
 
   /** Playback speed relative to the stream's frame rate, 0.1 to 4. */
@@ -307,8 +304,7 @@ export abstract class Playback<Content extends Shown> extends Emitter<PlayerEven
 
   private count(group: number): void {
     if (group !== this.tally.group) {
-      const { group: last, shown, dropped } = this.tally;
-      if (last >= 0) this.stream.played(last, shown, dropped);
+      if (this.tally.group >= 0) this.stream.request({ type: "played", ...this.tally });
       this.tally = { group, shown: 0, dropped: 0 };
     }
     this.tally.shown++;

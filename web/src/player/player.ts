@@ -5,7 +5,7 @@ import { centerOf, depthAxis, OrbitCamera, type PartialView, type Pinhole, pinho
 import type { Renderer } from "../render/renderer.ts";
 import { messageOf } from "../stream/errors.ts";
 import type { Camera, Vector } from "../stream/metadata.ts";
-import type { EmbeddedFiles } from "../worker/embedded.ts";
+import type { EmbeddedFiles } from "../worker/source.ts";
 import type { DepthAxis, GroupSetup, Picture, StreamEvents, StreamInfo } from "../worker/messages.ts";
 import { Playback } from "./playback.ts";
 import { Screen } from "./screen.ts";
@@ -40,10 +40,8 @@ export class Player extends Playback<Picture> {
   constructor(readonly canvas: HTMLCanvasElement, options: StreamOptions = {}) {
     super(options);
     try {
-      this.screen = new Screen(canvas, this.camera, this.statistics, {
-        rendered: () => this.emit("rendered", { frame: this.frame }),
-        view: (view) => this.emit("view", view),
-      });
+      const rendered = (): void => this.emit("rendered", { frame: this.frame });
+      this.screen = new Screen(canvas, this.camera, this.statistics, rendered, (view) => this.emit("view", view));
     } catch (error) {
       super.dispose();
       throw error;
@@ -180,7 +178,7 @@ export class Player extends Playback<Picture> {
   protected override ask(frame: number, seek: boolean): void {
     // Sorted for the current camera: at most one frame old when it is drawn.
     this.requestedAxis = depthAxis(this.head ?? this.screen.pinhole());
-    this.stream.present(frame, this.requestedAxis, seek);
+    this.stream.request({ type: "present", frame, axis: this.requestedAxis, seek });
   }
 
   private received(picture: Picture): void {
@@ -273,13 +271,13 @@ export class Player extends Playback<Picture> {
 
   private requestSort(axis: DepthAxis): void {
     this.sorting = true;
-    this.stream.sort(++this.sortRequest, this.shown?.frame ?? -1, axis);
+    this.stream.request({ type: "sort", request: ++this.sortRequest, frame: this.shown?.frame ?? -1, axis });
   }
 
   /** Called when the graphics context is restored without its contents, and when the renderer has changed. */
   private restore(): void {
     this.needsSetup = true;
-    this.stream.forgetSetup();
+    this.stream.request({ type: "forget-setup" });
     this.setups.clear();
     this.requestAgain();
   }

@@ -9,12 +9,6 @@ import type { Statistics } from "./statistics.ts";
 const SETTLE = 200; // milliseconds without a change after which the image is rendered at full resolution
 const MAX_PIXEL_RATIO = 2; // phones have up to four times as many pixels as a viewer can resolve
 
-export interface ScreenEvents {
-  /** The canvas was rendered; it can be copied in the handler. */
-  rendered(): void;
-  view(view: View): void;
-}
-
 export class Screen {
   /** Replaced by that of an immersive session while there is one. */
   renderer: Renderer;
@@ -33,12 +27,13 @@ export class Screen {
   private lastView = "";
   private readonly resizing: ResizeObserver;
 
-  /** @throws StreamError - the browser cannot render */
+  /** `rendered`: called when the canvas was rendered, and can be copied. StreamError: the browser cannot render. */
   constructor(
     private readonly canvas: HTMLCanvasElement,
     private readonly camera: OrbitCamera,
     private readonly statistics: Statistics,
-    private readonly events: ScreenEvents,
+    private readonly rendered: () => void,
+    private readonly viewed: (view: View) => void,
   ) {
     this.renderer = new Renderer(canvas);
     this.resolution.software = this.renderer.software;
@@ -100,12 +95,12 @@ export class Screen {
     this.dirty = false;
     this.began = now;
     // In the same task, while the canvas still holds the image.
-    this.events.rendered();
+    this.rendered();
     const { view } = this.camera;
     const key = JSON.stringify(view);
     if (key === this.lastView) return;
     this.lastView = key;
-    this.events.view(view);
+    this.viewed(view);
   }
 
   /** The camera of the next image. */

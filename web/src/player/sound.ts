@@ -6,13 +6,6 @@ import { LoopSound } from "./loop_sound.ts";
 
 const STUCK = 2000; // milliseconds without progress after which the element no longer leads
 
-export interface SoundEvents {
-  /** Whether it is heard has changed. */
-  changed(): void;
-  /** A sentence for the viewer. */
-  notice(message: string): void;
-}
-
 export class Sound {
   readonly element = new Audio();
   private address: string | null = null;
@@ -31,7 +24,8 @@ export class Sound {
   private lastTime = 0;
   private progressAt = 0;
 
-  constructor(private readonly events: SoundEvents) {
+  /** `changed`: whether it is heard has changed. `notice`: gets sentences for the viewer. */
+  constructor(private readonly changed: () => void, private readonly notice: (message: string) => void) {
     this.element.preload = "auto";
     this.element.addEventListener("error", () => {
       if (this.address !== null) this.fail(this.element.error?.message ?? "");
@@ -56,7 +50,7 @@ export class Sound {
       this.blocked = this.refused = false;
       this.halt(); // the next `follow` starts it, now with the viewer's consent
     }
-    this.events.changed();
+    this.changed();
   }
 
   /** 0 to 1; some phones ignore it. */
@@ -67,7 +61,7 @@ export class Sound {
   set volume(volume: number) {
     this.element.volume = Math.max(0, Math.min(1, volume));
     this.passVolume();
-    this.events.changed();
+    this.changed();
   }
 
   private passVolume(): void {
@@ -90,7 +84,7 @@ export class Sound {
     [this.start, this.length] = [start, length];
     this.failed = false;
     this.element.src = this.address;
-    this.events.changed();
+    this.changed();
   }
 
   /** Forgets the sound of a stream. */
@@ -103,7 +97,7 @@ export class Sound {
     this.address = null;
     this.element.removeAttribute("src");
     this.element.load();
-    this.events.changed();
+    this.changed();
   }
 
   /** Plays along with the frames from `seconds` of the stream on, and returns the time of the stream that is heard now; null
@@ -169,14 +163,14 @@ export class Sound {
         return;
       }
       this.blocked = this.element.muted = true;
-      this.events.changed();
+      this.changed();
     });
   }
 
   private fail(reason: string): void {
     this.failed = true;
     this.halt();
-    this.events.notice(`This browser cannot play the stream's sound${reason === "" ? "" : ` (${reason})`}.`);
-    this.events.changed();
+    this.notice(`This browser cannot play the stream's sound${reason === "" ? "" : ` (${reason})`}.`);
+    this.changed();
   }
 }

@@ -1,13 +1,13 @@
-/** A stream without a page: a worker fetches, verifies and decodes it. A player asks for sorted images (`present`), which the
- * GPU dequantizes; other engines ask for splats (`frame`). */
+/** A stream without a page: a worker fetches, verifies and decodes it. A player requests sorted images, which the GPU
+ * dequantizes; other engines ask for splats (`frame`). */
 
+import workerSource from "worker-source";
 import { StreamError } from "../stream/errors.ts";
 import { groupOfFrame } from "../stream/manifest.ts";
-import type { EmbeddedFiles } from "../worker/embedded.ts";
-import type { DecodePath, DepthAxis, FromWorker, Splats, StreamEvents, StreamInfo, ToWorker } from "../worker/messages.ts";
+import type { EmbeddedFiles } from "../worker/source.ts";
+import type { DecodePath, FromWorker, SessionRequest, Splats, StreamEvents, StreamInfo, ToWorker } from "../worker/messages.ts";
 import { takeEarlyFiles } from "./early_files.ts";
 import { Emitter } from "./emitter.ts";
-import { takeWorker } from "./spare_worker.ts";
 import { VideoReader } from "./video_reader.ts";
 
 export interface StreamOptions {
@@ -17,6 +17,22 @@ export interface StreamOptions {
   readonly loop?: boolean;
   /** The id of the rendition to fetch; by default, each group in the one that the connection and the device sustain. */
   readonly rendition?: string | null;
+}
+
+/** The worker of the next player: it starts while the page prepares the rest. */
+let spare: Worker | null = null;
+let address: string | null = null;
+
+export function startWorker(): void {
+  address ??= URL.createObjectURL(new Blob([workerSource], { type: "text/javascript" }));
+  spare ??= new Worker(address);
+}
+
+function takeWorker(): Worker {
+  startWorker();
+  const worker = spare!;
+  spare = null;
+  return worker;
 }
 
 interface Asked {
@@ -36,7 +52,7 @@ export class V3Stream extends Emitter<StreamEvents> {
   fetchedGroups: readonly number[] = [];
   /** Groups that cannot be played, and why. */
   readonly leftOut = new Map<number, string>();
-  /** Largest side of a texture that the device can render from, in pixels, for users of `present`. Set before opening. */
+  /** Largest side of a texture that the device can render from, in pixels, for players. Set before opening. */
   maxTexture = Infinity;
   private readonly worker = takeWorker();
   private readonly videos = new VideoReader((message, transfer) => this.post(message, transfer));
@@ -88,38 +104,14 @@ export class V3Stream extends Emitter<StreamEvents> {
     });
   }
 
-  /** Asks for a frame's image, sorted along the axis: the event `picture`. The newest request replaces those before it. */
-  present(frame: number, axis: DepthAxis, seek: boolean): void {
-    this.post({ type: "present", frame, axis, seek });
-  }
-
-  /** Asks for another order of one of the last two frames: the event `order`, with the number of the request. */
-  sort(request: number, frame: number, axis: DepthAxis): void {
-    this.post({ type: "sort", request, frame, axis });
-  }
-
-  /** Whether the playhead moves: what is fetched ahead depends on it. */
-  set playing(playing: boolean) {
-    this.post({ type: "playing", playing });
-  }
-
-  set loop(loop: boolean) {
-    this.post({ type: "loop", loop });
-  }
-
-  /** How many frames of a group were shown, and dropped since decoding was late, for the choice of renditions. */
-  played(group: number, shown: number, dropped: number): void {
-    this.post({ type: "played", group, shown, dropped });
+  /** Sends a request of a player to the worker. */
+  request(message: SessionRequest): void {
+    this.post(message);
   }
 
   /** Returns memory that is no longer needed, such as `splats.means.buffer`; its arrays are empty afterwards. */
   recycle(...buffers: ArrayBuffer[]): void {
     this.post({ type: "recycle", buffers }, buffers);
-  }
-
-  /** The graphics context was lost: the next image comes with its group's setup. */
-  forgetSetup(): void {
-    this.post({ type: "forget-setup" });
   }
 
   close(): void {

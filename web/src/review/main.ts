@@ -7,12 +7,31 @@ import type { V3PlayerElement } from "../ui/element.ts";
 import { type Mark, type ReviewData, ReviewServer } from "./api.ts";
 import { Comparison } from "./comparison.ts";
 import { make } from "../ui/dom.ts";
-import { fitToKeyboard } from "./keyboard.ts";
 import { Marks } from "./marks.ts";
 import { Pins } from "./pins.ts";
 import { Plots } from "./plots.ts";
 import css from "./style.css";
 import { wordsPanel } from "./words_panel.ts";
+
+/** Keeps the page above a phone's keyboard while something is written. Safari lays the keyboard over the page; browsers that
+ * know `interactive-widget=resizes-content` make the page smaller themselves. */
+const fit = (): void => {
+  const { visualViewport: seen, document: { body } } = window;
+  // Not while the viewer has zoomed in.
+  if (seen === null || seen.scale > 1.01) return;
+  body.style.height = `${seen.height}px`;
+  window.scrollTo(0, 0);
+};
+
+function fitToKeyboard(writing: boolean): void {
+  const { visualViewport: seen } = window;
+  if (seen === null) return;
+  for (const name of ["resize", "scroll"] as const)
+    if (writing) seen.addEventListener(name, fit);
+    else seen.removeEventListener(name, fit);
+  if (writing) fit();
+  else document.body.style.height = "";
+}
 
 function build(panel: HTMLElement, element: V3PlayerElement, player: Player, server: ReviewServer, data: ReviewData): void {
   const fps = player.info?.fps ?? 25;

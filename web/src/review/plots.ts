@@ -20,6 +20,9 @@ export class Plots {
   private readonly axis = make("div", { class: "axis" });
   private readonly own = draw("path", { class: "own" }); // the plotted metric of the camera that is compared with
   private readonly ownLegend = make("span", { hidden: "" });
+  private readonly plotted: MetricCurves | null;
+  private readonly several: boolean; // whether several cameras were measured
+  private readonly cameras: string; // whose mean the figures are
   private range: readonly [number, number] | null = null;
   private readonly strip = make("div", { class: "strip" });
   private frame = 0;
@@ -34,8 +37,12 @@ export class Plots {
   ) {
     this.numbers.append(this.readout, this.area, this.axis);
     this.element.append(this.strip, this.numbers);
+    const plotted = (this.plotted = quality?.metrics[0] ?? null);
+    const names = Object.keys(plotted?.by_camera ?? {});
+    this.several = names.length > 1;
+    const kind = quality?.held_out === true ? "held-out" : "training";
+    this.cameras = names.length === 1 ? `${kind} camera ${names[0]}` : `mean of ${names.length} ${kind} cameras`;
     if (quality !== null) {
-      const { plotted } = this;
       const range = plotted === null ? null : curveRange(plotted.trained, plotted.decoded, ...Object.values(plotted.by_camera));
       if (plotted !== null && range !== null) {
         const limits = `${range[0]} to ${range[1]} ${plotted.unit}`;
@@ -104,24 +111,6 @@ export class Plots {
     this.ownLegend.hidden = series === undefined;
     this.ownLegend.replaceChildren(key("own", `decoded, ${camera ?? ""} only`));
     this.write();
-  }
-
-  private get plotted(): MetricCurves | null {
-    return this.quality?.metrics[0] ?? null;
-  }
-
-  private get several(): boolean {
-    return Object.keys(this.plotted?.by_camera ?? {}).length > 1;
-  }
-
-  /** Whose mean the figures are. */
-  private get cameras(): string {
-    const { quality, plotted } = this;
-    if (quality === null || plotted === null) return "";
-    const names = Object.keys(plotted.by_camera);
-    const count = names.length;
-    const kind = quality.held_out ? "held-out" : "training";
-    return count === 1 ? `${kind} camera ${names[0]}` : `mean of ${count} ${kind} cameras`;
   }
 
   mark(marks: readonly Mark[], goTo: (mark: Mark) => void): void {

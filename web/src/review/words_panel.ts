@@ -26,7 +26,7 @@ export function wordsPanel(
   player.on("frame", ({ frame }) => show(frame));
   show(player.frame);
   const worst = worstFrames(metric, MOST);
-  element.markFrames(worst);
+  element.controls?.timeline.mark(worst);
   const moments = worst.map((frame) => {
     const go = make("button", { type: "button" }, make("b", {}, clock(frame / fps)), ` ${wordOf(metric, frame) ?? ""}`);
     go.addEventListener("click", () => seek(frame));

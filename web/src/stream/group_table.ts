@@ -1,6 +1,6 @@
 /** The groups of a stream: those in the manifest, and those in pages, which are read when they are needed. */
 
-import type { GroupEntry, IndexPage, Manifest, Rendition, Span } from "./manifest.ts";
+import type { GroupEntry, IndexPage, Manifest, Rendition } from "./manifest.ts";
 
 export class GroupTable {
   /** By path, so that the unchanged pages of a live stream are not read again. */
@@ -8,7 +8,7 @@ export class GroupTable {
   private readonly sizes = new Map<number, number>();
 
   /** @param readPage - fetches, verifies and parses a page */
-  constructor(private manifest: Manifest, private readonly readPage: (page: IndexPage) => Promise<readonly GroupEntry[]>) {
+  constructor(public manifest: Manifest, private readonly readPage: (page: IndexPage) => Promise<readonly GroupEntry[]>) {
     this.grow(manifest);
   }
 
@@ -18,18 +18,10 @@ export class GroupTable {
     manifest.groups.forEach(({ renditions }, index) => this.sizes.set(index, renditions[0].bytes));
   }
 
-  get spans(): readonly Span[] {
-    return this.manifest.spans;
-  }
-
-  get length(): number {
-    return this.spans.length;
-  }
-
   /** Bytes of a group in its best rendition; an upper estimate where its page was not read. */
   bytes(index: number): number {
-    const { renditions, fps } = this.manifest;
-    return this.sizes.get(index) ?? (renditions[0].bandwidth * this.spans[index].frameCount) / fps / 8;
+    const { renditions, fps, spans } = this.manifest;
+    return this.sizes.get(index) ?? (renditions[0].bandwidth * spans[index].frameCount) / fps / 8;
   }
 
   /** A group in all its renditions. StreamError: its page is missing or damaged. */

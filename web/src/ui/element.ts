@@ -3,8 +3,7 @@
 import type { PartialView } from "../render/camera.ts";
 import { Player } from "../player/player.ts";
 import { messageOf } from "../stream/errors.ts";
-import type { EmbeddedFiles } from "../worker/embedded.ts";
-import type { Immersive } from "../xr/immersive.ts";
+import type { EmbeddedFiles } from "../worker/source.ts";
 import { type HelpLine, listen } from "./actions.ts";
 import { type BackgroundName, isBackground, isDecoder } from "./choices.ts";
 import { Controls, type ControlsHost } from "./controls.ts";
@@ -31,7 +30,8 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost, LinkHo
   readonly links: LinkSheet;
   /** The player without controls; not part of the stable interface. */
   engine: Player | null = null;
-  private controls: Controls | null = null;
+  /** Not part of the stable interface. */
+  controls: Controls | null = null;
   private lifetime: AbortController | null = null;
   private isReady = false;
   private wantsToPlay = false;
@@ -176,18 +176,9 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost, LinkHo
 
   // For this package and its tests; not part of the stable interface --------------------------------------------------
 
-  get immersive(): Immersive | null {
-    return this.controls?.immersive ?? null;
-  }
-
   /** Adds lines to *Help*. */
   addHelp(lines: readonly HelpLine[]): void {
     this.root.querySelector(".help tbody")!.insertAdjacentHTML("afterbegin", lines.map(helpRow).join(""));
-  }
-
-  /** Marks frames on the timeline. */
-  markFrames(frames: readonly number[]): void {
-    this.controls?.timeline.mark(frames);
   }
 
   notice(message: string): void {

@@ -3,7 +3,7 @@
 import type { Span } from "../stream/manifest.ts";
 import type { SplatArrays } from "../stream/manifest_types.ts";
 import type { Metadata, Vector } from "../stream/metadata.ts";
-import type { EmbeddedFiles } from "./embedded.ts";
+import type { EmbeddedFiles } from "./source.ts";
 
 /** Where the files of `names` arrive, chunk by chunk; the manifest's name is empty. */
 export interface EarlyPort {
@@ -44,13 +44,14 @@ export interface OpenRequest {
 
 /** What the page asks of an opened stream. */
 export type SessionRequest =
-  /** Decode a frame and sort it along the axis; null for its splats as arrays. The latest request wins. */
+  /** Decode a frame and sort it along the axis: the event `picture`; null for its splats as arrays. The latest request wins. */
   | { readonly type: "present"; readonly frame: number; readonly axis: DepthAxis | null; readonly seek: boolean }
-  /** Sort one of the last two decoded frames along another axis. `request` is returned with the order. */
+  /** Sort one of the last two decoded frames along another axis: the event `order`, with `request`. */
   | { readonly type: "sort"; readonly request: number; readonly frame: number; readonly axis: DepthAxis }
   | { readonly type: "loop"; readonly loop: boolean }
+  /** Whether the playhead moves: what is fetched ahead depends on it. */
   | { readonly type: "playing"; readonly playing: boolean }
-  /** How many frames of a group were shown, and dropped since decoding was late. */
+  /** How many frames of a group were shown, and dropped since decoding was late, for the choice of renditions. */
   | { readonly type: "played"; readonly group: number; readonly shown: number; readonly dropped: number }
   /** Return buffers that are no longer needed. */
   | { readonly type: "recycle"; readonly buffers: ArrayBuffer[] }

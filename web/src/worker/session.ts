@@ -3,12 +3,10 @@
 import { messageOf, Rebaked, StreamError } from "../stream/errors.ts";
 import { GroupTable } from "../stream/group_table.ts";
 import { groupOfFrame, isMotion, type Manifest, MANIFEST_NAME, type Rendition, whatChanged } from "../stream/manifest.ts";
-import type { MotionTables } from "../stream/motion.ts";
 import { planePositions } from "../stream/planes.ts";
 import { DepthSorter } from "../stream/sort.ts";
 import { ArchiveSource, rangesOf } from "./archive.ts";
 import { EarlyFiles } from "./early_files.ts";
-import { EmbeddedSource } from "./embedded.ts";
 import { HttpSource } from "./http.ts";
 import type { DepthAxis, OpenRequest, Picture, Report, SessionRequest, StreamInfo } from "./messages.ts";
 import { Closed, type Luma, PathFailed } from "./pictures.ts";
@@ -16,7 +14,7 @@ import { Pool } from "./pool.ts";
 import { type Prepared, PreparedGroups } from "./prepared_groups.ts";
 import { RateRule } from "./rate_rule.ts";
 import { pictureSize, setupOf } from "./setup.ts";
-import { readChecked, type Source } from "./source.ts";
+import { EmbeddedSource, readChecked, type Source } from "./source.ts";
 import { dequantize, splatArrays, splatFloats } from "./splats.ts";
 import { GroupStore } from "./store.ts";
 import { StreamFiles } from "./stream_files.ts";
@@ -34,7 +32,6 @@ interface Decoded {
 
 /** What there is once the manifest has been read. */
 interface Opened {
-  manifest: Manifest;
   readonly files: StreamFiles;
   readonly table: GroupTable;
   readonly store: GroupStore;
@@ -81,7 +78,7 @@ export class Session {
     closing.signal.throwIfAborted();
     checkDevice(manifest, request.maxTexture);
     const sameBake = <T>(reads: () => Promise<T>): Promise<T> =>
-      files.sameBake(this.opened!.manifest, reads).catch((error: unknown) => {
+      files.sameBake(table.manifest, reads).catch((error: unknown) => {
         if (error instanceof Rebaked) this.reportRebaked();
         throw error;
       });
@@ -94,15 +91,14 @@ export class Session {
       // Files in the page or on this computer need no network: the best rendition, always.
       rule: rates.length > 1 && remote && request.rendition === null ? new RateRule(rates) : null,
       fixed,
-      rates,
-      ids,
-      fps: manifest.fps,
       fits: (group: Rendition): boolean => Math.max(...pictureSize(group)) <= request.maxTexture,
     };
-    const fetched = (): void => this.reportFetched();
+    const fetched = (): void => {
+      this.report("fetched", { groups: store.present, bytes: this.received, bandwidth: this.bandwidth });
+    };
     const store = new GroupStore(table, choice, source, sameBake, fetched, (group) => this.improved(group), closing.signal);
     const groups = new PreparedGroups(manifest, store, this.channel, this.pool, request.path);
-    this.opened = { manifest, files, table, store, groups };
+    this.opened = { files, table, store, groups };
     this.report("opened", streamInfo(this.opened));
     this.report("path", groups.path);
     if (manifest.live) void this.watch(this.opened);
@@ -133,7 +129,7 @@ export class Session {
   /** Reads the manifest of a live stream again until it is complete. */
   private async watch(opened: Opened): Promise<void> {
     for (;;) {
-      const { fps, frame_count: frameCount, spans } = opened.manifest;
+      const { fps, frame_count: frameCount, spans } = opened.table.manifest;
       const pause = Math.min(Math.max(frameCount / fps / spans.length, SHORTEST_PAUSE), LONGEST_PAUSE);
       await new Promise((resolve) => setTimeout(resolve, 1000 * pause));
       if (this.closing.signal.aborted) return;
@@ -143,14 +139,12 @@ export class Session {
       } catch {
         continue; // the source has retried, and has notified the viewer
       }
-      const old = opened.manifest;
+      const old = opened.table.manifest;
       if (manifest.manifest_sha256 === old.manifest_sha256) continue;
-      const changed = whatChanged(old, manifest);
-      if (changed !== null) {
+      if (whatChanged(old, manifest) !== null) {
         this.reportRebaked();
         return;
       }
-      opened.manifest = manifest;
       opened.table.grow(manifest);
       this.report("grown", streamInfo(opened));
       opened.store.follow(this.playing, this.looping, this.moving);
@@ -161,7 +155,7 @@ export class Session {
 
   /** Looping begins when a live stream is complete. */
   private get looping(): boolean {
-    return this.loop && this.opened?.manifest.live !== true;
+    return this.loop && this.opened?.table.manifest.live !== true;
   }
 
   receive(message: SessionRequest): void {
@@ -204,7 +198,7 @@ export class Session {
       while (this.wanted !== null) {
         const { frame, axis } = this.wanted;
         this.wanted = null;
-        if (this.opened !== null && frame >= 0 && frame < this.opened.manifest.frame_count)
+        if (this.opened !== null && frame >= 0 && frame < this.opened.table.manifest.frame_count)
           await this.bring(this.opened, frame, axis);
       }
     } finally {
@@ -213,7 +207,7 @@ export class Session {
   }
 
   private async bring(opened: Opened, frame: number, axis: DepthAxis | null): Promise<void> {
-    const { manifest, store, groups } = opened;
+    const { table: { manifest }, store, groups } = opened;
     const index = groupOfFrame(manifest.spans, frame);
     if (index !== this.playing && this.outdated.delete(this.playing)) this.drop(opened, this.playing);
     this.playing = index;
@@ -264,12 +258,13 @@ export class Session {
     if (this.soundWanted) await this.bringSound(opened);
   }
 
-  private deliverSplats({ group, tables, milliseconds }: Prepared, frame: number, within: number, luma: Uint8Array<ArrayBuffer>): void {
+  private deliverSplats(prepared: Prepared, frame: number, within: number, luma: Uint8Array<ArrayBuffer>): void {
+    const { group, tables, milliseconds } = prepared;
     const { splats: count, sh_degree: shDegree, id: rendition, dilation } = group;
     const { buffer } = this.pool.take(4 * count * splatFloats(shDegree));
     const arrays = splatArrays(buffer, count, shDegree);
     const blocks = tables?.blocks(within) ?? null;
-    fillPositions(group, tables, within, luma, blocks, arrays.means);
+    fillPositions(prepared, within, luma, blocks, arrays.means);
     dequantize(setupOf(group, tables, milliseconds), tables, within, luma, blocks, arrays);
     this.pool.give(luma);
     this.report("splats", { frame, group: group.index, rendition, count, shDegree, dilation, ...arrays }, [buffer]);
@@ -281,7 +276,7 @@ export class Session {
     const blocks = tables?.blocks(within) ?? null;
     const oldest = this.decoded.length > 1 ? this.decoded.pop()!.positions : null;
     const positions = oldest?.length === 3 * group.splats ? oldest : new Float32Array(3 * group.splats);
-    fillPositions(group, tables, within, luma, blocks, positions);
+    fillPositions(prepared, within, luma, blocks, positions);
     const dequantize = performance.now() - began;
     const decoded = { frame, positions, pixels: tables?.pixels ?? null };
     this.decoded.unshift(decoded);
@@ -319,7 +314,7 @@ export class Session {
   }
 
   /** Fetches the sound, once the first group is there. */
-  private async bringSound({ manifest: { audio }, files }: Opened): Promise<void> {
+  private async bringSound({ table: { manifest: { audio } }, files }: Opened): Promise<void> {
     this.soundWanted = false;
     if (audio === null) return;
     try {
@@ -332,7 +327,7 @@ export class Session {
   }
 
   /** Prepares the group that plays next in advance. */
-  private prepareNext({ manifest, groups, store }: Opened, index: number): void {
+  private prepareNext({ table: { manifest }, groups, store }: Opened, index: number): void {
     const next = index + 1 < manifest.spans.length ? index + 1 : this.looping ? 0 : -1;
     if (next < 0 || groups.has(next) || !store.isDecided(next)) return;
     groups.get(next).then(({ pictures }) => pictures.warm(), (error: unknown) => {
@@ -375,25 +370,16 @@ export class Session {
     const rate = (8 * bytes) / Math.max(milliseconds, 1) / 1000;
     this.bandwidth = this.bandwidth === 0 ? rate : 0.7 * this.bandwidth + 0.3 * rate;
   }
-
-  private reportFetched(): void {
-    this.report("fetched", { groups: this.opened!.store.present, bytes: this.received, bandwidth: this.bandwidth });
-  }
 }
 
 function fillPositions(
-  group: Rendition,
-  tables: MotionTables | null,
-  within: number,
-  luma: Uint8Array,
-  blocks: Float32Array | null,
-  positions: Float32Array,
+  { group, tables }: Prepared, within: number, luma: Uint8Array, blocks: Float32Array | null, positions: Float32Array,
 ): void {
   if (isMotion(group)) tables!.positions(within, luma, blocks!, positions);
   else planePositions(group, luma, positions);
 }
 
-function streamInfo({ manifest, files }: Opened): StreamInfo {
+function streamInfo({ table: { manifest }, files }: Opened): StreamInfo {
   return {
     profile: manifest.profile,
     codec: manifest.codec.name,

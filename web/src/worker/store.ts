@@ -22,10 +22,6 @@ export interface Choice {
   readonly rule: RateRule | null;
   /** The rendition to use without a rule. */
   readonly fixed: number;
-  /** Bits per second of each rendition of the stream. */
-  readonly rates: readonly number[];
-  readonly ids: readonly string[];
-  readonly fps: number;
   /** Whether this device can draw it. */
   readonly fits: (group: Rendition) => boolean;
 }
@@ -71,8 +67,13 @@ export class GroupStore {
 
   /** Frames of a group were shown, or dropped since decoding was late. */
   played(group: number, shown: number, dropped: number): void {
-    const rendition = this.choice.ids.indexOf(this.files.get(group)?.group.id ?? "");
+    const rendition = this.renditionOf(group);
     if (rendition >= 0) this.choice.rule?.played(rendition, shown, dropped);
+  }
+
+  /** Position of the rendition that a group is in memory in; -1 if it is not. */
+  private renditionOf(group: number): number {
+    return this.groups.manifest.renditions.findIndex(({ id }) => id === this.files.get(group)?.group.id);
   }
 
   /** Whether a group is in memory. */
@@ -120,8 +121,8 @@ export class GroupStore {
   /** The rendition to fetch: what the rule chooses, or the best below it that this device can draw. */
   private async choose(index: number, better: number | null): Promise<Rendition> {
     const renditions = await this.groups.renditions(index);
-    const { rule, fixed, fps, fits } = this.choice;
-    const { spans } = this.groups;
+    const { rule, fixed, fits } = this.choice;
+    const { fps, spans } = this.groups.manifest;
     const ahead = spans[index].firstFrame - spans[this.playhead].firstFrame;
     const wanted = better ?? (rule === null ? fixed : rule.choose(Math.max(ahead, 0) / fps));
     const found = fits(renditions[wanted])
@@ -220,16 +221,14 @@ export class GroupStore {
   private nextToFetch(): number | null {
     let ahead = 0;
     let frames = 0;
-    const most = (this.choice.rule?.target ?? Infinity) * this.choice.fps;
-    for (let step = 0; step < this.groups.length; step++) {
-      let index = this.playhead + step;
-      if (index >= this.groups.length) {
-        if (!this.loop) return null;
-        index -= this.groups.length;
-      }
+    const { fps, spans } = this.groups.manifest;
+    const most = (this.choice.rule?.target ?? Infinity) * fps;
+    for (let step = 0; step < spans.length; step++) {
+      if (this.playhead + step >= spans.length && !this.loop) return null;
+      const index = (this.playhead + step) % spans.length;
       ahead += this.groups.bytes(index);
       if (step > 1 && (ahead > AHEAD_BYTES || frames > most)) return null;
-      frames += this.groups.spans[index].frameCount;
+      frames += spans[index].frameCount;
       if (!this.files.has(index) && !this.failed.has(index)) return index;
     }
     return null;
@@ -239,23 +238,23 @@ export class GroupStore {
    * group on the screen in the best one; in a loop that is in memory as a whole, every group in the best one; else groups
    * that are not due soon, in what the connection sustains. */
   private nextToImprove(): readonly [group: number, rendition: number] | null {
-    const { rule, rates, ids, fps } = this.choice;
+    const { rule } = this.choice;
+    const { renditions, fps, spans } = this.groups.manifest;
     if (rule === null || savesData()) return null;
     const improvable = (index: number, wanted: number): boolean => {
-      const kept = ids.indexOf(this.files.get(index)?.group.id ?? "");
-      return kept >= 0 && rates[kept] < rates[wanted] && this.settled.get(index) !== wanted;
+      const kept = this.renditionOf(index);
+      return kept >= 0 && renditions[kept].bandwidth < renditions[wanted].bandwidth && this.settled.get(index) !== wanted;
     };
     const best = rule.best();
     if (!this.playing) return improvable(this.playhead, best) ? [this.playhead, best] : null;
-    const whole = this.loop && this.files.size === this.groups.length;
+    const whole = this.loop && this.files.size === spans.length;
     const wanted = whole ? best : rule.affordable();
     let frames = 0;
-    for (let step = 1; step < this.groups.length; step++) {
-      const index = this.playhead + step;
-      if (index >= this.groups.length && !this.loop) return null;
-      const group = index % this.groups.length;
+    for (let step = 1; step < spans.length; step++) {
+      if (this.playhead + step >= spans.length && !this.loop) return null;
+      const group = (this.playhead + step) % spans.length;
       if (step > 1 && improvable(group, wanted)) return [group, wanted];
-      frames += this.groups.spans[group].frameCount;
+      frames += spans[group].frameCount;
       if (!whole && frames > rule.target * fps) return null;
     }
     return null;
