@@ -25,6 +25,9 @@ void expect(const A& array, std::size_t size, const char* name) {
                                     std::to_string(size));
 }
 
+// An array argument, which is not converted or copied.
+inline auto array(const char* name) { return nb::arg(name).noconvert(); }
+
 inline int checked_threads(int threads) {
     if (threads < 1) return 1;
     return threads > 256 ? 256 : threads;

@@ -202,7 +202,7 @@ VS_INLINE void backward_lanes(const Splats<T>& splats, const Frame<T>& frame, co
     prefetch_ahead<T>(splats.sh, floats, first, splats.count);
     ProjectionLanes<T> g;
     project_lanes<T>(splats, camera, first, g);
-    const Mask<T> drawn = gt<T>(load<T>(cholesky[2]), V{});
+    const Mask<T> drawn = load<T>(cholesky[2]) > T(0);
     const V a = load<T>(cholesky[0]), b = load<T>(cholesky[1]), c = load<T>(cholesky[2]);
     const V q = load<T>(lanes[S_Q]), qu = load<T>(lanes[S_QU]), quu = load<T>(lanes[S_QUU]), qv = load<T>(lanes[S_QV]),
             quv = load<T>(lanes[S_QUV]), qvv = load<T>(lanes[S_QVV]);
@@ -281,10 +281,8 @@ VS_INLINE void backward_lanes(const Splats<T>& splats, const Frame<T>& frame, co
     }
     // 1 / z scales all of F, like the three scales together
     V d_inverse = (d_log_scale[0] + d_log_scale[1] + d_log_scale[2]) * g.depth;
-    Mask<T> unclamped_x =
-        ge<T>(g.x_z, broadcast<T>(T(camera.limits[0]))) & le<T>(g.x_z, broadcast<T>(T(camera.limits[1])));
-    Mask<T> unclamped_y =
-        ge<T>(g.y_z, broadcast<T>(T(camera.limits[2]))) & le<T>(g.y_z, broadcast<T>(T(camera.limits[3])));
+    Mask<T> unclamped_x = (g.x_z >= T(camera.limits[0])) & (g.x_z <= T(camera.limits[1]));
+    Mask<T> unclamped_y = (g.y_z >= T(camera.limits[2])) & (g.y_z <= T(camera.limits[3]));
     V d_x_z = fx * d_x - zero_unless<T>(unclamped_x, fx * g.inverse_depth * pu_w2);
     V d_y_z = fy * d_y - zero_unless<T>(unclamped_y, fy * g.inverse_depth * pv_w2);
     V local_x = d_x_z * g.inverse_depth, local_y = d_y_z * g.inverse_depth;

@@ -30,28 +30,22 @@ class Buffer {
     Buffer() = default;
     VS_ALWAYS_INLINE explicit Buffer(std::size_t count)
         : data_(static_cast<T*>(acquire_buffer(count * sizeof(T), &capacity_))) {}
-    VS_ALWAYS_INLINE Buffer(Buffer&& other) noexcept : capacity_(other.capacity_), data_(other.data_) {
-        other.data_ = nullptr;
-    }
-    VS_ALWAYS_INLINE Buffer& operator=(Buffer&& other) noexcept {
-        if (this != &other) {
-            free();
-            data_ = other.data_;
-            capacity_ = other.capacity_;
-            other.data_ = nullptr;
-        }
+    VS_ALWAYS_INLINE Buffer(Buffer&& other) noexcept { *this = static_cast<Buffer&&>(other); }
+    VS_ALWAYS_INLINE Buffer& operator=(Buffer&& other) noexcept {  // exchanges them
+        const std::size_t capacity = capacity_;
+        T* const data = data_;
+        capacity_ = other.capacity_, data_ = other.data_;
+        other.capacity_ = capacity, other.data_ = data;
         return *this;
     }
     Buffer(const Buffer&) = delete;
     Buffer& operator=(const Buffer&) = delete;
-    VS_ALWAYS_INLINE ~Buffer() { free(); }
+    VS_ALWAYS_INLINE ~Buffer() {
+        if (data_ != nullptr) release_buffer(data_, capacity_);
+    }
     VS_ALWAYS_INLINE T* get() const { return data_; }
 
   private:
-    VS_ALWAYS_INLINE void free() {
-        if (data_ != nullptr) release_buffer(data_, capacity_);
-        data_ = nullptr;
-    }
     std::size_t capacity_ = 0;  // before data_, whose initialization writes it
     T* data_ = nullptr;
 };

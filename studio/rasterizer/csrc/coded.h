@@ -46,7 +46,7 @@ VS_INLINE Bits<T> bits_of(Wide<T> centered, Wide<T> inverse_sigma) {
     const V slope_low = low < zero ? density_low * scale : scale;
     const V slope_high = low < zero ? density_high * scale : ratio * scale;
     const V by_size = LOG2E * inverse_sigma * (slope_low - slope_high);
-    return {-wide_log2(p) - (low < zero ? zero : log_low), centered < zero ? -by_size : by_size,
+    return {-vlog2(p) - (low < zero ? zero : log_low), centered < zero ? -by_size : by_size,
             LOG2E * inverse_sigma * (high * slope_high - low * slope_low)};
 }
 
@@ -113,19 +113,19 @@ static void coded_loss(CodedJob<T>& job, int threads) {
                     change * inverse_step + rounding_noise(i, job.seed, T(0)) - wide_load<T>(pattern[MU] + at),
                     wide_load<T>(pattern[INVERSE_SIGMA] + at));
                 gradient += job.bits_weight * inverse_step * b.by_residual;
-                wide_store<T>(bits + at, wide_load<T>(bits + at) + counted * b.bits);
-                wide_store<T>(by_mu + at, wide_load<T>(by_mu + at) - counted * b.by_residual);
-                wide_store<T>(by_sigma + at, wide_load<T>(by_sigma + at) + counted * b.by_sigma);
+                store<T>(bits + at, wide_load<T>(bits + at) + counted * b.bits);
+                store<T>(by_mu + at, wide_load<T>(by_mu + at) - counted * b.by_residual);
+                store<T>(by_sigma + at, wide_load<T>(by_sigma + at) + counted * b.by_sigma);
             }
             if (temporal) {
                 const V value = change < zero ? -change : change;
                 const V slope = change > zero ? wide_all<T>(T(1)) : (change < zero ? wide_all<T>(T(-1)) : zero);
                 gradient += job.difference_weight * slope;
-                wide_store<T>(differences + at, wide_load<T>(differences + at) + counted * value);
+                store<T>(differences + at, wide_load<T>(differences + at) + counted * value);
             }
             if (job.gradient != nullptr) {
                 if (valid == W)
-                    wide_store<T>(job.gradient + i, gradient);
+                    store<T>(job.gradient + i, gradient);
                 else
                     for (int k = 0; k < valid; k++) job.gradient[i + k] = gradient[k];
             }

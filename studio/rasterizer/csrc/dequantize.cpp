@@ -219,14 +219,11 @@ void dequantize(In<std::uint8_t> picture, In<std::int32_t> pixels, In<std::int64
 }  // namespace
 
 void add_dequantize(nb::module_& m) {
-    m.def("dequantize", &dequantize, nb::arg("picture").noconvert(), nb::arg("pixels").noconvert(),
-          nb::arg("first").noconvert(), nb::arg("steps").noconvert(), nb::arg("offsets").noconvert(),
-          nb::arg("escape_starts").noconvert(), nb::arg("escape_splats").noconvert(),
-          nb::arg("escape_codes").noconvert(), nb::arg("gains").noconvert(), nb::arg("keyframe").noconvert(),
-          nb::arg("local").noconvert(), nb::arg("labels").noconvert(), nb::arg("maps").noconvert().none(),
-          nb::arg("rotations").noconvert().none(), nb::arg("means").noconvert(), nb::arg("quats").noconvert(),
-          nb::arg("log_scales").noconvert(), nb::arg("logits").noconvert(), nb::arg("sh").noconvert(),
-          nb::arg("threads"), "Splats of a frame of the profile `motion`.");
+    m.def("dequantize", &dequantize, array("picture"), array("pixels"), array("first"), array("steps"),
+          array("offsets"), array("escape_starts"), array("escape_splats"), array("escape_codes"), array("gains"),
+          array("keyframe"), array("local"), array("labels"), array("maps").none(), array("rotations").none(),
+          array("means"), array("quats"), array("log_scales"), array("logits"), array("sh"), nb::arg("threads"),
+          "Splats of a frame of the profile `motion`.");
 }
 
 }  // namespace vs

@@ -69,7 +69,7 @@ VS_INLINE void product_block(const Product<T>& p, int row, int column) {
         for (int v = 0; v < VECTORS; v++) {
             V x = sums[r][v];
             if (p.relu) x = x < V{} ? V{} : x;  // keeps NaN
-            wide_store<T>(c + r * p.c_row + v * W, x);
+            store<T>(c + r * p.c_row + v * W, x);
         }
 }
 
@@ -275,7 +275,7 @@ static void field_backward(const FieldJob<T>& job, const Buffer<T>& activations,
                 T* d_bias = d_weights + std::size_t(layer.outputs) * std::size_t(layer.padded_inputs);
                 for (int p = 0; p < FIELD_CHUNK; p++)
                     for (int o = 0; o < layer.padded_outputs; o += WIDTH<T>)
-                        wide_store<T>(d_bias + o,
+                        store<T>(d_bias + o,
                                       wide_load<T>(d_bias + o) + wide_load<T>(gradient + p * layer.padded_outputs + o));
                 const Product<T> weights = {FIELD_CHUNK, gradient,
                                             1,           layer.padded_outputs,
@@ -299,7 +299,7 @@ static void field_backward(const FieldJob<T>& job, const Buffer<T>& activations,
                 if (l > 0)
                     for (int i = 0; i < FIELD_CHUNK * layer.padded_inputs; i += WIDTH<T>) {
                         const Wide<T> zero{}, active = wide_load<T>(input + i), g = wide_load<T>(below + i);
-                        wide_store<T>(below + i, active > zero ? g : zero);
+                        store<T>(below + i, active > zero ? g : zero);
                     }
                 T* swap = gradient;
                 gradient = below;

@@ -17,22 +17,14 @@
 #define VS_JOIN2(a, b) a##b
 #define VS_JOIN(a, b) VS_JOIN2(a, b)
 
-#define VS_TRAINING(T)                                                             \
-    {VS_ISA::field_forward<T>, VS_ISA::field_backward<T>,   VS_ISA::coded_loss<T>, \
-     VS_ISA::planes_values<T>, VS_ISA::planes_gradients<T>, VS_ISA::dropout<T>}
+#define VS_KERNELS(T)                                                                                         \
+    {VS_ISA::forward<T>,    VS_ISA::backward<T>,      VS_ISA::field_forward<T>,    VS_ISA::field_backward<T>, \
+     VS_ISA::coded_loss<T>, VS_ISA::planes_values<T>, VS_ISA::planes_gradients<T>, VS_ISA::dropout<T>}
 
 namespace vs {
 
 const Kernels VS_JOIN(kernels_, VS_ISA) = {
-    VS_ISA_NAME,
-    VS_ISA::forward<float>,
-    VS_ISA::forward<double>,
-    VS_ISA::backward<float>,
-    VS_ISA::backward<double>,
-    VS_ISA::photometric_loss,
-    VS_ISA::over_color,
-    VS_TRAINING(float),
-    VS_TRAINING(double),
+    VS_ISA_NAME, VS_ISA::photometric_loss, VS_ISA::over_color, VS_KERNELS(float), VS_KERNELS(double),
 };
 
 }  // namespace vs

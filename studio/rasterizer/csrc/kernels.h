@@ -163,8 +163,11 @@ struct DropoutJob {
     T *out, *derivative;  // (N,)
 };
 
+// The kernels for one type.
 template <typename T>
-struct TrainingKernels {
+struct TypedKernels {
+    void (*forward)(const Splats<T>&, const Outputs<T>&, Frame<T>&, int threads);
+    void (*backward)(const Splats<T>&, const Gradients<T>&, const Frame<T>&, int threads);
     void (*field_forward)(const FieldJob<T>&, Buffer<T>& activations, T* out, int threads);
     void (*field_backward)(const FieldJob<T>&, const Buffer<T>& activations, const FieldGradients<T>&, int threads);
     void (*coded_loss)(CodedJob<T>&, int threads);
@@ -176,14 +179,18 @@ struct TrainingKernels {
 // The kernels, compiled for one instruction set.
 struct Kernels {
     const char* name;
-    void (*forward_float)(const Splats<float>&, const Outputs<float>&, Frame<float>&, int threads);
-    void (*forward_double)(const Splats<double>&, const Outputs<double>&, Frame<double>&, int threads);
-    void (*backward_float)(const Splats<float>&, const Gradients<float>&, const Frame<float>&, int threads);
-    void (*backward_double)(const Splats<double>&, const Gradients<double>&, const Frame<double>&, int threads);
     void (*loss)(LossJob&, int threads);
     void (*over)(const OverJob&, int threads);
-    TrainingKernels<float> training_float;
-    TrainingKernels<double> training_double;
+    TypedKernels<float> of_float;
+    TypedKernels<double> of_double;
+
+    template <typename T>
+    const TypedKernels<T>& of() const {
+        if constexpr (sizeof(T) == 4)
+            return of_float;
+        else
+            return of_double;
+    }
 };
 
 extern const Kernels kernels_baseline;

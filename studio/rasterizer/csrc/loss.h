@@ -30,7 +30,7 @@ VS_INLINE void blur_row(const LossWeights& w, const float* in, float* out, int c
         WFloat s = w.tap[0] * wide_load<float>(in + i);
         for (int k = 1; k <= HALF; k++)
             s += w.tap[k] * (wide_load<float>(in + i - 3 * k) + wide_load<float>(in + i + 3 * k));
-        wide_store<float>(out + i, s);
+        store<float>(out + i, s);
     }
 }
 
@@ -77,10 +77,10 @@ static void loss_band(const LossJob& job, const LossWeights& w, int begin, int e
                     ss += w.tap[k] * (xl * xl + xr * xr + yl * yl + yr * yr);
                     sp += w.tap[k] * (xl * yl + xr * yr);
                 }
-                wide_store<float>(blurred[0] + i, sx);
-                wide_store<float>(blurred[1] + i, sy);
-                wide_store<float>(blurred[2] + i, ss);
-                wide_store<float>(blurred[3] + i, sp);
+                store<float>(blurred[0] + i, sx);
+                store<float>(blurred[1] + i, sy);
+                store<float>(blurred[2] + i, ss);
+                store<float>(blurred[3] + i, sp);
             }
         }
 
@@ -110,9 +110,9 @@ static void loss_band(const LossJob& job, const LossWeights& w, int begin, int e
                 }
                 total += double(wide_sum<float>(ssim));
                 if (job.gradient != nullptr) {
-                    wide_store<float>(partial[0] + i, 2.0f * (my * (a2 - a1) * ib - mx * ssim * (ib1 - ib2)));
-                    wide_store<float>(partial[1] + i, -ssim * ib2);
-                    wide_store<float>(partial[2] + i, 2.0f * a1 * ib);
+                    store<float>(partial[0] + i, 2.0f * (my * (a2 - a1) * ib - mx * ssim * (ib1 - ib2)));
+                    store<float>(partial[1] + i, -ssim * ib2);
+                    store<float>(partial[2] + i, 2.0f * a1 * ib);
                 }
             }
             if (m >= begin && m < end) row_ssim[m] = total;
@@ -147,7 +147,7 @@ static void loss_band(const LossJob& job, const LossWeights& w, int begin, int e
             g = sign + ssim_scale * g;
             float* out = job.gradient + std::size_t(o) * floats + i;
             if (valid == LOSS_LANES)
-                wide_store<float>(out, g);
+                store<float>(out, g);
             else
                 for (int j = 0; j < valid; j++) out[j] = g[j];
         }

@@ -106,13 +106,8 @@ Frame<T>* forward(In<T> means, In<T> quats, In<T> log_scales, In<T> logits, In<T
     c.width = width, c.height = height, c.near = near, c.alpha_max = alpha_max, c.dilation = dilation;
     const Outputs<T> out = {background.data(), background.size() == 3 ? 0 : 3, image.data(), alpha.data(), depth.data(),
                             radii.data()};
-    {
-        nb::gil_scoped_release release;
-        if constexpr (sizeof(T) == 4)
-            kernels->forward_float(splats, out, *frame, checked_threads(threads));
-        else
-            kernels->forward_double(splats, out, *frame, checked_threads(threads));
-    }
+    nb::gil_scoped_release release;
+    kernels->of<T>().forward(splats, out, *frame, checked_threads(threads));
     return frame.release();
 }
 
@@ -143,10 +138,7 @@ void backward(const Frame<T>& frame, In<T> means, In<T> quats, In<T> log_scales,
                                pointer(d_sh, 3 * n * splats.coefficients, "d_sh"),
                                pointer(d_offsets, 2 * n, "d_offsets")};
     nb::gil_scoped_release release;
-    if constexpr (sizeof(T) == 4)
-        frame.kernels->backward_float(splats, grad, frame, checked_threads(threads));
-    else
-        frame.kernels->backward_double(splats, grad, frame, checked_threads(threads));
+    frame.kernels->template of<T>().backward(splats, grad, frame, checked_threads(threads));
 }
 
 std::pair<double, double> loss(In<float> image, In<float> target, int width, int height, double dssim_weight,
@@ -169,14 +161,6 @@ void over(In<float> image, In<float> rest, In<float> color, Out<float> out, int 
     const OverJob job{std::int64_t(pixels), image.data(), rest.data(), color.data(), out.data()};
     nb::gil_scoped_release release;
     kernels->over(job, checked_threads(threads));
-}
-
-template <typename T>
-const TrainingKernels<T>& training() {
-    if constexpr (sizeof(T) == 4)
-        return kernels->training_float;
-    else
-        return kernels->training_double;
 }
 
 // The activations of a forward pass of the motion field.
@@ -232,7 +216,7 @@ FieldPass<T>* field_forward(In<std::int32_t> rows, In<T> corner_weights, In<std:
     expect(out, 3 * std::size_t(job.count), "out");
     auto pass = std::make_unique<FieldPass<T>>(FieldPass<T>{job.shape, job.count, {}});
     nb::gil_scoped_release release;
-    training<T>().field_forward(job, pass->activations, out.data(), checked_threads(threads));
+    kernels->of<T>().field_forward(job, pass->activations, out.data(), checked_threads(threads));
     return pass.release();
 }
 
@@ -258,7 +242,7 @@ void field_backward(const FieldPass<T>& pass, In<std::int32_t> rows, In<T> corne
     grad.d_out = d_out.data();
     grad.d_table = d_table.data();
     nb::gil_scoped_release release;
-    training<T>().field_backward(job, pass.activations, grad, checked_threads(threads));
+    kernels->of<T>().field_backward(job, pass.activations, grad, checked_threads(threads));
 }
 
 template <typename T>
@@ -284,7 +268,7 @@ std::pair<double, double> coded_loss(In<T> current, In<T> previous, In<T> steps,
     job.gradient = pointer(gradient, current.size(), "gradient");
     job.by_mu = by_mu.data(), job.by_sigma = by_sigma.data();
     nb::gil_scoped_release release;
-    training<T>().coded_loss(job, checked_threads(threads));
+    kernels->of<T>().coded_loss(job, checked_threads(threads));
     return {job.bits, job.difference};
 }
 
@@ -306,7 +290,7 @@ void planes_values(In<T> quats, In<T> log_scales, In<T> logits, In<T> sh, In<T> 
     const PlanesJob<T> job = planes_job<T>(quats, log_scales, logits, sh, reference);
     expect(values, std::size_t(job.count) * std::size_t(8 + 3 * job.coefficients), "values");
     nb::gil_scoped_release release;
-    training<T>().planes_values(job, values.data(), checked_threads(threads));
+    kernels->of<T>().planes_values(job, values.data(), checked_threads(threads));
 }
 
 template <typename T>
@@ -323,7 +307,7 @@ void planes_gradients(In<T> quats, In<T> log_scales, In<T> logits, In<T> sh, In<
     const PlanesGradients<T> grad = {values.data(),       d_values.data(), d_quats.data(),
                                      d_log_scales.data(), d_logits.data(), d_sh.data()};
     nb::gil_scoped_release release;
-    training<T>().planes_gradients(job, grad, checked_threads(threads));
+    kernels->of<T>().planes_gradients(job, grad, checked_threads(threads));
 }
 
 template <typename T>
@@ -332,59 +316,50 @@ void dropout(In<T> logits, double share, std::uint32_t seed, Out<T> out, Out<T> 
     expect(derivative, logits.size(), "derivative");
     const DropoutJob<T> job = {std::int64_t(logits.size()), logits.data(), share, seed, out.data(), derivative.data()};
     nb::gil_scoped_release release;
-    training<T>().dropout(job, checked_threads(threads));
+    kernels->of<T>().dropout(job, checked_threads(threads));
 }
 
 template <typename T>
 void add_training(nb::module_& m, const char* pass_name) {
     nb::class_<FieldPass<T>>(m, pass_name, "What the backward pass of the motion field needs from the forward pass.");
-    m.def("field_forward", &field_forward<T>, nb::arg("rows").noconvert(), nb::arg("corner_weights").noconvert(),
-          nb::arg("level_rows").noconvert(), nb::arg("table").noconvert(), nb::arg("weights").noconvert(),
-          nb::arg("biases").noconvert(), nb::arg("scale"), nb::arg("out").noconvert(), nb::arg("threads"));
-    m.def("field_backward", &field_backward<T>, nb::arg("pass"), nb::arg("rows").noconvert(),
-          nb::arg("corner_weights").noconvert(), nb::arg("level_rows").noconvert(), nb::arg("table").noconvert(),
-          nb::arg("weights").noconvert(), nb::arg("biases").noconvert(), nb::arg("scale"), nb::arg("d_out").noconvert(),
-          nb::arg("d_table").noconvert(), nb::arg("d_weights").noconvert(), nb::arg("d_biases").noconvert(),
-          nb::arg("threads"));
-    m.def("coded_loss", &coded_loss<T>, nb::arg("current").noconvert(), nb::arg("previous").noconvert(),
-          nb::arg("steps").noconvert(), nb::arg("mu").noconvert(), nb::arg("sigma").noconvert(), nb::arg("seed"), nb::arg("bits_weight"), nb::arg("difference_weight"), nb::arg("gradient").noconvert().none(),
-          nb::arg("by_mu").noconvert(), nb::arg("by_sigma").noconvert(), nb::arg("threads"),
+    m.def("field_forward", &field_forward<T>, array("rows"), array("corner_weights"), array("level_rows"),
+          array("table"), array("weights"), array("biases"), nb::arg("scale"), array("out"), nb::arg("threads"));
+    m.def("field_backward", &field_backward<T>, nb::arg("pass"), array("rows"), array("corner_weights"),
+          array("level_rows"), array("table"), array("weights"), array("biases"), nb::arg("scale"), array("d_out"),
+          array("d_table"), array("d_weights"), array("d_biases"), nb::arg("threads"));
+    m.def("coded_loss", &coded_loss<T>, array("current"), array("previous"), array("steps"), array("mu"),
+          array("sigma"), nb::arg("seed"), nb::arg("bits_weight"), nb::arg("difference_weight"),
+          array("gradient").none(), array("by_mu"), array("by_sigma"), nb::arg("threads"),
           "Sums of bits and differences; writes the gradient of their weighted sum.");
-    m.def("planes_values", &planes_values<T>, nb::arg("quats").noconvert(), nb::arg("log_scales").noconvert(),
-          nb::arg("logits").noconvert(), nb::arg("sh").noconvert(), nb::arg("reference").noconvert(),
-          nb::arg("values").noconvert(), nb::arg("threads"));
-    m.def("planes_gradients", &planes_gradients<T>, nb::arg("quats").noconvert(), nb::arg("log_scales").noconvert(),
-          nb::arg("logits").noconvert(), nb::arg("sh").noconvert(), nb::arg("reference").noconvert(),
-          nb::arg("values").noconvert(), nb::arg("d_values").noconvert(), nb::arg("d_quats").noconvert(),
-          nb::arg("d_log_scales").noconvert(), nb::arg("d_logits").noconvert(), nb::arg("d_sh").noconvert(),
+    m.def("planes_values", &planes_values<T>, array("quats"), array("log_scales"), array("logits"), array("sh"),
+          array("reference"), array("values"), nb::arg("threads"));
+    m.def("planes_gradients", &planes_gradients<T>, array("quats"), array("log_scales"), array("logits"), array("sh"),
+          array("reference"), array("values"), array("d_values"), array("d_quats"), array("d_log_scales"),
+          array("d_logits"), array("d_sh"), nb::arg("threads"));
+    m.def("dropout", &dropout<T>, array("logits"), nb::arg("share"), nb::arg("seed"), array("out"), array("derivative"),
           nb::arg("threads"));
-    m.def("dropout", &dropout<T>, nb::arg("logits").noconvert(), nb::arg("share"), nb::arg("seed"),
-          nb::arg("out").noconvert(), nb::arg("derivative").noconvert(), nb::arg("threads"));
 }
 
 template <typename T>
 void add(nb::module_& m, const char* frame_name) {
     nb::class_<Frame<T>>(m, frame_name, "What the backward pass needs from the forward pass.")
         .def_prop_ro("pairs", [](const Frame<T>& f) { return f.pairs; }, "Number of (tile, splat) pairs.");
-    m.def("forward", &forward<T>, nb::arg("means").noconvert(), nb::arg("quats").noconvert(),
-          nb::arg("log_scales").noconvert(), nb::arg("logits").noconvert(), nb::arg("sh").noconvert(),
-          nb::arg("offsets").noconvert().none(), nb::arg("camera").noconvert(), nb::arg("width"), nb::arg("height"),
-          nb::arg("near"), nb::arg("alpha_max"), nb::arg("dilation"), nb::arg("background").noconvert(),
-          nb::arg("image").noconvert(), nb::arg("alpha").noconvert(), nb::arg("depth").noconvert(),
-          nb::arg("radii").noconvert(), nb::arg("threads"));
-    m.def("backward", &backward<T>, nb::arg("frame"), nb::arg("means").noconvert(), nb::arg("quats").noconvert(),
-          nb::arg("log_scales").noconvert(), nb::arg("logits").noconvert(), nb::arg("sh").noconvert(),
-          nb::arg("image").noconvert(), nb::arg("alpha").noconvert(), nb::arg("depth").noconvert(),
-          nb::arg("d_image").noconvert().none(), nb::arg("d_alpha").noconvert().none(),
-          nb::arg("d_depth").noconvert().none(), nb::arg("d_means").noconvert().none(), nb::arg("d_quats").noconvert().none(),
-          nb::arg("d_log_scales").noconvert().none(), nb::arg("d_logits").noconvert().none(), nb::arg("d_sh").noconvert().none(),
-          nb::arg("d_offsets").noconvert().none(), nb::arg("threads"));
+    m.def("forward", &forward<T>, array("means"), array("quats"), array("log_scales"), array("logits"), array("sh"),
+          array("offsets").none(), array("camera"), nb::arg("width"), nb::arg("height"), nb::arg("near"),
+          nb::arg("alpha_max"), nb::arg("dilation"), array("background"), array("image"), array("alpha"),
+          array("depth"), array("radii"), nb::arg("threads"));
+    m.def("backward", &backward<T>, nb::arg("frame"), array("means"), array("quats"), array("log_scales"),
+          array("logits"), array("sh"), array("image"), array("alpha"), array("depth"), array("d_image").none(),
+          array("d_alpha").none(), array("d_depth").none(), array("d_means").none(), array("d_quats").none(),
+          array("d_log_scales").none(), array("d_logits").none(), array("d_sh").none(), array("d_offsets").none(),
+          nb::arg("threads"));
 }
 
 }  // namespace
 }  // namespace vs
 
 NB_MODULE(_kernels, m) {
+    using vs::array;
     // An autograd graph may still hold a frame when the interpreter exits; that is not worth a leak warning.
     nb::set_leak_warnings(false);
     m.attr("interface") = 4;  // as KERNEL_INTERFACE in cpu.py: raise both when functions or their arguments change
@@ -393,11 +368,11 @@ NB_MODULE(_kernels, m) {
     vs::add<double>(m, "FrameDouble");
     vs::add_training<float>(m, "FieldPassFloat");
     vs::add_training<double>(m, "FieldPassDouble");
-    m.def("loss", &vs::loss, nb::arg("image").noconvert(), nb::arg("target").noconvert(), nb::arg("width"),
-          nb::arg("height"), nb::arg("dssim_weight"), nb::arg("gradient").noconvert().none(), nb::arg("threads"),
+    m.def("loss", &vs::loss, array("image"), array("target"), nb::arg("width"), nb::arg("height"),
+          nb::arg("dssim_weight"), array("gradient").none(), nb::arg("threads"),
           "Mean absolute difference and mean SSIM; writes the gradient of (1 - w) L1 + w (1 - SSIM).");
-    m.def("over", &vs::over, nb::arg("image").noconvert(), nb::arg("rest").noconvert(), nb::arg("color").noconvert(),
-          nb::arg("out").noconvert(), nb::arg("threads"), "out = image + rest * color, per pixel.");
+    m.def("over", &vs::over, array("image"), array("rest"), array("color"), array("out"), nb::arg("threads"),
+          "out = image + rest * color, per pixel.");
     vs::add_dequantize(m);
     m.def("empty_float", &vs::empty<float>, nb::arg("shape"),
           "An uninitialized float32 torch tensor in recycled memory.");

@@ -29,10 +29,10 @@ struct PixelLanes {
         return lanes;
     }
     VS_MEMBER V all(T value) { return broadcast<T>(value); }
-    VS_MEMBER M ge(V a, V b) { return VS_ISA::ge<T>(a, b); }
-    VS_MEMBER M gt(V a, V b) { return VS_ISA::gt<T>(a, b); }
-    VS_MEMBER M le(V a, V b) { return VS_ISA::le<T>(a, b); }
-    VS_MEMBER M lt(V a, V b) { return VS_ISA::lt<T>(a, b); }
+    VS_MEMBER M ge(V a, V b) { return a >= b; }
+    VS_MEMBER M gt(V a, V b) { return a > b; }
+    VS_MEMBER M le(V a, V b) { return a <= b; }
+    VS_MEMBER M lt(V a, V b) { return a < b; }
     VS_MEMBER M both(M a, M b) { return a & b; }
     VS_MEMBER bool any(M m) { return VS_ISA::any(m); }
     VS_MEMBER V keep(M m, V a) { return zero_unless<T>(m, a); }    // zero elsewhere
@@ -47,7 +47,6 @@ struct PixelLanes {
 template <>
 struct PixelLanes<float> {
     typedef float V __attribute__((vector_size(64)));
-    typedef int32_t I __attribute__((vector_size(64)));
     using M = __mmask16;
     static constexpr int BLOCK_H = 4;
     VS_MEMBER V x() {
@@ -69,18 +68,7 @@ struct PixelLanes<float> {
     VS_MEMBER V clear(M m, V a) { return (V)_mm512_maskz_mov_ps(M(~m), (__m512)a); }
     VS_MEMBER V select(M m, V a, V b) { return (V)_mm512_mask_mov_ps((__m512)b, m, (__m512)a); }
     VS_MEMBER V min(V a, V b) { return (V)_mm512_min_ps((__m512)a, (__m512)b); }
-    VS_MEMBER V exp2(V x) {  // as vexp2
-        const V magic = all(12582912.0f);
-        V shifted = x + magic;
-        V f = x - (shifted - magic);
-        V p = all(1.3276538e-3f);
-        p = p * f + 9.6755400e-3f;
-        p = p * f + 5.5507133e-2f;
-        p = p * f + 2.4022120e-1f;
-        p = p * f + 6.9314697e-1f;
-        p = p * f + 1.0000001f;
-        return (V)((I)p + ((I)shifted << 23));
-    }
+    VS_MEMBER V exp2(V a) { return vexp2(a); }
     VS_MEMBER VFloat eight(V a) {
         VFloat half[2];
         __builtin_memcpy(half, &a, sizeof(a));

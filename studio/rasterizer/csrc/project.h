@@ -132,13 +132,10 @@ static std::uint64_t project_chunk(const Splats<T>& splats, const Camera& camera
         V extent = vsqrt(vmax<T>(T(1.3862943611198906) * (g.log2_opacity - T(ALPHA_MIN_LOG2)), V{}));
         V half_x = extent * vsqrt(g.xx), half_y = extent * vsqrt(g.yy);
         // Comparisons with NaN are false, so such splats are not drawn.
-        M visible =
-            ge<T>(g.depth, broadcast<T>(T(camera.near))) & ge<T>(g.log2_opacity, broadcast<T>(T(ALPHA_MIN_LOG2)));
-        visible &= gt<T>(g.quat_length, V{}) & lt<T>(g.quat_length, broadcast<T>(too_large));
-        visible &= gt<T>(g.det, V{}) & lt<T>(g.det, broadcast<T>(too_large)) & lt<T>(g.depth, broadcast<T>(too_large));
-        visible &= gt<T>(mx + half_x, V{}) & lt<T>(mx - half_x, broadcast<T>(width));
-        visible &= gt<T>(my + half_y, V{}) & lt<T>(my - half_y, broadcast<T>(height));
-        visible &= lt<T>(half_x, broadcast<T>(too_large)) & lt<T>(half_y, broadcast<T>(too_large));
+        M visible = (g.depth >= T(camera.near)) & (g.depth < too_large) & (g.log2_opacity >= T(ALPHA_MIN_LOG2));
+        visible &= (g.quat_length > T(0)) & (g.quat_length < too_large) & (g.det > T(0)) & (g.det < too_large);
+        visible &= (mx + half_x > T(0)) & (mx - half_x < width) & (half_x < too_large);
+        visible &= (my + half_y > T(0)) & (my - half_y < height) & (half_y < too_large);
         if (!any(visible)) {
             for (int i = 0; i < valid; i++) {
                 projected[first + i].visible = 0;
@@ -154,7 +151,7 @@ static std::uint64_t project_chunk(const Splats<T>& splats, const Camera& camera
         for (int c = 0; c < 3; c++) {
             color[c] = broadcast<T>(T(0.5));
             for (int k = 0; k < splats.coefficients; k++) color[c] += basis[k] * sh[3 * k + c];
-            visible &= lt<T>(color[c], broadcast<T>(too_large)) & gt<T>(color[c], broadcast<T>(-too_large));
+            visible &= (color[c] < too_large) & (color[c] > -too_large);
         }
 
         // u = a dx + b dy, v = c dy with u^2 + v^2 = (log2(e) / 2) d^T cov^-1 d

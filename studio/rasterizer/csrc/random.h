@@ -44,7 +44,7 @@ static void dropout(const DropoutJob<T>& job, int threads) {
             const V raised = opacity * raise;
             const V drawn = vmin<T>(vmax<T>(raised, low), high), left = T(1) - drawn;
             const V slope = raise * opacity * (T(1) - opacity) / (drawn * left);
-            const Mask<T> inside = ge<T>(raised, low) & le<T>(raised, high);
+            const Mask<T> inside = (raised >= low) & (raised <= high);
             store<T>(lanes, T(0.69314718055994531) * (vlog2(drawn) - vlog2(left)));
             store<T>(slopes, zero_unless<T>(inside, slope));
             for (int i = 0; i < valid; i++) {

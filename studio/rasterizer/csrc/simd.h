@@ -49,26 +49,10 @@ VS_INLINE Vec<T> load(const T* p) {
     __builtin_memcpy(&v, p, sizeof(v));
     return v;
 }
-template <typename T>
-VS_INLINE void store(T* p, Vec<T> v) {
+// Stores a vector of any width.
+template <typename T, typename V>
+VS_INLINE void store(T* p, V v) {
     __builtin_memcpy(p, &v, sizeof(v));
-}
-
-template <typename T>
-VS_INLINE Mask<T> ge(Vec<T> a, Vec<T> b) {
-    return (Mask<T>)(a >= b);
-}
-template <typename T>
-VS_INLINE Mask<T> gt(Vec<T> a, Vec<T> b) {
-    return (Mask<T>)(a > b);
-}
-template <typename T>
-VS_INLINE Mask<T> lt(Vec<T> a, Vec<T> b) {
-    return (Mask<T>)(a < b);
-}
-template <typename T>
-VS_INLINE Mask<T> le(Vec<T> a, Vec<T> b) {
-    return (Mask<T>)(a <= b);
 }
 
 // The value where the mask is set, else zero, even where the value is NaN.
@@ -133,43 +117,49 @@ VS_INLINE VDouble vsqrt(VDouble a) {
     return a;
 }
 
-// 2^x for -126 < x < 127 with a relative error below 2e-7; undefined outside that range. Adding the magic number
-// 1.5 * 2^23 rounds x and leaves the integer part in the low mantissa bits. The fraction goes through a minimax
-// polynomial of degree 5 on [-1/2, 1/2].
-VS_INLINE VFloat vexp2(VFloat x) {
-    const VFloat magic = broadcast<float>(12582912.0f);
-    VFloat shifted = x + magic;
-    VFloat f = x - (shifted - magic);
-    VFloat p = broadcast<float>(1.3276538e-3f);
-    p = p * f + 9.6755400e-3f;
-    p = p * f + 5.5507133e-2f;
-    p = p * f + 2.4022120e-1f;
-    p = p * f + 6.9314697e-1f;
-    p = p * f + 1.0000001f;
-    return (VFloat)((VInt32)p + ((VInt32)shifted << 23));
-}
-VS_INLINE VDouble vexp2(VDouble x) {
-    for (int i = 0; i < LANES; i++) x[i] = __builtin_exp2(x[i]);
-    return x;
+// 2^x of a vector of any width. Float: for -126 < x < 127 with a relative error below 2e-7; undefined outside that
+// range. Adding the magic number 1.5 * 2^23 rounds x and leaves the integer part in the low mantissa bits. The fraction
+// goes through a minimax polynomial of degree 5 on [-1/2, 1/2].
+template <typename V>
+VS_INLINE V vexp2(V x) {
+    if constexpr (sizeof(x[0]) == 8) {
+        for (int i = 0; i < int(sizeof(V) / 8); i++) x[i] = __builtin_exp2(x[i]);
+        return x;
+    } else {
+        using I = decltype(x < x);
+        const V magic = V{} + 12582912.0f;
+        V shifted = x + magic;
+        V f = x - (shifted - magic);
+        V p = V{} + 1.3276538e-3f;
+        p = p * f + 9.6755400e-3f;
+        p = p * f + 5.5507133e-2f;
+        p = p * f + 2.4022120e-1f;
+        p = p * f + 6.9314697e-1f;
+        p = p * f + 1.0000001f;
+        return (V)((I)p + ((I)shifted << 23));
+    }
 }
 
-// log2(x) for positive normal x. The error is about 1e-7 times max(1, |result|).
-VS_INLINE VFloat vlog2(VFloat x) {
-    VInt32 i = (VInt32)x;
-    VInt32 e = (i - 0x3f3504f3) >> 23;  // puts the mantissa into [sqrt(1/2), sqrt(2))
-    VFloat m = (VFloat)(i - (e << 23));
-    VFloat s = (m - 1.0f) / (m + 1.0f);
-    VFloat s2 = s * s;
-    VFloat p = broadcast<float>(0.32059890f);  // 2 / (9 ln 2), then 2 / (7 ln 2) ...
-    p = p * s2 + 0.41219859f;
-    p = p * s2 + 0.57707802f;
-    p = p * s2 + 0.96179669f;
-    p = p * s2 + 2.8853901f;
-    return __builtin_convertvector(e, VFloat) + p * s;
-}
-VS_INLINE VDouble vlog2(VDouble x) {
-    for (int i = 0; i < LANES; i++) x[i] = __builtin_log2(x[i]);
-    return x;
+// log2(x) of a vector of any width, for positive normal x in float. The error is about 1e-7 times max(1, |result|).
+template <typename V>
+VS_INLINE V vlog2(V x) {
+    if constexpr (sizeof(x[0]) == 8) {
+        for (int i = 0; i < int(sizeof(V) / 8); i++) x[i] = __builtin_log2(x[i]);
+        return x;
+    } else {
+        using I = decltype(x < x);
+        I i = (I)x;
+        I e = (i - 0x3f3504f3) >> 23;  // puts the mantissa into [sqrt(1/2), sqrt(2))
+        V m = (V)(i - (e << 23));
+        V s = (m - 1.0f) / (m + 1.0f);
+        V s2 = s * s;
+        V p = V{} + 0.32059890f;  // 2 / (9 ln 2), then 2 / (7 ln 2) ...
+        p = p * s2 + 0.41219859f;
+        p = p * s2 + 0.57707802f;
+        p = p * s2 + 0.96179669f;
+        p = p * s2 + 2.8853901f;
+        return __builtin_convertvector(e, V) + p * s;
+    }
 }
 
 // e^x as 2^(x log2 e), compensated for the rounding of the product. 0 or infinity outside the range of the type.
@@ -179,8 +169,8 @@ VS_INLINE VFloat vexp(VFloat x) {
     VFloat whole = (t + 12582912.0f) - 12582912.0f;
     VFloat part = (x * high - whole) + x * low;
     VFloat y = vexp2(whole + part);
-    y = select<float>(lt<float>(t, broadcast<float>(-125.0f)), broadcast<float>(0.0f), y);
-    return select<float>(gt<float>(t, broadcast<float>(126.0f)), broadcast<float>(__builtin_inff()), y);
+    y = select<float>(t < -125.0f, VFloat{}, y);
+    return select<float>(t > 126.0f, broadcast<float>(__builtin_inff()), y);
 }
 VS_INLINE VDouble vexp(VDouble x) {
     for (int i = 0; i < LANES; i++) x[i] = __builtin_exp(x[i]);
@@ -248,10 +238,6 @@ VS_INLINE Wide<T> wide_load(const T* p) {
     return v;
 }
 template <typename T>
-VS_INLINE void wide_store(T* p, Wide<T> v) {
-    __builtin_memcpy(p, &v, sizeof(v));
-}
-template <typename T>
 VS_INLINE Wide<T> wide_all(T x) {
     return Wide<T>{} + x;
 }
@@ -259,51 +245,18 @@ VS_INLINE Wide<T> wide_all(T x) {
 template <typename T>
 VS_INLINE T wide_sum(Wide<T> v) {
     T lanes[WIDTH<T>];
-    wide_store<T>(lanes, v);
+    store(lanes, v);
     for (int half = WIDTH<T> / 2; half > 0; half /= 2)
         for (int i = 0; i < half; i++) lanes[i] += lanes[i + half];
     return lanes[0];
 }
 
-// 2^x; 0 below -120 in float. The polynomial is that of vexp2.
+// 2^x; 0 below -120 in float.
 VS_INLINE WFloat wide_exp2(WFloat x) {
-    const WFloat magic = WFloat{} + 12582912.0f;
     const WFloat tiny = WFloat{} - 120.0f;
-    WFloat clamped = x < tiny ? tiny : x;
-    WFloat shifted = clamped + magic;
-    WFloat f = clamped - (shifted - magic);
-    WFloat p = WFloat{} + 1.3276538e-3f;
-    p = p * f + 9.6755400e-3f;
-    p = p * f + 5.5507133e-2f;
-    p = p * f + 2.4022120e-1f;
-    p = p * f + 6.9314697e-1f;
-    p = p * f + 1.0000001f;
-    WFloat y = (WFloat)((WInt32)p + ((WInt32)shifted << 23));
-    return x < tiny ? WFloat{} : y;
+    return x < tiny ? WFloat{} : vexp2(x < tiny ? tiny : x);
 }
-VS_INLINE WDouble wide_exp2(WDouble x) {
-    for (int i = 0; i < WIDTH<double>; i++) x[i] = __builtin_exp2(x[i]);
-    return x;
-}
-
-// log2(x) for positive normal x, as vlog2.
-VS_INLINE WFloat wide_log2(WFloat x) {
-    WInt32 i = (WInt32)x;
-    WInt32 e = (i - 0x3f3504f3) >> 23;
-    WFloat m = (WFloat)(i - (e << 23));
-    WFloat s = (m - 1.0f) / (m + 1.0f);
-    WFloat s2 = s * s;
-    WFloat p = WFloat{} + 0.32059890f;
-    p = p * s2 + 0.41219859f;
-    p = p * s2 + 0.57707802f;
-    p = p * s2 + 0.96179669f;
-    p = p * s2 + 2.8853901f;
-    return __builtin_convertvector(e, WFloat) + p * s;
-}
-VS_INLINE WDouble wide_log2(WDouble x) {
-    for (int i = 0; i < WIDTH<double>; i++) x[i] = __builtin_log2(x[i]);
-    return x;
-}
+VS_INLINE WDouble wide_exp2(WDouble x) { return vexp2(x); }
 
 // exp(x^2) erfc(x) for x >= 0. Float: the Chebyshev fit of Numerical Recipes (relative error below 1.2e-7).
 VS_INLINE WFloat wide_erfcx(WFloat x) {

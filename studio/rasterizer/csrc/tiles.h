@@ -131,7 +131,7 @@ VS_INLINE BlockSet<T> touched_blocks(const Projected<T>& p, const TileBox& box) 
         V half0 = p.width * vsqrt(vmax<T>(rest0, V{})), half1 = p.width * vsqrt(vmax<T>(rest1, V{}));
         V mid0 = x + p.slant * dy0, mid1 = x + p.slant * dy1;
         const V far = broadcast<T>(T(1e6));
-        const M valid0 = ge<T>(rest0, V{}), valid1 = ge<T>(rest1, V{});
+        const M valid0 = rest0 >= T(0), valid1 = rest1 >= T(0);
         V low = vmin<T>(select<T>(valid0, mid0 - half0, far), select<T>(valid1, mid1 - half1, far));
         V high = vmax<T>(select<T>(valid0, mid0 + half0, -far), select<T>(valid1, mid1 + half1, -far));
         low = vmin<T>(vmax<T>(low + T(0.998), V{}), broadcast<T>(T(TILE)));

@@ -62,13 +62,8 @@ struct Scene {
         const vs::Gradients<T> gradients = {image.data(),        alpha.data(),    depth.data(),   d_image.data(),
                                             d_alpha.data(),      d_depth.data(),  d_means.data(), d_quats.data(),
                                             d_log_scales.data(), d_logits.data(), d_sh.data(),    d_offsets.data()};
-        if constexpr (sizeof(T) == 4) {
-            kernels.forward_float(splats, out, frame, threads);
-            kernels.backward_float(splats, gradients, frame, threads);
-        } else {
-            kernels.forward_double(splats, out, frame, threads);
-            kernels.backward_double(splats, gradients, frame, threads);
-        }
+        kernels.of<T>().forward(splats, out, frame, threads);
+        kernels.of<T>().backward(splats, gradients, frame, threads);
         require(frame.pairs > COUNT, "the scene is visible");
         std::vector<T> all;
         for (const std::vector<T>* part :
