@@ -249,7 +249,6 @@ class Layout:
         self._place_over(context, inner, y + row, view_width, bottom - y - row)
 
     def _place_over(self, context: gui.LayoutContext, x: int, y: int, width: int, height: int) -> None:
-        """Place what lies over the view."""
         panels = self._panels
         self.view = (x, y, width, height)
         wide, high = _size_of(panels.message, context, width)

@@ -1,6 +1,5 @@
 """Bakes that the take keeps: list, compare, keep."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 from gui.drawing.palette import BAD, DIM
@@ -41,7 +40,7 @@ class BakeActions:
         self._message = dialogs.label(in_lines("", MESSAGE_LINES))
         row = dialogs.row(
             (
-                ("compare", "Compare with it", lambda: self._of_selected(self._compare)),
+                ("compare", "Compare with it", self._compare),
                 ("keep", "Keep the stream as...", self._ask_keep),
                 ("compare_take", "Compare with another take...", self._ask_take),
             )
@@ -54,11 +53,9 @@ class BakeActions:
         stop: list[Answer] = [] if other is None else [("stop", "Stop comparing", self._stop)]
         parts = [dialogs.label(words), self._list, row, self._message]
         dialogs.show(NAME, "Bakes", parts, [*stop, ("close", "Close", dialogs.close)], 150, accent="close")
-        dialogs.widgets |= {"list": self._list}
         self._update()
 
     def _update(self) -> None:
-        """Show the bakes as they are now."""
         dialogs, bakes = self._window.dialogs, self.bakes
         dialogs.lines = [bake_words(row) for row in bakes.rows]
         self._list.set_items(filled(dialogs.lines or ["No bakes are kept."], ROWS))
@@ -78,17 +75,15 @@ class BakeActions:
 
     def _select(self, _label: str, twice: bool) -> None:
         if twice:
-            self._of_selected(self._compare)
+            self._compare()
         else:
             self._enable()
 
-    def _of_selected(self, action: Callable[[KeptBake], None]) -> None:
-        if self._selected is not None:
-            action(self._selected)
-
-    def _compare(self, row: KeptBake) -> None:
-        self._window.dialogs.close()
-        self._open(row.take.stream, row.name, row.take.evaluation)
+    def _compare(self) -> None:
+        row = self._selected
+        if row is not None:
+            self._window.dialogs.close()
+            self._open(row.take.stream, row.name, row.take.evaluation)
 
     def _ask_take(self) -> None:
         dialogs, opened = self._window.dialogs, self._window.player.opened

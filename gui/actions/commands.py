@@ -22,7 +22,7 @@ from gui.actions.search import SearchActions, opens_list
 from gui.actions.shares import ask_share, follow_sharing, serve
 from gui.actions.start import StartActions
 from gui.models.loop import later
-from gui.models.preferences import BACKGROUND_NAMES, PICTURE_SIZES, Preferences
+from gui.models.preferences import BACKGROUND_NAMES, PICTURE_SIZES
 from gui.models.stage_rows import TITLES
 from gui.models.take.setting_words import FOLDERS
 from gui.models.take.settings import SettingField, place_of
@@ -74,8 +74,8 @@ class Actions:
             "new": self.new_take,
             "open": self._ask_open,
             "address": self._ask_address,
-            "undo": self.undo,
-            "redo": self.redo,
+            "undo": partial(self._step, window.workspace.history.undo),
+            "redo": partial(self._step, window.workspace.history.redo),
             "edit": self.edits.show,
             "screenshot": self._outputs.screenshot,
             "report": self._outputs.report,
@@ -159,19 +159,12 @@ class Actions:
 
     def for_chord(self, event: gui.KeyEvent, shift: bool) -> Action | None:
         """The action of a key pressed with Ctrl; None if it has none."""
-        key = gui.KeyName
+        key, history = gui.KeyName, self._window.workspace.history
         if opens_list(event, shift):
             return self.search.show
         if event.key == key.Y or (event.key == key.Z and shift):
-            return self.redo
-        return self.undo if event.key == key.Z else None
-
-    def undo(self) -> None:
-        """Reverse the last change of settings, marks or edits."""
-        self._step(self._window.workspace.history.undo)
-
-    def redo(self) -> None:
-        self._step(self._window.workspace.history.redo)
+            return partial(self._step, history.redo)
+        return partial(self._step, history.undo) if event.key == key.Z else None
 
     def _step(self, step: Callable[[], str]) -> None:
         self._window.notices.show(step())
@@ -195,12 +188,8 @@ class Actions:
         config = window.workspace.config
         if config is None:
             return
-        kind = "folder" if field.name in FOLDERS else "file"
-
-        def done(chosen: str) -> None:
-            window.stages.set_text(field, chosen)
-
-        ask_path(window.dialogs, field.label[:1].upper() + field.label[1:], place_of(field, config), kind, done)
+        title, kind = field.label[:1].upper() + field.label[1:], "folder" if field.name in FOLDERS else "file"
+        ask_path(window.dialogs, title, place_of(field, config), kind, partial(window.stages.set_text, field))
 
     def _step_span(self) -> None:
         window = self._window
@@ -284,23 +273,20 @@ class Actions:
         )
 
     def _ask_preferences(self) -> None:
-        """Ask for the preferences: render resolution, background, autoplay."""
         window, dialogs = self._window, self._window.dialogs
         chosen = replace(window.preferences, recent=list(window.preferences.recent))
-        dialogs.widgets = {}
         form = Form(dialogs, chosen)
         form.choice("picture_size", "Render resolution", list(PICTURE_SIZES))
         form.choice("background", "Background", BACKGROUND_NAMES)
         form.switch("play_on_opening", "Autoplay")
-        save = dialogs.closing(lambda: self._save_preferences(chosen))
-        form.show("preferences", "Preferences", [form.grid], ("save", "Save", save), 60)
 
-    def _save_preferences(self, preferences: Preferences) -> None:
-        window = self._window
-        window.preferences = preferences
-        window.apply_preferences()
-        words = "Preferences could not be saved; they apply until the window is closed."
-        window.notices.outcome("preferences", "" if preferences.save() else words)
+        def save() -> None:
+            window.preferences = chosen
+            window.apply_preferences()
+            words = "Preferences could not be saved; they apply until the window is closed."
+            window.notices.outcome("preferences", "" if chosen.save() else words)
+
+        form.show("preferences", "Preferences", [form.grid], ("save", "Save", dialogs.closing(save)), 60)
 
     def _about(self) -> None:
         text = (

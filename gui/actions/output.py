@@ -20,7 +20,6 @@ from gui.widgets.dialogs.form import Form
 from pipelines.commands.export import DEFAULT_OF
 from pipelines.reports.evaluation import update_marks
 from pipelines.reports.images import write_image
-from pipelines.takes.take import Take
 from studio.errors import StudioError
 from studio.formats import EXPORTS
 
@@ -108,7 +107,6 @@ class OutputActions:
     def _ask_export(self, request: ExportRequest, sources: Sequence[str], error: str = "") -> None:
         """Ask for format, frames, source, a movie's options and the path. `error`: why the export was refused."""
         dialogs = self._window.dialogs
-        dialogs.widgets = {}
         form = Form(dialogs, request)
 
         def changed() -> None:
@@ -153,19 +151,14 @@ class OutputActions:
     def report(self) -> None:
         """Write the take's report, or update its marks."""
         window = self._window
-        take: Take | None = window.workspace.take
+        context, take = window.workspace.context, window.workspace.take
         if take is None:
             window.notices.show("A report can only be written for a take, not for a stream.")
-        elif take.report.is_file() and window.workspace.row("review").state == "done":
-            self._update_report(take)
-        else:
+        elif context is None or not take.report.is_file() or window.workspace.row("review").state != "done":
             window.workspace.start("review")
             window.select("review")
-
-    def _update_report(self, take: Take) -> None:
-        context, notices = self._window.workspace.context, self._window.notices
-        assert context is not None  # otherwise no stage would be done
-        with notices.reporting("report"):
-            changed = update_marks(context.take, context.groups)
-            words = "Updated the marks in the report" if changed else "The report is up to date"
-            notices.show(f"{words}: {take.report}", path=take.report)
+        else:
+            with window.notices.reporting("report"):
+                changed = update_marks(take, context.groups)
+                words = "Updated the marks in the report" if changed else "The report is up to date"
+                window.notices.show(f"{words}: {take.report}", path=take.report)

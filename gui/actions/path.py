@@ -12,7 +12,7 @@ from gui.shell import Shell
 from gui.widgets.dialogs.folder import ask_path
 from pipelines.takes.camera_paths import PATH_SUFFIXES, keys_in_take
 from studio.errors import StudioError
-from studio.formats.camera_path import CameraPath, Key
+from studio.formats.camera_path import CameraPath
 
 
 class PathActions:
@@ -119,11 +119,8 @@ class PathActions:
         return False
 
     def _go(self, row: int) -> None:
+        player, key, frame = self._window.player, self.editor.keys[row], self.editor.frames[row]
         self.editor.selected = row
-        self._look(self.editor.keys[row], self.editor.frames[row])
-
-    def _look(self, key: Key, frame: int | None) -> None:
-        player = self._window.player
         player.transport.pause()
         player.look_through("")
         player.orbit = OrbitCamera.looking_through(key.camera, player.home.target, player.orbit.up)

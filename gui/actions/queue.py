@@ -50,7 +50,6 @@ class QueueActions:
         answers = [("start", "Start", queue.start), ("stop", "Stop", queue.stop), ("close", "Close", dialogs.close)]
         parts = [self._list, row, self._words, self._message, dialogs.label(HINT)]
         dialogs.show(NAME, "Queue of takes", parts, answers, 170)
-        dialogs.widgets |= {"list": self._list}
         self._update()
 
     @property
@@ -63,7 +62,6 @@ class QueueActions:
         return take.root if take is not None else None
 
     def _update(self) -> None:
-        """Show the queue as it is now."""
         if not self._shown:
             return
         dialogs, queue, rows = self._window.dialogs, self.queue, self.queue.view.rows

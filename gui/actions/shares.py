@@ -81,7 +81,6 @@ def _ask(window: Shell, request: ShareRequest, size: str, error: str = "") -> No
             ],
         )
 
-    dialogs.widgets = {}
     form = Form(dialogs, request)
     form.line("title", "Title")
     form.line("credits", "Credits")
@@ -138,7 +137,6 @@ def _failed(window: Shell, why: str) -> None:
 
 
 def _show_serving(window: Shell) -> None:
-    """Show the address and its QR code."""
     dialogs, serving = window.dialogs, window.serving
     dialogs.widgets = {}
     picture = ImagePanel()

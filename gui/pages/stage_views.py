@@ -335,17 +335,13 @@ class StageViews:
                 self.camera_clicked.emit(camera)  # which may select another stage
             stage_view.click(x, y)
         elif self.shows_scene:
-            self._click_scene(x, y)
-
-    def _click_scene(self, x: float, y: float) -> None:
-        player = self.player
-        cameras, ends = player.scene_places
-        end, camera = shown_at(ends, x, y), shown_at(cameras, x, y)
-        if end:
-            player.look_through("")
-            player.orbit = along(player.orbit, end)
-        elif camera:
-            self.camera_clicked.emit(camera)
+            player, (cameras, ends) = self.player, self.player.scene_places
+            end, camera = shown_at(ends, x, y), shown_at(cameras, x, y)
+            if end:
+                player.look_through("")
+                player.orbit = along(player.orbit, end)
+            elif camera:
+                self.camera_clicked.emit(camera)
 
     def context(self, x: float, y: float) -> None:
         """Handle a right click."""

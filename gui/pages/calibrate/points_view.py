@@ -32,7 +32,6 @@ class PointsView(StageView):
     def __init__(self, workspace: Workspace) -> None:
         super().__init__(workspace)
         self.marks: TieMarks | None = None
-        self.camera = ""
         self.snaps = True
         self.described: Signal[[]] = Signal()
         self.run: Signal[[]] = Signal()
@@ -44,7 +43,6 @@ class PointsView(StageView):
         self._scroll = 0
         self._refused: tuple[Path, int] | None = None  # a damaged file is read only once
         self._rig: tuple[float, Rig | None] = (0.0, None)
-        self._figures: tuple[float, Mapping[str, TiePointReport]] = (0.0, {})
         self._footage: tuple[Inputs | None, tuple[str, ...]] = (None, ())
 
     # What it depends on
@@ -175,14 +173,8 @@ class PointsView(StageView):
 
     def _solved(self) -> Mapping[str, TiePointReport]:
         """Figures by point from the last calibration, if it used tie points."""
-        take = self.workspace.take
-        if take is None or not take.calibration_report.is_file():
-            return {}
-        stamp = take.calibration_report.stat().st_mtime
-        if stamp != self._figures[0]:
-            report = read_cameras_report(take)
-            self._figures = (stamp, report.tie_points if isinstance(report, CalibrationReport) else {})
-        return self._figures[1]
+        report = read_cameras_report(self.workspace.take) if self.workspace.take is not None else None
+        return report.tie_points if isinstance(report, CalibrationReport) else {}
 
     def _cameras(self) -> Rig | None:
         """The calibrated cameras, if they match the footage's resolution."""

@@ -22,10 +22,10 @@ def refusal(error: str) -> gui.Label:
 
 
 class Form:
-    """Labeled fields, each bound to an attribute of an object. `gap`: between two fields, em."""
+    """Begins a dialog of labeled fields, each bound to an attribute of an object. `gap`: between two fields, em."""
 
     def __init__(self, dialogs: Dialogs, target: Any, gap: float = 0.6) -> None:
-        self._dialogs, self._target = dialogs, target
+        self._dialogs, self._target, dialogs.widgets = dialogs, target, {}
         self.grid = gui.VGrid(2, round(gap * dialogs.em))
         self.widgets: dict[str, gui.Widget] = {}
         self._labels, self._field = 0, FIELD
@@ -126,7 +126,6 @@ def ask_numbers(
 ) -> None:
     """Ask for the texts of fields: key, label, text. `save` gets the texts by key; it returns "", or why they are
     refused: then the dialog stays."""
-    dialogs.widgets = {}
     typed = SimpleNamespace(**{key: value for key, _, value in fields})
     form = Form(dialogs, typed)
     for key, label, _ in fields:

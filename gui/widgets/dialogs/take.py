@@ -49,7 +49,6 @@ class NewTakeDialog:
         if new is not self._new:
             self._found, self._asked = Found(""), None
         self._new, self._anchor = new, None
-        dialogs.widgets = {}
         self._size = dialogs.fitting(*SIZE)
         form = Form(dialogs, new, gap=0.35)
         self._error = error
