@@ -43,8 +43,8 @@ GROUPS = {  # commands, in the order of `v3studio --help`
 }
 
 _MODULES = (
-    "run", "status", "estimate", "cancel", "queue", "work", "edit", "check", "open_window", "play", "serve", "share",
-    "publish", "export", "import_splats", "colors", "compare", "ablate", "config", "init", "board",
+    "run", "status", "estimate", "queue", "work", "edit", "check", "open_window", "play", "serve", "share",
+    "export", "import_splats", "compare", "ablate", "config", "init", "board",
 )  # fmt: skip
 """Of `pipelines.commands`, which register the commands."""
 
@@ -124,10 +124,10 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
 
 def _run(known: argparse.Namespace) -> tuple[int, Message | None]:
     """The exit code of the command, and what went wrong."""
-    command: Callable[[argparse.Namespace], int] = known.command
+    command: Callable[[argparse.Namespace], int | None] = known.command
     try:
         known.overrides = overrides(known)
-        code = command(known)
+        code = command(known) or 0
         known.output.flush()
     except StudioError as error:
         return _refused(error)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pydantic import BaseModel
 
-from pipelines.ablation.results import AblationResults
+from pipelines.ablation.study import AblationResults
 from pipelines.takes.evaluation import Evaluation
 from pipelines.takes.records import StageRecord
 from studio.calibration.report import CalibrationReport

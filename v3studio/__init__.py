@@ -31,9 +31,8 @@ _EXPORTS = {
     "pipelines.runs.runner": ("run", "status"),
     "pipelines.runs.staleness": ("StageStatus",),
     "pipelines.share.page": ("PageText",),
-    "pipelines.share.publishing": ("publish",),
     "pipelines.share.serving": ("Serving", "serve"),
-    "pipelines.share.sharing": ("Shared", "share"),
+    "pipelines.share.sharing": ("Shared", "publish", "share"),
     "pipelines.takes.take": ("Take",),
     "pipelines.takes.videos": ("trained_video",),
     "studio.calibration": (

@@ -3,9 +3,8 @@ from pipelines.events import Event, Finished, Metrics, Progress, StageFinished, 
 from pipelines.runs.runner import run, status
 from pipelines.runs.staleness import StageStatus
 from pipelines.share.page import PageText
-from pipelines.share.publishing import publish
 from pipelines.share.serving import Serving, serve
-from pipelines.share.sharing import Shared, share
+from pipelines.share.sharing import Shared, publish, share
 from pipelines.takes.take import Take
 from pipelines.takes.videos import trained_video
 from studio.calibration import (

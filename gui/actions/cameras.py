@@ -14,7 +14,7 @@ from gui.widgets.camera_menu import Item
 from gui.widgets.dialogs.camera import ask_cameras
 from gui.widgets.dialogs.worst import WorstDialog
 from pipelines.takes.camera_uses import CameraUses
-from pipelines.takes.checked_cameras import CheckedCameras, checked_cameras
+from pipelines.takes.stage_files import CheckedCameras, checked_cameras
 from pipelines.takes.take import Take
 from studio.calibration.report import CalibrationReport
 from studio.comparison.metrics import MAIN

@@ -5,7 +5,7 @@ import html
 import io
 from pathlib import Path
 
-from pipelines.ablation.results import AblationResults
+from pipelines.ablation.study import AblationResults
 from pipelines.reports.plots import figure_with_axes
 from pipelines.takes.atomic_files import write_bytes, write_text
 from studio.counts import counted

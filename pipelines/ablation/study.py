@@ -5,22 +5,62 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from pipelines.ablation.results import AblationResults, RatePoint, VariantResult
 from pipelines.ablation.variants import Variant
 from pipelines.config import Config, load_config
 from pipelines.config.loading import dump_config
 from pipelines.events import Emit
 from pipelines.runs.runner import run
 from pipelines.stages import STAGE_NAMES
-from pipelines.takes.atomic_files import digest_of, read_model, write_model
+from pipelines.takes.atomic_files import Result, digest_of, read_model, write_model
 from pipelines.takes.drawn_masks import for_another_take
-from pipelines.takes.evaluation import read_evaluation
+from pipelines.takes.evaluation import Protocol, read_evaluation
 from pipelines.takes.frame_numbers import trained_groups
 from pipelines.takes.take import Take
 
 _KEPT = ("psnr_decoded", "psnr_trained", "ssim_decoded", "lpips_decoded")
 METHOD: dict[str, str | bool | int] = {"method": "pchip", "require_matching_points": False, "min_overlap": 0}
 """Of `bjontegaard`: piecewise cubic interpolation over the range that both curves cover."""
+
+
+class RatePoint(Result):
+    """A variant baked at one QP, measured after decoding."""
+
+    qp: int
+    kb_per_frame: float
+    """Size of the whole stream per frame; 1 KB is 1000 bytes."""
+
+    psnr_decoded: float
+    psnr_trained: float | None = None
+    ssim_decoded: float | None = None
+    lpips_decoded: float | None = None
+
+
+class VariantResult(Result):
+    """One variant."""
+
+    name: str
+    title: str
+
+    settings: str = ""
+    """Digest of its settings; points measured with other settings are discarded."""
+
+    points: tuple[RatePoint, ...] = ()
+    """In ascending order of QP."""
+
+    bd_rate_percent: float | None = None
+    """Mean size difference from the first variant at equal PSNR; negative means smaller. None if the curves do not
+    overlap; not set for the first variant."""
+
+    bd_psnr_db: float | None = None
+    """Mean PSNR difference from the first variant at equal size."""
+
+
+class AblationResults(Result):
+    """Contents of ablation.json."""
+
+    protocol: Protocol | None = None
+    qps: tuple[int, ...] = ()
+    variants: tuple[VariantResult, ...] = ()
 
 
 def ablate(

@@ -43,7 +43,7 @@ def register(commands: Any) -> None:
     parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
 
 
-def _ablate(arguments: argparse.Namespace) -> int:
+def _ablate(arguments: argparse.Namespace) -> None:
     from pipelines.ablation.report import table_rows, write_plot, write_report
     from pipelines.ablation.study import ablate
     from pipelines.ablation.variants import chosen
@@ -75,14 +75,13 @@ def _ablate(arguments: argparse.Namespace) -> int:
     write_report(results, default, arguments.out / "ablation.html")
     arguments.result = {"path": str(arguments.out.absolute()), **results.to_json()}
     if arguments.json:
-        return 0
+        return
     header, *rows = table_rows(results, default)
     table = table_of(*header, left=(0,))
     for row in rows:
         table.add_row(*row)
     console().print(table)
     console().print(f"plot and report: {arguments.out / 'ablation.png'}, {arguments.out / 'ablation.html'}")
-    return 0
 
 
 def _is_study(out: Path) -> bool:

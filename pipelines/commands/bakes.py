@@ -33,26 +33,25 @@ def register(commands: Any) -> None:
 
 
 def _command(
-    commands: Any, name: str, text: str, command: Callable[[argparse.Namespace], int], more: str = ""
+    commands: Any, name: str, text: str, command: Callable[[argparse.Namespace], None], more: str = ""
 ) -> argparse.ArgumentParser:
     parser = add_command(commands, f"bake {name}", text, command, more)
     parser.add_argument("take", type=Path, metavar="TAKE", help="folder of the take")
     return parser
 
 
-def _list(arguments: argparse.Namespace) -> int:
+def _list(arguments: argparse.Namespace) -> None:
     from pipelines.takes.kept_bakes import kept_bakes
     from pipelines.takes.take import Take
 
     found = kept_bakes(Take.open(arguments.take))
     arguments.result = {"bakes": [kept.to_json() for kept in found]}
     if arguments.json:
-        return 0
+        return
     if not found:
         print("No bakes are kept. `v3studio bake keep TAKE NAME` keeps the stream.")
-        return 0
+        return
     _print(found)
-    return 0
 
 
 def _print(found: list[KeptBake]) -> None:
@@ -77,22 +76,22 @@ def _print(found: list[KeptBake]) -> None:
     console().print(shown)
 
 
-def _keep(arguments: argparse.Namespace) -> int:
+def _keep(arguments: argparse.Namespace) -> None:
     from pipelines.takes.kept_bakes import keep_bake
 
     def keep(take: Take) -> None:
         arguments.result = {"path": str(keep_bake(take, arguments.name).take.root.absolute())}
 
-    return _change(arguments, "keep", keep)
+    _change(arguments, "keep", keep)
 
 
-def _choose(arguments: argparse.Namespace) -> int:
+def _choose(arguments: argparse.Namespace) -> None:
     from pipelines.takes.kept_bakes import choose_bake
 
-    return _change(arguments, "choose", lambda take: choose_bake(take, arguments.name))
+    _change(arguments, "choose", lambda take: choose_bake(take, arguments.name))
 
 
-def _remove(arguments: argparse.Namespace) -> int:
+def _remove(arguments: argparse.Namespace) -> None:
     from pipelines.takes.kept_bakes import kept_bake, remove_bake
 
     def remove(take: Take) -> None:
@@ -101,10 +100,10 @@ def _remove(arguments: argparse.Namespace) -> int:
         for name in arguments.name:
             remove_bake(take, name)
 
-    return _change(arguments, "remove", remove)
+    _change(arguments, "remove", remove)
 
 
-def _change(arguments: argparse.Namespace, name: str, change: Callable[[Take], object]) -> int:
+def _change(arguments: argparse.Namespace, name: str, change: Callable[[Take], object]) -> None:
     from pipelines.takes.atomic_files import disk_errors
     from pipelines.takes.kept_bakes import kept_bakes
     from pipelines.takes.take import Take
@@ -113,4 +112,3 @@ def _change(arguments: argparse.Namespace, name: str, change: Callable[[Take], o
     with take.locked(f"v3studio bake {name}"), disk_errors(take.root):
         change(take)
         arguments.result |= {"bakes": [kept.to_json() for kept in kept_bakes(take)]}
-    return 0

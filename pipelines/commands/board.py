@@ -1,4 +1,4 @@
-"""`v3studio board` and `v3studio sync`: preparing a capture."""
+"""`v3studio board`, `sync` and `colors`: preparing a capture."""
 
 import argparse
 from contextlib import closing
@@ -42,8 +42,22 @@ def register(commands: Any) -> None:
     )
     sync.add_argument("--seconds", type=float, default=1.0, metavar="S", help="largest offset in seconds (default: 1)")
 
+    more = (
+        "Finds a ColorChecker Classic (24 patches) in the image of each camera, and shows how far the cameras' colors "
+        "are apart before and after the correction that train.camera_colors makes."
+    )
+    colors = add_command(commands, "colors", "compare the cameras' colors on a ColorChecker", _colors, more)
+    add_source(colors)
+    colors.add_argument(
+        "--chart-frame",
+        type=int,
+        required=True,
+        metavar="N",
+        help="frame in which the cameras see the chart, as numbered in the files",
+    )
 
-def _board(arguments: argparse.Namespace) -> int:
+
+def _board(arguments: argparse.Namespace) -> None:
     from pydantic import ValidationError
 
     from studio.calibration import CalibrationTarget, write_target_pdf
@@ -80,10 +94,9 @@ def _board(arguments: argparse.Namespace) -> int:
         f"{arguments.file}: {width:g} x {height:g} mm. Print at 100%, measure a square, and use these settings with "
         f"the measured size:\n{dump_yaml(values).rstrip()}",
     )
-    return 0
 
 
-def _sync(arguments: argparse.Namespace) -> int:
+def _sync(arguments: argparse.Namespace) -> None:
     from studio.capture import open_footage, refuse_unknown_cameras
     from studio.capture.sync import check_sync
 
@@ -96,7 +109,7 @@ def _sync(arguments: argparse.Namespace) -> int:
         values = {"method": report.method, "offsets": report.offsets, "confidence": report.confidence}
         values |= {"timecodes": report.timecodes, "whole": report.whole, "unsure": list(report.unsure)}
         arguments.result = values
-        return 0
+        return
     for name, offset in report.offsets.items():
         if report.method == "timecode":
             print(f"{name}: {offset:+.0f} frames (timecode {report.timecodes[name]})")
@@ -109,4 +122,26 @@ def _sync(arguments: argparse.Namespace) -> int:
     elif report.whole:
         words = ", ".join(f"{name}: {offset}" for name, offset in report.whole.items())
         print(f"capture: {{offsets: {{{words}}}}}")
-    return 0
+
+
+def _colors(arguments: argparse.Namespace) -> None:
+    from pipelines.commands.common.working import working
+    from studio.capture import open_footage
+    from studio.capture.color_chart import fit_chart_colors
+
+    capture = read_settings(arguments.source, arguments.overrides).capture
+    footage = open_footage(capture.replace(masks="none", audio=None), None, strict=False)
+    with closing(footage), working("colors", arguments) as progress:
+        fit = fit_chart_colors(footage, arguments.chart_frame, footage.train_cameras, progress)
+    settings = {"train": {"camera_colors": fit.frame}}
+    without = {name: error.problem for name, error in fit.without.items()}
+    figures = {"before": fit.before, "after": fit.after, "without": without, "patches": fit.patches}
+    arguments.result = {**figures, **settings}
+    for name in footage.train_cameras:
+        if name in fit.matrices:
+            before, after = fit.before[name], fit.after[name]
+            print_text(arguments, f"{name}: found, {before:.1f} levels of 255 from the mean camera, {after:.1f} after")
+        else:
+            print_text(arguments, f"{name}: {without[name]}; not corrected")
+    found = f"{len(fit.matrices)} of {len(footage.train_cameras)} cameras, {fit.patches} of 24 patches"
+    print_text(arguments, f"{found}. To correct them:\ntrain: {{camera_colors: {fit.frame}}}")

@@ -53,7 +53,7 @@ def register(commands: Any) -> None:
     parser.add_argument("--device", default="auto", help="torch device, as the setting run.device")
 
 
-def _compare(arguments: argparse.Namespace) -> int:
+def _compare(arguments: argparse.Namespace) -> None:
     from pipelines.commands.common.working import working
     from pipelines.comparison.compare import compare
     from pipelines.comparison.results import RESULTS
@@ -86,7 +86,6 @@ def _compare(arguments: argparse.Namespace) -> int:
     arguments.result = {"path": str(arguments.out.absolute()), **result.to_json()}
     if not arguments.json:
         _print(result, arguments.out)
-    return 0
 
 
 def _is_comparison(out: Path) -> bool:

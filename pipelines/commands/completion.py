@@ -16,7 +16,7 @@ _WITHOUT_FILES = (int, float)
 def register(commands: Any, parser: Callable[[], tuple[CommandParser, dict[str, CommandParser]]]) -> None:
     """Add the command. `parser`: makes the parser of the command line, and those of its commands."""
 
-    def complete(arguments: argparse.Namespace) -> int:
+    def complete(arguments: argparse.Namespace) -> None:
         import shtab
 
         main, named = parser()
@@ -26,7 +26,6 @@ def register(commands: Any, parser: Callable[[], tuple[CommandParser, dict[str, 
                     action.complete = shtab.FILE  # type: ignore[attr-defined]
         arguments.result = {"script": shtab.complete(main, shell=arguments.shell)}
         print_text(arguments, arguments.result["script"])
-        return 0
 
     text = "print a script that completes commands, options and file names in a shell"
     command = add_command(commands, "completion", text, complete, epilog=_NOTE)

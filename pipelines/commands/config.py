@@ -25,7 +25,7 @@ def register(commands: Any) -> None:
     config.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
 
 
-def _config(arguments: argparse.Namespace) -> int:
+def _config(arguments: argparse.Namespace) -> None:
     from pipelines.commands.common.source import read_settings
     from pipelines.config import Config, describe, load_config
     from pipelines.config.presets import values_of
@@ -54,4 +54,3 @@ def _config(arguments: argparse.Namespace) -> int:
     text = describe(config, None if whole else names) if names else "# All settings have their defaults.\n"
     arguments.result = {"settings": parse_yaml(text) or {}}
     print_text(arguments, text.rstrip())
-    return 0

@@ -111,7 +111,7 @@ def _kind(
 ) -> argparse.ArgumentParser:
     """Add a command that gets the edits before it and returns what it says to people; its result is those after it."""
 
-    def run(arguments: argparse.Namespace) -> int:
+    def run(arguments: argparse.Namespace) -> None:
         from pipelines.takes.edits import read_edits
         from pipelines.takes.take import Take
 
@@ -119,7 +119,6 @@ def _kind(
         words = command(arguments, take, read_edits(take.edits))
         arguments.result = arguments.result or read_edits(take.edits).model_dump(mode="json")
         print_text(arguments, words)
-        return 0
 
     parser = add_command(kinds, name, text, run)
     parser.add_argument("take", type=Path, metavar="TAKE", help="folder of the take")
@@ -283,8 +282,8 @@ def _region(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
 def _detail(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
     import numpy as np
 
+    from pipelines.takes.edited import followed
     from pipelines.takes.edits import frame_of, placed_world
-    from pipelines.takes.followed import followed
 
     back = placed_world(edits, frame_of(take)).inverse
     center, radius = back.points(np.array(arguments.at_point)), back.scale * arguments.radius

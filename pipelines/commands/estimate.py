@@ -40,7 +40,7 @@ def register(commands: Any) -> None:
     )
 
 
-def _estimate(arguments: argparse.Namespace) -> int:
+def _estimate(arguments: argparse.Namespace) -> None:
     require_memory()  # both as a run does
     keep_freed_memory()
     from pipelines.config.presets import PRESETS, with_values
@@ -63,7 +63,6 @@ def _estimate(arguments: argparse.Namespace) -> int:
         _print(found, inputs.threads, now)
         for name, one in presets.items():
             console().print(f"preset {name}: about {duration(one.seconds)}{_stream_words(one)}")
-    return 0
 
 
 def _rehearsed(inputs: Inputs, title: str, arguments: argparse.Namespace) -> Estimate:

@@ -112,7 +112,7 @@ def register(commands: Any) -> None:
     export.add_argument("--elevation", type=float, default=10.0, help="turntable: elevation in degrees (default: 10)")
 
 
-def _export(arguments: argparse.Namespace) -> int:
+def _export(arguments: argparse.Namespace) -> None:
     size = _size(arguments.size or _SIZE)
     if arguments.spz_version is not None and arguments.format != "spz":
         problem = f"--format {arguments.format} has no --spz-version"
@@ -121,7 +121,8 @@ def _export(arguments: argparse.Namespace) -> int:
     from pipelines.takes.videos import decoded_video, is_take, open_reader, stream_numbers, trained_video
 
     if EXPORTS[arguments.format].holds == "stream":
-        return _whole_stream(arguments)
+        _whole_stream(arguments)
+        return
 
     with ExitStack() as stack:
         if is_take(arguments.source) and (arguments.of or DEFAULT_OF) == "trained":
@@ -154,7 +155,6 @@ def _export(arguments: argparse.Namespace) -> int:
     for note in filter(None, notes):
         say_note(arguments, note)
     arguments.result = {"path": str(arguments.out.absolute()), "format": arguments.format, "frames": count}
-    return 0
 
 
 def _check_path(arguments: argparse.Namespace) -> None:
@@ -229,7 +229,7 @@ def _dilation_note(seen: set[float]) -> str:
     )
 
 
-def _whole_stream(arguments: argparse.Namespace) -> int:
+def _whole_stream(arguments: argparse.Namespace) -> None:
     from pipelines.takes.videos import open_reader
     from studio.formats.placing import new_file
     from studio.stream.sources.archive import SUFFIX
@@ -253,7 +253,6 @@ def _whole_stream(arguments: argparse.Namespace) -> int:
     if not arguments.json:
         print(f"{arguments.out}: {counted(frames, 'frame')}, {size:,} bytes")
     arguments.result = {"path": str(arguments.out.absolute()), "format": "v3", "frames": frames, "bytes": size}
-    return 0
 
 
 def _need_stream(source: str) -> None:

@@ -35,7 +35,7 @@ def register(commands: Any) -> None:
     parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
 
 
-def _import(arguments: argparse.Namespace) -> int:
+def _import(arguments: argparse.Namespace) -> None:
     if arguments.fps is not None and not 0 < arguments.fps <= 1000:
         problem = f"--fps {arguments.fps:g} is not between 0 and 1000 frames per second"
         raise invalid_option("--fps", problem, "Example: 30.", arguments.fps)
@@ -71,7 +71,6 @@ def _import(arguments: argparse.Namespace) -> int:
     if not arguments.json:
         frames, groups = counted(manifest.frame_count, "frame"), counted(len(manifest.frame_counts), "group")
         print(f"{arguments.out}: {frames} in {groups}, {manifest.total_bytes:,} bytes")
-    return 0
 
 
 def _refuse_unused(overrides: list[tuple[str, Any]]) -> None:

@@ -27,7 +27,7 @@ def register(commands: Any) -> None:
     add_overwrite(parser)
 
 
-def _init(arguments: argparse.Namespace) -> int:
+def _init(arguments: argparse.Namespace) -> None:
     from pipelines.config import Config, describe
     from pipelines.config.presets import values_of
     from pipelines.inspection import inspect
@@ -51,7 +51,6 @@ def _init(arguments: argparse.Namespace) -> int:
     arguments.result = {"path": str(out.absolute()), "footage": list(found)}
     words = f"{out}: written. To run it: v3studio run {shlex.quote(str(out))} --take takes/first"
     print_text(arguments, "\n".join([*found, words]))
-    return 0
 
 
 def _is_settings(path: Path) -> bool:

@@ -16,23 +16,22 @@ def register(pairs: Any) -> None:
     get.add_argument("--package", type=Path, metavar="FILE", help="the package, if it has been downloaded before")
 
 
-def _list(arguments: argparse.Namespace) -> int:
+def _list(arguments: argparse.Namespace) -> None:
     from studio.masks.models import MODELS
 
     fields = ("name", "kind", "purpose", "license", "package", "url", "size", "sha256")
     arguments.result = {"models": [{field: getattr(model, field) for field in fields} for model in MODELS]}
     if arguments.json:
-        return 0
+        return
     for model in MODELS:
         print(f"{model.name}: {model.purpose}")
         print(f"  size      {model.size / 1e6:.1f} MB")
         print(f"  license   {model.license}")
         print(f"  source    {model.package}")
         print(f"  SHA-256   {model.sha256}")
-    return 0
 
 
-def _get(arguments: argparse.Namespace) -> int:
+def _get(arguments: argparse.Namespace) -> None:
     from studio.masks.models import get_model, model_named
     from studio.yaml_text import dump_yaml
 
@@ -43,4 +42,3 @@ def _get(arguments: argparse.Namespace) -> int:
     if not arguments.json:
         print(f"{file}: {model.license}. Settings:")
         print(dump_yaml(settings), end="")
-    return 0

@@ -56,7 +56,7 @@ def _file(arguments: argparse.Namespace) -> QueueFile:
     return QueueFile(arguments.queue or default_queue())
 
 
-def _add(arguments: argparse.Namespace) -> int:
+def _add(arguments: argparse.Namespace) -> None:
     from studio.errors import StudioError
 
     source, take = arguments.source, arguments.take
@@ -69,10 +69,9 @@ def _add(arguments: argparse.Namespace) -> int:
     entry = _file(arguments).add(take, source, tuple(arguments.set))
     arguments.result = entry.model_dump(mode="json")
     print_text(arguments, f"take {entry.number}: {entry.take}")
-    return 0
 
 
-def _list(arguments: argparse.Namespace) -> int:
+def _list(arguments: argparse.Namespace) -> None:
     from pipelines.reports.tables import escaped, table_of
     from pipelines.reports.terminal import console
     from pipelines.runs.status import progress
@@ -82,10 +81,10 @@ def _list(arguments: argparse.Namespace) -> int:
     found = queue.read()
     arguments.result = found.model_dump(mode="json")
     if arguments.json:
-        return 0
+        return
     if not found.takes:
         print("The queue is empty.")
-        return 0
+        return
     shown = table_of("number", "state", "progress", "take", "added", "ended", "message", left=(1, 2, 3, 4, 5, 6))
     is_run = queue.is_run()
     for entry in found.takes:
@@ -98,7 +97,6 @@ def _list(arguments: argparse.Namespace) -> int:
     console().print(shown)
     if not is_run and any(entry.state in ("waiting", "running") for entry in found.takes):
         print("The queue is not running; `v3studio queue run` starts it.")
-    return 0
 
 
 def _run(arguments: argparse.Namespace) -> int:
@@ -144,26 +142,24 @@ def _run(arguments: argparse.Namespace) -> int:
     return 1 if failed else 0
 
 
-def _stop(arguments: argparse.Namespace) -> int:
+def _stop(arguments: argparse.Namespace) -> None:
     arguments.result = {"pid": _file(arguments).stop()}
     print_text(arguments, f"stopping process {arguments.result['pid']}")
-    return 0
 
 
-def _move(arguments: argparse.Namespace) -> int:
-    return _changed(arguments, lambda queue: queue.move(arguments.number, arguments.place))
+def _move(arguments: argparse.Namespace) -> None:
+    _changed(arguments, lambda queue: queue.move(arguments.number, arguments.place))
 
 
-def _remove(arguments: argparse.Namespace) -> int:
-    return _changed(arguments, lambda queue: [queue.remove(number) for number in arguments.number])
+def _remove(arguments: argparse.Namespace) -> None:
+    _changed(arguments, lambda queue: [queue.remove(number) for number in arguments.number])
 
 
-def _retry(arguments: argparse.Namespace) -> int:
-    return _changed(arguments, lambda queue: queue.retry(arguments.number))
+def _retry(arguments: argparse.Namespace) -> None:
+    _changed(arguments, lambda queue: queue.retry(arguments.number))
 
 
-def _changed(arguments: argparse.Namespace, change: Callable[[QueueFile], object]) -> int:
+def _changed(arguments: argparse.Namespace, change: Callable[[QueueFile], object]) -> None:
     queue = _file(arguments)
     change(queue)
     arguments.result = queue.read().model_dump(mode="json")
-    return 0

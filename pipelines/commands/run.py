@@ -106,7 +106,7 @@ def _no_take(source: Path | None) -> StudioError:
     return StudioError("command.no_take", "no take is specified", fix=fix, option="--take")
 
 
-def _run(arguments: argparse.Namespace) -> int:
+def _run(arguments: argparse.Namespace) -> None:
     require_memory()
     keep_freed_memory()
     from pipelines.takes.atomic_files import disk_errors
@@ -145,7 +145,8 @@ def _run(arguments: argparse.Namespace) -> int:
     else:
         stages = STAGE_NAMES[: STAGE_NAMES.index(arguments.until) + 1] if arguments.until else STAGE_NAMES
     if arguments.detach:
-        return _detach(arguments, take, config)
+        _detach(arguments, take, config)
+        return
     with JsonLines(arguments.output) if arguments.json else Bars() as show:
         try:
             run(
@@ -163,10 +164,9 @@ def _run(arguments: argparse.Namespace) -> int:
         from pipelines.reports.tables import print_evaluation
 
         print_evaluation(take)
-    return 0
 
 
-def _detach(arguments: argparse.Namespace, take: Take, config: Config) -> int:
+def _detach(arguments: argparse.Namespace, take: Take, config: Config) -> None:
     from pipelines.runs.background import start_background
 
     words = [arguments.stage or "run"]
@@ -176,12 +176,11 @@ def _detach(arguments: argparse.Namespace, take: Take, config: Config) -> int:
     run = start_background(take, config, words)
     arguments.result = {"take": str(take.root), "pid": run.pid, "host": run.host, "running": run.code is None}
     if arguments.json:
-        return 0
+        return
     if run.code is not None:
         print(f"Everything is up to date (process {run.pid} on {run.host} has ended).", file=arguments.output)
-        return 0
+        return
     place = shlex.quote(str(arguments.take))
     print(f"Running in the background (process {run.pid} on {run.host}).", file=arguments.output)
     print(f"Show it: v3studio status {place}", file=arguments.output)
     print(f"Stop it: v3studio cancel {place}", file=arguments.output)
-    return 0

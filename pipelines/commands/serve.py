@@ -13,15 +13,13 @@ from typing import TYPE_CHECKING, Any
 
 from pipelines.commands.common.arguments import add_command, invalid_option
 from pipelines.commands.share import add_view_option
-from pipelines.events import Serving
+from pipelines.events import Serving as ServingEvent
 from studio.errors import StudioError
 
 if TYPE_CHECKING:
     import uvicorn
 
-    from pipelines.share.certificates import Certificate
-    from pipelines.share.player_files import PlayerFiles
-    from pipelines.share.serving import Serving as Prepared
+    from pipelines.share.serving import Serving
 
 HTTP_NOTE = (  # what https would bring, where it is not used
     "Over http, browsers on other machines decode with a <video> element, which is slower, and check no SHA-256. "
@@ -98,21 +96,32 @@ def register(commands: Any) -> None:
 
 def _serve(arguments: argparse.Namespace) -> int:
     from pipelines.events.cancellation import EXIT_CANCELLED
+    from pipelines.share.certificates import load_certificate
     from pipelines.share.page import PageText, read_intro, read_view
+    from pipelines.share.player_files import read_player
     from pipelines.share.served import wait_for_first_group
-    from pipelines.share.serving import prepare
+    from pipelines.share.serving import Serving
 
     wait_for_first_group(arguments.folder)
     intro = None if arguments.intro is None else read_intro(arguments.intro, str(arguments.folder))
     view = None if arguments.view is None else read_view(arguments.view)
-    player = _player()
-    serving = prepare(
+    player = certificate = None
+    try:
+        player = read_player()
+    except StudioError as error:
+        print(f"warning: {error} Streams are served without it.", file=sys.stderr)
+    if arguments.certificate is not None:
+        certificate = load_certificate(arguments.certificate, arguments.key)
+    elif arguments.key is not None:
+        fix = "Specify the certificate that belongs to the key."
+        raise invalid_option("--key", "--key needs --certificate", fix, arguments.key)
+    serving = Serving(
         arguments.folder,
         arguments.host,
         arguments.port,
         player,
         https=arguments.https,
-        certificate=_certificate(arguments),
+        certificate=certificate,
         token=arguments.token,
         review=arguments.review,
         allow_hosts=arguments.allow_host,
@@ -152,31 +161,7 @@ def _end_with_stdin(server: uvicorn.Server) -> None:
     server.should_exit = True
 
 
-def _certificate(arguments: argparse.Namespace) -> Certificate | None:
-    """The given one, or None."""
-    from pipelines.share.certificates import load_certificate
-
-    if arguments.certificate is not None:
-        return load_certificate(arguments.certificate, arguments.key)
-    if arguments.key is not None:
-        raise invalid_option(
-            "--key", "--key needs --certificate", "Specify the certificate that belongs to the key.", arguments.key
-        )
-    return None
-
-
-def _player() -> PlayerFiles | None:
-    """The player; without it, streams are served all the same."""
-    from pipelines.share.player_files import read_player
-
-    try:
-        return read_player()
-    except StudioError as error:
-        print(f"warning: {error} Streams are served without it.", file=sys.stderr)
-        return None
-
-
-def _print(serving: Prepared, player: bool, qr: bool | None) -> None:
+def _print(serving: Serving, player: bool, qr: bool | None) -> None:
     """Addresses, and what phones need."""
     certificate = serving.certificate
     lines = [f"Serving {folder} at {address}" for address, folder in serving.streams.items()]
@@ -207,9 +192,9 @@ def _print(serving: Prepared, player: bool, qr: bool | None) -> None:
         print(f"{qr_text(address)}\n{address}", flush=True)
 
 
-def _event(serving: Prepared) -> Serving:
+def _event(serving: Serving) -> ServingEvent:
     """For programs: the first address of each stream, and all bases."""
-    return Serving(
+    return ServingEvent(
         streams=tuple({"folder": str(folder), "address": address} for address, folder in serving.streams.items()),
         reviews=tuple({"folder": str(folder), "address": address} for address, folder in serving.reviews.items()),
         bases=tuple(serving.bases),

@@ -1,9 +1,10 @@
-"""`v3studio share`: writes the player with a stream for any web server, or as one HTML file."""
+"""`v3studio share` and `publish`: put a stream, and the page that plays it, where a web server finds them."""
 
 from __future__ import annotations
 
 import argparse
 import shlex
+from dataclasses import asdict
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,7 @@ from urllib.parse import urlsplit
 
 from pipelines.commands.common.arguments import add_command, add_overwrite, invalid_option
 from pipelines.commands.common.working import working
+from studio.counts import counted
 
 if TYPE_CHECKING:
     from pipelines.share.page import PageText
@@ -32,11 +34,26 @@ def register(commands: Any) -> None:
         "--out", type=Path, required=True, metavar="PATH", help="folder to write, or .html file (streams up to 32 MB)"
     )
     add_overwrite(share)
-    add_page_options(share)
+    _add_page_options(share)
+
+    more = (
+        "Files that are there already are not copied again. The manifest is replaced last, so that players see the old "
+        "stream or the new one. --page adds a page that plays it."
+    )
+    text = "copy a stream to a web folder or an object store"
+    publish = add_command(commands, "publish", text, _publish, more)
+    publish.add_argument("source", metavar="SOURCE", help="folder of a take or a stream, one .v3s file, or a URL")
+    publish.add_argument(
+        "target", metavar="TARGET", help="folder, or an address such as s3://bucket/folder (needs s3fs)"
+    )
+    publish.add_argument(
+        "--page", action="store_true", help="also put index.html and the browser player there, with the options below"
+    )
+    _add_page_options(publish)
 
 
-def add_page_options(share: argparse.ArgumentParser) -> None:
-    """What the page says of the stream, as options; `page_text` reads them."""
+def _add_page_options(share: argparse.ArgumentParser) -> None:
+    """What the page says of the stream, as options; `_page_text` reads them."""
     share.add_argument("--title", metavar="TEXT", help="title of the page (default: the stream's, else its name)")
     share.add_argument("--credits", metavar="TEXT", help='credits line; example: "Jane Doe, Studio X"')
     share.add_argument("--license", metavar="TEXT", help='license of the footage; example: "CC BY 4.0"')
@@ -64,8 +81,8 @@ def add_view_option(command: argparse.ArgumentParser) -> None:
     )
 
 
-def page_text(arguments: argparse.Namespace) -> PageText:
-    """What `add_page_options` asked for."""
+def _page_text(arguments: argparse.Namespace) -> PageText:
+    """What `_add_page_options` asked for."""
     if arguments.address is not None:
         parts = urlsplit(arguments.address)
         if parts.scheme not in ("http", "https") or not parts.netloc or parts.query or parts.fragment:
@@ -85,15 +102,15 @@ def page_text(arguments: argparse.Namespace) -> PageText:
     )
 
 
-def _share(arguments: argparse.Namespace) -> int:
-    text = page_text(arguments)
+def _share(arguments: argparse.Namespace) -> None:
+    text = _page_text(arguments)
     from pipelines.share.sharing import share
 
     with working("share", arguments) as progress:
         shared = share(arguments.source, arguments.out, text, overwrite=arguments.overwrite, progress=progress)
     arguments.result = shared.to_dict()
     if arguments.json:
-        return 0
+        return
     parts = f"stream {shared.stream_bytes:,}, player {shared.player_bytes:,}, poster {shared.poster_bytes:,}"
     print(f"{arguments.out}: {shared.files} file{'s' * (shared.files > 1)}, {shared.total_bytes:,} bytes ({parts})")
     if shared.form == "single-file":
@@ -104,7 +121,25 @@ def _share(arguments: argparse.Namespace) -> int:
         print("Phones decode fastest from https:// addresses.")
         if arguments.address is not None:
             print(f"To embed it: {iframe(arguments.address)}")
-    return 0
+
+
+def _publish(arguments: argparse.Namespace) -> None:
+    text = _page_text(arguments)
+    from pipelines.share.page import PAGE_NAME
+    from pipelines.share.sharing import publish
+    from studio.storage import is_address
+
+    with working("publish", arguments) as progress:
+        done = publish(arguments.source, arguments.target, text, page=arguments.page, progress=progress)
+    path = arguments.target if is_address(arguments.target) else str(Path(arguments.target).absolute())
+    arguments.result = {"path": path, **asdict(done)}
+    if not arguments.json:
+        copied = f"{counted(done.copied, 'file')} copied ({done.bytes:,} bytes)"
+        print(f"{arguments.target}: {copied}, {done.present} there already")
+        if arguments.page:
+            print(f"{PAGE_NAME} there plays it.")
+        else:
+            print("This is the stream alone; --page adds a page that plays it.")
 
 
 def iframe(address: str) -> str:

@@ -47,7 +47,7 @@ def register(commands: Any) -> None:
     parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
 
 
-def _work(arguments: argparse.Namespace) -> int:
+def _work(arguments: argparse.Namespace) -> None:
     require_memory()
     from pipelines.config import load_config
     from pipelines.takes.take import Take
@@ -65,7 +65,7 @@ def _work(arguments: argparse.Namespace) -> int:
         text = printed_commands(take, config, stages, arguments.format, arguments.set)
         arguments.result = {"text": text}
         print_text(arguments, text.rstrip())
-        return 0
+        return
 
     from pipelines.runs.console import Bars, JsonLines
     from pipelines.runs.work import run_work
@@ -75,4 +75,3 @@ def _work(arguments: argparse.Namespace) -> int:
             run_work(take, config, stages, arguments.group, show)
         finally:
             arguments.reported = isinstance(show, JsonLines) and show.finished
-    return 0

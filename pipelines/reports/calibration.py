@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from pipelines.reports.page import rendered
 from pipelines.takes.atomic_files import write_text
-from pipelines.takes.checked_cameras import NOT_CHECKED, CheckedCameras, checked_cameras
+from pipelines.takes.stage_files import NOT_CHECKED, CheckedCameras, checked_cameras
 from pipelines.takes.take import Take
 from studio.calibration.report import CalibrationReport
 from studio.errors import Message

@@ -10,6 +10,7 @@ from pipelines.config import Config
 from pipelines.events import Emit, Log, RunStarted, StageFailed, StageFinished, StageStarted, Warned, as_message
 from pipelines.events.cancellation import Cancellation
 from pipelines.events.event_log import EventLog
+from pipelines.reports.evaluation import update_marks
 from pipelines.runs.finishing import finishing
 from pipelines.runs.out_of_memory import memory_errors
 from pipelines.runs.staleness import DONE, StageStatus, assess, assess_all, not_ready, write_record
@@ -130,7 +131,10 @@ class _Run:
         found = assess_all(STAGES, inputs)
         self.verified.update(name for name, one in found.items() if one.state == DONE)
         todo = [stage for stage in STAGES if stage.name in names and (self.force or found[stage.name].state != DONE)]
-        _refuse_gaps(todo, found)
+        for stage in todo:
+            for dependency in stage.dependencies:
+                if stage_named(dependency) not in todo and found[dependency].state != DONE:
+                    raise not_ready(stage, found[dependency])
         self.emit(
             RunStarted(
                 take=str(take.root),
@@ -151,9 +155,11 @@ class _Run:
                 if evaluates:  # report weights that cannot be loaded before hours of work, too
                     lpips_of(inputs.config, inputs.device if executor is None else "cpu")
                 self._run_stages(todo, executor, started)
-        if "evaluate" in names and not evaluates:
-            _update_marks(inputs, self.emit)
         if "evaluate" in names:
+            if not evaluates:
+                with contextlib.suppress(StudioError):
+                    if update_marks(take, inputs.groups):
+                        self.emit(Log(stage="evaluate", message="updated the marks in the report"))
             _note_evaluation(take, self.emit)
 
     def _run_stages(self, todo: Sequence[Stage], executor: Executor | None, started: float) -> None:
@@ -231,14 +237,6 @@ def _executor(inputs: Inputs, todo: Sequence[Stage]) -> Iterator[Executor | None
         yield RayExecutor(ray)
 
 
-def _update_marks(inputs: Inputs, emit: Emit) -> None:
-    from pipelines.reports.evaluation import update_marks
-
-    with contextlib.suppress(StudioError):
-        if update_marks(inputs.take, inputs.groups):
-            emit(Log(stage="evaluate", message="updated the marks in the report"))
-
-
 def _note_evaluation(take: Take, emit: Emit) -> None:
     """Give the kept bake that was evaluated its evaluation, also if an earlier run was killed before it did."""
     try:
@@ -249,10 +247,3 @@ def _note_evaluation(take: Take, emit: Emit) -> None:
         fix = "Run `v3studio evaluate` again; nothing is measured again."
         message = Message("bakes.evaluation_not_noted", problem, take.bakes, fix=fix)
         emit(Warned.of(message, stage="evaluate"))
-
-
-def _refuse_gaps(todo: Sequence[Stage], found: dict[str, StageStatus]) -> None:
-    for stage in todo:
-        for dependency in stage.dependencies:
-            if stage_named(dependency) not in todo and found[dependency].state != DONE:
-                raise not_ready(stage, found[dependency])

@@ -9,7 +9,7 @@ from pipelines.events import Event, Progress, RunStarted, StageStarted, parse_ev
 from pipelines.reports.tables import escaped, table_of
 from pipelines.reports.terminal import console, duration
 from pipelines.runs.runner import status
-from pipelines.takes.checked_cameras import checked_cameras
+from pipelines.takes.stage_files import checked_cameras
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 from studio.json_types import JsonData

@@ -58,7 +58,23 @@ def work(
             problem = f"the settings, the footage or earlier results of group {group} changed after the run began"
             fix = "Run again."
             raise StudioError("work.take_changed", problem, file=take.root, fix=fix, group=group, stage=stage)
-        return _work_on(code, inputs, chosen, StageReporter(stage, emit, cancellation or Cancellation(), clock))
+        _refuse_gaps(code, inputs, chosen)
+        reporter, told = StageReporter(stage, emit, cancellation or Cancellation(), clock), False
+
+        def waiting() -> None:
+            nonlocal told
+            reporter.check()
+            if not told:
+                told = True
+                reporter.log(f"group {group}: another process works on it; waiting")
+
+        with take.group_locked(stage, group, waiting):
+            if is_up_to_date(code, inputs, chosen):
+                reporter.log(f"group {group}: {stage} is up to date")
+                return False
+            code.group_code.run_group(inputs, chosen, reporter)
+        reporter.check()
+        return True
 
 
 def group_of(inputs: Inputs, index: int) -> Group:
@@ -89,27 +105,6 @@ def is_up_to_date(stage: Stage, inputs: Inputs, group: Group, known: dict[str, S
     if stage.group_code.group_done(inputs, group):
         return True
     return stage.needs_all_groups and _status(stage.name, inputs, known).state == DONE
-
-
-def _work_on(stage: Stage, inputs: Inputs, group: Group, reporter: StageReporter) -> bool:
-    """Whether there was something to do."""
-    _refuse_gaps(stage, inputs, group)
-    told = False
-
-    def waiting() -> None:
-        nonlocal told
-        reporter.check()
-        if not told:
-            told = True
-            reporter.log(f"group {group.index}: another process works on it; waiting")
-
-    with inputs.take.group_locked(stage.name, group.index, waiting):
-        if is_up_to_date(stage, inputs, group):
-            reporter.log(f"group {group.index}: {stage.name} is up to date")
-            return False
-        stage.group_code.run_group(inputs, group, reporter)
-    reporter.check()
-    return True
 
 
 def _refuse_gaps(stage: Stage, inputs: Inputs, group: Group) -> None:

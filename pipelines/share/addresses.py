@@ -43,6 +43,12 @@ def is_local(host: str) -> bool:
         return host == "localhost" or host.endswith(".localhost")
 
 
+def own_names() -> tuple[str, ...]:
+    """Names by which other machines may know this one."""
+    name = socket.gethostname().lower()
+    return (name, f"{name.partition('.')[0]}.local")
+
+
 def route_address(family: socket.AddressFamily) -> str | None:
     """Address of the interface that leads to other networks; None if none does. Nothing is sent."""
     try:

@@ -1,4 +1,4 @@
-"""The splats of a cast, frame by frame: its streams and static splats where the document puts them."""
+"""The splats of a cast, frame by frame: its streams and static splats where the document puts them; and its sound."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -20,10 +19,7 @@ from studio.formats import read_splats
 from studio.formats.rigid_motion import placed
 from studio.gaussians import Gaussians
 from studio.similarity import Similarity, rotation_between
-
-if TYPE_CHECKING:
-    from pipelines.share.cast_sound import CastSound
-    from studio.stream import StreamReader
+from studio.stream import StreamMetadata, StreamReader, StreamSound
 
 LONGEST = 3600.0  # seconds after which a cast starts over at the latest
 
@@ -39,6 +35,46 @@ class _Stream:
     standing: Similarity
     place: Similarity
     start: float
+
+
+@dataclass(frozen=True)
+class _Voice:
+    """A stream's sound; `start` and `period` in samples."""
+
+    sound: StreamSound
+    start: int
+    period: int
+
+
+@dataclass(frozen=True)
+class CastSound:
+    """The sound of a cast: that of its streams, each from its start on, over and over. A `Pcm` of two channels;
+    all voices have its sample rate."""
+
+    voices: Sequence[_Voice]
+    sample_rate: int
+    samples: int
+    channels: int = 2
+
+    def read(self, first: int, count: int) -> np.ndarray:
+        """See `Pcm`."""
+        out = np.zeros((count, self.channels), np.float32)
+        for voice in self.voices:
+            done = max(voice.start - first, 0)
+            while done < count:
+                at = (first + done - voice.start) % voice.period
+                length = min(count - done, voice.period - at)
+                out[done : done + length] += voice.sound.read(at, length)  # of one channel, to both
+                done += length
+        return np.clip(out, -1, 1)
+
+    def copy(self) -> CastSound:
+        """Another one, to read at two places in turn without seeking."""
+        return replace(self, voices=[replace(voice, sound=voice.sound.copy()) for voice in self.voices])
+
+    def close(self) -> None:
+        for voice in self.voices:
+            voice.sound.close()
 
 
 class CastFrames:
@@ -104,16 +140,14 @@ class CastFrames:
 
     def sound(self) -> CastSound | None:
         """The sound of all; the caller closes it. None if there is none. Raises StudioError: `share.sample_rates`."""
-        from pipelines.share.cast_sound import CastSound, Voice
-
         with ExitStack() as stack:
-            voices: list[Voice] = []
+            voices: list[_Voice] = []
             for one in self._streams:
                 found = one.reader.sound()
                 if found is not None:
                     stack.callback(found.close)
                     period = one.reader.frame_count / one.reader.fps
-                    voices.append(Voice(found, *(round(time * found.sample_rate) for time in (one.start, period))))
+                    voices.append(_Voice(found, *(round(time * found.sample_rate) for time in (one.start, period))))
             if not voices:
                 return None
             rates = sorted({voice.sound.sample_rate for voice in voices})
@@ -130,8 +164,6 @@ class CastFrames:
         turn = Rotation.from_euler("XYZ", item.turn, degrees=True).as_matrix()
         place = Similarity(item.scale, turn, np.array(item.position))
         if item.stream is not None:
-            from studio.stream import StreamReader
-
             reader = stack.enter_context(StreamReader.open(stream_place(beside(item.stream, source))))
             self._streams.append(_Stream(reader, standing(reader), place, item.start))
         elif item.splats is not None:
@@ -146,8 +178,6 @@ class CastFrames:
 
 def standing(reader: StreamReader) -> Similarity:
     """From the world of a stream to one with y up, whose ground is below its lowest point."""
-    from studio.stream import StreamMetadata
-
     up = StreamMetadata.from_json(reader.manifest.metadata).up
     turn = np.eye(3) if up is None else rotation_between(np.array(up), _UP)  # as three.js's setFromUnitVectors
     box = reader.manifest.bounding_box

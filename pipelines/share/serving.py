@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from pipelines.share.certificates import Certificate
     from pipelines.share.page import PageText
     from pipelines.share.player_files import PlayerFiles
-    from pipelines.share.server import BoundedServer
-    from pipelines.share.web_app import Reviews
 
 _SECRET_BYTES = 16  # of the random part of secret links
 
@@ -39,26 +37,57 @@ class Serving:
 
     def __init__(
         self,
-        server: BoundedServer,
-        sock: socket.socket,
+        folder: str,
+        host: str,
+        port: int,
+        player: PlayerFiles | None,
         *,
-        roots: Sequence[str],
-        secret: str,
-        streams: dict[str, Path],
-        reviews: Reviews | None,
-        local: bool,
-        certificate: Certificate | None,
+        https: bool = False,
+        certificate: Certificate | None = None,
+        token: bool | None = None,
+        review: bool = False,
+        allow_hosts: Sequence[str] = (),
+        allow_origins: Sequence[str] = (),
+        text: PageText | None = None,
+        **options: Any,
     ) -> None:
-        """Keep what `prepare` has made: `roots` are addresses of the server without the secret part, and `streams` are
-        by their paths below it."""
+        """Listen for `serve` or for the command, which run the server in a thread or in the main thread; StudioError as
+        `serve`, and for nothing to review (`serve.nothing_to_review`).
+
+        `player` None: serve the streams alone; `certificate` None: make one if `https`; `review`: serve reviews below
+        another secret path, too; `text`: title (of a single stream) and intro of the pages.
+        """
+        from pipelines.share.addresses import is_local, own_names, reachable_hosts
+        from pipelines.share.certificates import make_certificate
+        from pipelines.share.served import find_reviews, find_streams
+        from pipelines.share.server import BoundedServer, listen, server_config
+        from pipelines.share.web_app import Reviews, build_app
+
+        streams = find_streams(folder)
+        if text is not None and text.title is not None and len(streams) > 1:
+            problem = f"--title is for one stream, but {folder} has {len(streams)}"
+            fix = "Serve one of them, or leave the option out."
+            raise StudioError("command.invalid_option", problem, value=text.title, fix=fix, option="--title")
+        reviews = Reviews(secrets.token_urlsafe(_SECRET_BYTES), find_reviews(streams)) if review else None
+        self.is_local = is_local(host)
+        self.is_secret = not self.is_local if token is None else token
+        secret = secrets.token_urlsafe(_SECRET_BYTES) if self.is_secret else ""
+        hosts = reachable_hosts(host)
+        if https and certificate is None:
+            certificate = make_certificate(sorted({*hosts, socket.gethostname(), "localhost", "127.0.0.1", "::1"}))
+        self.certificate = certificate
+        names = (*own_names(), *allow_hosts)
+        app = build_app(streams, player, reviews, secret, names, allow_origins, text)
+        self.server = BoundedServer(server_config(app, certificate, **options))
+        self._sock = listen(host, port)
+        scheme = "http" if certificate is None else "https"
+        roots = [f"{scheme}://{name}:{self._sock.getsockname()[1]}" for name in hosts]
         self.bases = tuple(f"{root}/{secret}".rstrip("/") for root in roots)
         self.streams = {_page(self.bases[0], path): folder for path, folder in streams.items()}
         self.reviews: dict[str, Path] = {}
         if reviews is not None:
             base = f"{roots[0]}/{reviews.secret}"
             self.reviews = {_page(base, path): streams[path].parent for path in reviews.takes}
-        self.is_secret, self.is_local, self.certificate = bool(secret), local, certificate
-        self.server, self._sock = server, sock
         self._thread = threading.Thread(target=self.run, name="v3studio serve", daemon=True)
 
     @property
@@ -99,67 +128,6 @@ def _page(base: str, path: str) -> str:
     return f"{base}{quote(path.rstrip('/'))}/"
 
 
-def prepare(
-    folder: str,
-    host: str,
-    port: int,
-    player: PlayerFiles | None,
-    *,
-    https: bool = False,
-    certificate: Certificate | None = None,
-    token: bool | None = None,
-    review: bool = False,
-    allow_hosts: Sequence[str] = (),
-    allow_origins: Sequence[str] = (),
-    text: PageText | None = None,
-    **options: Any,
-) -> Serving:
-    """Listen for `serve` or for the command, which run the server in a thread or in the main thread; StudioError as
-    `serve`, and for nothing to review (`serve.nothing_to_review`).
-
-    `player` None: serve the streams alone; `certificate` None: make one if `https`; `review`: serve reviews below
-    another secret path, too; `text`: title (of a single stream) and intro of the pages.
-    """
-    from pipelines.share.addresses import is_local, reachable_hosts
-    from pipelines.share.certificates import make_certificate
-    from pipelines.share.host_check import own_names
-    from pipelines.share.served import find_reviews, find_streams
-    from pipelines.share.server import BoundedServer, listen, server_config
-    from pipelines.share.web_app import Reviews, build_app
-
-    streams = find_streams(folder)
-    if text is not None and text.title is not None and len(streams) > 1:
-        problem = f"--title is for one stream, but {folder} has {len(streams)}"
-        fix = "Serve one of them, or leave the option out."
-        raise StudioError("command.invalid_option", problem, value=text.title, fix=fix, option="--title")
-    reviews = Reviews(secrets.token_urlsafe(_SECRET_BYTES), find_reviews(streams)) if review else None
-    local = is_local(host)
-    secret = secrets.token_urlsafe(_SECRET_BYTES) if (not local if token is None else token) else ""
-    hosts = reachable_hosts(host)
-    if https and certificate is None:
-        certificate = make_certificate(sorted({*hosts, socket.gethostname(), "localhost", "127.0.0.1", "::1"}))
-    sock = listen(host, port)
-    try:
-        scheme = "http" if certificate is None else "https"
-        roots = tuple(f"{scheme}://{name}:{sock.getsockname()[1]}" for name in hosts)
-        names = (*own_names(), *allow_hosts)
-        app = build_app(streams, player, reviews, secret, names, allow_origins, text)
-        server = BoundedServer(server_config(app, certificate, **options))
-        return Serving(
-            server,
-            sock,
-            roots=roots,
-            secret=secret,
-            streams=streams,
-            reviews=reviews,
-            local=local,
-            certificate=certificate,
-        )
-    except BaseException:
-        sock.close()
-        raise
-
-
 def serve(
     folder: str | os.PathLike[str],
     host: str = "127.0.0.1",
@@ -197,7 +165,7 @@ def serve(
     """
     from pipelines.share.player_files import read_player
 
-    return prepare(
+    return Serving(
         os.fspath(folder),
         host,
         port,

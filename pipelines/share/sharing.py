@@ -1,6 +1,6 @@
 """`share`: the player with a stream as a folder for any web server, or as one HTML file that opens from the disk.
 
-Nothing is loaded from elsewhere.
+Nothing is loaded from elsewhere. `publish`: a stream where it is served, with the page that plays it if wanted.
 """
 
 import os
@@ -24,6 +24,8 @@ from studio.errors import StudioError
 from studio.json_types import JsonObject
 from studio.progress import ProgressFn, no_progress
 from studio.stream.manifest import MANIFEST_NAME
+from studio.stream.publish import Published
+from studio.stream.publish import publish as publish_stream
 
 MAX_SINGLE_FILE_BYTES = 32_000_000
 """Largest stream that is put into one file: a browser holds the whole page in memory several times."""
@@ -134,6 +136,39 @@ def share(
             )
         write = _write_file if single_file else _write_folder
         return write(stream, out, stream.text(text or PageText()), player, progress)
+
+
+def publish(
+    source: str | os.PathLike[str],
+    target: Path | str,
+    text: PageText | None = None,
+    *,
+    page: bool = False,
+    progress: ProgressFn = no_progress,
+) -> Published:
+    """Copy a stream to a folder or an object store: what is missing there, the manifest last.
+
+    Players see the old stream or the new one, never a mixture. Files that the new manifest does not need stay.
+
+    Example:
+        v3studio.publish("my-take", "s3://bucket/my-take", page=True)
+
+    Args:
+        source: folder of a take or a stream, one .v3s file, or a URL.
+        target: folder, or an address in an object store, such as s3://bucket/folder, which needs s3fs.
+        text: of the page; what is None is taken from the stream.
+        page: also put index.html and the player there.
+        progress: called with (files done, files).
+
+    Raises:
+        StudioError: a damaged stream, `share.no_player`, or a target that cannot be written (`publish.failed`,
+            `storage.*`).
+    """
+    with stream_to_share(os.fspath(source)) as stream:
+        beside: dict[str, bytes] = {}
+        if page:
+            beside = stream.page_files(stream.text(text or PageText()), read_player(), MANIFEST_NAME)
+        return publish_stream(stream.reader, str(target), progress, beside)
 
 
 def _share_cast(source: Path, out: Path, text: PageText, single_file: bool, progress: ProgressFn) -> Shared:

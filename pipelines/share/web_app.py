@@ -2,9 +2,10 @@
 
 import contextlib
 import gzip
+import ipaddress
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
@@ -20,11 +21,10 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, HTMLResponse, PlainTextResponse, Response
 from starlette.routing import BaseRoute, Mount, Route
 from starlette.staticfiles import StaticFiles
-from starlette.types import Receive, Scope, Send
+from starlette.types import ASGIApp, Receive, Scope, Send
 
 from pipelines.review.api import FOLDER, review_routes
 from pipelines.review.take_review import TakeReview
-from pipelines.share.host_check import HostCheck
 from pipelines.share.page import PageText, first_files, player_page, script_elements
 from pipelines.share.player_files import PlayerFiles
 from pipelines.share.stream_to_share import name_of
@@ -98,7 +98,44 @@ def build_app(
         watching = f"../{secret}/" if secret else "../"
         review = _Site(streams, player, reviews.takes, "same-origin", text, watching).routes()
         routes.insert(0, Mount(f"/{reviews.secret}", routes=review))
-    return Starlette(routes=routes, middleware=[Middleware(HostCheck, names=names), *([cors] if origins else [])])
+    return Starlette(routes=routes, middleware=[Middleware(_HostCheck, names=names), *([cors] if origins else [])])
+
+
+def is_allowed(host: str, names: Iterable[str]) -> bool:
+    """Whether a Host header names this server: an IP address, localhost, or one of the names.
+
+    An address cannot be rebound, and a server is reached by addresses that it does not know, such as those of a router.
+    """
+    bare = host.strip().lower()
+    if bare.startswith("["):
+        bare = bare[1:].partition("]")[0]
+    elif bare.count(":") == 1:
+        bare = bare.partition(":")[0]
+    bare = bare.removesuffix(".")
+    if bare == "localhost" or bare.endswith(".localhost") or bare in {name.lower() for name in names}:
+        return True
+    try:
+        ipaddress.ip_address(bare.partition("%")[0])
+    except ValueError:
+        return False
+    return True
+
+
+class _HostCheck:
+    """ASGI middleware: 421 for requests whose Host header names another server. Otherwise a page on the web whose name
+    its owner lets point to this machine (DNS rebinding) could read what is served."""
+
+    def __init__(self, app: ASGIApp, names: Iterable[str] = ()) -> None:
+        self._app, self._names = app, tuple(names)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "http":
+            hosts = [value.decode("latin-1") for name, value in scope["headers"] if name == b"host"]
+            if len(hosts) != 1 or not is_allowed(hosts[0], self._names):
+                text = "This server does not have this name. Start it with --allow-host NAME to give it one.\n"
+                await PlainTextResponse(text, 421)(scope, receive, send)
+                return
+        await self._app(scope, receive, send)
 
 
 @dataclass(frozen=True)

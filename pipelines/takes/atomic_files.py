@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from studio.atomic_files import PARTIAL, atomic_path, is_being_written, remove, write_bytes, write_json, write_text
-from studio.bounded_files import TextError, parse_json, read_bounded
+from studio.bounded_files import BOUNDS, TextError, parse_json, read_bounded
 from studio.errors import StudioError, reason_of, violation
 from studio.json_types import JsonObject
 
@@ -58,9 +58,10 @@ class Result(BaseModel):
 Model = TypeVar("Model", bound=BaseModel)
 
 
-def read_json(path: Path) -> Any:
+def read_json(path: Path, limit: int = BOUNDS.size) -> Any:
+    """The values in a file of at most `limit` bytes. Raises StudioError: `take.file_not_found`, `take.damaged`."""
     try:
-        return parse_json(read_bounded(path))
+        return parse_json(read_bounded(path, limit))
     except FileNotFoundError:
         raise StudioError("take.file_not_found", "no such file", file=path) from None
     except (OSError, TextError) as error:

@@ -1,21 +1,24 @@
-"""Trained frames with the take's edits: what is baked, evaluated and exported."""
+"""Trained frames with the take's edits: what is baked, evaluated and exported; details that follow these frames."""
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from pipelines.takes.frame_files import read_frame
-from pipelines.takes.frame_numbers import trained_groups
+from pipelines.takes.frame_numbers import FrameNumbers, trained_groups
 from pipelines.takes.groups import Group
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 from studio.progress import ProgressFn
 
 if TYPE_CHECKING:
+    import numpy as np
     import torch
 
-    from studio.edits import EditList, Paths, Selection
+    from studio.edits import DetailMark, EditList, Paths, Selection
     from studio.gaussians import Gaussians
 
 
@@ -64,6 +67,37 @@ def newly_removed(take: Take, before: EditList, after: Sequence[EditList], progr
         old, *new = (select(edits_of_group(edits, group), paths).removed for edits in (before, *after))
         counts = [count + int((one & ~old).sum()) for count, one in zip(counts, new, strict=True)]
     return counts
+
+
+def followed(take: Take, frame: int | None, center: np.ndarray, radius: float, weight: float) -> DetailMark:
+    """A ball marked in a trained frame (its number in the footage; None: the first), with its path through all."""
+    from studio.edits import follow
+
+    files, starts = take.trained_files()
+    if not files:
+        problem = "no trained frames yet, in which a detail could be marked and followed"
+        fix = "Run `v3studio train`; a preview with few steps is enough."
+        raise StudioError("take.not_trained", problem, file=take.root, fix=fix, stage="train")
+
+    groups = trained_groups(take)
+    numbers = FrameNumbers.of(groups)
+    index = 0 if frame is None else numbers.index(frame)
+    if index is None:
+        fix = f"The trained frames are {numbers.known[0]} to {numbers.known[-1]}."
+        raise StudioError("edits.nothing_there", f"frame {frame} is not trained", file=take.root, value=frame, fix=fix)
+
+    splats: dict[int, int] = {}  # by group
+
+    @lru_cache(maxsize=4)  # those around a border between groups
+    def means_at(index: int) -> np.ndarray:
+        found: np.ndarray = read_frame(files[index]).means.numpy()
+        group = bisect_right(starts, index) - 1
+        if splats.setdefault(group, len(found)) != len(found):
+            raise of_two_trainings(take, group)
+        return found
+
+    found = follow(means_at, [group.indices for group in groups], index, center, radius, weight)
+    return found.model_copy(update={"path": tuple((numbers.number(at), place) for at, place in found.path)})
 
 
 class EditedGroup:

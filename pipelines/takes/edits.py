@@ -57,9 +57,7 @@ def read_edits_file(path: Path) -> EditsFile:
     if not path.exists():
         return EditsFile()
     try:
-        if path.stat().st_size > MAX_FILE_BYTES:
-            raise StudioError("take.damaged", f"has more than {MAX_FILE_BYTES} bytes")
-        found: Any = read_json(path)
+        found: Any = read_json(path, MAX_FILE_BYTES)
         if isinstance(found, dict) and found.get("format") != EDITS_FORMAT:
             problem = f"edits of format {found.get('format')!r}; this version reads format {EDITS_FORMAT}"
             fix = "Use the version that wrote it."

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from pydantic import Field, model_validator
 
-from pipelines.takes.atomic_files import Result, changing, read_model, write_model
+from pipelines.takes.atomic_files import Result, changing, read_json, validated, write_model
 from studio.errors import StudioError
 from studio.stream.metadata import plain_text
 
@@ -125,9 +125,7 @@ def _read(path: Path) -> Marks:
     if not path.is_file():
         return Marks(marks=())
     try:
-        if path.stat().st_size > MAX_FILE_BYTES:
-            raise StudioError("take.damaged", f"has more than {MAX_FILE_BYTES} bytes")
-        return read_model(path, Marks)
+        return validated(path, read_json(path, MAX_FILE_BYTES), Marks)
     except StudioError as error:
         fix = "Fix the file, or move it elsewhere to start over."
         raise StudioError("take.marks_damaged", f"marks cannot be read: {error.problem}", file=path, fix=fix) from None

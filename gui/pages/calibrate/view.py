@@ -20,9 +20,8 @@ from gui.models.take.workspace import Workspace, modified
 from gui.pages.calibrate.rig_coverage import RigCoverage
 from gui.pages.report_table import CAMERA, Sorting, table_text
 from gui.pages.stage_view import OrbitView, Size, rectangle, shown_at
-from pipelines.takes.checked_cameras import CheckedCameras, checked_cameras
 from pipelines.takes.point_files import read_sparse_points, read_surface
-from pipelines.takes.stage_files import CamerasFromFile
+from pipelines.takes.stage_files import CamerasFromFile, CheckedCameras, checked_cameras
 from pipelines.takes.take import Take
 from studio.calibration.report import CalibrationReport, CameraReport
 from studio.camera_files import read_rig

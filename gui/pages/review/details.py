@@ -8,7 +8,7 @@ from gui.drawing.canvas import Canvas
 from gui.drawing.painter import draw_line
 from gui.drawing.palette import ACCENT, DIM
 from gui.models.scene.handles import Handle, picked
-from pipelines.takes.followed import followed
+from pipelines.takes.edited import followed
 from pipelines.takes.take import Take
 from studio.cameras import Camera
 from studio.edits.edit_list import DETAIL_WEIGHT, DetailMark, EditList

@@ -87,12 +87,12 @@ def add_command(
     commands: Any,
     name: str,
     text: str,
-    command: Callable[[argparse.Namespace], int] | None = None,
+    command: Callable[[argparse.Namespace], int | None] | None = None,
     more: str = "",
     **options: Any,
 ) -> CommandParser:
     """Add a command; its own help begins with `text`, its line in the list of commands, without a period. `command`
-    None: it has commands of its own."""
+    returns the exit code, or None for 0; None: it has commands of its own."""
     description = f"{text[0].upper()}{text[1:]}.{f' {more}' if more else ''}"
     parser: CommandParser = commands.add_parser(name, help=text, description=description, **options)
     parser.set_defaults(command=command)

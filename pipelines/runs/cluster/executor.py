@@ -70,7 +70,16 @@ class RayExecutor:
         reporter: StageReporter,
         finished: Callable[[Group], None] = lambda group: None,
     ) -> None:
-        _Run(self, stage, inputs, reporter, finished).go(groups)
+        from ray.exceptions import RayError
+
+        try:
+            _Run(self, stage, inputs, reporter, finished).go(groups)
+        except BrokenPipeError:  # anyone who reads the events is gone, not the cluster
+            raise
+        except (RayError, ConnectionError) as error:
+            problem = f"the connection to the cluster was lost ({_last_line(error)})"
+            fix = "Check that its head node is running, and run again; finished work is kept."
+            raise StudioError("cluster.lost", problem, fix=fix, stage=stage.name) from error
 
 
 @dataclass(eq=False)
@@ -93,19 +102,6 @@ class _Run:
         self._waiting: dict[str, float] = {}
 
     def go(self, groups: Sequence[Group]) -> None:
-        """Run the groups; see `RayExecutor.run`."""
-        from ray.exceptions import RayError
-
-        try:
-            self._go(groups)
-        except BrokenPipeError:  # anyone who reads the events is gone, not the cluster
-            raise
-        except (RayError, ConnectionError) as error:
-            problem = f"the connection to the cluster was lost ({_last_line(error)})"
-            fix = "Check that its head node is running, and run again; finished work is kept."
-            raise StudioError("cluster.lost", problem, fix=fix, stage=self._stage.name) from error
-
-    def _go(self, groups: Sequence[Group]) -> None:
         ray = self._ray
         remove(self._inputs.take.group_events)
         for group in groups:

@@ -5,8 +5,7 @@ import math
 import cv2
 import pytest
 
-from pipelines.ablation.results import RatePoint, VariantResult
-from pipelines.ablation.study import compare
+from pipelines.ablation.study import RatePoint, VariantResult, compare
 from pipelines.ablation.variants import chosen
 from pipelines.takes.frame_files import read_about
 from tests.support.errors import refuses

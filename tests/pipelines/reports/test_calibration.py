@@ -4,8 +4,7 @@ from typing import Any
 import numpy as np
 
 from pipelines.reports.calibration import calibration_warnings, intrinsics_sentences, render_calibration
-from pipelines.takes.checked_cameras import CheckedCameras
-from pipelines.takes.stage_files import CameraChange, CameraRefinement
+from pipelines.takes.stage_files import CameraChange, CameraRefinement, CheckedCameras
 from studio.calibration import reprojection_report
 from studio.calibration.report import CalibrationReport, SharedIntrinsicsReport
 from studio.calibration.verdict import CameraVerdict, RigVerdict

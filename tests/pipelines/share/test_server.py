@@ -9,9 +9,8 @@ from pathlib import Path
 import pytest
 import uvicorn
 
-from pipelines.share.host_check import is_allowed
 from pipelines.share.server import BoundedLog, BoundedServer, Limits, listen
-from pipelines.share.web_app import build_app, usable_range
+from pipelines.share.web_app import build_app, is_allowed, usable_range
 from tests.support.waiting import wait_until
 from tests.support.web_servers import ask
 

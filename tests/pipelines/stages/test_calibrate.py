@@ -12,7 +12,7 @@ from pipelines.stages import calibrate
 from pipelines.stages.inputs import Inputs
 from pipelines.stages.known_cameras import focal_lengths, known_cameras, known_distance
 from pipelines.stages.reporter import StageReporter
-from pipelines.takes.checked_cameras import checked_cameras
+from pipelines.takes.stage_files import checked_cameras
 from pipelines.takes.take import Take
 from studio.calibration import CalibrationResult, align_rigs, reprojection_report
 from studio.calibration.settings import CalibrateSettings
