@@ -53,13 +53,7 @@ class Pair:
     name: str  # what is computed, forward and backward
     fused: tuple[float, float]  # fused, plain: (median, minimum)
     plain: tuple[float, float]
-    step: str  # the step that it is part of
-    calls: int  # its calls in one step
-
-    @property
-    def ratio(self) -> float:
-        """How many times as fast the fused computation is, by the medians."""
-        return self.plain[0] / self.fused[0]
+    calls: dict[str, int]  # by the step that it is part of
 
 
 def timed(function: Callable[[], object]) -> float:
@@ -98,16 +92,13 @@ class Scene:
         self.rounds = rounds
         self.pairs: list[Pair] = []
 
-    def pair(self, name: str, function: Callable[[], object], step: str, calls: int = 1) -> None:
-        """Measure a function that chooses the kernel by itself."""
-        self.two(name, function, function, step, calls)
-
-    def two(
-        self, name: str, fused: Callable[[], object], plain: Callable[[], object], step: str, calls: int = 1
+    def pair(
+        self, name: str, fused: Callable[[], object], plain: Callable[[], object] | None = None, **calls: int
     ) -> None:
-        times = alternate(fused, plain, self.rounds)
+        """Measure a function against another one; None: it chooses the kernel by itself."""
+        times = alternate(fused, plain or fused, self.rounds)
         first, second = ((statistics.median(side), min(side)) for side in times)
-        self.pairs.append(Pair(name, first, second, step, calls))
+        self.pairs.append(Pair(name, first, second, calls))
 
     def leaves(self) -> Gaussians:
         """Splats of the second frame that require gradients."""
@@ -115,10 +106,11 @@ class Scene:
 
     def parts(self) -> None:
         settings, splats = self.settings, self.leaves()
+        every = {"keyframe": 1, "motion": settings.motion_views, "finetune": 1}
         field, corners = self.field()
         upstream = torch.randn(len(splats), 3)
         parameters = list(field.parameters())
-        self.pair("motion field", lambda: torch.autograd.grad(field(corners), parameters, upstream), "motion")
+        self.pair("motion field", lambda: torch.autograd.grad(field(corners), parameters, upstream), motion=1)
         view, black = self.views[0], torch.zeros(3)
         leaves = [tensor for _, tensor in splats.items()]
 
@@ -126,32 +118,27 @@ class Scene:
             found = rasterize(splats, view.camera, black)
             return torch.autograd.grad([found.image, found.alpha], leaves, [view.image, view.mask])
 
-        for step, calls in (("keyframe", 1), ("motion", settings.motion_views), ("fine-tuning", 1)):
-            self.two("rendering", render, render, step, calls)
+        self.pair("rendering", render, **every)
         image = view.over(black)[0].clone().requires_grad_()
         target = view.over(torch.ones(3))[0]
-        for step, calls in (("keyframe", 1), ("motion", settings.motion_views), ("fine-tuning", 1)):
-            self.two(
-                "image loss",
-                lambda: torch.autograd.grad(photometric_loss(image, target, settings.dssim_weight), image),
-                lambda: torch.autograd.grad(photometric_loss_torch(image, target, settings.dssim_weight), image),
-                step,
-                calls,
-            )
-            self.pair("image over a color", lambda: view.over(black)[0], step, calls)
+        self.pair(
+            "image loss",
+            lambda: torch.autograd.grad(photometric_loss(image, target, settings.dssim_weight), image),
+            lambda: torch.autograd.grad(photometric_loss_torch(image, target, settings.dssim_weight), image),
+            **every,
+        )
+        self.pair("image over a color", lambda: view.over(black)[0], **every)
         logits = splats.logit_opacities
-        for step in ("keyframe", "fine-tuning"):
-            self.pair(
-                "dropout", lambda: torch.autograd.grad(drop_splats(logits, settings.dropout, 1).sum(), logits), step
-            )
+        dropout = lambda: torch.autograd.grad(drop_splats(logits, settings.dropout, 1).sum(), logits)  # noqa: E731
+        self.pair("dropout", dropout, keyframe=1, finetune=1)
         coding = PlanesCoding(self.previous)
         inputs = [splats.quats, splats.log_scales, splats.logit_opacities, splats.sh]
         values = coding.coded_values(splats).detach().requires_grad_()
         ones = torch.ones_like(values)
-        self.pair("coded values", lambda: torch.autograd.grad(coding.coded_values(splats), inputs, ones), "fine-tuning")
+        self.pair("coded values", lambda: torch.autograd.grad(coding.coded_values(splats), inputs, ones), finetune=1)
         coded = self.coded()
         learned = [values, *coded.parameters()]
-        self.pair("entropy and temporal loss", lambda: torch.autograd.grad(coded(values, 5)[0], learned), "fine-tuning")
+        self.pair("entropy and temporal loss", lambda: torch.autograd.grad(coded(values, 5)[0], learned), finetune=1)
 
     def field(self) -> tuple[MotionField, Corners]:
         """A motion field after a few updates, and its corners."""
@@ -183,7 +170,7 @@ class Scene:
             loss.backward()  # type: ignore[no-untyped-call]
             optimizer.step()
 
-        self.pair("whole step", keyframe, "keyframe")
+        self.pair("whole step", keyframe, keyframe=1)
         field, corners = self.field()
         adam = field.optimizer(1e-9)  # the scene stays as it is
 
@@ -194,7 +181,7 @@ class Scene:
             adam.step()
             adam.zero_grad()
 
-        self.pair("whole step", motion, "motion")
+        self.pair("whole step", motion, motion=1)
         coding, coded = PlanesCoding(self.previous), self.coded()
         entropy_adam = Adam([ParameterGroup(list(coded.parameters()), 1e-9)])
         tuned = SplatOptimizer(self.now, settings.rates, extent, train_means=settings.finetune_means)
@@ -208,7 +195,7 @@ class Scene:
             entropy_adam.step()
             entropy_adam.zero_grad()
 
-        self.pair("whole step", tune, "fine-tuning")
+        self.pair("whole step", tune, finetune=1)
 
 
 def table_of(pairs: list[Pair]) -> Table:
@@ -216,14 +203,13 @@ def table_of(pairs: list[Pair]) -> Table:
     table = Table(title="CPU time of one thread in ms, median / minimum")
     for heading in ("step", "part", "calls", "fused", "definition", "ratio", "share of the step"):
         table.add_column(heading, justify="left" if heading in ("step", "part") else "right")
-    whole = {pair.step: pair.fused[0] for pair in pairs if pair.name == "whole step"}
+    whole = {step: pair.fused[0] for pair in pairs if pair.name == "whole step" for step in pair.calls}
     for step in whole:
-        for pair in (pair for pair in pairs if pair.step == step):
+        for pair in (pair for pair in pairs if step in pair.calls):
             fused, plain = (f"{median:.2f} / {least:.2f}" for median, least in (pair.fused, pair.plain))
-            share = f"{pair.calls * pair.fused[0] / whole[step]:.0%}"
-            ratio = "" if pair.name == "rendering" else f"{pair.ratio:.2f}"
-            plain = "" if pair.name == "rendering" else plain
-            table.add_row(step, pair.name, str(pair.calls), fused, plain, ratio, share)
+            versus = ("", "") if pair.name == "rendering" else (plain, f"{pair.plain[0] / pair.fused[0]:.2f}")
+            share = f"{pair.calls[step] * pair.fused[0] / whole[step]:.0%}"
+            table.add_row(step, pair.name, str(pair.calls[step]), fused, *versus, share)
         table.add_section()
     return table
 

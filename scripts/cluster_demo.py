@@ -15,11 +15,12 @@ import subprocess
 import sys
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from pipelines.events import GroupState, Warned  # noqa: E402
-from tests.support.two_nodes import SETTINGS, two_nodes  # noqa: E402
+from pipelines.events import GroupState, Warned
+from tests.support.two_nodes import SETTINGS, two_nodes
+
+ROOT = Path(__file__).resolve().parents[1]
 
 
 def run(take: Path, settings: list[str]) -> None:

@@ -17,22 +17,20 @@ from typing import Any
 
 import numpy as np
 
+from gui.drawing.compare import difference, heat
+from gui.models.scene.splats import draw
+from gui.models.take.workspace import Workspace
+from gui.pages.calibrate.view import CalibrateView
+from gui.pages.initialize import InitializeView
+from gui.widgets.raycast import RaycastMesh
+from pipelines.config import load_config
+from pipelines.stages.footage import performer_over
+from pipelines.stages.inputs import Inputs
+from pipelines.takes.frame_files import read_frame
+from pipelines.takes.take import Take
+from studio.stream import StreamReader
+
 ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT))
-
-from gui.drawing.compare import difference, heat  # noqa: E402
-from gui.models.scene.splats import draw  # noqa: E402
-from gui.models.take.workspace import Workspace  # noqa: E402
-from gui.pages.calibrate.view import CalibrateView  # noqa: E402
-from gui.pages.initialize import InitializeView  # noqa: E402
-from gui.widgets.raycast import RaycastMesh  # noqa: E402
-from pipelines.config import load_config  # noqa: E402
-from pipelines.stages.footage import performer_over  # noqa: E402
-from pipelines.stages.inputs import Inputs  # noqa: E402
-from pipelines.takes.frame_files import read_frame  # noqa: E402
-from pipelines.takes.take import Take  # noqa: E402
-from studio.stream import StreamReader  # noqa: E402
-
 CONFIG = ROOT / "sample_configs" / "quickstart.yaml"
 SIZE = (560, 400)
 FRAME, CAMERA = 14, "cam12"  # held out; the axe points at this camera

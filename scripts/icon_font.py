@@ -16,10 +16,7 @@ from fontTools.ttLib import TTFont
 from fontTools.ttLib.scaleUpem import scale_upem
 from fontTools.ttLib.tables._g_l_y_f import GlyphCoordinates
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT))
-
-from gui.drawing.icons import CODES, FONT, ICON_SIZE  # noqa: E402
+from gui.drawing.icons import CODES, FONT, ICON_SIZE
 
 UNITS = 1000
 ASCENT, DESCENT = 928, -244

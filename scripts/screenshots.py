@@ -25,12 +25,11 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from gui.actions.menus import ITEMS  # noqa: E402
-from tests.gui.conftest import RunningWindow  # noqa: E402
-from tests.support.x_server import x_server  # noqa: E402
+from gui.actions.menus import ITEMS
+from tests.gui.conftest import RunningWindow
+from tests.support.x_server import x_server
 
 CAMERA, FRAME = "cam12", 14  # held out; the axe points at this camera
 SECONDS = 600.0  # longest wait for a state; generous, because another program may be using the CPU

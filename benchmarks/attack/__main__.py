@@ -13,10 +13,9 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-HERE = Path(__file__).resolve().parent
-sys.path[:0] = [str(HERE.parents[1]), str(HERE)]
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from takes import Outcome, Project, at_every_write, random_cuts, small_files  # noqa: E402
+from takes import Outcome, Project, at_every_write, random_cuts, small_files
 
 PARTS: dict[str, tuple[str, Callable[[Project, float, Outcome], None]]] = {
     "kills": ("the take opens, finished frames stay, the same bytes in the end", partial(at_every_write, "kill")),
