@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 CHUNK = 256  # splats that share their ranges
 
-_DEGREES = {0: 0, 9: 1, 24: 2, 45: 3}  # by the number of bytes per splat in `sh`
+_DEGREES = {0: 0, 9: 1, 24: 2, 45: 3}  # by the number of properties f_rest_*
 _PACKED = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
 _SH_RANGE = 8.0
 
@@ -48,12 +48,19 @@ def compressed_size(path: Path, ply: PlyData) -> tuple[int, int]:
     if not harmonics:
         return vertices.count, 0
     _need_rows(path, "sh", harmonics[0].count, vertices.count)
-    rest = len(harmonics[0].properties)
-    if rest not in _DEGREES:
-        problem = f"{rest} properties f_rest_*; expected 0, 9, 24 or 45 for SH degrees 0 to 3, numbered from 0"
-        raise StudioError("splat_file.sh_properties", problem, file=path, value=rest)
-    _need(path, harmonics[0], [f"f_rest_{index}" for index in range(rest)], "u1")
-    return vertices.count, _DEGREES[rest]
+    degree = sh_degree(path, harmonics[0])
+    _need(path, harmonics[0], [prop.name for prop in harmonics[0].properties], "u1")
+    return vertices.count, degree
+
+
+def sh_degree(path: Path, element: PlyElement) -> int:
+    """SH degree of an element's properties f_rest_*. StudioError (splat_file.sh_properties) if there is none."""
+    rest = {prop.name for prop in element.properties if prop.name.startswith("f_rest_")}
+    if len(rest) not in _DEGREES or rest != {f"f_rest_{index}" for index in range(len(rest))}:
+        problem = f"{len(rest)} properties f_rest_*; expected 0, 9, 24 or 45 for SH degrees 0 to 3, numbered from 0"
+        fix = "Export it again, with SH of degree 3 at most and all coefficients."
+        raise StudioError("splat_file.sh_properties", problem, file=path, value=len(rest), fix=fix)
+    return _DEGREES[len(rest)]
 
 
 def read_compressed(path: Path, ply: PlyData) -> Gaussians:

@@ -12,19 +12,8 @@ CHECKPOINT = "point_cloud.ply"  # what 3DGS and its descendants call the result 
 
 _ITERATIONS = ("point_cloud/iteration_*", "iteration_*")
 _NOT_FRAMES = {
-    "iter",
-    "iters",
-    "iteration",
-    "iterations",
-    "it",
-    "step",
-    "steps",
-    "epoch",
-    "ckpt",
-    "sh",
-    "degree",
-    "lod",
-}
+    "iter", "iters", "iteration", "iterations", "it", "step", "steps", "epoch", "ckpt", "sh", "degree", "lod",
+}  # fmt: skip
 _FRAMES = {"f", "frame", "frames", "fr", "frm", "t", "time", "timestep", "timestamp"}
 
 

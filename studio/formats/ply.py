@@ -18,7 +18,7 @@ import numpy as np
 
 from studio.errors import StudioError
 from studio.formats.checks import LEAST_SCALE, Note, check_count, from_arrays, logits, to_arrays
-from studio.formats.compressed_ply import compressed_size, is_compressed, read_compressed
+from studio.formats.compressed_ply import compressed_size, is_compressed, read_compressed, sh_degree
 from studio.gaussians import Gaussians
 
 if TYPE_CHECKING:
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 _HEADER_BYTES = 1 << 20
 _SEVERAL = 100  # splats: of fewer, all values may be in a narrow range
-_DEGREES = {0: 0, 9: 1, 24: 2, 45: 3}  # by the number of f_rest properties
 _NEEDED = (
     *("x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity"),
     *("scale_0", "scale_1", "rot_0", "rot_1", "rot_2", "rot_3"),
@@ -81,7 +80,7 @@ def size(path: Path) -> tuple[int, int]:
     if is_compressed(ply):
         return compressed_size(path, ply)
     element = _vertices(path, ply, lambda note: None)
-    return element.count, _degree(path, element)
+    return element.count, sh_degree(path, element)
 
 
 def said_up(path: Path) -> tuple[float, float, float] | None:
@@ -116,7 +115,7 @@ def read(path: Path, note: Note) -> Gaussians:
         return read_compressed(path, ply)
     element = _vertices(path, ply, note)
     names = [prop.name for prop in element.properties]
-    degree = _degree(path, element)
+    degree = sh_degree(path, element)
     rest = (degree + 1) ** 2 - 1
     data = element.data
 
@@ -219,12 +218,3 @@ def _check_properties(path: Path, names: Iterable[str], note: Note) -> None:
             raise StudioError("splat_file.other_splats", problem, file=path, value=found, fix=fix)
     if unknown:
         note(f"properties that Gaussians do not have are ignored: {', '.join(unknown)}")
-
-
-def _degree(path: Path, element: PlyElement) -> int:
-    rest = {prop.name for prop in element.properties if prop.name.startswith("f_rest_")}
-    if len(rest) not in _DEGREES or rest != {f"f_rest_{index}" for index in range(len(rest))}:
-        problem = f"{len(rest)} properties f_rest_*; expected 0, 9, 24 or 45 for SH degrees 0 to 3, numbered from 0"
-        fix = "Export it again, with SH of degree 3 at most and all coefficients."
-        raise StudioError("splat_file.sh_properties", problem, file=path, value=len(rest), fix=fix)
-    return _DEGREES[len(rest)]

@@ -25,6 +25,7 @@ import numpy as np
 
 from studio.bounded_files import TextError, parse_json
 from studio.errors import StudioError
+from studio.formats import META
 from studio.formats.checks import (
     Note,
     check_count,
@@ -38,8 +39,6 @@ from studio.formats.checks import (
 )
 from studio.gaussians import Gaussians
 from studio.json_types import JsonObject
-
-META = "meta.json"
 
 _LARGEST_META = 1 << 20
 _LARGEST_PART = 1 << 30

@@ -294,7 +294,8 @@ def test_compressed_ply_headers(tmp_path):
         (b"element chunk 2", b"element chunk 1", "invalid_header"),
         (b"uint packed_scale", b"uint packed_size", "not_splats"),
         (b"float min_x", b"uint min_x", "not_splats"),
-        (b"property uchar f_rest_8", b"property uchar f_rest_9", "not_splats"),
+        (b"property uchar f_rest_8", b"property uchar f_rest_9", "sh_properties"),
+        (b"property uchar f_rest_8", b"property char f_rest_8", "not_splats"),
         (b"element vertex 260", b"element vertex 0", "splat_count"),
         (b"element vertex 260", b"element vertex 99999999999", "unreadable"),
     ]
