@@ -140,19 +140,9 @@ class _Fused(torch.autograd.Function):
         by_mu, by_sigma = (torch.empty(channels, dtype=torch.float64) for _ in range(2))
         bits_weight = owner.entropy_weight / count
         bits, difference = kernels.coded_loss(
-            now.detach().contiguous(),
-            owner.before,
-            owner.steps,
-            mu.detach()[columns],
-            sigma[columns],
-            seed,
-            bits_weight,
-            owner.temporal_weight / owner.pixels,
-            gradient,
-            by_mu,
-            by_sigma,
-            kernel_threads(),
-        )
+            now.detach().contiguous(), owner.before, owner.steps, mu.detach()[columns], sigma[columns], seed,
+            bits_weight, owner.temporal_weight / owner.pixels, gradient, by_mu, by_sigma, kernel_threads(),
+        )  # fmt: skip
         zeros = torch.zeros(len(mu), dtype=torch.float64)
         ctx.save_for_backward(
             gradient,

@@ -76,15 +76,9 @@ class _Fused(torch.autograd.Function):
         d_table = torch.empty_like(table)
         d_weights, d_biases = [torch.empty_like(one) for one in weights], [torch.empty_like(one) for one in biases]
         ctx.kernels.field_backward(
-            ctx.field_pass,
-            *ctx.inputs,
-            *ctx.network,
-            upstream[0].contiguous(),
-            d_table,
-            d_weights,
-            d_biases,
+            ctx.field_pass, *ctx.inputs, *ctx.network, upstream[0].contiguous(), d_table, d_weights, d_biases,
             kernel_threads(),
-        )
+        )  # fmt: skip
         layers = [gradient for pair in zip(d_weights, d_biases, strict=True) for gradient in pair]
         return None, None, None, d_table, *layers
 

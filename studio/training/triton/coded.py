@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import importlib
 import math
-from typing import Any, Protocol
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -16,29 +16,11 @@ from torch.autograd.function import once_differentiable
 WARPS = 4  # warps of a program
 
 
-class Coded(Protocol):
-    """What the kernel reads of `studio.training.coded_loss.CodedLoss`, which see."""
-
-    before: Tensor
-    steps: Tensor
-    pixels: int
-    entropy_weight: float
-    temporal_weight: float
-
-    @property
-    def attribute_of_channel(self) -> Tensor:
-        """(C,) int32."""
-
-    @property
-    def channels_of_attribute(self) -> Tensor:
-        """(attributes, C) float64."""
-
-
 class _Fused(torch.autograd.Function):
     """The weighted loss with its gradients, and the bits per splat, which have none."""
 
     @staticmethod
-    def forward(ctx: Any, owner: Coded, seed: int, now: Tensor, mu: Tensor, log_sigma: Tensor) -> tuple[Tensor, Tensor]:
+    def forward(ctx: Any, owner: Any, seed: int, now: Tensor, mu: Tensor, log_sigma: Tensor) -> tuple[Tensor, Tensor]:
         kernels = importlib.import_module("studio.training.triton.coded_kernels")
         count, channels = now.shape
         blocks = math.ceil(count / kernels.BLOCK)
@@ -49,21 +31,10 @@ class _Fused(torch.autograd.Function):
         bits_weight, difference_weight = owner.entropy_weight / count, owner.temporal_weight / owner.pixels
         with torch.cuda.device_of(now):
             kernels.coded_loss[(blocks, channels)](
-                now.detach().contiguous(),
-                owner.before,
-                owner.steps,
-                owner.attribute_of_channel,
-                mu.detach(),
-                log_sigma.detach(),
-                gradient,
-                sums,
-                count,
-                channels,
-                seed,
-                bits_weight,
-                difference_weight,
+                now.detach().contiguous(), owner.before, owner.steps, owner.attribute_of_channel, mu.detach(),
+                log_sigma.detach(), gradient, sums, count, channels, seed, bits_weight, difference_weight,
                 num_warps=WARPS,
-            )
+            )  # fmt: skip
         totals = sums.sum(0, dtype=torch.float64)  # (C, 4)
         # a product instead of index_add, whose order on a GPU, and so whose bits, would change
         by_attribute = owner.channels_of_attribute @ totals[:, 2:] * bits_weight
@@ -81,10 +52,11 @@ class _Fused(torch.autograd.Function):
         return None, None, *(one * upstream[0] for one in ctx.saved_tensors)
 
 
-def coded_loss_triton(owner: Coded, mu: Tensor, log_sigma: Tensor, now: Tensor, seed: int) -> tuple[Tensor, Tensor]:
+def coded_loss_triton(owner: Any, mu: Tensor, log_sigma: Tensor, now: Tensor, seed: int) -> tuple[Tensor, Tensor]:
     """`CodedLoss.forward` for float32 on an NVIDIA GPU; with Triton's interpreter, on the CPU.
 
     Args:
+        owner: the `CodedLoss`, whose module imports this one.
         mu, log_sigma: (attributes,) its learned distributions.
         now, seed: as for `CodedLoss.forward`.
     """

@@ -50,20 +50,9 @@ def _noise(index, seed):
 
 @triton.jit(do_not_specialize=["seed"])
 def coded_loss(
-    current,
-    previous,
-    steps,
-    owner,
-    mu,
-    log_sigma,
-    gradient,
-    sums,
-    count,
-    channels,
-    seed,
-    bits_weight,
+    current, previous, steps, owner, mu, log_sigma, gradient, sums, count, channels, seed, bits_weight,
     difference_weight,
-):
+):  # fmt: skip
     """Bits of the residuals, differences to the previous frame, and their gradients.
 
     Args:

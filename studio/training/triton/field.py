@@ -89,33 +89,17 @@ class _Fused(torch.autograd.Function):
         with torch.cuda.device_of(table):
             if count:
                 kernels.encode[(math.ceil(count / kernels.SHORT), math.ceil(length / kernels.SHORT))](
-                    table,
-                    corners.rows,
-                    corners.weights,
-                    inputs,
-                    count,
-                    length,
-                    table.shape[1],
-                    columns,
+                    table, corners.rows, corners.weights, inputs, count, length, table.shape[1], columns,
                     num_warps=WARPS,
-                )
+                )  # fmt: skip
             for number, layer in enumerate(layers if count else ()):
                 last = number + 1 == len(layers)
                 outputs = _columns(layer.gives)
                 kernels.layer_forward[(math.ceil(count / kernels.POSITIONS), math.ceil(layer.gives / outputs))](
-                    inputs[:, layer.inputs :],
-                    flat[layer.first :],
-                    side,
-                    out if last else inputs[:, layers[number + 1].inputs :],
-                    count,
-                    layer.reads,
-                    layer.gives,
-                    columns,
-                    3 if last else columns,
-                    OUTPUTS=outputs,
-                    LAST=last,
-                    num_warps=WARPS,
-                )
+                    inputs[:, layer.inputs :], flat[layer.first :], side,
+                    out if last else inputs[:, layers[number + 1].inputs :], count, layer.reads, layer.gives, columns,
+                    3 if last else columns, OUTPUTS=outputs, LAST=last, num_warps=WARPS,
+                )  # fmt: skip
         ctx.corners, ctx.sizes, ctx.table = corners, sizes, table.shape
         ctx.save_for_backward(side, flat, inputs)
         return out
@@ -156,20 +140,10 @@ def _slopes(
         out = slopes[:, layers[number - 1].slopes :] if number else d_encoding
         columns = _columns(layer.reads)
         kernels.layer_backward[(math.ceil(len(inputs) / kernels.POSITIONS), math.ceil(layer.reads / columns))](
-            slopes[:, layer.slopes :],
-            flat[layer.first :],
-            inputs[:, layer.inputs :],
-            out,
-            len(inputs),
-            layer.reads,
-            layer.gives,
-            slopes.shape[1],
-            inputs.shape[1],
-            out.stride(0),
-            INPUTS=columns,
-            FIRST=number == 0,
+            slopes[:, layer.slopes :], flat[layer.first :], inputs[:, layer.inputs :], out, len(inputs), layer.reads,
+            layer.gives, slopes.shape[1], inputs.shape[1], out.stride(0), INPUTS=columns, FIRST=number == 0,
             num_warps=WARPS,
-        )
+        )  # fmt: skip
 
 
 def _spread(kernels: Any, corners: Corners, d_encoding: Tensor, d_table: Tensor) -> None:
@@ -181,18 +155,9 @@ def _spread(kernels: Any, corners: Corners, d_encoding: Tensor, d_table: Tensor)
         last = number + 1 == len(passes.pieces)
         sums = d_table if last else values.new_empty((len(begins), features))
         kernels.sum_pieces[(math.ceil(len(begins) / kernels.PIECES),)](
-            values,
-            passes.readers,
-            passes.weights,
-            begins,
-            ends,
-            sums,
-            len(begins),
-            features,
-            FEATURES=1 << (features - 1).bit_length(),
-            FIRST=number == 0,
-            num_warps=WARPS,
-        )
+            values, passes.readers, passes.weights, begins, ends, sums, len(begins), features,
+            FEATURES=1 << (features - 1).bit_length(), FIRST=number == 0, num_warps=WARPS,
+        )  # fmt: skip
         values = sums
 
 

@@ -48,18 +48,9 @@ class _Fused(torch.autograd.Function):
                 blurred, ctx.gradient = moments[:3], torch.empty_like(image)  # the moments are no longer needed
                 kernels.blur_rows[programs](derivatives, taps, blurred, width, count, num_warps=WARPS)
                 kernels.combine[programs](
-                    image,
-                    target,
-                    taps,
-                    blurred,
-                    ctx.gradient,
-                    width,
-                    height,
-                    count,
-                    (1 - weight) / count,
-                    -weight / count,
-                    num_warps=WARPS,
-                )
+                    image, target, taps, blurred, ctx.gradient, width, height, count, (1 - weight) / count,
+                    -weight / count, num_warps=WARPS,
+                )  # fmt: skip
         l1, similarity = (sums.sum(0, dtype=torch.float64) / count).unbind()
         return ((1 - weight) * l1 + weight * (1 - similarity)).to(image.dtype)
 
