@@ -239,14 +239,8 @@ class Run:
 def nothing_playable(problem: str, skipped: SkippedGroup) -> StudioError:
     """The error for a stream, or the rest of one, without any playable frame; its cause is that of `skipped`."""
     cause = skipped.cause
-    return StudioError(
-        "playback.nothing_playable",
-        f"{problem}; {cause.problem}",
-        file=cause.file,
-        fix=cause.fix,
-        cause=cause.code,
-        group=skipped.group,
-    )
+    problem, fields = f"{problem}; {cause.problem}", {"cause": cause.code, "group": skipped.group}
+    return StudioError("playback.nothing_playable", problem, file=cause.file, fix=cause.fix, **fields)
 
 
 def raise_for_user(error: BaseException) -> None:

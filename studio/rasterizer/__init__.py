@@ -1,4 +1,4 @@
-"""Differentiable splat rasterization: `rasterize` and, for several cameras, `rasterize_views`, with four backends, all
+"""Differentiable splat rasterization: `rasterize` and, for several cameras, `rasterize_views`, with three backends, all
 tested against the same definition.
 
 - `reference`: plain PyTorch, any floating dtype. This is the definition (`reference.py`).

@@ -62,14 +62,9 @@ class GroupIndex:
         if rendition is None:
             return 0
         if rendition not in ids:
-            raise StudioError(
-                "stream.no_such_rendition",
-                f"no rendition {rendition!r}; the stream has {', '.join(ids)}",
-                file=f"{self._source.name}/{MANIFEST_NAME}",
-                value=rendition,
-                fix="Choose one of them.",
-                renditions=ids,
-            )
+            problem = f"no rendition {rendition!r}; the stream has {', '.join(ids)}"
+            file, fix = f"{self._source.name}/{MANIFEST_NAME}", "Choose one of them."
+            raise StudioError("stream.no_such_rendition", problem, file=file, value=rendition, fix=fix, renditions=ids)
         return ids.index(rendition)
 
 

@@ -64,13 +64,12 @@ class SplatOffsets:
     def selected(self, frame: Gaussians) -> Gaussians:
         """The kept splats of a frame of the full set, without offsets."""
         if (len(self.kept) and int(self.kept[-1]) >= len(frame)) or self.sh_degree > frame.sh_degree:
-            raise StudioError(
-                "training.offsets_mismatch",
-                f"offsets of splats up to number {int(self.kept[-1])} and of SH degree {self.sh_degree} do not fit "
-                f"{len(frame)} splats of degree {frame.sh_degree}",
-                value=[int(self.kept[-1]), self.sh_degree],
-                expected=[len(frame) - 1, frame.sh_degree],
+            value, expected = [int(self.kept[-1]), self.sh_degree], [len(frame) - 1, frame.sh_degree]
+            problem = (
+                f"offsets of splats up to number {value[0]} and of SH degree {value[1]} do not fit {len(frame)} splats "
+                f"of degree {frame.sh_degree}"
             )
+            raise StudioError("training.offsets_mismatch", problem, value=value, expected=expected)
         part = frame[self.kept]
         return part.with_sh_degree(self.sh_degree) if self.sh_degree < frame.sh_degree else part
 

@@ -86,15 +86,10 @@ def bake_group(
     if not frames:
         raise StudioError("bake.no_frames", f"group {group} has no frames", group=group)
     if len(frames[0]) > MAX_SPLATS:
-        raise StudioError(
-            "bake.too_many_splats",
-            f"group {group} has {len(frames[0])} splats; the format supports up to {MAX_SPLATS}",
-            value=len(frames[0]),
-            fix="Lower train.max_splats, or import files with fewer splats.",
-            group=group,
-            expected=MAX_SPLATS,
-            setting="train.max_splats",
-        )
+        problem = f"group {group} has {len(frames[0])} splats; the format supports up to {MAX_SPLATS}"
+        fix = "Lower train.max_splats, or import files with fewer splats."
+        fields: JsonObject = {"group": group, "expected": MAX_SPLATS, "setting": "train.max_splats"}
+        raise StudioError("bake.too_many_splats", problem, value=len(frames[0]), fix=fix, **fields)
     rungs = settings.rungs
     if finetuned is None and any(rung.finetuned for rung in rungs):
         problem = "a rung's splats are to be trained further after pruning, but there is no footage to train them on"
@@ -211,16 +206,9 @@ class _Job:
 
     def _missed(self, target: float, value: float, unit: str, qp: int, fix: str) -> StudioError:
         group = self.identity["index"]
-        return StudioError(
-            "bake.target_missed",
-            f"group {group} has {value:.4g} {unit} at QP {qp}, which misses the target of {target:.4g}",
-            value=value,
-            fix=fix,
-            setting="bake.quality",
-            qp=qp,
-            expected=target,
-            group=group,
-        )
+        problem = f"group {group} has {value:.4g} {unit} at QP {qp}, which misses the target of {target:.4g}"
+        fields = {"setting": "bake.quality", "qp": qp, "expected": target, "group": group}
+        return StudioError("bake.target_missed", problem, value=value, fix=fix, **fields)
 
     def _at(self, qp: int) -> AnyRendition:
         """The rendition at a QP; of several QPs, only the files of the last are on disk."""

@@ -59,14 +59,7 @@ class ArchiveSource:
         try:
             with zipfile.ZipFile(_Seekable(ranges)) as archive:
                 entries, directory = archive.infolist(), archive.start_dir
-        except (
-            zipfile.BadZipFile,
-            ValueError,
-            struct.error,
-            OverflowError,
-            UnicodeError,
-            NotImplementedError,
-        ) as error:
+        except (zipfile.BadZipFile, ValueError, struct.error, OverflowError, NotImplementedError) as error:
             raise self._damaged(str(error)) from None
         if len(entries) > MAX_ENTRIES:
             raise self._damaged(f"it has {len(entries)} entries; the maximum is {MAX_ENTRIES}")
