@@ -30,7 +30,7 @@ from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize, set_kernel_threads
 from studio.rasterizer.cpu import load_kernels
 from studio.rasterizer.kernels import definitions_only
-from studio.stream.profiles.planes import PlanesCoding
+from studio.stream.planes_coding import PlanesCoding
 from studio.training import TrainingView, TrainSettings
 from studio.training.adam import Adam, ParameterGroup
 from studio.training.coded_loss import CodedLoss

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from studio.gaussians import Gaussians
 from studio.progress import ProgressFn, no_progress
-from studio.stream.profiles.planes import PlanesCoding
+from studio.stream.planes_coding import PlanesCoding
 from studio.training.adam import Adam, ParameterGroup
 from studio.training.coded_loss import CodedLoss
 from studio.training.hashgrid import HashGrid

@@ -1,6 +1,6 @@
 // The losses on the values that a stream codes: bits of the quantized residuals (paper equations 8 to 11), difference
 // to the previous frame (equation 12); and the coded values of the profile `planes`. The definitions are
-// studio/training/regularizers.py and studio/stream/profiles/planes.py.
+// studio/training/coded_loss.py and studio/stream/planes_coding.py.
 #pragma once
 
 #include <cstddef>

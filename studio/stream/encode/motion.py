@@ -22,7 +22,6 @@ from studio.stream.manifest import BlockTable, Box, ChannelEntry, Lattice, Motio
 from studio.stream.morton import deinterleave, interleave, square_scan
 from studio.stream.motion_blocks import Blocks, find_blocks
 from studio.stream.motion_state import MAX_BITS, MAX_CLASS, Escapes, MotionState, Side, keyframe_bits
-from studio.stream.profiles.motion import channel_range, channel_steps
 from studio.stream.settings import BakeSettings
 from studio.stream.shapes import shapes_of
 from studio.stream.video import PlaneEncoder, encoding
@@ -36,6 +35,9 @@ _TURN = 0.01  # MRP (2.3 degrees): smaller block rotations are set to zero
 _ROTATION_UNIT = 1 / 512
 _JITTER = 4.0  # steps (of class 1, for positions): standard deviation of what training adds to each frame, measured
 _STEPS_A_SIDE = 127  # range of residual codes in either direction
+_TAIL = 1e-4  # fraction of values at either end that may become escapes instead of widening the range
+_OUTLIERS = 4  # splats at either end that may do so if they would at least double the step, in channels of any size
+_MAX_CODE = float(1 << 30)  # of an escape; the side file has 32 bits
 
 
 class MotionBake:
@@ -118,7 +120,7 @@ class MotionBake:
         if settings.smooths_paths:
             residuals = smooth_paths(residuals, _JITTER * self._step * self._importance, keep_first=True)
             attributes = self._smooth_attributes()
-        steps = channel_steps(self._degree, self._step, self._typical, settings)
+        steps = _channel_steps(self._degree, self._step, self._typical, settings)
         classes = _classes(self._importance, residuals, steps[0])
         gains = np.ldexp(1.0, classes.astype(np.int64))
         entries: list[ChannelEntry] = []
@@ -134,7 +136,7 @@ class MotionBake:
         for index, (channel, step, values) in enumerate(zip(channels(self._degree), steps, coded, strict=True)):
             offset = 0.0
             if index >= 3:
-                offset, step = map(_stored, channel_range(values, step))
+                offset, step = map(_stored, _channel_range(values, step))
             codes_8 = np.rint((values - offset) / step).astype(np.int64) + 128
             beyond = (codes_8 < 0) | (codes_8 > 255)
             frame, splat = np.nonzero(beyond)
@@ -174,7 +176,7 @@ class MotionBake:
     def _smooth_attributes(self) -> np.ndarray:
         """(F, C - 3, N) float64 shapes, opacities and colors, each smoothed on its own."""
         if self._smoothed is None:
-            steps = channel_steps(self._degree, self._step, self._typical, BakeSettings())[3:]
+            steps = _channel_steps(self._degree, self._step, self._typical, BakeSettings())[3:]
             channels = [
                 smooth_paths(values[..., None], _JITTER * step, keep_first=False)[..., 0]
                 for values, step in zip(self._attributes.swapaxes(0, 1), steps, strict=True)
@@ -257,3 +259,44 @@ def _classes(importance: np.ndarray, residuals: np.ndarray, step: float) -> np.n
     reach = np.quantile(np.abs(residuals).max(axis=2), 0.8, axis=0)
     needed = np.ceil(np.log2(np.maximum(reach / (_STEPS_A_SIDE * step), 1e-9)))
     return np.clip(np.maximum(wanted, needed), 0, MAX_CLASS).astype(np.uint8)
+
+
+def _channel_steps(sh_degree: int, position_step: float, typical: float, settings: BakeSettings) -> list[float]:
+    """Step of each channel of `attributes.channels(sh_degree)`, before `_channel_range`, in world units.
+
+    `position_step` is of residuals of class 1; class 0 has half of it. `typical` is the size of a typical splat. An
+    attribute whose QP differs from `qp` has a finer or coarser step, 6 QPs per factor of two.
+    """
+    result: list[float] = []
+    for attribute in ATTRIBUTES:
+        base = attribute.steps
+        if attribute.name == "means":
+            base = (position_step / 2,) * 3
+        elif attribute.name == "scales":
+            base = tuple(step * math.sqrt(typical) for step in base)
+        qp = settings.qp_overrides.get(attribute.qp_name, settings.qp)
+        result += [step * 2.0 ** ((qp - settings.qp) / 6) for step in base] * attribute.repeats(sh_degree)
+    return result
+
+
+def _channel_range(values: np.ndarray, step: float) -> tuple[float, float]:
+    """Offset and step (at least `step`) of a channel: all values if 255 steps hold them, else all but the tails."""
+    least, most = low, high = float(values.min()), float(values.max())
+    if high - low > 254 * step:
+        low, high = (float(end) for end in np.quantile(values, [_TAIL, 1 - _TAIL]))
+        inner = _without_outliers(values)
+        if high - low > 2 * max(inner[1] - inner[0], 254 * step):
+            low, high = inner
+    return (low + high) / 2, max(step, (high - low) / 254, (most - least) / _MAX_CODE)
+
+
+def _without_outliers(values: np.ndarray) -> tuple[float, float]:
+    """Range of the values without a few splats that are far from all others: farther than the range of these."""
+    splats = values.reshape(-1, values.shape[-1])
+    if splats.shape[1] <= 2 * _OUTLIERS:
+        return float(values.min()), float(values.max())
+    low = float(np.partition(splats.min(axis=0), _OUTLIERS)[_OUTLIERS])
+    high = float(np.partition(splats.max(axis=0), -_OUTLIERS - 1)[-_OUTLIERS - 1])
+    width = high - low
+    near = splats[(splats >= low - width) & (splats <= high + width)]
+    return float(near.min()), float(near.max())

@@ -9,7 +9,7 @@ import torch
 from studio.gaussians import Gaussians
 from studio.stream.attributes import components
 from studio.stream.layout import component_frames
-from studio.stream.profiles.planes import PlanesCoding
+from studio.stream.planes_coding import PlanesCoding
 from studio.stream.quantize import LEVELS_8, dequantize, quantize
 from tests.studio.rasterizer.conftest import make_splats
 
