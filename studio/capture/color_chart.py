@@ -142,7 +142,10 @@ def fit_chart_colors(
     for number, name in enumerate(cameras):
         progress(number, len(cameras))
         try:
-            seen[name] = _chart_of(footage, name, frame)
+            if frame not in footage.frames_of(name):
+                problem = f"it has no frame {frame}"
+                raise StudioError("color_chart.camera_without_frame", problem, value=frame, camera=name)
+            seen[name] = find_chart(footage.raw_image(name, frame))
         except StudioError as error:
             if not error.code.startswith("color_chart."):
                 raise
@@ -180,12 +183,6 @@ def fit_chart_colors(
 def reasons(without: Mapping[str, StudioError]) -> str:
     """Why cameras cannot be measured, see `ChartFit.without`, for a sentence."""
     return "; ".join(f"{name}: {error.problem}" for name, error in without.items())
-
-
-def _chart_of(footage: Footage, name: str, frame: int) -> ChartColors:
-    if frame not in footage.frames_of(name):
-        raise StudioError("color_chart.camera_without_frame", f"it has no frame {frame}", value=frame, camera=name)
-    return find_chart(footage.raw_image(name, frame))
 
 
 def _matrix(mean: np.ndarray, colors: np.ndarray) -> np.ndarray:

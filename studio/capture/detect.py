@@ -243,8 +243,6 @@ def _as_chapters(root: Path, found: tuple[str, list[Match]]) -> tuple[str, list[
     if len({match.path.parent for match in matches}) > 1:
         return None
     folder, _, _ = pattern.rpartition("{camera}")
-    extensions = {match.path.suffix for match in matches}
-    extension = extensions.pop() if len(extensions) == 1 else ".*"
     for form, shape in (
         (r"(?P<camera>.+?)(?P<between>[-_ .]*)(?P<own>G.*)", "{{camera}}{}G{{chapter}}????"),
         (r"(?P<own>G.*?)(?P<between>[-_ .]+)(?P<camera>.+)", "G{{chapter}}????{}{{camera}}"),
@@ -258,7 +256,7 @@ def _as_chapters(root: Path, found: tuple[str, list[Match]]) -> tuple[str, list[
         else:
             between = {part["between"] for part in parts if part is not None}
             if len(between) == 1 and all(map(_are_chapters, cameras.values())):
-                return _matching(root, folder + shape.format(between.pop()) + extension)
+                return _matching(root, _with_extension(f"{folder}{shape.format(between.pop())}.*", matches))
     return None
 
 
@@ -282,19 +280,13 @@ def _video_layouts(paths: Sequence[str]) -> list[str]:
             return [f"{shape}/G{{chapter}}????{extension}"]
         common = set.intersection(*(set(names) for names in folders.values()))
         several = [f"{shape}/{name}" for name in sorted(common)], _each(folders, extension)
-        if min(map(len, folders.values())) > 1:
-            parts = _numbered([name for names in folders.values() for name in names])
-            several[0].insert(1, f"{shape}/{parts}{extension}")
+        if min(map(len, folders.values())) > 1:  # they may be parts of recordings
+            stems = [Path(path).stem for path in paths]
+            head, tail = shared_start(stems), shared_start([stem[::-1] for stem in stems])[::-1]
+            several[0].insert(1, f"{shape}/{head}{{chapter}}{tail}{extension}")
         first = all(any(map(looks_like_camera, folder.split("/"))) for folder in folders)
         return [*several[not first], *several[first]]
     return _each(folders, extension)
-
-
-def _numbered(names: Sequence[str]) -> str:
-    """The pattern of files without their extensions that are parts of recordings."""
-    stems = [Path(name).stem for name in names]
-    head, tail = shared_start(stems), shared_start([stem[::-1] for stem in stems])[::-1]
-    return f"{head}{{chapter}}{tail}"
 
 
 def _each(folders: Mapping[str, Sequence[str]], extension: str) -> list[str]:
@@ -353,12 +345,11 @@ def _ambiguous(root: Path, patterns: Sequence[str]) -> StudioError:
 
 def _folders_are_frames(root: Path, matches: Sequence[Match]) -> bool:
     """Whether NUMBER/NUMBER.png means frame/camera, not camera/frame, as in HiFi4G (transforms.json beside folders)."""
-    frames = {match.frame for match in matches}
     cameras = {match.camera for match in matches}
     if all(camera.isdigit() for camera in cameras):
         named = named_in(root / "transforms.json")
         return bool(named) and named <= cameras
-    return len(matches) == len(frames) * len(cameras) and len(cameras) > 1
+    return len(matches) == len({match.frame for match in matches}) * len(cameras) and len(cameras) > 1
 
 
 def _with_extension(layout: str, matches: Sequence[Match]) -> str:

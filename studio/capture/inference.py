@@ -8,7 +8,7 @@ grid of cameras and frames and whose names look like cameras and frames is the b
 import re
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import groupby, product
+from itertools import product
 from pathlib import PurePosixPath
 
 _FRAME_WORD = "(?:frames?|frm|fr|timesteps?|time|img|images?|im|f|t)"
@@ -70,16 +70,12 @@ def looks_like_camera(name: str) -> bool:
 
 def groups_of(paths: Sequence[str]) -> Iterator[list[str]]:
     """The paths with the same number of folders; then those that also share the first folder, the second, ..."""
-    by_depth = {depth: list(some) for depth, some in groupby(sorted(paths, key=_depth), key=_depth)}
-    for depth, same in sorted(by_depth.items()):
+    for depth in sorted({path.count("/") for path in paths}):
+        same = [path for path in paths if path.count("/") == depth]
         for shared in range(depth + 1):
             folders = {tuple(path.split("/")[:shared]) for path in same}
             for folder in sorted(folders) if shared == 0 or len(folders) > 1 else ():
                 yield [path for path in same if tuple(path.split("/")[:shared]) == folder]
-
-
-def _depth(path: str) -> int:
-    return path.count("/")
 
 
 def _layout(split: Sequence[tuple[str, ...]], forms: Sequence[_Form], extension: str) -> Layout | None:

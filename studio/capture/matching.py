@@ -92,7 +92,7 @@ def _matched(rig: Rig, names: Sequence[str]) -> dict[str, str]:
     known = dict.fromkeys((*rig.names, *rig.left_out))
     found = {name: name for name in known}
     if not set(names) <= set(found):
-        stems = {_stem(name): name for name in known}
+        stems = {PurePosixPath(without_extension(name)).name: name for name in known}
         if len(stems) == len(known) and len(set(names) & set(stems)) > len(set(names) & set(found)):
             found = stems
     if not set(names) <= set(found):
@@ -100,22 +100,14 @@ def _matched(rig: Rig, names: Sequence[str]) -> dict[str, str]:
     return {name: found[name] for name in names if name in found}
 
 
-def _stem(name: str) -> str:
-    return PurePosixPath(without_extension(name)).name
-
-
 def _by_number(cameras: Mapping[str, str], names: Sequence[str]) -> dict[str, str]:
     """Names of cameras by the name in the footage that has the same numbers, as in `00000007` and `cam_7` or `hd_00_03`
     and `00_03`; empty unless this is unambiguous and holds for all of the footage. Of names with a single number, the
     rig must have no other: it may count from 0 and the footage from 1."""
-    mine, others = ({_numbers(name): name for name in group} for group in (names, cameras))
+    mine, others = ({tuple(map(int, re.findall(r"\d+", name))): name for name in group} for group in (names, cameras))
     ambiguous = len(mine) != len(names) or len(others) != len(cameras) or () in mine
     if ambiguous or not set(mine) <= set(others):
         return {}
     if set(mine) != set(others) and min(map(len, mine)) < 2:
         return {}
     return {name: cameras[others[numbers]] for numbers, name in mine.items()}
-
-
-def _numbers(name: str) -> tuple[int, ...]:
-    return tuple(map(int, re.findall(r"\d+", name)))

@@ -79,12 +79,9 @@ def video_stream(container: InputContainer) -> VideoStream | None:
     marked = [stream for stream in films if stream.disposition & Disposition.default]
     if len(marked) == 1 and marked[0] is not films[0]:
         return marked[0]
-    return max(films, key=lambda stream: (_moves(stream), stream.width * stream.height), default=None)
-
-
-def _moves(stream: VideoStream) -> bool:
-    """Whether it is not a still that is not marked as cover art; Matroska does not tell how many frames there are."""
-    return stream.frames > 1 or stream.codec_context.codec.name not in _STILLS
+    # stills that are not marked as cover art come last; Matroska does not tell how many frames there are
+    moving = [each for each in films if each.frames > 1 or each.codec_context.codec.name not in _STILLS]
+    return max(moving or films, key=lambda stream: stream.width * stream.height, default=None)
 
 
 def start_of(stream: Any) -> float:
@@ -92,22 +89,18 @@ def start_of(stream: Any) -> float:
     return float(stream.start_time * stream.time_base) if stream.start_time is not None else 0.0
 
 
-def has_separate_alpha(stream: VideoStream) -> bool:
-    """Whether alpha is stored beside the frames of a VP8 or VP9 video, as WebM marks it."""
-    return stream.codec_context.codec.name in _ALPHA_DECODERS and stream.metadata.get("alpha_mode") == "1"
-
-
 def decoded(container: InputContainer, stream: VideoStream) -> Iterator[VideoFrame]:
     """The frames of a stream from here on, with alpha if it has it. Raises av.FFmpegError, OSError, ValueError."""
     from av.codec import CodecContext
 
     # each decoder has one thread: a capture keeps many open, and each frame thread needs a frame buffer of its own
-    if not has_separate_alpha(stream):
+    own = _ALPHA_DECODERS.get(stream.codec_context.codec.name)
+    if own is None or stream.metadata.get("alpha_mode") != "1":  # as WebM marks alpha beside the frames
         if not stream.codec_context.is_open:
             stream.codec_context.thread_count = 1
         yield from container.decode(stream)
         return
-    decoder: Any = CodecContext.create(_ALPHA_DECODERS[stream.codec_context.codec.name], "r")
+    decoder: Any = CodecContext.create(own, "r")
     decoder.extradata = stream.codec_context.extradata
     decoder.thread_count = 1
     for packet in container.demux(stream):

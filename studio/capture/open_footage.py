@@ -64,9 +64,6 @@ def open_footage(
         without_masks: cameras that are known to have no masks, `Footage.without_masks` before calibration. They are not
             expected in `rig`.
 
-    Returns:
-        the footage.
-
     Raises:
         StudioError: `footage.*`: no files found, a file cannot be opened, two files for the same camera and frame, an
             unknown camera in the settings, missing frames, or an aspect ratio that differs from the calibration's;
@@ -99,9 +96,8 @@ def open_footage(
     if strict and problems:
         raise _all_of(problems)
     rate, fps_note = _fps(spec, sources)
-    video_notes = _video_notes(sources)
     sound = find_sound(spec, sources, rate)
-    notes = [_found(spec, pattern, sources, frames), fps_note, video_notes]
+    notes = [_found(spec, pattern, sources, frames), fps_note, _video_notes(sources)]
     if sound is not None:
         notes.append(f"Sound: {sound.path.name}, {sound.file.description}.")
     limit = min(2 << 30, memory_limit() // 8)
@@ -116,7 +112,11 @@ def open_footage(
     unmasked = [name for name in sources if name not in masked_names]
     sources = _with_masks(spec, sources, unmasked, held_out)
     left_out = tuple(name for name in found if name not in sources and name in (*without_masks, *unmasked))
-    notes += _mask_notes(left_out, [name for name in unmasked if name in held_out])
+    if left_out:
+        notes.append(f"Without masks, so not used: {cameras_listed(left_out)}. To use them, add masks.")
+    unmeasured = [name for name in unmasked if name in held_out]
+    if unmeasured:
+        notes.append(f"Held out without masks, so no quality is measured there: {cameras_listed(unmeasured)}.")
     warps = _warps(spec, rig, sources, notes) if rig is not None else None
     exact, exact_note = exact_masks(spec, evaluation_masks, held_out or tuple(sources), masked)
     notes.append(exact_note)
@@ -158,16 +158,6 @@ def _with_masks(
         fix = f"Name some of them in the source's attribute `cameras`: {', '.join(left_out)}."
         raise StudioError("mask.no_camera", problem, value=spec.masks, fix=fix, setting="capture.masks")
     return {name: source for name, source in sources.items() if name not in left_out}
-
-
-def _mask_notes(left_out: Sequence[str], unmeasured: Sequence[str]) -> list[str]:
-    """Which cameras have no masks, and what follows."""
-    notes = []
-    if left_out:
-        notes.append(f"Without masks, so not used: {cameras_listed(left_out)}. To use them, add masks.")
-    if unmeasured:
-        notes.append(f"Held out without masks, so no quality is measured there: {cameras_listed(unmeasured)}.")
-    return notes
 
 
 def on_this_machine(spec: CaptureSettings) -> CaptureSettings:

@@ -25,17 +25,13 @@ _FIRST_PACKETS = 8  # the number of a tmcd track is in its first packet
 
 @dataclass(frozen=True)
 class Timecode:
-    """The time of day at which a video starts, counted in frames, and its label; ";" says that labels are dropped."""
+    """The time of day at which a video starts, counted in frames, and its label; ";" says that labels are dropped, so
+    that 29.97 or 59.94 frames per second keep up with the clock."""
 
     text: str
     rate: Fraction
     frames: int
     day: int
-
-    @property
-    def drop_frame(self) -> bool:
-        """Whether labels are dropped, so that 29.97 or 59.94 frames per second keep up with the clock."""
-        return ":" not in self.text[8:9]
 
 
 def parse_timecode(text: str, rate: Fraction, file: Path | None = None) -> Timecode:
@@ -120,7 +116,7 @@ def timecode_offsets(timecodes: Mapping[str, Timecode]) -> dict[str, int]:
             fix="Convert the footage to one frame rate.",
             cameras=(names[0], names[-1]),
         )
-    kinds = {timecodes[name].drop_frame: name for name in reversed(list(timecodes))}
+    kinds = {timecodes[name].text[8] != ":": name for name in reversed(list(timecodes))}
     if len(kinds) > 1:
         problem = (
             f"Camera '{kinds[True]}' has drop-frame timecode ({timecodes[kinds[True]].text}) and camera "

@@ -3,8 +3,9 @@
 import bisect
 import functools
 import itertools
+import statistics
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from studio.capture.chroma_grid import chroma_grid
-from studio.capture.frame_clock import frame_clock
 from studio.capture.media import decoded, open_media, open_packets, video_stream
 from studio.capture.transfer import TransferFunction, eight_bit
 from studio.chroma import ChromaSampling
@@ -24,6 +24,7 @@ _SWS_FLAGS = 0x4 | 0x2000 | 0x40000
 _MATRICES = {"bt601": 5, "bt709": 1}  # swscale's SWS_CS_ITU601 and SWS_CS_ITU709
 _HDR = {16: "PQ", 18: "HLG"}  # FFmpeg's AVCOL_TRC_SMPTE2084 and AVCOL_TRC_ARIB_STD_B67
 _SQUARE = 0.01
+_GAP = 0.5  # of an interval: by how much times may be off without a frame being missing
 _EMPTY_PACKET = 8  # bytes
 _ENCODE_AGAIN = "Copy or encode the video again."
 
@@ -86,10 +87,6 @@ class VideoReader:
             self.width, self.height = self._square[:: -1 if self._turns % 2 else 1]
             self.note = "; ".join(filter(None, (self.note, *_unusual(self._container, stream, frame))))
             self.has_alpha = any(part.is_alpha for part in frame.format.components)
-
-    @property
-    def is_open(self) -> bool:
-        return self._container is not None
 
     def close(self) -> None:
         """Close the decoder. The next read opens it again."""
@@ -203,22 +200,22 @@ class VideoReader:
 
     def _at_constant_rate(self, times: list[int] | None) -> None:
         """Fill gaps in the presentation times; those of decoding if the container lists them, else of `_scan`."""
-        if times is not None and frame_clock(times) is None:
-            return
         if times is not None:
+            if _clock(times) is None:
+                return
             self._scan(listed=True)
-        clock = frame_clock(self._timestamps or ())
+        clock = _clock(self._timestamps or ())
         if clock is None:
             return
-        rate = 1 / (clock.interval * float(self._stream.time_base))
-        if clock.shown is None:
+        interval, shown = clock
+        rate = 1 / (interval * float(self._stream.time_base))
+        if shown is None:
             self.close()
             problem = f"the frame rate varies too much to be made constant (usually {rate:.4g} fps)"
             fix = f"Convert the video: ffmpeg -i {self.path.name} -fps_mode cfr -r {rate:.4g} OUTPUT."
             raise StudioError("footage.variable_rate", problem, file=self.path, value=rate, fix=fix)
-        self._shown, self.fps = clock.shown, rate
-        self.frame_count = len(clock.shown)
-        added = self.frame_count - len(set(clock.shown))
+        self._shown, self.fps, self.frame_count = shown, rate, len(shown)
+        added = self.frame_count - len(set(shown))
         self.note = f"the frame rate is not constant; at {rate:.4g} fps, {added} frames repeat the ones before them"
 
     def _scan(self, listed: bool = False) -> int:
@@ -337,6 +334,28 @@ class VideoReader:
         except (av.error.FFmpegError, OSError, ValueError):
             pass
         self._open()  # unusable seek index: decoding from the start is slow but exact
+
+
+def _clock(times: Sequence[int]) -> tuple[float, list[int] | None] | None:
+    """The interval of frames at a constant rate and, for each, the index of the file's frame to show, by the sorted
+    times of a video that skips frames; None if all intervals are nearly equal. There are no indices if there would be
+    more than twice as many frames: the rate is not nearly constant.
+
+    Phones and capture programs write no packet where a frame was dropped. Counting packets would shift all later frames
+    against the other cameras; here, the frame before the gap is shown again instead.
+    """
+    if len(times) < 3:
+        return None
+    gaps = [later - earlier for earlier, later in itertools.pairwise(times)]
+    usual = statistics.median(gaps)
+    if max(abs(gap - usual) for gap in gaps) <= _GAP * usual:
+        return None
+    interval = statistics.fmean(gap for gap in gaps if abs(gap - usual) <= _GAP * usual)
+    count = round((times[-1] - times[0]) / interval) + 1
+    if count > 2 * len(times):
+        return interval, None
+    ends = [times[0] + (index + 0.5) * interval for index in range(count)]
+    return interval, [max(0, bisect.bisect_right(times, end) - 1) for end in ends]
 
 
 def _unusual(container: Any, stream: Any, frame: Any) -> Iterator[str]:

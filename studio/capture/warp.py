@@ -83,10 +83,8 @@ class Warp:
     @property
     def is_identity(self) -> bool:
         """Whether images remain unchanged: no distortion and full size."""
-        return self.source.is_pinhole and (self.camera.width, self.camera.height) == (
-            self.source.width,
-            self.source.height,
-        )
+        size = self.camera.width, self.camera.height
+        return self.source.is_pinhole and size == (self.source.width, self.source.height)
 
     def maps(self) -> tuple[np.ndarray, np.ndarray]:
         """Fixed-point maps for `cv2.remap` from undistorted to raw pixels, 6 bytes per pixel."""

@@ -227,18 +227,9 @@ def solve_edges(
 ) -> np.ndarray:
     """Soften a binary mask: within `reach` pixels of the silhouette, solve I = a F + (1 - a) B for a.
 
-    F is the mean foreground color just inside, B the plate. If the two are too similar, a depends on the distance from
-    the silhouette instead.
-
-    Args:
-        image, plate: (H, W, 3) uint8.
-        gain: (3,) gain applied to the plate.
-        solid: (H, W) uint8, 0 or 1.
-        reach: width of the band in pixels.
-        known: (H, W) bool, where the plate is reliable; None: everywhere.
-
-    Returns:
-        (H, W) uint8 mask.
+    F is the mean foreground color just inside, B the plate times its `gain` (3,). If the two are too similar, a depends
+    on the distance from the silhouette instead. Takes image and plate (H, W, 3) uint8, `solid` (H, W) uint8, 0 or 1,
+    and `known` (H, W) bool, where the plate is reliable (None: everywhere); returns the mask, (H, W) uint8.
     """
     import cv2
 

@@ -99,7 +99,7 @@ def keep_components(
     core: np.ndarray | None = None,
     likeness: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Remove small components of a binary mask and fill small holes.
+    """Remove small components of a binary mask and fill small holes: (H, W) uint8, 0 or 1.
 
     Args:
         mask: (H, W) uint8, 0 or 1, or bool.
@@ -109,9 +109,6 @@ def keep_components(
         core: (H, W) bool; components without at least 2x2 such pixels are removed.
         likeness: (H, W) float32; components whose mean is below half that of the largest one are removed (mostly
             reflections).
-
-    Returns:
-        (H, W) uint8, 0 or 1.
     """
     import cv2
 

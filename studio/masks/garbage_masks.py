@@ -32,41 +32,27 @@ class DrawnGarbageMasks:
 
 
 class GarbageImages:
-    """One image per camera, or per camera and frame; black excludes. Cameras without a garbage mask keep the whole
-    image.
+    """One image per camera, which applies to all frames, or per camera and frame; black excludes. Cameras without a
+    garbage mask keep the whole image. `offsets`, as in `CaptureSettings`, apply to files with a frame number and to
+    videos. Raises StudioError: a file cannot be opened."""
 
-    Args:
-        matches: the files; an image without a frame number applies to all frames of its camera.
-        pool: bounds the number of open decoders.
-        offsets: camera to sync offset in frames, as in `CaptureSettings`; applies to files with a frame number and to
-            videos.
-
-    Raises:
-        StudioError: a file cannot be opened.
-    """
-
-    def __init__(self, matches: list[Match], pool: DecoderPool, offsets: Mapping[str, int] | None = None) -> None:
+    def __init__(self, matches: list[Match], pool: DecoderPool, offsets: Mapping[str, int]) -> None:
         self._cameras = {match.camera for match in matches}
         self._still = {
             match.camera
             for match in matches
             if match.frame is None and match.path.suffix.lower() not in VIDEO_EXTENSIONS
         }
-        moving = {camera: offset for camera, offset in (offsets or {}).items() if camera not in self._still}
+        moving = {camera: offset for camera, offset in offsets.items() if camera not in self._still}
         self._mask_source = FileMaskSource(make_sources(matches, pool, offsets=moving, transfer="srgb"))
 
     def inside(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray | None:
-        """(H, W) bool, where the performer may be in the raw `image` (H, W, ...); None: everywhere.
-
-        Raises:
-            StudioError: the file cannot be read, `mask.aspect_ratio`, or `footage.no_such_frame`.
-        """
+        """See `GarbageMasks`. StudioError: the file cannot be read, `mask.aspect_ratio`, or `footage.no_such_frame`."""
         if camera not in self._cameras:
             return None
         return self._mask_source.mask(camera, 0 if camera in self._still else frame, image) > 127
 
     def files(self) -> list[Path]:
-        """The files from which they are read."""
         return self._mask_source.files()
 
 

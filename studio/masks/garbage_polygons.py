@@ -29,17 +29,11 @@ _BITS = 4  # of a pixel's fraction, for OpenCV
 
 @dataclass(frozen=True)
 class GarbagePolygons:
-    """The polygons of one camera.
+    """The polygons of one camera, (N, 2) float64 corners each, in pixels."""
 
-    Attributes:
-        keep: (N, 2) float64 corners each, in pixels; the performer is inside one of them. Empty: no limit.
-        remove: corners likewise; the performer is in none of them.
-        size: (width, height) of the image that they refer to; None: the stored frames.
-    """
-
-    keep: tuple[np.ndarray, ...] = ()
-    remove: tuple[np.ndarray, ...] = ()
-    size: tuple[float, float] | None = None
+    keep: tuple[np.ndarray, ...] = ()  # the performer is inside one of them; empty: no limit
+    remove: tuple[np.ndarray, ...] = ()  # the performer is in none of them
+    size: tuple[float, float] | None = None  # (width, height) of the image that they refer to; None: the stored frames
 
     def inside(self, width: int, height: int) -> np.ndarray:
         """(H, W) bool, where the performer may be in an image of this size in pixels."""

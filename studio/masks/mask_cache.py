@@ -24,11 +24,9 @@ class MaskCache:
         digest = hashlib.blake2b(f"{self._recipe}\0{image.shape}\0".encode(), digest_size=16)
         digest.update(np.ascontiguousarray(image).data)
         path = self._folder / f"mask_{digest.hexdigest()}.png"
-        with suppress(
-            OSError, ValueError, SyntaxError, Image.DecompressionBombError
-        ):  # missing or truncated: recomputed
-            with Image.open(path) as file:
-                mask = np.array(file)
+        # a missing or truncated file is made again
+        with suppress(OSError, ValueError, SyntaxError, Image.DecompressionBombError), Image.open(path) as file:
+            mask = np.array(file)
             if mask.dtype == np.uint8 and mask.shape == image.shape[:2]:
                 return mask
         mask = make()

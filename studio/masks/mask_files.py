@@ -21,12 +21,8 @@ _SAMPLED_FRAMES, _SAMPLED_CAMERAS = 3, 8
 
 class FileMaskSource:
     """A `MaskSource` that reads mask images, one per camera and frame, or mask videos; see `read_mask_values` and
-    `MaskValues` for what their values mean. Masks that differ in size from the images are resized if the aspect ratio
-    is the same.
-
-    Args:
-        sources: camera name to its masks.
-        labels: those that are foreground, if the values are labels; empty: all but 0.
+    `MaskValues` for what their values mean. `labels`: those that are foreground, if the values are labels; empty: all
+    but 0. Masks that differ in size from the images are resized if the aspect ratio is the same.
     """
 
     def __init__(self, sources: Mapping[str, FrameSource], labels: tuple[int, ...] = ()) -> None:
@@ -71,7 +67,9 @@ class FileMaskSource:
         weak = {
             name: found for name, found in sampled.items() if not found.labels and 0 < found.highest < found.full / 2
         }
-        inverted = [name for name, found in sampled.items() if found.border > 0.5]  # performers are in the middle
+        inverted = [
+            name for name, found in sampled.items() if found.border > 0.5
+        ]  # in most images, a performer is in the middle
         warnings = []
         for name, found in list(weak.items())[:1]:
             warnings.append(

@@ -85,30 +85,18 @@ class GarbageMasks(Protocol):
 
 @dataclass(frozen=True)
 class MaskInputs:
-    """What a source of masks is opened with.
-
-    Attributes:
-        spec: the capture's settings.
-        sources: frames of each camera.
-        frames: frame numbers that must have a mask file.
-        held_out: cameras that need none.
-        pool: bounds the number of open decoders.
-        cache_folder: for estimated backgrounds and masks of a model; None caches in memory only.
-        device, threads: device and CPU threads of a matting model, as in `MattingModel`.
-        garbage: where the performer may be, for sources that profit from knowing it; `Footage` applies it in any case.
-        cameras: returns the cameras of the raw frames, by name; None before calibration.
-    """
+    """What a source of masks is opened with."""
 
     spec: CaptureSettings
-    sources: Mapping[str, FrameSource]
-    frames: tuple[int, ...]
-    held_out: tuple[str, ...]
-    pool: DecoderPool
-    cache_folder: Path | None = None
-    device: str = "auto"
+    sources: Mapping[str, FrameSource]  # frames of each camera
+    frames: tuple[int, ...]  # frame numbers that must have a mask file
+    held_out: tuple[str, ...]  # cameras that need none
+    pool: DecoderPool  # bounds the number of open decoders
+    cache_folder: Path | None = None  # for estimated backgrounds and masks of a model; None caches in memory only
+    device: str = "auto"  # device, threads: device and CPU threads of a matting model, as in `MattingModel`
     threads: int = 0
-    garbage: GarbageMasks | None = None
-    cameras: Callable[[], Mapping[str, Camera]] | None = None
+    garbage: GarbageMasks | None = None  # for sources that profit from knowing it; `Footage` applies it in any case
+    cameras: Callable[[], Mapping[str, Camera]] | None = None  # of the raw frames, by name; None before calibration
 
     @property
     def names(self) -> tuple[str, ...]:

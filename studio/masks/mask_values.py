@@ -25,25 +25,15 @@ _SCALES = {True: (255.0, 65535.0), False: (1.0, 255.0, 65535.0)}
 
 @dataclass(frozen=True)
 class MaskValues:
-    """What the values of a camera's masks mean.
+    """What the values of a camera's masks mean."""
 
-    Attributes:
-        labels: the numbers that were found, without 0, if they are labels; empty for soft masks.
-        full: the value of a soft mask that is entirely foreground.
-        highest: the highest value found; 0 if all masks are empty.
-        is_soft: whether there are other values than 0 and `full`.
-        border: the share of the images' borders that is foreground.
-        around: the commonest value of the borders.
-        lowest: the lowest value found; above 0 if no mask has background.
-    """
-
-    labels: tuple[int, ...] = ()
-    full: float = 255.0
-    highest: float = 0.0
-    is_soft: bool = False
-    border: float = 0.0
-    around: float = 0.0
-    lowest: float = 0.0
+    labels: tuple[int, ...] = ()  # the numbers that were found, without 0, if they are labels; empty for soft masks
+    full: float = 255.0  # the value of a soft mask that is entirely foreground
+    highest: float = 0.0  # the highest value found; 0 if all masks are empty
+    is_soft: bool = False  # whether there are other values than 0 and `full`
+    border: float = 0.0  # the share of the images' borders that is foreground
+    around: float = 0.0  # the commonest value of the borders
+    lowest: float = 0.0  # the lowest value found; above 0 if no mask has background
 
     def mask(self, values: np.ndarray, chosen: Sequence[int] = ()) -> np.ndarray:
         """(H, W) uint8, 255 = foreground, of values (H, W) as from `read_mask_values`. `chosen`: the labels that are

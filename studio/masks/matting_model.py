@@ -23,19 +23,13 @@ _IMAGENET = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 
 @dataclass(frozen=True)
 class Kind:
-    """How a model was trained.
+    """How a model was trained."""
 
-    Attributes:
-        mean, deviation: (red, green, blue), subtracted from values in 0..1, and by which they are then divided.
-        side: longer side in pixels, for ONNX files that accept any size; 0: the size of the image. Of TensorFlow Lite
-            files, both sides.
-        logits: whether the output has to be passed through a sigmoid.
-    """
-
-    mean: tuple[float, float, float]
-    deviation: tuple[float, float, float]
+    mean: tuple[float, float, float]  # (red, green, blue), subtracted from values in 0..1
+    deviation: tuple[float, float, float]  # by which they are then divided
+    # longer side in pixels, of ONNX files that accept any size; 0: that of the image. Of TensorFlow Lite files, both
     side: int
-    logits: bool = False
+    logits: bool = False  # whether the output has to be passed through a sigmoid
 
 
 KINDS: dict[ModelKind, Kind] = {  # as in the code that the models' authors published

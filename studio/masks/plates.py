@@ -27,12 +27,8 @@ FEW_FRAMES = 10  # with fewer frames, the performer hides too much of the set fo
 
 
 class PlateMaskSource(MaskSource):
-    """A `MaskSource` from the difference to the empty set, whose image is loaded or estimated once per camera.
-
-    Args:
-        background: loads or estimates the background of a camera; once per camera, as far as they fit into memory.
-        files: files that the backgrounds depend on.
-    """
+    """A `MaskSource` from the difference to the empty set, whose image `background` loads or estimates from `files`,
+    once per camera, as far as they fit into memory."""
 
     def __init__(self, inputs: MaskInputs, background: Callable[[str], Background], files: list[Path]) -> None:
         self._inputs, self._load, self._files = inputs, background, files

@@ -19,21 +19,14 @@ from studio.masks.plates import FEW_FRAMES, open_clean_plate, open_median_backgr
 
 @dataclass(frozen=True)
 class Source:
-    """One source of masks.
+    """One source of masks."""
 
-    Attributes:
-        name: value of `capture.masks`.
-        open: returns the source and a phrase that describes it; None if the capture does not have it. With `required`,
-            it raises a StudioError (`mask.*`) instead of returning None, and also if files of a camera or frame are
-            missing.
-        automatic: whether `auto` tries it.
-        detects: whether it finds the performer in the images, as sensitive as `capture.mask_sensitivity` says.
-    """
-
-    name: MaskKind
+    name: MaskKind  # value of `capture.masks`
+    # returns the source and a phrase that describes it; None if the capture does not have it. With `required`, it
+    # raises a StudioError (`mask.*`) instead of returning None, and also if files of a camera or frame are missing
     open: Callable[[MaskInputs, bool], tuple[MaskSource, str] | None]
-    automatic: bool = False
-    detects: bool = False
+    automatic: bool = False  # whether `auto` tries it
+    detects: bool = False  # whether it finds the performer in the images, as sensitive as `capture.mask_sensitivity`
 
 
 SOURCES = (  # in the order in which `auto` tries them

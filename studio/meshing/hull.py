@@ -30,24 +30,17 @@ Tick = Callable[[], None]  # called several times per second during long computa
 
 @dataclass
 class Hull:
-    """A signed distance field on a voxel grid.
+    """A signed distance field on a voxel grid."""
 
-    Attributes:
-        field: (Z, Y, X) float32 in world units, positive inside, clamped to +-`band`; border voxels are outside.
-        origin: (3,) float64 world position of the center of voxel [0, 0, 0].
-        voxel: edge length of a voxel in world units.
-        band: distance to which the field is clamped, in world units.
-        min_views: number of cameras that had to see a point.
-        restored: number of voxels restored because the cameras that rejected them are outliers.
-        outliers: camera name to the number of restored voxels that it had rejected.
-    """
-
-    field: np.ndarray
-    origin: np.ndarray
-    voxel: float
-    band: float
-    min_views: int
-    restored: int = 0
+    field: (
+        np.ndarray
+    )  # (Z, Y, X) float32 in world units, positive inside, clamped to +-`band`; border voxels are outside
+    origin: np.ndarray  # (3,) float64 world position of the center of voxel [0, 0, 0]
+    voxel: float  # edge length of a voxel in world units
+    band: float  # distance to which the field is clamped, in world units
+    min_views: int  # number of cameras that had to see a point
+    restored: int = 0  # number of voxels restored because the cameras that rejected them are outliers
+    # camera name to the number of restored voxels that it had rejected
     outliers: dict[str, int] = dataclasses.field(default_factory=dict)
 
     @property

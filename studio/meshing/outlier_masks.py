@@ -29,11 +29,8 @@ def restore(
     """Restore the volume that outlier masks carved away; `hull` itself if there is none.
 
     The result includes the voxels that are uncovered in half of the cameras that see and accept them; these are carved
-    without the outlier cameras. `tick` is called often and may raise `Cancelled`.
-
-    Args:
-        tolerant: (Z, Y, X) bool: voxels that at most the tolerated number of cameras reject.
-        uncovered: one (h, w) bool per camera, in its reduced image: foreground that the strict hull does not cover.
+    without the outlier cameras. `tolerant`: (Z, Y, X) bool: voxels that at most the tolerated number of cameras reject;
+    `uncovered`: one (h, w) bool per camera, in its reduced image: foreground that the strict hull does not cover.
     """
     flat = np.flatnonzero(tolerant.ravel() & (hull.field.ravel() <= 0))
     if len(flat) == 0:

@@ -42,21 +42,13 @@ def signed_distance(mask: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Silhouette:
-    """The signed distance map of a view.
+    """The signed distance map of a view."""
 
-    Attributes:
-        camera: reduced to the size of the map.
-        map: (1, 1, h, w) float32: signed distance in pixels of the reduced image.
-        mask: (h, w) uint8 reduced mask.
-        box: (4,) float64 left, top, right, bottom of the foreground in reduced pixels; None for an empty mask.
-        footprint: focal length in full-size pixels; a pixel covers depth / footprint in world units.
-    """
-
-    camera: Camera
-    map: torch.Tensor
-    mask: np.ndarray
-    box: np.ndarray | None
-    footprint: float
+    camera: Camera  # reduced to the size of the map
+    map: torch.Tensor  # (1, 1, h, w) float32: signed distance in pixels of the reduced image
+    mask: np.ndarray  # (h, w) uint8, reduced
+    box: np.ndarray | None  # (4,) float64 left, top, right, bottom of the foreground in reduced pixels; None: empty
+    footprint: float  # focal length in full-size pixels; a pixel covers depth / footprint in world units
 
     def project(self, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Project world points (N, 3) float32 to pixels (N, 2) in the reduced image, and depths (N,)."""
@@ -113,16 +105,11 @@ class Silhouette:
 def silhouettes(
     views: Sequence[ViewLike], *, max_pixels: float = 60e6, progress: ProgressFn = no_progress
 ) -> list[Silhouette]:
-    """Signed distance maps of all views, with bounded memory.
+    """Signed distance maps of at least two views with pinhole cameras. Each is read once, so a lazy sequence works.
 
-    Args:
-        views: at least two views with pinhole cameras. Each is read once, so a lazy sequence works.
-        max_pixels: maximum total number of pixels of all maps, at 4 bytes per pixel; larger masks are downscaled.
-        progress: called per view; may raise `Cancelled`.
-
-    Raises:
-        StudioError: `hull.too_few_cameras`, `hull.lens_distortion`, `hull.mask_size`, or `hull.empty_masks`: no mask
-            has any foreground.
+    `max_pixels`: of all maps together, at 4 bytes per pixel; larger masks are downscaled. `progress` is called per view
+    and may raise `Cancelled`. StudioError: `hull.too_few_cameras`, `hull.lens_distortion`, `hull.mask_size`, or
+    `hull.empty_masks`: no mask has any foreground.
     """
     if len(views) < 2:
         problem = f"A visual hull needs at least two cameras, found {len(views)}"

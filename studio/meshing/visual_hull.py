@@ -26,19 +26,12 @@ _GROSS = 0.05  # cameras that wrongly reject more than this fraction of the hull
 
 @dataclass
 class HullResult:
-    """A visual hull, and how well it fits the masks.
-
-    Attributes:
-        hull: the field.
-        mesh: its surface, never empty.
-        disagreement: camera name to 1 - IoU of the hull's silhouette and the mask, 0..1.
-        outlier_shares: camera name to the fraction of the hull's voxels that its mask wrongly rejects, 0..1; cameras
-            above 0.05 were excluded.
-    """
+    """A visual hull, and how well it fits the masks."""
 
     hull: Hull
-    mesh: Mesh
-    disagreement: dict[str, float]
+    mesh: Mesh  # its surface, never empty
+    disagreement: dict[str, float]  # camera name to 1 - IoU of the hull's silhouette and the mask, 0..1
+    # camera name to the fraction of the hull's voxels that its mask wrongly rejects, 0..1; above 0.05, it was excluded
     outlier_shares: dict[str, float]
 
 
@@ -114,9 +107,8 @@ def _choose_min_views(shapes: list[Silhouette], settings: InitializeSettings, ti
         if np.quantile(list(best.uncovered.values()), 0.75) < 0.04:
             break
     if best is None:
-        raise failure or StudioError(
-            "hull.empty", "The visual hull is empty", fix="Check the masks and the camera poses."
-        )
+        assert failure is not None
+        raise failure
     return best
 
 
