@@ -3,7 +3,7 @@
 import threading
 from bisect import bisect_right
 from collections import OrderedDict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from itertools import accumulate
 from pathlib import Path
 from typing import Protocol
@@ -45,9 +45,7 @@ class FrameSource(Protocol):
 class ImageSource(FrameSource):
     """A `FrameSource` with one image file per frame number; `transfer`: what values are, see `read_image`."""
 
-    def __init__(
-        self, camera: str, paths: Mapping[int, Path], transfer: TransferFunction = "auto", offset: int = 0
-    ) -> None:
+    def __init__(self, camera: str, paths: Mapping[int, Path], transfer: TransferFunction, offset: int) -> None:
         self.camera = camera
         self._transfer, self._offset = transfer, offset
         self._paths = dict(sorted(paths.items()))
@@ -121,19 +119,13 @@ class VideoSource(FrameSource):
     numbered from 0. Raises StudioError, see `VideoReader`."""
 
     def __init__(
-        self,
-        camera: str,
-        paths: Sequence[Path],
-        pool: DecoderPool,
-        color_matrix: str = "auto",
-        transfer: TransferFunction = "auto",
-        offset: int = 0,
+        self, camera: str, paths: list[Path], pool: DecoderPool, matrix: str, transfer: TransferFunction, offset: int
     ) -> None:
         self.camera = camera
         self._pool, self._offset = pool, offset
         self._readers: list[VideoReader] = []
         for path in paths:
-            self._readers.append(VideoReader(path, color_matrix, transfer))
+            self._readers.append(VideoReader(path, matrix, transfer))
             pool.touch(self._readers[-1])
         first = self._readers[0]
         self.width, self.height = first.width, first.height
@@ -182,11 +174,7 @@ def decoder_limit(width: int, height: int) -> int:
 
 
 def make_sources(
-    matches: list[Match],
-    pool: DecoderPool,
-    color_matrix: str = "auto",
-    offsets: Mapping[str, int] | None = None,
-    transfer: TransferFunction = "auto",
+    matches: list[Match], pool: DecoderPool, offsets: Mapping[str, int], transfer: TransferFunction, matrix: str
 ) -> dict[str, FrameSource]:
     """Camera name to its source, from the files that match a pattern. Images without `{frame}` become frame 0."""
     groups: dict[str, list[Match]] = {}
@@ -204,10 +192,10 @@ def make_sources(
                 else "Put {chapter} in the place of {frame} if the videos are parts of one recording, else name one."
             )
             raise StudioError("footage.video_as_frame", problem, file=videos[0].path, fix=fix, camera=camera)
-        offset = (offsets or {}).get(camera, 0)
+        offset = offsets.get(camera, 0)
         if videos:
             paths = [match.path for match in videos]
-            sources[camera] = VideoSource(camera, paths, pool, color_matrix, transfer, offset)
+            sources[camera] = VideoSource(camera, paths, pool, matrix, transfer, offset)
         else:
             sources[camera] = ImageSource(camera, {match.frame or 0: match.path for match in group}, transfer, offset)
     kinds = {not isinstance(source, ImageSource): camera for camera, source in sources.items()}

@@ -86,7 +86,7 @@ def open_footage(
         held_out = tuple(name for name in held_out if name in rig)
     pool = DecoderPool(4)
     try:
-        sources = make_sources(matches, pool, spec.color_matrix, spec.offsets, spec.transfer)
+        sources = make_sources(matches, pool, spec.offsets, spec.transfer, spec.color_matrix)
     except BaseException:
         pool.close()
         raise

@@ -6,6 +6,8 @@ ratio of the color in foreground and background), edge-preserving smoothing of t
 I = a F + (1 - a) B.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from studio.capture.settings import DifferenceSettings
@@ -29,6 +31,24 @@ _TOO_DARK, _TOO_BRIGHT = (float(np.nextafter(np.float32(20), 255)),) * 3, (float
 """Inclusive bounds of the plate's channels where it tells the exposure: above 20 and below 240."""
 _COLOR_BINS = 16  # per channel, of the colors of one image
 WORK_SIDE = 960  # longest side for computing evidence; edges are solved at full size
+
+
+@dataclass(frozen=True, eq=False)
+class Background:
+    """The set behind the performer in one camera."""
+
+    plate: np.ndarray  # (H, W, 3) uint8 RGB
+    known: np.ndarray | None = None  # (H, W) bool, where the plate is reliable; None: everywhere
+    # (H, W) bool, where the plate has a color of the performer that is only visible at times, so that it may show the
+    # performer standing still; None: nowhere
+    doubtful: np.ndarray | None = None
+    colors: np.ndarray | None = None  # `color_table` of performer and set; None if the performer's were not learned
+    agreed: np.ndarray | None = None  # (H, W) bool, where all cameras agree that it shows the set; None: not compared
+
+    @property
+    def nbytes(self) -> int:
+        """Its size in memory."""
+        return sum(part.nbytes for part in vars(self).values() if part is not None)
 
 
 def noise_of(difference: np.ndarray) -> np.ndarray:
@@ -139,60 +159,42 @@ def _shadow(ours: np.ndarray, empty: np.ndarray, noise: np.float32) -> tuple[np.
     return residual, factor
 
 
-def difference_mask(
-    image: np.ndarray,
-    plate: np.ndarray,
-    settings: DifferenceSettings,
-    known: np.ndarray | None = None,
-    doubtful: np.ndarray | None = None,
-    colors: np.ndarray | None = None,
-) -> np.ndarray:
-    """Mask of `image` by comparison with `plate`.
+def difference_mask(image: np.ndarray, behind: Background, settings: DifferenceSettings) -> np.ndarray:
+    """Mask of an image (H, W, 3) uint8 RGB by comparison with the set: (H, W) uint8, 255 = foreground, soft edges.
 
-    Args:
-        image: (H, W, 3) uint8 RGB.
-        plate: (H, W, 3) uint8 RGB, the same view without the performer.
-        known: (H, W) bool, where the plate is reliable; None: everywhere. Elsewhere, only `colors` is used.
-        doubtful: (H, W) bool, where the plate may show the performer: similarity to the plate makes no hole there.
-        colors: `color_table` of performer over set, learned from all footage; None: it is learned from this image.
-
-    Returns:
-        (H, W) uint8, 255 = foreground, soft at the edges.
+    Where the plate is not known, only colors are used, which are learned from this image if `behind` has none. Where it
+    is doubtful, similarity to the plate makes no hole.
     """
     import cv2
 
     height, width = image.shape[:2]
-    ours, empty = (reduced(one, WORK_SIDE).astype(np.float32) for one in (image, plate))
-    small_known, small_doubtful = (
-        None if area is None else reduced(area.astype(np.uint8), WORK_SIDE) > 0 for area in (known, doubtful)
+    ours, empty = (reduced(one, WORK_SIDE).astype(np.float32) for one in (image, behind.plate))
+    known, doubtful = (
+        None if area is None else reduced(area.astype(np.uint8), WORK_SIDE) > 0
+        for area in (behind.known, behind.doubtful)
     )
-    gain = match_exposure(ours, empty, small_known)
+    gain = match_exposure(ours, empty, known)
     empty *= gain
-    mask = foreground_mask(ours, empty, settings, small_known, small_doubtful, colors)
+    mask = foreground_mask(ours, Background(empty, known, doubtful, behind.colors), settings)
     if not mask.any():
         return np.zeros((height, width), np.uint8)
     if mask.shape != (height, width):
         larger = cv2.resize(mask.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR)
         mask = (larger > 0.5).astype(np.uint8)
-    return solve_edges(image, plate, gain, mask, max(2.0, 2.0 / (WORK_SIDE / max(height, width))), known)
+    reach = max(2.0, 2.0 / (WORK_SIDE / max(height, width)))
+    return solve_edges(image, behind.plate, gain, mask, reach, behind.known)
 
 
-def foreground_mask(
-    image: np.ndarray,
-    plate: np.ndarray,
-    settings: DifferenceSettings,
-    known: np.ndarray | None = None,
-    doubtful: np.ndarray | None = None,
-    colors: np.ndarray | None = None,
-) -> np.ndarray:
-    """Binary foreground (H, W) uint8, 0 or 1, of (H, W, 3) float32 images in 0..255; see `difference_mask`."""
+def foreground_mask(image: np.ndarray, behind: Background, settings: DifferenceSettings) -> np.ndarray:
+    """Binary foreground (H, W) uint8, 0 or 1, of a float32 image and plate in 0..255; see `difference_mask`."""
     import cv2
 
-    evidence = difference_evidence(image, plate, settings)
+    known, doubtful = behind.known, behind.doubtful
+    evidence = difference_evidence(image, behind.plate, settings)
     sure, empty = evidence > 4.0, evidence < -1.0
     ratio: np.ndarray | None = None
-    if colors is not None:
-        ratio = odds_of_colors(colors, image)
+    if behind.colors is not None:
+        ratio = odds_of_colors(behind.colors, image)
         if known is not None:
             evidence = np.where(known, evidence, ratio)
         evidence += 0.7 * ratio

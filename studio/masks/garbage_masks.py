@@ -44,7 +44,7 @@ class GarbageImages:
             if match.frame is None and match.path.suffix.lower() not in VIDEO_EXTENSIONS
         }
         moving = {camera: offset for camera, offset in offsets.items() if camera not in self._still}
-        self._mask_source = FileMaskSource(make_sources(matches, pool, offsets=moving, transfer="srgb"))
+        self._mask_source = FileMaskSource(make_sources(matches, pool, moving, "srgb", "auto"))
 
     def inside(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray | None:
         """See `GarbageMasks`. StudioError: the file cannot be read, `mask.aspect_ratio`, or `footage.no_such_frame`."""

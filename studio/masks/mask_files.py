@@ -240,7 +240,7 @@ def _file_mask_source(
     lenient: bool = False,
 ) -> FileMaskSource:
     """Masks of the cameras `names`, one for each of `frames`; if `lenient`, half of the cameras may have none."""
-    sources = make_sources(matches, pool, offsets=spec.offsets, transfer="srgb")
+    sources = make_sources(matches, pool, spec.offsets, "srgb", "auto")
     without = [name for name in names if name not in sources] if frames else []
     if without and not (lenient and 2 * len(without) <= len(names)):
         others = [name for name in names if name not in without]

@@ -13,14 +13,13 @@ If a pixel is always covered, its background is marked as unknown.
 
 import zipfile
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from studio.atomic_files import atomic_path
 from studio.capture.settings import DifferenceSettings
-from studio.masks.clean_plate import difference_evidence
+from studio.masks.clean_plate import Background, difference_evidence
 from studio.masks.filters import color_table, guided_filter, odds_of_colors, reduced
 from studio.memory_cache import MemoryCache
 
@@ -28,24 +27,6 @@ _SIDE = 480  # longest side while estimating
 _SLOTS = 7  # full-size samples per pixel for the median
 _KEPT_BYTES = 2 << 30
 _VERSION = 1  # of the algorithm; part of the names of cached files
-
-
-@dataclass(frozen=True, eq=False)
-class Background:
-    """The set behind the performer in one camera."""
-
-    plate: np.ndarray  # (H, W, 3) uint8 RGB
-    known: np.ndarray | None = None  # (H, W) bool, where the plate is reliable; None: everywhere
-    # (H, W) bool, where the plate has a color of the performer that is only visible at times, so that it may show the
-    # performer standing still; None: nowhere
-    doubtful: np.ndarray | None = None
-    colors: np.ndarray | None = None  # `color_table` of performer and set; None if the performer's were not learned
-    agreed: np.ndarray | None = None  # (H, W) bool, where all cameras agree that it shows the set; None: not compared
-
-    @property
-    def nbytes(self) -> int:
-        """Its size in memory."""
-        return sum(part.nbytes for part in vars(self).values() if part is not None)
 
 
 def background_cache() -> MemoryCache[str, Background]:

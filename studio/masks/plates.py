@@ -12,16 +12,10 @@ from studio.capture.images import read_image
 from studio.capture.patterns import VIDEO_EXTENSIONS
 from studio.capture.settings import CaptureSettings
 from studio.errors import StudioError
-from studio.masks.clean_plate import difference_mask
+from studio.masks.clean_plate import Background, difference_mask
 from studio.masks.mask_files import find_files_of
 from studio.masks.mask_source import MaskInputs, MaskSource
-from studio.masks.median_background import (
-    Background,
-    background_cache,
-    cached_background,
-    estimate_background,
-    median_plate,
-)
+from studio.masks.median_background import background_cache, cached_background, estimate_background, median_plate
 
 FEW_FRAMES = 10  # with fewer frames, the performer hides too much of the set for auto to choose its median
 
@@ -52,7 +46,7 @@ class PlateMaskSource(MaskSource):
         inside = self._inputs.inside(camera, frame, image)
         if inside is not None:  # here, so that garbage does not count as a component
             image = np.where(inside[:, :, None], image, behind.plate)
-        return difference_mask(image, behind.plate, self._inputs.spec, behind.known, behind.doubtful, behind.colors)
+        return difference_mask(image, behind, self._inputs.spec)
 
     def plate(self, camera: str) -> np.ndarray:
         return shown(self.background(camera))

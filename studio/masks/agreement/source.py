@@ -33,12 +33,12 @@ from studio.masks.agreement.evidence import LIMIT, evidence_of, smoothed
 from studio.masks.agreement.outlines import BINS, color_odds, cut
 from studio.masks.agreement.people import odds_of_people
 from studio.masks.agreement.vote import heard
-from studio.masks.clean_plate import match_exposure, solve_edges
+from studio.masks.clean_plate import Background, match_exposure, solve_edges
 from studio.masks.filters import brightness, color_bins, keep_components, reduced
 from studio.masks.mask_cache import MaskCache
 from studio.masks.mask_source import MaskInputs, MaskSource
 from studio.masks.matting_model import MattingModel, load_model
-from studio.masks.median_background import Background, background_cache, cached_background
+from studio.masks.median_background import background_cache, cached_background
 from studio.masks.plates import PlateMaskSource, open_clean_plate, open_median_background, shown
 from studio.memory_cache import MemoryCache
 
@@ -208,12 +208,7 @@ class AgreedMaskSource(MaskSource):
         return {name: self._cameras[name].resized(one.shape[1], one.shape[0]) for name, one in images.items()}
 
     def _vote(
-        self,
-        frame: int,
-        sets: Mapping[str, Background],
-        side: int,
-        rounds: int,
-        people: Mapping[str, np.ndarray],
+        self, frame: int, sets: Mapping[str, Background], side: int, rounds: int, people: Mapping[str, np.ndarray]
     ) -> dict[str, np.ndarray]:
         """`people`: by camera, a model's log-odds; empty: there is none."""
         with ThreadPoolExecutor(self._inputs.threads or None, thread_name_prefix="masks") as pool:

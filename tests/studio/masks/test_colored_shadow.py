@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from studio.masks.clean_plate import DifferenceSettings, difference_mask
+from studio.masks.clean_plate import Background, DifferenceSettings, difference_mask
 from tests.studio.masks.scenes import disc, filmed, over, overlap
 
 SHAPE = (240, 360)
@@ -28,9 +28,9 @@ def test_a_colored_shadow_is_not_the_performer(color: str) -> None:
     alpha, shadow = disc(SHAPE, 110, 110, 30, 60), disc(SHAPE, 220, 165, 90, 28)
     image = filmed(over(BLUE, alpha, over(floor() * COLORS[color], shadow, floor())), 2)
     plate = filmed(floor(), 1)
-    assert overlap(difference_mask(image, plate, ON), alpha) > 0.94
+    assert overlap(difference_mask(image, Background(plate), ON), alpha) > 0.94
     for off in (DifferenceSettings(), DifferenceSettings(mask_shadows="none")):
-        kept = difference_mask(image, plate, off)
+        kept = difference_mask(image, Background(plate), off)
         assert overlap(kept, np.maximum(alpha, shadow)) > 0.9  # otherwise, it is
 
 
@@ -39,7 +39,7 @@ def test_a_dark_performer_is_no_shadow(color: str, contrast: float) -> None:
     """Clothes with exactly the mean color of such a shadow, but without the texture of the floor."""
     alpha = disc(SHAPE, 150, 120, 45, 75)
     image = filmed(over(ORANGE * COLORS[color], alpha, floor(contrast)), 2)
-    assert overlap(difference_mask(image, filmed(floor(contrast), 1), ON), alpha) > 0.94
+    assert overlap(difference_mask(image, Background(filmed(floor(contrast), 1)), ON), alpha) > 0.94
 
 
 @pytest.mark.parametrize("contrast", [0.1, 0.3])
@@ -52,6 +52,6 @@ def test_a_shadow_in_view_takes_nothing_from_cloth_of_its_color(color: str, ligh
     shaded = over(floor(contrast) * factor, shadow, floor(contrast))
     image = filmed(over(ORANGE * (factor + lighter * (1 - factor)), alpha, shaded), 2)
     plate = filmed(floor(contrast), 1)
-    without, mask = (difference_mask(image, plate, one) for one in (DifferenceSettings(), ON))
+    without, mask = (difference_mask(image, Background(plate), one) for one in (DifferenceSettings(), ON))
     assert mask[alpha == 1].mean() > 0.95 * without[alpha == 1].mean() > 100
     assert mask[shadow == 1].mean() < 5

@@ -10,7 +10,7 @@ import numpy as np
 from studio.camera_files import read_rig
 from studio.capture import CaptureSettings, open_footage
 from studio.capture.checks import check_footage
-from studio.masks.clean_plate import difference_mask
+from studio.masks.clean_plate import Background, difference_mask
 from studio.masks.median_background import cached_background, estimate_background
 from tests.studio.masks.scenes import USUAL, disc, edge_error, filmed, over, overlap
 
@@ -55,14 +55,14 @@ def shot(empty: np.ndarray, alpha: np.ndarray, seed: int) -> np.ndarray:
 
 def test_edges_have_the_true_softness() -> None:
     empty, alpha = set_of(), disc(SHAPE, 100.3, 80.7, 24)
-    assert edge_error(difference_mask(shot(empty, alpha, 2), shot(empty, NOBODY, 1), USUAL), alpha) < 0.6
+    assert edge_error(difference_mask(shot(empty, alpha, 2), Background(shot(empty, NOBODY, 1)), USUAL), alpha) < 0.6
 
 
 def test_shadows_on_a_colorful_floor_are_not_the_performer() -> None:
     empty, alpha = set_of() * np.array([0.6, 0.7, 1.1]), disc(SHAPE, 100, 70, 24)
     shade = 1 - 0.35 * cv2.GaussianBlur(disc(SHAPE, 150, 120, 26).astype(np.float32), (0, 0), 5)
     image = shot(empty * shade[..., None], alpha, 2)
-    assert overlap(difference_mask(image, shot(empty, NOBODY, 1), USUAL), alpha) > 0.95
+    assert overlap(difference_mask(image, Background(shot(empty, NOBODY, 1)), USUAL), alpha) > 0.95
 
 
 def test_the_set_is_estimated_although_it_is_covered_most_of_the_time() -> None:
@@ -77,7 +77,7 @@ def test_the_set_is_estimated_although_it_is_covered_most_of_the_time() -> None:
     found = estimate_background(images.__getitem__, range(30))
     assert np.abs(found.plate - empty)[covered].mean() < 5
     for index in (3, 25):
-        mask = difference_mask(images[index], found.plate, USUAL, found.known, found.doubtful, found.colors)
+        mask = difference_mask(images[index], found, USUAL)
         assert overlap(mask, disc(SHAPE, *places[index], 22)) > 0.95
 
 

@@ -7,7 +7,7 @@ import pytest
 from studio.capture.settings import DifferenceSettings
 from studio.masks.agreement.empty_set import cover, uncovered
 from studio.masks.agreement.evidence import evidence_of
-from studio.masks.median_background import Background
+from studio.masks.clean_plate import Background
 from tests.studio.masks.scenes import overlap
 
 HEIGHT, WIDTH = 120, 200
