@@ -7,7 +7,9 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
+from PIL import Image, ImageDraw, ImageFont
 
 from gui.drawing.icons import FONT, ICON_SIZE, icon
 from gui.drawing.palette import BORDER, GROUND, RAISED, RGB, TEXT
@@ -18,8 +20,6 @@ ROUND = 0.25  # radius of the corners of buttons in font sizes, as the toolkit d
 @lru_cache(maxsize=16)
 def _font(size: int) -> Any:
     """The window's font (Roboto, which Open3D ships), else Pillow's."""
-    from PIL import ImageFont
-
     found = importlib.util.find_spec("open3d")  # finds the folder, imports nothing
     for folder in (found.submodule_search_locations or []) if found else []:
         path = Path(folder) / "resources" / "Roboto-Medium.ttf"
@@ -35,8 +35,6 @@ KEPT_TEXTS = 1024
 @lru_cache(maxsize=KEPT_TEXTS)
 def _glyphs(text: str, size: int) -> np.ndarray:
     """(h, w) uint8 coverage of a line of text, 255 = whole; the height depends only on the font size."""
-    from PIL import Image, ImageDraw
-
     image = Image.new("L", (text_width(text, size), glyph_height(size)))
     ImageDraw.Draw(image).text((0, 0), text, fill=255, font=_font(size))
     return np.asarray(image)
@@ -45,8 +43,6 @@ def _glyphs(text: str, size: int) -> np.ndarray:
 @lru_cache(maxsize=64)
 def _icon(key: str, side: int) -> np.ndarray:
     """(side, side) uint8 coverage of an icon."""
-    from PIL import Image, ImageDraw, ImageFont
-
     image = Image.new("L", (side, side))
     size = max(round(side / ICON_SIZE), 1)
     font = ImageFont.truetype(str(FONT), size, layout_engine=ImageFont.Layout.BASIC)  # some codes are combining marks
@@ -181,22 +177,16 @@ class Canvas:
 
     def dot(self, x: float, y: float, radius: float, color: RGB, filled: bool = True) -> None:
         """Draw an antialiased disc or ring."""
-        import cv2
-
         place, size = (round(x * 16), round(y * 16)), round(radius * 16)
         cv2.circle(self.pixels, place, size, color, -1 if filled else 2, cv2.LINE_AA, 4)
 
     def diamond(self, x: float, y: float, half: float, color: RGB) -> None:
         """Draw a filled square that stands on a corner; `half` is the distance from its middle to a corner."""
-        import cv2
-
         corners = np.array([(x, y - half), (x + half, y), (x, y + half), (x - half, y)])
         cv2.fillConvexPoly(self.pixels, np.round(corners).astype(np.int32), color)
 
     def line(self, points: Sequence[tuple[float, float]] | np.ndarray, color: RGB, thickness: int = 1) -> None:
         """Draw an antialiased line through (N, 2) points."""
-        import cv2
-
         fixed = np.round(np.clip(np.asarray(points, np.float64), -1e5, 1e5) * 16).astype(np.int32).reshape(-1, 1, 2)
         if len(fixed) > 1:
             cv2.polylines(self.pixels, [fixed], False, color, thickness, cv2.LINE_AA, 4)
@@ -249,8 +239,6 @@ class Canvas:
         self, x: float, y: float, width: float, height: float, pixels: np.ndarray
     ) -> tuple[int, int, int, int]:
         """Fit an image into a rectangle, keeping its aspect ratio; return its rectangle (x, y, width, height)."""
-        import cv2
-
         scale = min(width / pixels.shape[1], height / pixels.shape[0])
         size = max(int(pixels.shape[1] * scale), 1), max(int(pixels.shape[0] * scale), 1)
         small = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)

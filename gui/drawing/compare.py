@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from gui.drawing.canvas import Canvas, fitted, text_width
@@ -98,8 +99,6 @@ def difference(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 def heat(levels: np.ndarray) -> np.ndarray:
     """(H, W, 3) uint8: black through violet and orange to pale yellow at `HEAT_TOP` levels (Matplotlib's inferno)."""
-    import cv2
-
     scaled = np.clip(levels * (255 / HEAT_TOP), 0, 255).astype(np.uint8)
     return np.ascontiguousarray(cv2.applyColorMap(scaled, cv2.COLORMAP_INFERNO)[..., ::-1])
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+import cv2
 import numpy as np
 
 from gui.drawing.canvas import Canvas, line_height, text_width
@@ -18,8 +19,6 @@ def place_labels(
     Each is below, above, to the right or to the left of its shape, (N, 2) pixels whose convex hull counts, wherever it
     covers least of all shapes. Earlier ones choose first. Sizes and room are widths and heights in pixels.
     """
-    import cv2
-
     width, height = room
     covered = np.zeros((height, width), np.uint8)
     for shape in shapes:

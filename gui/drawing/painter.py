@@ -1,5 +1,6 @@
 """3D points, lines and textured quads drawn with NumPy and OpenCV, without a GPU."""
 
+import cv2
 import numpy as np
 
 from gui.drawing.canvas import Canvas
@@ -40,8 +41,6 @@ def draw_line(
 
 def draw_quad(canvas: Canvas, camera: Camera, corners: np.ndarray, picture: np.ndarray, opacity: float = 1.0) -> None:
     """Draw an image on four world points, clockwise from the upper left; nothing if one is behind the camera."""
-    import cv2
-
     pixels, depth = camera.project(corners)
     if (depth <= NEAR).any() or np.abs(pixels).max() > 20 * max(canvas.width, canvas.height):
         return

@@ -6,7 +6,7 @@ is lost when the window is closed, unless the desktop has a clipboard manager.
 
 import ctypes
 
-from gui.platform.xlib import errors_ignored, open_display
+from gui.platform.xlib import Connection, errors_ignored
 
 _SELECTION_CLEAR, _SELECTION_REQUEST, _SELECTION_NOTIFY = 29, 30, 31
 _ATOM = 4
@@ -36,13 +36,13 @@ class _Event(ctypes.Union):
     _fields_ = (("type", ctypes.c_int), ("notify", _Notify), ("request", _Request), ("padding", ctypes.c_long * 24))
 
 
-class Clipboard:
-    """See the module. Without X, nothing has an effect. Call `poll` at each tick."""
+class Clipboard(Connection):
+    """See the module. Call `poll` at each tick. What was copied is gone after `close`."""
 
     def __init__(self) -> None:
+        super().__init__()
         self._text: bytes | None = None
-        x, self._display = open_display()
-        self._x = x
+        x = self._x
         if not self._display:
             return
         self._window = x.XCreateSimpleWindow(self._display, x.XDefaultRootWindow(self._display), 0, 0, 1, 1, 0, 0, 0)
@@ -113,9 +113,3 @@ class Clipboard:
         text = ctypes.string_at(data.value, count.value) if size.value == 8 else b""
         self._x.XFree(data)
         return text.decode("utf-8", "replace")
-
-    def close(self) -> None:
-        """Close the connection; what was copied is gone."""
-        if self._display:
-            self._x.XCloseDisplay(self._display)
-            self._display = None

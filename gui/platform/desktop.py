@@ -4,14 +4,12 @@ import shutil
 import subprocess
 from pathlib import Path
 
+from studio.errors import StudioError
 
-def show_folder(path: Path) -> str:
-    """Show the folder of a file, or a folder itself, in the file manager. Returns "", or why that is not possible."""
-    folder = path if path.is_dir() else path.parent
-    if not folder.is_dir():
-        return f"{folder}: no such folder. It was moved or deleted."
-    begun = _begin(folder)
-    return begun if isinstance(begun, str) else ""
+
+def show_folder(path: Path) -> None:
+    """Show the folder of a file, or a folder itself, in the file manager. Raises StudioError: that is not possible."""
+    _begin(path if path.is_dir() else path.parent, "folder")
 
 
 class PageOpener:
@@ -20,15 +18,9 @@ class PageOpener:
     def __init__(self) -> None:
         self._begun: dict[Path, subprocess.Popen[bytes]] = {}
 
-    def open(self, page: Path) -> str:
-        """Open an HTML file. Returns "", or why that is not possible; `failure` tells what turns out later."""
-        if not page.is_file():
-            return f"{page}: no such file. It was moved or deleted."
-        begun = _begin(page)
-        if isinstance(begun, str):
-            return begun
-        self._begun[page] = begun
-        return ""
+    def open(self, page: Path) -> None:
+        """Open an HTML file. Raises StudioError: that is not possible; `failure` tells what turns out later."""
+        self._begun[page] = _begin(page, "file")
 
     def failure(self) -> str:
         """Why a page could not be opened, as soon as that is known, once; "" if there is nothing to tell."""
@@ -41,15 +33,18 @@ class PageOpener:
         return ""
 
 
-def _begin(path: Path) -> subprocess.Popen[bytes] | str:
-    """Start the program for a file or folder; without it, why that is not possible."""
+def _begin(path: Path, kind: str) -> subprocess.Popen[bytes]:
+    """Start the program for a file or folder."""
+    if not path.exists():
+        raise StudioError("gui.path_gone", f"no such {kind}", file=path, fix="It was moved or deleted.")
     program = shutil.which("xdg-open")
     if program is None:
-        return f"{path}: cannot be opened, as xdg-open is not installed. Install the package xdg-utils."
+        problem, fix = "cannot be opened, as xdg-open is not installed", "Install the package xdg-utils."
+        raise StudioError("gui.no_xdg_open", problem, file=path, fix=fix)
     try:
         return subprocess.Popen(
             [program, str(path)], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
             start_new_session=True,
         )  # fmt: skip
     except OSError as error:
-        return f"{path}: cannot be opened: {error}"
+        raise StudioError("gui.not_opened", f"cannot be opened: {error}", file=path) from None

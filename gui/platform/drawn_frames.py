@@ -6,29 +6,19 @@ is known, and the window is drawn again and again to be sure (`gui.platform.redr
 
 import ctypes
 import ctypes.util
-from typing import Any
 
-from gui.platform.xlib import errors_ignored, open_display
+from gui.platform.xlib import Connection, InputEvent, errors_ignored
 
 _REPORT_NON_EMPTY = 3  # XDamageReportNonEmpty: one event until the damage is subtracted
 
 
-class _Event(ctypes.Union):
-    """XEvent: its type, and its size."""
-
-    _fields_ = (("type", ctypes.c_int), ("padding", ctypes.c_long * 24))
-
-
-class DrawnFrames:
+class DrawnFrames(Connection):
     """See the module. `window`: the X window of the toolkit; None for none, and then nothing is reported."""
 
     def __init__(self, window: int | None) -> None:
-        self._x: Any = None
-        self._display: Any = None
         name = ctypes.util.find_library("Xdamage")
-        if window is None or name is None:
-            return
-        x, display = open_display()
+        super().__init__(window is not None and name is not None)
+        x, display = self._x, self._display
         if not display:
             return
         damage = ctypes.CDLL(name)
@@ -38,9 +28,9 @@ class DrawnFrames:
         damage.XDamageSubtract.argtypes = [handle, number, number, number]
         first, errors = ctypes.c_int(), ctypes.c_int()
         if not damage.XDamageQueryExtension(display, ctypes.byref(first), ctypes.byref(errors)):
-            x.XCloseDisplay(display)
+            self.close()
             return
-        self._x, self._damage, self._display, self._kind = x, damage, display, first.value
+        self._damage, self._kind = damage, first.value
         with errors_ignored(x, display):  # the window may be closed by now
             self._watched = damage.XDamageCreate(display, window, _REPORT_NON_EMPTY)
 
@@ -48,7 +38,7 @@ class DrawnFrames:
         """Whether something has been drawn since the last call. Does not wait."""
         if not self._display:
             return False
-        drawn, event = False, _Event()
+        drawn, event = False, InputEvent()
         while self._x.XPending(self._display):
             self._x.XNextEvent(self._display, ctypes.byref(event))
             drawn |= event.type == self._kind
@@ -56,9 +46,3 @@ class DrawnFrames:
             with errors_ignored(self._x, self._display):
                 self._damage.XDamageSubtract(self._display, self._watched, 0, 0)
         return drawn
-
-    def close(self) -> None:
-        """Close the connection."""
-        if self._display:
-            self._x.XCloseDisplay(self._display)
-            self._display = None

@@ -16,7 +16,7 @@ from typing import Any, Literal
 
 from gui.platform.presses import Escapes, KeyReports, Press
 from gui.platform.x_window import BUTTONS
-from gui.platform.xlib import ESCAPE, EXPOSE, EXPOSURE_MASK, InputEvent, errors_ignored, open_display
+from gui.platform.xlib import ESCAPE, EXPOSE, EXPOSURE_MASK, Connection, InputEvent, errors_ignored
 
 Kind = Literal["press", "release", "key", "key up", "move"]
 
@@ -102,11 +102,12 @@ class Order:
         return event.kind
 
 
-class InputOrder:
+class InputOrder(Connection):
     """See the module. Call `poll` at each tick. `window`: the X window of the toolkit; None for none, and then nothing
-    has an effect."""
+    has an effect. The child window goes with `close`."""
 
     def __init__(self, window: int | None) -> None:
+        super().__init__(window is not None and os.environ.get(PLAIN) != "1")
         self._order = Order()
         self._kept: list[Input] = []
         self._held_since: float | None = None
@@ -123,14 +124,9 @@ class InputOrder:
         self._down: set[int] = set()  # keys
         self._typing = False  # keys were pressed since `came_to_rest`
         self._stale: set[int] = set()  # keys that were down when input was held back: what they repeat is for nobody
-        self._x: Any = None
-        self._display: Any = None
-        if window is None or os.environ.get(PLAIN) == "1":
-            return
-        x, self._display = open_display()
+        x = self._x
         if not self._display:
             return
-        self._x = x
         self._window = window
         # larger than any screen: it need not follow the size of its parent, which clips it
         child = x.XCreateWindow(self._display, window, 0, 0, _LARGEST, _LARGEST, 0, 0, _INPUT_ONLY, None, 0, None)
@@ -252,9 +248,3 @@ class InputOrder:
             event.subwindow = 0
         event.window, event.display = self._window, self._display
         self._x.XSendEvent(self._display, self._window, 0, mask, ctypes.byref(event))
-
-    def close(self) -> None:
-        """Close the connection; the child window goes with it."""
-        if self._display:
-            self._x.XCloseDisplay(self._display)
-            self._display = None

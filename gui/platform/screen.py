@@ -1,6 +1,7 @@
 """Size and density of the X screen, queried before the window is created."""
 
 import re
+from contextlib import closing
 
 from gui.platform.x_window import XDisplay
 
@@ -32,8 +33,5 @@ def scale_of(resources: str) -> float:
 
 
 def current_screen() -> tuple[int, int, str] | None:
-    display = XDisplay()
-    try:
+    with closing(XDisplay()) as display:
         return display.screen
-    finally:
-        display.close()

@@ -4,7 +4,7 @@ import ctypes
 import os
 from collections.abc import Iterator, Sequence
 
-from gui.platform.xlib import ESCAPE, EXPOSURE_MASK, InputEvent, errors_ignored, open_display
+from gui.platform.xlib import ESCAPE, EXPOSURE_MASK, Connection, InputEvent, errors_ignored
 
 _MIN_SIZE = 1 << 4  # PMinSize
 BUTTONS = 0x1F00  # bits of the mouse buttons in the state of X: Button1Mask to Button5Mask
@@ -21,11 +21,8 @@ class SizeHints(ctypes.Structure):
     )
 
 
-class XDisplay:
-    """A connection to the X server of DISPLAY. Without X, nothing has an effect."""
-
-    def __init__(self) -> None:
-        self._x, self._display = open_display()
+class XDisplay(Connection):
+    """See the module."""
 
     @property
     def buttons(self) -> int:
@@ -113,9 +110,3 @@ class XDisplay:
         number = x.XDefaultScreen(display)
         resources = (x.XResourceManagerString(display) or b"").decode("utf-8", "replace")
         return x.XDisplayWidth(display, number), x.XDisplayHeight(display, number), resources
-
-    def close(self) -> None:
-        """Close the connection."""
-        if self._display:
-            self._x.XCloseDisplay(self._display)
-            self._display = None

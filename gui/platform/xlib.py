@@ -62,6 +62,18 @@ def open_display() -> tuple[Any, Any]:
     return (x, display) if display else (None, None)
 
 
+class Connection:
+    """A connection to the X server of DISPLAY, unless it is not `wanted`. Without X, nothing has an effect."""
+
+    def __init__(self, wanted: bool = True) -> None:
+        self._x, self._display = open_display() if wanted else (None, None)
+
+    def close(self) -> None:
+        if self._display:
+            self._x.XCloseDisplay(self._display)
+            self._display = None
+
+
 @contextmanager
 def errors_ignored(x: Any, display: Any) -> Iterator[None]:
     """Within the block, errors of the X server do not end the process. `x`: Xlib. `display`: the connection; None for

@@ -33,7 +33,9 @@ class NoticeBar:
     def update(self, room: float, hidden: bool) -> bool:
         """Show the notice; returns whether anything changed, which needs a layout. `hidden`: something else needs the
         place; a failure is shown nevertheless."""
-        self._show_failure(self._pages.failure())
+        failure = self._pages.failure()
+        if failure:
+            self._notices.show(failure, bad=True, topic="browser")
         card = self._notices.card
         if card is not None and hidden and not card.bad:
             card = None
@@ -69,19 +71,15 @@ class NoticeBar:
 
     def _open(self, page: Path) -> None:
         """Open a page in the browser."""
-        self._notices.clear("browser")
-        self._show_failure(self._pages.open(page))
-
-    def _show_failure(self, failure: str, topic: str = "browser") -> None:
-        if failure:
-            self._notices.show(failure, bad=True, topic=topic)
+        with self._notices.reporting("browser"):
+            self._pages.open(page)
 
     def open_folder(self) -> None:
         """Show the folder of what was written."""
         card = self._notices.card
         if card is not None and card.path is not None:
-            self._notices.clear("folder")
-            self._show_failure(show_folder(card.path), "folder")
+            with self._notices.reporting("folder"):
+                show_folder(card.path)
 
     def copy(self) -> None:
         """Copy the path of what was written, or the text of a failure."""
@@ -94,11 +92,8 @@ class NoticeBar:
 
     def copied(self, text: str) -> bool:
         """Copy a text; returns whether there was a clipboard to copy to. Otherwise a notice says so."""
-        self._notices.clear("copy")
         done = self._clipboard.copy(text)
-        if not done:
-            self._show_failure("There is no clipboard to copy to.", "copy")
-        return done
+        return self._notices.outcome("copy", "" if done else "There is no clipboard to copy to.")
 
     def _button(self, row: gui.Horiz, key: str, label: str, action: Callable[[], object], accent: bool = False) -> None:
         button = self.buttons[key] = make_button(label, action, self._changed)

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from gui.drawing.canvas import Canvas, line_height, wrapped
@@ -94,8 +95,6 @@ HELP: Mapping[str, StageHelp] = {  # by key of `TITLES`
 def help_image(stage: str, width: int, em: float) -> np.ndarray:
     """(H, width, 3) uint8: the sentences above the images that there are, drawn at the window's font size. `stage`: a
     key of `HELP`."""
-    import cv2
-
     found, size, small = HELP[stage], round(0.95 * em), round(0.85 * em)
     step = line_height(size)
     points = [wrapped(point, size, width - 1.2 * em) for point in found.points]
