@@ -162,6 +162,7 @@ class MainWindow(Shell):
 
     def _look_at_marks(self) -> None:
         if self.marks.refresh():  # somebody marked a frame in a browser
+            self.notices.outcome("marks", str(self.marks.damage or ""))
             self.changed()
 
     # Opening and closing

@@ -35,7 +35,6 @@ class BakeActions:
         take, other = window.workspace.take, window.player.other
         self.bakes.look(take)
         self._baked = take is not None and window.workspace.row("bake").state == "done"
-        dialogs.widgets = {}
         self._list = dialogs.list_of(ROWS, self._select)
         self._message = dialogs.label(in_lines("", MESSAGE_LINES))
         row = dialogs.row(

@@ -56,7 +56,6 @@ def show_stage_help(window: Shell) -> None:
     if stage not in HELP:
         window.notices.show(f"There is no help on {TITLES[stage]}.")
         return
-    dialogs.widgets = {}
     image = gui.ImageWidget(as_image(help_image(stage, round(WIDTH * dialogs.em), dialogs.em)))
     row = gui.Horiz(0.4 * dialogs.em)
     down = round(BUTTON_PADDING * dialogs.em) + FIELD_PADDING
@@ -71,7 +70,6 @@ def show_stage_help(window: Shell) -> None:
 
 def show_shortcuts(window: Shell) -> None:
     dialogs = window.dialogs
-    dialogs.widgets = {}
     width = min(round(SHORTCUTS_WIDTH * dialogs.em), dialogs.room)
     sections = {title: dict(keys) for title, keys in KEYS.items()}
     for title, items in MENUS.items():

@@ -84,7 +84,7 @@ class PathActions:
             self.toggle()
 
     def act(self, what: str, row: int) -> None:
-        """Do what was clicked in the panel (`drawing.path_list.HINTS`)."""
+        """Do what was clicked in the panel (`path_panel.HINTS`)."""
         window, editor = self._window, self.editor
         camera = window.player.view()
         actions: dict[str, Callable[[], None]] = {

@@ -33,7 +33,6 @@ class QueueActions:
 
     def show(self) -> None:
         dialogs, queue = self._window.dialogs, self.queue
-        dialogs.widgets = {}
         self._chosen, self._items = None, []
         self._list = dialogs.list_of(ROWS, self._select)
         self._words, self._message = dialogs.label(" "), dialogs.label(in_lines("", MESSAGE_LINES))

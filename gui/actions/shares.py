@@ -109,7 +109,6 @@ def serve(window: Shell) -> None:
 def _ask_serve(window: Shell, size: str, source: str) -> None:
     """Ask whether to encrypt; `size`: what a phone will fetch, a sentence."""
     dialogs = window.dialogs
-    dialogs.widgets = {}
     https = gui.Checkbox("https")
     https.checked = True
 
@@ -138,7 +137,6 @@ def _failed(window: Shell, why: str) -> None:
 
 def _show_serving(window: Shell) -> None:
     dialogs, serving = window.dialogs, window.serving
-    dialogs.widgets = {}
     picture = ImagePanel()
     picture.show(qr_pixels(serving.address, int(QR_SIZE * dialogs.em)))
     row = gui.Horiz()
@@ -160,14 +158,14 @@ def _stale_parts(window: Shell) -> list[gui.Label]:
     """Whether the stream is up to date, with room for what may be found out later; none without a take."""
     if window.workspace.take is None:
         return []
-    window.dialogs.widgets["stale"] = label = gui.Label("")
+    window.dialogs.made["stale"] = label = gui.Label("")
     _show_stale(window)
     return [label]
 
 
 def _show_stale(window: Shell) -> None:
     """Show in the open dialog whether the stream is up to date."""
-    workspace, label = window.workspace, window.dialogs.widgets.get("stale")
+    workspace, label = window.workspace, (window.dialogs.widgets | window.dialogs.made).get("stale")
     if workspace.take is None or label is None:
         return
     words = stale_words(workspace.assessment.stages.get("bake"), workspace.checked, workspace.unreadable)

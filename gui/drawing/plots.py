@@ -15,11 +15,15 @@ def ticks(low: float, high: float, count: int = 4) -> list[float]:
     span = high - low
     if span <= 0 or not math.isfinite(span):
         return [low]
-    rough = span / max(count, 1)
-    power = 10.0 ** math.floor(math.log10(rough))
-    step = next(factor * power for factor in (1, 2, 5, 10) if factor * power >= rough)
+    step = round_step(span / max(count, 1))
     first = math.ceil(low / step)
     return [number * step for number in range(first, int(high / step + 1e-9) + 1)]
+
+
+def round_step(least: float) -> float:
+    """The lowest of 1, 2 and 5 times a power of ten that is not below a number above 0."""
+    power = 10.0 ** math.floor(math.log10(least))
+    return next(one * power for one in (1, 2, 5, 10) if one * power >= least * (1 - 1e-9))
 
 
 def number(value: float) -> str:

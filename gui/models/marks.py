@@ -9,14 +9,13 @@ from studio.errors import StudioError
 class Marks:
     """The take's marks by frame number in the footage (`FrameNumbers`). Others may change the file, too, such as
     browsers (`v3studio serve --review`); it may not exist yet, and None keeps marks in memory only (for a bare stream).
-    `error`: message if the file is damaged, in which case it is never written; "" otherwise."""
+    `damage`: why the file cannot be read, in which case it is never written; None if it can."""
 
     def __init__(self, path: Path | None) -> None:
         self._path = path
         self._seen: object = None
         self.marks: dict[int, Mark] = {}
-        self.error = ""
-        self._damage: StudioError | None = None
+        self.damage: StudioError | None = None
         self.refresh()
 
     @property
@@ -38,11 +37,11 @@ class Marks:
             stamp = (about.st_mtime_ns, about.st_ino, about.st_size)
         if stamp == self._seen:
             return False
-        self._seen, self._damage, self.error = stamp, None, ""
+        self._seen, self.damage = stamp, None
         try:
             self.marks = read_marks(self._path)
         except StudioError as error:
-            self.marks, self._damage, self.error = {}, error, str(error)
+            self.marks, self.damage = {}, error
         return True
 
     def set(self, frame: int, note: str, replaces: Mark | None, view: MarkView | None = None) -> bool:
@@ -64,8 +63,8 @@ class Marks:
 
     def put(self, frame: int, mark: Mark | None, replaces: Mark | None) -> None:
         """Set a frame's mark, or remove it (None); `replaces` and exceptions as `set`."""
-        if self._damage is not None:
-            raise self._damage
+        if self.damage is not None:
+            raise self.damage
         if self._path is not None:
             self.marks = change_mark(self._path, frame, mark, replaces)
         elif mark is None:

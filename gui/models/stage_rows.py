@@ -59,12 +59,9 @@ def assess(context: Inputs) -> Assessment:
     starts = tuple(group.first for group in context.groups)
     numbers = tuple(int(frame) for frame in footage.frames)
     stages = status(context.take, context.config)
-    return Assessment(stages, words, None, numbers, float(footage.fps), starts, _camera_file(context))
-
-
-def _camera_file(context: Inputs) -> str:
     try:
-        found = camera_file(context.footage.capture)
+        file = camera_file(context.footage.capture)
+        name = file.name if file is not None else ""
     except StudioError:  # Calibrate reports it
-        return context.config.capture.rig or ""
-    return found.name if found is not None else ""
+        name = context.config.capture.rig or ""
+    return Assessment(stages, words, None, numbers, float(footage.fps), starts, name)

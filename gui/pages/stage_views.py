@@ -8,10 +8,10 @@ import numpy as np
 
 from gui.models.loop import Signal
 from gui.models.playback.player import PlayerPresenter
+from gui.models.playback.viewpoint import Rest
 from gui.models.scene.contents import PARTS
 from gui.models.scene.gizmo import along
 from gui.models.scene.orbit import OrbitCamera
-from gui.models.scene.rest import Rest
 from gui.models.stage_rows import TITLES
 from gui.models.take.workspace import Workspace
 from gui.pages.bake.view import BakeView

@@ -65,6 +65,9 @@ def open_display() -> tuple[Any, Any]:
 class Connection:
     """A connection to the X server of DISPLAY, unless it is not `wanted`. Without X, nothing has an effect."""
 
+    _x: Any
+    _display: Any
+
     def __init__(self, wanted: bool = True) -> None:
         self._x, self._display = open_display() if wanted else (None, None)
 

@@ -7,7 +7,6 @@ from open3d.visualization import gui
 from gui.drawing.icons import icon
 from gui.drawing.palette import PANEL
 from gui.models.playback.player import PlayerPresenter
-from gui.models.playback.transport import Transport
 from gui.widgets.flow import Flow
 from gui.widgets.hints import Hints
 from gui.widgets.picture import color, make_button, put
@@ -37,18 +36,17 @@ class ControlsPanel:
         self.widget = self.flow.widget
         self.widget.background_color = color(PANEL)
         self.buttons: dict[str, gui.Widget] = {}
-        transport = self._transport
         for key, tooltip, action in (
-            ("start", "First frame (Home)", lambda: transport().seek(0)),
-            ("back", "Previous frame (Left)", lambda: transport().step(-1)),
-            ("play", "Play or pause (Space)", lambda: transport().toggle()),
-            ("forward", "Next frame (Right)", lambda: transport().step(1)),
-            ("end", "Last frame (End)", lambda: transport().seek(transport().last)),
+            ("start", "First frame (Home)", lambda: player.transport.seek(0)),
+            ("back", "Previous frame (Left)", lambda: player.transport.step(-1)),
+            ("play", "Play or pause (Space)", lambda: player.transport.toggle()),
+            ("forward", "Next frame (Right)", lambda: player.transport.step(1)),
+            ("end", "Last frame (End)", lambda: player.transport.seek(player.transport.last)),
         ):
             self._button("", tooltip, action, key)
         self._loop = gui.Checkbox("Loop")
         self._hint(self._loop, "Loop playback (L)")
-        self._loop.set_on_checked(lambda on: self._did(lambda: transport().set_loop(on)))
+        self._loop.set_on_checked(lambda on: self._did(lambda: player.transport.set_loop(on)))
         self._add("loop", self._loop)
         self.lists: list[gui.Widget] = []
         self._speed = self._list("speed", SPEEDS, "Playback speed", self._set_speed)
@@ -61,10 +59,6 @@ class ControlsPanel:
             widget.visible = False  # until there is something to choose
         self._button("Fit timeline", "Show all frames on the timeline", fit, "fit")
         self._button("Reset view", "Show everybody, at eye level (R)", reset, "reset view")
-
-    def _transport(self) -> Transport:
-        """The current transport; replaced whenever something is opened."""
-        return self._player.transport
 
     def _hint(self, widget: gui.Widget, text: str) -> None:
         self._hints.give(widget, text, self.widget)

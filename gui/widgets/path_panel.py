@@ -1,17 +1,153 @@
 """The panel of the camera path: its views as a list, instead of the inspector."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from open3d.visualization import gui
 
+from gui.drawing.areas import Areas
+from gui.drawing.canvas import Canvas, line_height, text_width, wrapped
+from gui.drawing.palette import ACCENT, ACCENT_DARK, BAD, BORDER, DIM, FAINT, LINE, PANEL, RAISED, TEXT
 from gui.models.camera_path import PathEditor
-from gui.widgets.path_list import HINTS, PathList
 from gui.widgets.picture import ImagePanel
+from studio.formats.camera_path import Key
+
+THUMBNAIL = (16, 9)  # shape of a thumbnail
+
+EASING_WORDS = {"smooth": "smooth", "ease": "slow ends", "linear": "straight", "hold": "hold"}
+BUTTONS = (("add", "Add"), ("preview", "Preview"), ("export", "Export..."), ("clear", "Clear"))
+ROW_BUTTONS = ("up", "down", "view", "remove")
+HINTS = {
+    "add": "Add the view on screen, after the selected one (K)",
+    "preview": "Play the path in the viewport; a click stops it",
+    "export": "Write a movie along the path",
+    "clear": "Remove all views",
+    "close": "Show the inspector again (P)",
+    "row": "Go to this view",
+    "time": "When it is reached; later views move by as much",
+    "easing": "How the camera moves to the next view; a click changes it",
+    "up": "Move it before the one above",
+    "down": "Move it behind the one below",
+    "view": "Replace it by the view on screen",
+    "remove": "Remove it",
+}
+
+
+@dataclass
+class PathList:
+    """The image of the list, and its parts. `areas`: what can be clicked: key of `HINTS`, and row, -1 for none."""
+
+    width: int
+    height: int
+    em: float
+    down: float = 0.0
+    areas: Areas[tuple[str, int]] = field(default_factory=Areas)
+
+    @property
+    def thumbnail_size(self) -> tuple[int, int]:
+        """(width, height) of a thumbnail, pixels."""
+        wide = max(round(5.2 * self.em), 16)
+        return wide, wide * THUMBNAIL[1] // THUMBNAIL[0]
+
+    @property
+    def row_height(self) -> float:
+        """Pixels."""
+        return self.thumbnail_size[1] + 0.6 * self.em
+
+    def most_down(self, count: int) -> float:
+        """How far the rows can be scrolled, pixels."""
+        return max(count * self.row_height - (self.height - self._top), 0.0)
+
+    @property
+    def _top(self) -> float:
+        return 4.5 * self.em
+
+    def draw(
+        self,
+        keys: Sequence[Key],
+        thumbnails: Sequence[np.ndarray | None],
+        selected: int | None,
+        previewing: bool,
+        message: str = "",
+    ) -> np.ndarray:
+        """(height, width, 3) uint8: the list. `message`: shown instead of it."""
+        self.areas = Areas()
+        canvas, em = Canvas(self.width, self.height, PANEL), self.em
+        pad, normal = 0.6 * em, round(0.94 * em)
+        self._rows(canvas, keys, thumbnails, selected)
+        canvas.rect(0, 0, self.width, self._top - 2, PANEL)
+        canvas.text(pad, 0.4 * em, "Camera path", normal, TEXT)
+        seconds = keys[-1].time if keys else 0.0
+        words = f"{len(keys)} view{'s' * (len(keys) != 1)}, {seconds:.1f} s"
+        canvas.text(self.width - pad - 1.6 * em, 0.4 * em, words, normal, DIM, align="right")
+        canvas.icon(self.width - pad - 0.9 * em, 0.55 * em, "row remove", 0.85 * em)
+        self.areas.add((self.width - pad - 1.3 * em, 0, 1.9 * em, 1.9 * em), ("close", -1))
+        canvas.rect(pad, 1.95 * em, self.width - 2 * pad, 1, LINE)
+        x, y = pad, 2.3 * em
+        size = round(0.9 * em)
+        for key, label in BUTTONS:
+            enabled = key == "add" or len(keys) > (0 if key == "clear" else 1)
+            wide = text_width(label, size) + 1.1 * em
+            if x + wide > self.width - pad:
+                x, y = pad, y + 1.95 * em
+            pressed = key == "preview" and previewing
+            ground, color, border = ACCENT_DARK if pressed else RAISED, *((TEXT, BORDER) if enabled else (FAINT, FAINT))
+            canvas.button(x, y, wide, 1.7 * em, "Stop" if pressed else label, size, ground, color, border)
+            if enabled:
+                self.areas.add((x, y, wide, 1.7 * em), (key, -1))
+            x += wide + 0.35 * em
+        if message or not keys:
+            words = message or "Choose a view and a frame, then press Add or K. Two views make a movie."
+            lines = wrapped(words, normal, self.width - 2 * pad)
+            canvas.lines(pad, self._top, lines, normal, BAD if message else DIM)
+        return canvas.pixels
+
+    def _rows(
+        self, canvas: Canvas, keys: Sequence[Key], thumbnails: Sequence[np.ndarray | None], selected: int | None
+    ) -> None:
+        em, small = self.em, round(0.85 * self.em)
+        wide, high = self.thumbnail_size
+        for number, (key, picture) in enumerate(zip(keys, thumbnails, strict=True)):
+            y = self._top + number * self.row_height - self.down
+            if y + self.row_height < self._top or y > self.height:
+                continue
+            if number == selected:
+                canvas.rect(0, y, self.width, self.row_height, RAISED)
+                canvas.rect(0, y, 3, self.row_height, ACCENT)
+            self.areas.add((0, y, self.width, self.row_height), ("row", number))
+            left, top = 0.6 * em, y + 0.3 * em
+            if picture is None:
+                canvas.rect(left, top, wide, high, LINE)
+            else:
+                canvas.image(left, top, picture)
+            x = left + wide + 0.6 * em
+            canvas.text(x, top, f"{number + 1}", small, DIM)
+            self._link(canvas, x + 1.4 * em, top, f"{key.time:.2f} s", small, "time" if number else "", number)
+            canvas.text(self.width - 0.6 * em, top, f"frame {key.frame}", small, DIM, align="right")
+            if number + 1 < len(keys):
+                self._link(canvas, x, top + 1.5 * em, EASING_WORDS[key.easing], small, "easing", number)
+            if number == selected:
+                self._row_buttons(canvas, top + 1.35 * em, number, len(keys))
+
+    def _row_buttons(self, canvas: Canvas, y: float, number: int, count: int) -> None:
+        em, side = self.em, 1.45 * self.em
+        x = self.width - 0.5 * em - len(ROW_BUTTONS) * side
+        for name in ROW_BUTTONS:
+            enabled = not (name == "up" and number == 0) and not (name == "down" and number == count - 1)
+            canvas.icon(x + 0.3 * em, y + 0.3 * em, f"row {name}", 0.85 * em, TEXT if enabled else FAINT)
+            if enabled:
+                self.areas.add((x, y, side, side), (name, number))
+            x += side
+
+    def _link(self, canvas: Canvas, x: float, y: float, words: str, size: int, key: str, row: int) -> None:
+        wide = canvas.text(x, y, words, size, ACCENT if key else TEXT)
+        if key:
+            self.areas.add((x - 2, y - 2, wide + 4, line_height(size) + 2), (key, row))
 
 
 class PathPanel:
-    """See the module. `act`: called with what was clicked, a key of `drawing.path_list.HINTS`, and the view or -1."""
+    """See the module. `act`: called with what was clicked, a key of `HINTS`, and the view or -1."""
 
     def __init__(
         self, em: float, editor: PathEditor, act: Callable[[str, int], None], changed: Callable[[], None]

@@ -2,15 +2,16 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
+import numpy as np
 from open3d.visualization import gui
 
-from gui.drawing.palette import ACCENT_DARK, BAD, DIM, PANEL, RAISED
+from gui.drawing.canvas import Canvas, text_width
+from gui.drawing.palette import ACCENT, ACCENT_DARK, BAD, DIM, LINE, PANEL, RAISED, STATE_COLORS, TEXT
 from gui.models.stage_rows import TITLES, StageRow
 from gui.models.take.estimates import Estimates
 from gui.models.take.page_words import in_page_words, setting_words
 from gui.models.take.settings import SettingField, stage_of
 from gui.models.take.workspace import Workspace
-from gui.widgets import stage_list
 from gui.widgets.hints import Hints
 from gui.widgets.picture import ImagePanel, color, make_button, make_label, put
 from gui.widgets.settings import SettingActions, SettingsList
@@ -26,6 +27,8 @@ _HINTS = {
     "Pause": "Suspend the run; it stays in memory until you resume it",
     "Resume": "Resume the run",
 }
+
+GRIP = 0.55  # width in em of the edge that is dragged to make the panel wider or narrower
 
 
 class StagesPanel:
@@ -110,7 +113,7 @@ class StagesPanel:
     def _on_mouse(self, event: gui.MouseEvent, x: float, y: float) -> bool:
         kind = gui.MouseEvent.Type
         if event.type == kind.BUTTON_DOWN:
-            self._widening = x > self.list.size[0] - stage_list.GRIP * self._em
+            self._widening = x > self.list.size[0] - GRIP * self._em
         if self._widening and event.type in (kind.BUTTON_DOWN, kind.DRAG, kind.BUTTON_UP):
             if event.type != kind.BUTTON_DOWN:
                 self._widen(self.list.widget.frame.x + x, event.type == kind.BUTTON_UP)
@@ -118,12 +121,12 @@ class StagesPanel:
             self._changed()
             return True
         if event.type == kind.MOVE:
-            at_edge = x > self.list.size[0] - stage_list.GRIP * self._em
+            at_edge = x > self.list.size[0] - GRIP * self._em
             self.list.widget.tooltip = "Drag to make the panel wider or narrower" if at_edge else ""
         if event.type != kind.BUTTON_DOWN:
-            return event.type != gui.MouseEvent.Type.WHEEL
-        row = stage_list.row_at(y, self._em, len(TITLES))
-        if row is not None:
+            return event.type != kind.WHEEL
+        row = int(y // _row_height(self._em))
+        if 0 <= row < len(TITLES):
             self._refuse(None)  # the message concerned a setting of the other stage
             self._select(list(TITLES)[row])
             self._changed()
@@ -197,7 +200,7 @@ class StagesPanel:
     def place(self, x: float, y: float, width: float, height: float, context: gui.LayoutContext) -> None:
         """Set the panel's rectangle in window pixels."""
         em = self._em
-        list_height = stage_list.row_height(em) * len(TITLES)
+        list_height = _row_height(em) * len(TITLES)
         self.list.place(x, y, width, list_height)
         top = y + list_height + 2.5 * em
         limits = gui.Widget.Constraints()
@@ -227,7 +230,7 @@ class StagesPanel:
         changed = state != self._drawn
         if changed:
             self._drawn = state
-            self.list.show(stage_list.image(rows, self.selected, self.list.size[0], self._em))
+            self.list.show(list_image(rows, self.selected, self.list.size[0], self._em))
         if self._error_in != self._circumstances:
             self._refuse(None)
         row = self._workspace.row(self.selected)
@@ -287,3 +290,36 @@ class StagesPanel:
                 self._guard.swapped()
             changed |= put(button, enabled=enabled, visible=shown)
         return changed
+
+
+def _row_height(em: float) -> float:
+    """Height of a row of the list, pixels."""
+    return round(2.3 * em)
+
+
+def list_image(rows: Sequence[StageRow], selected: str, width: int, em: float) -> np.ndarray:
+    """(height, width, 3) uint8: status dot, title, words and progress bar of each stage."""
+    each = _row_height(em)
+    canvas = Canvas(width, each * len(rows), PANEL)
+    size, small = round(em), round(0.82 * em)
+    for number, row in enumerate(rows):
+        y = number * each
+        if row.key == selected:
+            canvas.rect(0, y, width, each, RAISED)
+            canvas.rect(0, y, 3, each, ACCENT)
+        color = STATE_COLORS[row.state]
+        middle = y + each / 2
+        canvas.dot(1.2 * em, middle, 0.32 * em, color, filled=row.state not in ("missing", "waiting"))
+        title = canvas.text(2.2 * em, middle - 0.62 * size, row.title, size, TEXT)
+        room = width - 2.2 * em - title - 1.2 * em
+        words = row.words
+        if text_width(words, small) > room and "," in words:
+            words = words.split(",")[0]
+        color = color if row.state in ("failed", "running", "stale", "partial") else DIM
+        canvas.text(width - 0.6 * em, middle - 0.62 * small, words, small, color, align="right", width=room)
+        if row.state == "running":
+            canvas.rect(2.2 * em, y + each - 4, width - 2.8 * em, 2, LINE)
+            canvas.rect(2.2 * em, y + each - 4, (width - 2.8 * em) * min(max(row.fraction or 0.0, 0.0), 1.0), 2, ACCENT)
+    for number in range(-1, 2):  # the edge that is dragged
+        canvas.rect(width - 4, canvas.height / 2 + number * 6 - 1, 2, 2, DIM)
+    return canvas.pixels

@@ -8,8 +8,8 @@ from open3d.visualization import gui
 
 from gui.models.playback.filmstrip import ASPECT, Filmstrip, draw_strip, has_pictures, slots
 from gui.models.playback.player import PlayerPresenter
+from gui.models.playback.timeline import TimelineZoom
 from gui.models.playback.timeline_plots import Plot, TimelinePlots
-from gui.models.playback.timeline_zoom import TimelineZoom
 from gui.widgets.picture import ImagePanel, holds
 
 HOVER_SECONDS = 4.0
@@ -53,14 +53,12 @@ class TimelinePanel:
     def plots_view(self) -> TimelinePlots:
         """The current mapping of pixels to frames."""
         transport = self._player.transport
-        zoom = self.zoom.within(transport.frame_count)
         return TimelinePlots(
             *self.picture.size,
             self._em,
             transport.frame_count,
             transport.group_starts,
-            zoom.first,
-            zoom.shown,
+            self.zoom.within(transport.frame_count),
             self._kept,
             self._picture_size[1] if has_pictures(self._player) else 0,
             transport.span,
@@ -133,8 +131,8 @@ class TimelinePanel:
             self._changed()
             return True
         if event.type == kind.DRAG and event.is_button_down(gui.MouseButton.RIGHT):
-            if self._panned is not None and view.shown is not None:
-                self.zoom = self.zoom.moved((self._panned - x) * view.shown / width, frames)
+            if self._panned is not None and view.zoom.shown is not None:
+                self.zoom = self.zoom.moved((self._panned - x) * view.zoom.shown / width, frames)
             self._panned = x
             self._changed()
             return True

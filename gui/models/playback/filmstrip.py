@@ -31,14 +31,14 @@ class Slot:
 def slots(timeline: Timeline, width: int) -> list[Slot]:
     """Places for images `width` pixels wide that do not overlap, each beginning at its frame. The frames are
     multiples of a power of two, so that panning keeps them and zooming keeps half of them."""
-    shown = timeline.frame_count if timeline.shown is None else timeline.shown
-    each = timeline.width / max(shown, 1e-9)
+    each = timeline.width / max(timeline.shown, 1e-9)
     step = 1
     while step * each < width:
         step *= 2
-    first = max(math.floor(timeline.first / step) * step, 0)
-    last = min(math.ceil(timeline.first + shown), timeline.frame_count)
-    found = (Slot(frame, (frame - timeline.first) * each, step * each) for frame in range(first, last, step))
+    begin = timeline.zoom.first
+    first = max(math.floor(begin / step) * step, 0)
+    last = min(math.ceil(begin + timeline.shown), timeline.frame_count)
+    found = (Slot(frame, (frame - begin) * each, step * each) for frame in range(first, last, step))
     return [slot for slot in found if -slot.width < slot.x < timeline.width]
 
 
@@ -62,12 +62,11 @@ def has_pictures(player: PlayerPresenter) -> bool:
     return opened is not None and opened.default is not None and not is_address(str(opened.path))
 
 
-class Filmstrip:
-    """Draws the images one by one on a thread, while nothing is played and no stage runs."""
+class Filmstrip(Thumbnails):
+    """Draws the images while nothing is played and no stage runs."""
 
     def __init__(self) -> None:
-        self._thumbnails = Thumbnails()
-        self.changed = self._thumbnails.changed
+        super().__init__()
         self._camera: Camera | None = None
         self._camera_of: object = None
 
@@ -80,7 +79,7 @@ class Filmstrip:
             return {}
         camera = self._view(player, size)
         ask = not (busy or player.transport.playing)  # would take time from the stage, or the frames that are played
-        return {frame: self._thumbnails.get(opened.path, player.contents, camera, frame, size, ask) for frame in frames}
+        return {frame: self.get(opened.path, player.contents, camera, frame, size, ask) for frame in frames}
 
     def _view(self, player: PlayerPresenter, size: Size) -> Camera:
         """The direction of the view that the take opens with, as near as all that moves allows."""
@@ -89,7 +88,3 @@ class Filmstrip:
             self._camera_of = key
             self._camera = player.home.filling(player.points, *size)
         return self._camera
-
-    def close(self) -> bool:
-        """End the thread. Returns whether it ended in time."""
-        return self._thumbnails.close()

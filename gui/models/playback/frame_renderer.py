@@ -85,17 +85,14 @@ class RenderRequest:
         source = self.sources.get(name)
         return source.label if isinstance(source, OtherSource) else name
 
-    def same_as(self, other: RenderRequest) -> bool:
-        """Whether it results in the same image."""
+    @property
+    def key(self) -> tuple[object, ...]:
+        """Equal keys of two requests mean equal images."""
+        sources = [id(self.sources.get(name)) for name in ("trained", "decoded", *OTHERS)]
         return (
-            self.orbit is other.orbit
-            and (self.scene and self.scene.key) == (other.scene and other.scene.key)
-            and self.context is other.context
-            and all(self.sources.get(name) is other.sources.get(name) for name in ("trained", "decoded", *OTHERS))
-            and (self.frame, self.number, self.mode, self.what, self.reference, self.camera, self.image_zoom, self.size,
-                self.background, self.wipe, self.place)
-            == (other.frame, other.number, other.mode, other.what, other.reference, other.camera, other.image_zoom,
-                other.size, other.background, other.wipe, other.place)
+            id(self.orbit), self.scene and self.scene.key, id(self.context), sources, self.frame, self.number,
+            self.mode, self.what, self.reference, self.camera, self.image_zoom, self.size, self.background, self.wipe,
+            self.place,
         )  # fmt: skip
 
 

@@ -15,11 +15,10 @@ from gui.models.playback.sources import FrameSource, Opened, first_whole, open_p
 from gui.models.playback.stream_audio import StreamAudio
 from gui.models.playback.stream_source import LeftOut, StreamSource
 from gui.models.playback.transport import Transport
-from gui.models.playback.viewpoint import BACKGROUNDS, NOTHING_OPEN, Viewpoint
+from gui.models.playback.viewpoint import BACKGROUNDS, NOTHING_OPEN, Rest, Viewpoint
 from gui.models.scene.contents import SceneWanted, Surface
 from gui.models.scene.orbit import OrbitCamera
 from gui.models.scene.render import Place, SceneRenderer, no_mesh
-from gui.models.scene.rest import Rest
 from gui.models.scene.splats import draw
 from gui.models.worker import Done, LatestWorker
 from pipelines.share.cast_frames import CastFrames
@@ -279,7 +278,7 @@ class PlayerPresenter(Viewpoint):
         if self.opened is not None and self.source is not None:
             request = self._request()
             assert request is not None
-            if self._asked is None or not request.same_as(self._asked):
+            if self._asked is None or request.key != self._asked.key:
                 self._asked = request
                 self._worker.ask(request)
         done = self._worker.take()

@@ -1,4 +1,6 @@
-"""The timeline's track: mapping of columns to frames, and its image."""
+"""The timeline's track: which frames it shows, mapping of columns to frames, and its image."""
+
+from __future__ import annotations
 
 import itertools
 import math
@@ -15,37 +17,79 @@ TRACK_OTHER_GROUP = (80, 84, 90)
 PAST = (46, 98, 118)
 PAST_OTHER_GROUP = (54, 112, 134)
 
+STEP = 0.8  # frames shown after a notch of the wheel, relative to before
+LEAST_FRAMES = 5.0  # frames that are shown at least
+
+
+@dataclass(frozen=True)
+class TimelineZoom:
+    """A part of the frames: the one at the left edge, with a fraction, and how many are shown; None: all."""
+
+    first: float = 0.0
+    shown: float | None = None
+
+    def zoomed(self, notches: float, share: float, frame_count: int) -> TimelineZoom:
+        """Zoom in (positive) or out. `share`: what stays where it is, 0 (left edge) to 1 (right edge)."""
+        before = self.count(frame_count)
+        shown = min(max(before * STEP**notches, LEAST_FRAMES), frame_count)
+        if shown >= frame_count:
+            return WHOLE
+        return TimelineZoom(self.first + share * (before - shown), shown).within(frame_count)
+
+    def moved(self, frames: float, frame_count: int) -> TimelineZoom:
+        """Move what is shown by a number of frames."""
+        return TimelineZoom(self.first + frames, self.shown).within(frame_count)
+
+    def following(self, frame: int, frame_count: int) -> TimelineZoom:
+        """What is shown while a frame is played: the next page, if the frame is not in view."""
+        shown = self.count(frame_count)
+        if self.first <= frame and frame + 1 <= self.first + shown:
+            return self
+        return TimelineZoom(float(frame), self.shown).within(frame_count)
+
+    def within(self, frame_count: int) -> TimelineZoom:
+        """This part, inside of the frames that there are."""
+        if self.shown is None or self.shown >= frame_count:
+            return WHOLE
+        return TimelineZoom(min(max(self.first, 0.0), frame_count - self.shown), self.shown)
+
+    def count(self, frame_count: int) -> float:
+        """How many frames are shown."""
+        return float(frame_count) if self.shown is None else min(self.shown, float(frame_count))
+
+
+WHOLE = TimelineZoom()
+
 
 @dataclass(frozen=True)
 class Timeline:
     """Frames side by side on a track `width` pixels wide; their widths differ by at most a pixel. Groups alternate
-    between two shades; `first` and `shown` are the part that is shown, see `TimelineZoom`; `kept` are the frames that
-    are not trimmed off, None for all."""
+    between two shades; `kept` are the frames that are not trimmed off, None for all."""
 
     width: int
     height: int
     frame_count: int
     group_starts: Sequence[int] = (0,)
-    first: float = 0.0
-    shown: float | None = None
+    zoom: TimelineZoom = WHOLE
     kept: range | None = None
 
     def frame_at(self, x: float) -> int:
         """The frame under column x; clamped to the first and the last."""
-        return min(max(int(self.first + x * self._shown / max(self.width, 1)), 0), self.frame_count - 1)
+        return min(max(int(self.zoom.first + x * self.shown / max(self.width, 1)), 0), self.frame_count - 1)
 
     @property
-    def _shown(self) -> float:
-        return self.frame_count if self.shown is None else self.shown
+    def shown(self) -> float:
+        """How many frames are shown."""
+        return self.zoom.count(self.frame_count)
 
     def shows(self, frame: int) -> bool:
         """Whether a part of a frame is in view."""
-        return self.first < frame + 1 and frame < self.first + self._shown
+        return self.zoom.first < frame + 1 and frame < self.zoom.first + self.shown
 
     def span(self, frame: int) -> tuple[int, int]:
         """First column of a frame and the column after its last one; at least one column where there is room."""
         left, right = (
-            min(max(math.ceil((one - self.first) * self.width / self._shown - 1e-9), 0), self.width)
+            min(max(math.ceil((one - self.zoom.first) * self.width / self.shown - 1e-9), 0), self.width)
             for one in (frame, frame + 1)
         )
         return left, max(right, min(left + self.shows(frame), self.width))

@@ -7,7 +7,7 @@ import numpy as np
 
 from gui.drawing.canvas import Canvas, text_width
 from gui.drawing.palette import ACCENT, BAD, DIM, FAIR, GROUND, LINE, PANEL, RAISED, RGB, SECOND, TEXT
-from gui.models.playback.timeline import Timeline
+from gui.models.playback.timeline import WHOLE, Timeline, TimelineZoom
 from pipelines.takes.frame_numbers import FrameNumbers
 from studio.comparison.metrics import FLICKER, METRICS, Metric
 
@@ -99,10 +99,8 @@ def plots_of(
 
 def clock_words(seconds: float) -> str:
     """A time of the take: in seconds, or from one minute on in minutes and seconds."""
-    hundredths = round(100 * seconds)
-    if hundredths < 6000:
-        return f"{hundredths / 100:.2f} s"
-    return f"{hundredths // 6000}:{hundredths % 6000 / 100:05.2f}"
+    minutes, hundredths = divmod(round(100 * seconds), 6000)
+    return f"{minutes}:{hundredths / 100:05.2f}" if minutes else f"{hundredths / 100:.2f} s"
 
 
 @dataclass(frozen=True)
@@ -114,8 +112,7 @@ class TimelinePlots:
     em: float
     frame_count: int
     group_starts: Sequence[int] = (0,)
-    first: float = 0.0
-    shown: float | None = None
+    zoom: TimelineZoom = WHOLE
     kept: range | None = None
     strip: int = 0  # height of the strip of images above the plots, pixels; 0 for none
     span: tuple[int, int] | None = None  # first and last frame of the selected span; None for none
@@ -141,9 +138,7 @@ class TimelinePlots:
     def timeline(self) -> Timeline:
         """Mapping of columns, counted from `left`, to frames."""
         width = max(self.width - self.left - self.right, 1)
-        return Timeline(
-            width, self.track_height, self.frame_count, self.group_starts, self.first, self.shown, self.kept
-        )
+        return Timeline(width, self.track_height, self.frame_count, self.group_starts, self.zoom, self.kept)
 
     def frame_at(self, x: float) -> int:
         """The frame under a column of the image."""
@@ -171,7 +166,7 @@ class TimelinePlots:
             )
         self._span_marks(canvas, timeline)
         words = "Frame"
-        if self.shown is not None:
+        if self.zoom.shown is not None:
             first, last = (self.numbers.number(timeline.frame_at(x)) for x in (0, timeline.width - 1))
             words = f"Frame, {first} to {last} in view"
         canvas.text(0, self._track + self.track_height / 2 - self._size(99) * 0.62, words, self._size(99), DIM)
@@ -294,8 +289,7 @@ class TimelinePlots:
     def numbered(self) -> list[int]:
         """The frames whose numbers are above the track: every 1, 2, 5, 10, 20, 50, ... in view."""
         timeline = self.timeline
-        shown = self.shown or self.frame_count
-        each = timeline.width / shown
+        each = timeline.width / timeline.shown
         step = next(step for step in _STEPS if step * each >= APART * self.em or step >= self.frame_count)
         return [frame for frame in range(0, self.frame_count, step) if timeline.shows(frame)]
 
@@ -374,8 +368,8 @@ class TimelinePlots:
         if not len(plot.peaks):
             return
         middle, half = y + height / 2, (height - 2) / 2
-        start = self.first / self.frame_count
-        end = 1.0 if self.shown is None else start + self.shown / self.frame_count
+        start = self.zoom.first / self.frame_count
+        end = start + self.timeline.shown / self.frame_count
         loudest = max(float(np.abs(plot.peaks).max()), 1e-3)  # fills the row, so that a quiet take is seen too
         for column, (low, high) in enumerate(plot.columns(self.timeline.width, start, end) / loudest):
             top, bottom = middle - high * half, middle - low * half

@@ -1,5 +1,8 @@
 """Viewpoint: the open take or stream, which part of it is on screen, and from which camera."""
 
+import time
+from collections.abc import Callable, Hashable
+
 import numpy as np
 
 from gui.drawing.compare import ALONE, boxes
@@ -16,7 +19,24 @@ from studio.cameras import Camera
 BACKGROUNDS = {"dark": (0.08, 0.09, 0.1), "black": (0.0, 0.0, 0.0), "white": (1.0, 1.0, 1.0)}
 NOTHING_OPEN = "Open a take or a stream, or create a new take from footage (File menu)."
 
+RESTS_AFTER = 0.4  # seconds without a change after which the view rests
+
 _SAME_SHAPE = 0.01  # relative difference between the shapes of two images below which they show the same
+
+
+class Rest:
+    """Whether the view has rested for a moment, so that there is time for a better image. `now`: a clock, seconds."""
+
+    def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
+        self._now = now
+        self._view: Hashable = None
+        self._since = 0.0
+
+    def rests(self, view: Hashable, moving: bool) -> bool:
+        """Whether the view has been equal for `RESTS_AFTER`. Call at each tick. `moving`: it moves on its own."""
+        if moving or view != self._view:
+            self._view, self._since = view, self._now()
+        return self._now() - self._since >= RESTS_AFTER
 
 
 class Viewpoint:

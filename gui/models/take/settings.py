@@ -11,6 +11,7 @@ from typing import Any, Literal, Union, cast, get_args, get_origin
 from pydantic import JsonValue
 from pydantic.fields import FieldInfo
 
+from gui.drawing.plots import round_step
 from gui.models.stage_rows import TITLES
 from gui.models.take.setting_words import BASIC, FOLDERS, LABELS, UNITS
 from pipelines.config import Config
@@ -101,7 +102,7 @@ class SettingField:
         if self.limits is None or not math.isfinite(value):
             return None
         low, high = self.limits
-        step = 1.0 if self.whole else _round_step((high - low) / 20)
+        step = 1.0 if self.whole else round_step((high - low) / 20)
         near = 1e-9  # a multiple that is not exact in binary is one
         multiple = math.floor(value / step + near) if count > 0 else math.ceil(value / step - near)
         moved = min(max((multiple + count) * step, low), high)
@@ -116,12 +117,6 @@ def setting_value(config: Config, name: str) -> JsonValue:
     for part in name.split("."):
         value = value[part]
     return cast(JsonValue, value)
-
-
-def _round_step(least: float) -> float:
-    """The lowest of 1, 2 and 5 times a power of ten that is not below a number above 0."""
-    power = 10.0 ** math.floor(math.log10(least))
-    return next(one * power for one in (1, 2, 5, 10) if one * power >= least * (1 - 1e-9))
 
 
 @cache

@@ -153,7 +153,12 @@ class Workspace:
             crash = job.crash()
             if crash is not None:
                 self.run.crashed(*crash)
-            self._job_over()
+            assert self.take is not None
+            self.job, self.cancelling, self.paused = None, False, False
+            self._follower = LogFollower(self.take.log)
+            self._follower.poll()  # the job's events are already known
+            self.holder = None
+            self._look_soon()
         self._notify()
         if ended:
             self.run_ended.emit(ended)
@@ -178,14 +183,6 @@ class Workspace:
         if self.run.results != self._results_seen:
             self._results_seen = self.run.results
             self.new_results.emit()
-
-    def _job_over(self) -> None:
-        assert self.take is not None
-        self.job, self.cancelling, self.paused = None, False, False
-        self._follower = LogFollower(self.take.log)
-        self._follower.poll()  # the job's events are already known
-        self.holder = None
-        self._look_soon()
 
     def _look_soon(self) -> None:
         self._next_assess = 0.0

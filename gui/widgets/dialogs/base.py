@@ -38,6 +38,7 @@ class Dialogs:
         self.shade.visible = False
         self.em = window.theme.font_size
         self.widgets: dict[str, gui.Widget] = {}  # of the open dialog by key
+        self.made: dict[str, gui.Widget] = {}  # of the dialog that is being built
         self.name = self.title = ""  # of the open dialog; "" if none is open
         self.typing = False  # whether its text field has the keyboard focus
         self.lines: list[str] = []  # what the list in it shows, where that changes on its own
@@ -93,11 +94,10 @@ class Dialogs:
     ) -> None:
         """Show a dialog made of `parts`, replacing the open one; `on_enter`: action of the Enter key; `accent`: key of
         the highlighted answer; None for the first."""
-        made = self.widgets
         early = (self._early, self._early_enter) if self.expected else ([], False)
         self.close()
         self._early, self._early_enter = early
-        self.widgets, self._on_enter = made, on_enter
+        self._on_enter = on_enter
         self._on_escape = next((action for key, _, action in answers if key == "close"), self.close)
         em = self.em
         dialog = gui.Dialog(title)
@@ -115,12 +115,13 @@ class Dialogs:
             row.add_child(self.button(key, label, action, accent=key == accent))
         column.add_child(row)
         dialog.add_child(column)
+        self.widgets, self.made = self.made, {}
         self.name, self.title, self.shade.visible = name, title, True
         self._window.show_dialog(dialog)
 
     def button(self, key: str, label: str, action: Callable[[], None], accent: bool = False) -> gui.Button:
         """Make a button for the dialog being built."""
-        button = self.widgets[key] = make_button(label, action, pad=0.5, pad_y=BUTTON_PADDING)
+        button = self.made[key] = make_button(label, action, pad=0.5, pad_y=BUTTON_PADDING)
         if accent:
             button.background_color = color(ACCENT_DARK)
         return button
@@ -238,12 +239,10 @@ class Dialogs:
             LOOP.post(self.close)
 
     def message(self, title: str, text: str) -> None:
-        self.widgets = {}
         self.show("message", title, [self.label(text, dim=False)], [("close", "Close", self.close)], 60, self.close)
 
     def ask(self, title: str, text: str, answers: Sequence[Answer]) -> None:
         """Ask a question; each answer closes the dialog first."""
-        self.widgets = {}
         closing = [(key, label, self.closing(action)) for key, label, action in answers]
         self.show("ask", title, [self.label(text, dim=False)], closing, 60)
 
@@ -251,7 +250,6 @@ class Dialogs:
         self, name: str, title: str, text: str, value: str, answers: Sequence[tuple[str, str, Callable[[str], None]]]
     ) -> None:
         """Ask for a line of text; answers receive the text, and Enter triggers the first."""
-        self.widgets = {}
         edit = gui.TextEdit()
         edit.text_value = value
         typed = [value]
@@ -301,7 +299,6 @@ class Dialogs:
         note: str = "",
     ) -> None:
         """Choose from a list (`nothing` is shown for an empty one) with a note below it; answers are before Close."""
-        self.widgets = {}
         parts: list[gui.Widget] = []
         for number, choice in enumerate(choices):
             parts.append(self.button(f"choice{number}", choice, self.closing(partial(chosen, choice))))

@@ -17,7 +17,6 @@ def ask_cameras(
     dialogs: Dialogs, uses: CameraUses, save: Callable[[CameraUses], str], error: str = "", page: int = 0
 ) -> None:
     """Ask for the use of every camera. `save`: called with the new uses; returns why they are refused, else ""."""
-    dialogs.widgets = {}
     em = dialogs.em
     chosen = [uses]
     boxes: dict[str, tuple[gui.Checkbox, gui.Checkbox]] = {}
@@ -45,7 +44,7 @@ def ask_cameras(
             used.set_on_checked(lambda on, name=name: ticked(name, "training" if on else "not used"))
             held_out.set_on_checked(lambda on, name=name: ticked(name, "held out" if on else "training"))
             boxes[name] = (used, held_out)
-            dialogs.widgets |= {f"use {name}": used, f"hold out {name}": held_out}
+            dialogs.made |= {f"use {name}": used, f"hold out {name}": held_out}
             cells = [lowered(dialogs.label(name, dim=False)), used, held_out]
             for column, widget in zip(columns[len(heads) * block :], cells, strict=False):
                 column.add_child(widget)

@@ -42,7 +42,6 @@ class CommandDialog:
         dialogs = self._dialogs
         self._commands, self._typed, self._searched, self._drawn = commands, "", None, None
         self._pressed, self._moved = None, set()
-        dialogs.widgets = {}
         edit = gui.TextEdit()
         edit.placeholder_text = "type part of a command"
         edit.set_on_text_changed(self._type)

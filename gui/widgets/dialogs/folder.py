@@ -44,7 +44,6 @@ class _PathDialog:
 
     def show(self, title: str) -> None:
         dialogs, em = self._dialogs, self._dialogs.em
-        dialogs.widgets = {}
         path = gui.Horiz(0.4 * em)
         for key, label, action in (("up", "Up", self._found.up), ("home", "Home", self._home)):
             button = dialogs.button(key, label, partial(self._moved, action))

@@ -76,7 +76,7 @@ class NewTakeDialog:
         fields["take"] = form.widgets["take"]
         self._picture = ImagePanel(self._on_mouse, self._images)
         self._text = dialogs.label("")
-        dialogs.widgets |= {"refused": self._text} if error else {}
+        dialogs.made |= {"refused": self._text} if error else {}
         buttons = dialogs.row(
             (
                 ("suggested", "Hold out every eighth camera", lambda: self._use("suggested", "held out")),
@@ -179,7 +179,7 @@ class NewTakeDialog:
     def _update(self) -> None:
         """Show what is known."""
         new, found, dialogs = self._new, self._found, self._dialogs
-        inspection, widgets = found.inspection, dialogs.widgets
+        inspection, widgets = found.inspection, dialogs.widgets | dialogs.made
         words = self._error or in_page_words(found.words)
         if found.uses.uses and not self._error:
             words = f"{uses_words(new.uses or found.uses)}. {HINT}\n{words_beside(found)}"

@@ -96,7 +96,6 @@ class WorstDialog:
     def show(self, evaluation: Evaluation, number: Callable[[int], int]) -> None:
         """Show the dialog; `number` gives the number by which people know a frame."""
         dialogs, em = self._dialogs, self._dialogs.em
-        dialogs.widgets = {}
         size = dialogs.fitting(*SIZE)
         self._sheet = WorstSheet(size, em, evaluation, number)
         self._picture = ImagePanel(self._on_mouse, self._images)

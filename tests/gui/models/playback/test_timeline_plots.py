@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from gui.drawing.palette import BAD, FAIR, TEXT
+from gui.models.playback.timeline import LEAST_FRAMES, TimelineZoom
 from gui.models.playback.timeline_plots import TimelinePlots, plots_of
-from gui.models.playback.timeline_zoom import LEAST_FRAMES, TimelineZoom
 
 VIEW = TimelinePlots(900, 160, 16.0, 4)
 
@@ -36,7 +36,7 @@ def test_zoom_keeps_what_is_under_the_pointer() -> None:
 
 @pytest.mark.parametrize("first", [0.0, 7.3, 15.0])
 def test_a_zoomed_timeline_shows_its_part(first: float) -> None:
-    view = TimelinePlots(900, 160, 16.0, 20, (0, 10), first, 5.0)
+    view = TimelinePlots(900, 160, 16.0, 20, (0, 10), TimelineZoom(first, 5.0))
     timeline = view.timeline
     seen = [timeline.frame_at(x) for x in range(timeline.width)]
     for frame in range(20):
