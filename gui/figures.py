@@ -40,7 +40,7 @@ class QualityFigures:
         others = {name: other.series(name, camera) for name in PLOTTED} if other is not None else None
         camera = camera if camera in evaluation.cameras else ""
         series = {name: evaluation.series(name, frames, camera) for name in PLOTTED}
-        whose = evaluation.whose(camera), evaluation.whose_briefly(camera)
+        whose = evaluation.whose(camera), evaluation.whose(camera, briefly=True)
         plots = plots_of(series, whose[0], others, whose[1], ", earlier bake" * evaluation.stale)
         window.timeline.plots = (*plots, *((waveform,) if waveform is not None else ()))
         against = f"\nYellow, and in parentheses: {other.label}." if other is not None else ""

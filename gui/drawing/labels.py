@@ -11,23 +11,21 @@ from gui.drawing.palette import GROUND, RGB, TEXT
 GAP = 3  # pixels between a name and what it names
 
 
-def place_labels(
-    shapes: Sequence[np.ndarray], sizes: Sequence[tuple[int, int]], room: tuple[int, int]
-) -> list[tuple[int, int] | None]:
-    """The upper left corner of each label in pixels; None where it would cover another label.
-
-    Each is below, above, to the right or to the left of its shape, (N, 2) pixels whose convex hull counts, wherever it
-    covers least of all shapes. Earlier ones choose first. Sizes and room are widths and heights in pixels.
-    """
-    width, height = room
+def draw_labels(
+    canvas: Canvas, names: Sequence[str], shapes: Sequence[np.ndarray], size: int, colors: Sequence[RGB] = ()
+) -> None:
+    """Draw names on dark ground, each below, above, to the right or to the left of its shape, (N, 2) pixels whose
+    convex hull counts, wherever it covers least of all shapes. Earlier ones choose first; names that would cover
+    others are left out."""
+    width, height, high = canvas.width, canvas.height, line_height(size)
     covered = np.zeros((height, width), np.uint8)
     for shape in shapes:
-        hull = cv2.convexHull(np.clip(shape, -4 * max(room), 4 * max(room)).astype(np.int32))
+        hull = cv2.convexHull(np.clip(shape, -4 * max(width, height), 4 * max(width, height)).astype(np.int32))
         cv2.fillConvexPoly(covered, hull, 1)
     sums = cv2.integral(covered)
     taken = np.zeros_like(covered, bool)
-    found: list[tuple[int, int] | None] = []
-    for shape, (wide, high) in zip(shapes, sizes, strict=True):
+    for number, (name, shape) in enumerate(zip(names, shapes, strict=True)):
+        wide = text_width(name, size) + 6
         (left, top), (right, bottom) = shape.min(axis=0), shape.max(axis=0)
         middle, center = (left + right) / 2, (top + bottom) / 2
         places = (
@@ -39,7 +37,6 @@ def place_labels(
         ]
         free = [(x, y) for x, y in inside if not taken[y : y + high, x : x + wide].any()]
         if not free:
-            found.append(None)
             continue
         x, y = min(
             free,
@@ -51,22 +48,6 @@ def place_labels(
             ),
         )
         taken[y : y + high, x : x + wide] = True
-        found.append((x, y))
-    return found
-
-
-def draw_labels(
-    canvas: Canvas, names: Sequence[str], shapes: Sequence[np.ndarray], size: int, colors: Sequence[RGB] = ()
-) -> list[bool]:
-    """Draw names beside shapes, on dark ground, as `place_labels` does; returns which of them had room."""
-    high = line_height(size)
-    sizes = [(text_width(name, size) + 6, high) for name in names]
-    places = place_labels(shapes, sizes, (canvas.width, canvas.height))
-    for number, (name, place, (wide, _)) in enumerate(zip(names, places, sizes, strict=True)):
-        if place is None:
-            continue
-        x, y = place
         below = canvas.pixels[y : y + high, x : x + wide].astype(np.float32)
         canvas.pixels[y : y + high, x : x + wide] = (0.3 * below + 0.7 * np.array(GROUND)).astype(np.uint8)
         canvas.text(x + 3, y + (high - 1.2 * size) / 2, name, size, colors[number] if colors else TEXT)
-    return [place is not None for place in places]

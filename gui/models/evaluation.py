@@ -73,34 +73,30 @@ class Evaluation:
         """The main metric of a camera, "trained" or "decoded", mean over the frames; None if it was not measured."""
         return getattr(self.cameras.get(camera), f"{MAIN.name}_{what}", None)
 
-    def whose(self, camera: str = "") -> str:
+    @property
+    def kind(self) -> str:
+        """Of the cameras."""
+        return "held-out" if self.held_out else "training"
+
+    def whose(self, camera: str, briefly: bool = False) -> str:
         """What figures refer to, for a title: "camera cam05" if it was evaluated, else "mean of held-out cameras";
-        "mean" if nothing was evaluated."""
+        "mean" if nothing was evaluated. In few words: "cam05" or "held-out mean"."""
+        of_camera = camera in self.cameras
+        if of_camera:
+            words, few = f"camera {camera}", f"camera {camera}" if camera.isdecimal() else camera
+        else:
+            words, few = (f"mean of {self.kind} cameras", f"{self.kind} mean") if self.frames else ("mean", "mean")
         if self.stale:  # more would not fit
-            return f"{self._in_few_words(camera)}, earlier bake"
-        if camera in self.cameras:
-            return f"camera {camera}"
-        return f"mean of {'held-out' if self.held_out else 'training'} cameras" if self.frames else "mean"
-
-    def whose_briefly(self, camera: str = "") -> str:
-        """The same in fewer words: "cam05" or "held-out mean"."""
-        if not self.stale:
-            return self._in_few_words(camera)
-        return f"{self._in_few_words(camera) if camera in self.cameras else 'mean'}, earlier"
-
-    def _in_few_words(self, camera: str) -> str:
-        if camera in self.cameras:
-            return f"camera {camera}" if camera.isdecimal() else camera
-        return f"{'held-out' if self.held_out else 'training'} mean" if self.frames else "mean"
+            return f"{few if of_camera else 'mean'}, earlier" if briefly else f"{few}, earlier bake"
+        return few if briefly else words
 
     @property
     def explanation(self) -> str:
         """What the plots above the timeline show; "" if nothing was evaluated."""
         if not self.frames:
             return ""
-        kind = "held-out" if self.held_out else "training"
         return (
-            f"PSNR in dB, higher is better: mean over the {kind} cameras {', '.join(self.cameras)}.\n"
+            f"PSNR in dB, higher is better: mean over the {self.kind} cameras {', '.join(self.cameras)}.\n"
             "KB per frame (1 KB = 1000 bytes): size of the frame's group divided by its number of frames.\n"
             "Flicker: change of the error from the frame before, in levels of 255; lower is better.\n"
             "The numbers on the left are for the current frame. Click or drag to seek."

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pipelines.takes.videos import capture_place
-from studio.cameras import Camera
 from studio.coverage import ViewRange
 from studio.errors import Message, StudioError
 from studio.formats.rigid_motion import placed
@@ -19,7 +18,7 @@ from studio.memory_cache import MemoryCache
 from studio.playback import Shared, SkippedGroup
 from studio.playback.pipeline import nothing_playable
 from studio.similarity import Similarity
-from studio.stream import GroupDecoder, Rendition, SourceUnavailable, StreamMetadata, StreamReader, StreamSound
+from studio.stream import GroupDecoder, SourceUnavailable, StreamMetadata, StreamReader, StreamSound
 
 CACHE_BYTES = 512 * 1024 * 1024
 AHEAD = 4  # number of frames decoded ahead of the one on screen
@@ -50,7 +49,9 @@ class StreamSource:
     def __init__(self, place: Path | str, in_take: bool = False) -> None:
         self._reader = StreamReader.open(place)
         self._shared, self._metadata = Shared(self._reader), StreamMetadata.from_json(self._reader.manifest.metadata)
-        self.fps = float(self._reader.fps)
+        self.fps, self.groups = float(self._reader.fps), self._reader.groups
+        self.has_sound = self._reader.audio is not None
+        self.suggested_camera = self._metadata.suggested_camera  # the first view; None if there is none
         self._count = self._reader.frame_count
         self.first, self._back = 0, Similarity()
         if in_take:
@@ -182,22 +183,9 @@ class StreamSource:
         return self._reader.sound()
 
     @property
-    def has_sound(self) -> bool:
-        return self._reader.audio is not None
-
-    @property
-    def groups(self) -> Sequence[Rendition]:
-        return self._reader.groups
-
-    @property
     def view_range(self) -> ViewRange | None:
         """From where the stream can be looked at, if views from elsewhere are to be faded."""
         return self._metadata.view_range if self.fades else None
-
-    @property
-    def suggested_camera(self) -> Camera | None:
-        """The initial view from the stream's metadata; None if there is none."""
-        return self._metadata.suggested_camera
 
     def close(self) -> None:
         with self._changed:

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from open3d.visualization import gui
 
 from gui.platform.keyboard import DOWN, PAGE_DOWN, PAGE_UP, UP
+from gui.platform.presses import key_code
 from gui.widgets.command_list import ROWS, Command, CommandList, row_height, search
 from gui.widgets.dialogs.base import Dialogs
 from gui.widgets.picture import ImagePanel
@@ -18,8 +19,6 @@ ABOVE, AROUND = 2.8, 1.0
 """From the field to the top of the dialog, and from what is in the dialog to its other edges, em."""
 
 _CODES = {UP: -1, DOWN: 1, PAGE_UP: -ROWS, PAGE_DOWN: ROWS}  # rows by the X key code
-
-_STEPS = {gui.KeyName.UP: -1, gui.KeyName.DOWN: 1, gui.KeyName.PAGE_UP: -ROWS, gui.KeyName.PAGE_DOWN: ROWS}
 
 
 class CommandDialog:
@@ -98,7 +97,7 @@ class CommandDialog:
 
     def _key(self, event: gui.KeyEvent) -> bool:
         """The field keeps the presses of keys for itself, so a release counts whose press was not reported."""
-        step = _STEPS.get(event.key)
+        step = _CODES.get(key_code(event.key) or 0)
         if step is None:
             return False
         if event.type == gui.KeyEvent.Type.UP:

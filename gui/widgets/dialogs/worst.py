@@ -100,8 +100,9 @@ class WorstDialog:
         self._sheet = WorstSheet(size, em, evaluation, number)
         self._picture = ImagePanel(self._on_mouse, self._images)
         self._picture.show(self._sheet.draw(self._pictures))
-        kind = "held-out" if evaluation.held_out else "training"
-        words = f"{MAIN.title} of decoded frames in {kind} cameras, the lowest first. Click one to compare it."
+        words = (
+            f"{MAIN.title} of decoded frames in {evaluation.kind} cameras, the lowest first. Click one to compare it."
+        )
         parts = [dialogs.label(words), self._picture.widget]
         earlier = " of an earlier bake" if evaluation.stale else ""
         dialogs.show(NAME, f"Worst frames{earlier}", parts, [("close", "Close", dialogs.close)], 110, dialogs.close)
