@@ -4,41 +4,35 @@ import contextlib
 import hashlib
 import json
 import os
-import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from gui.models.loop import Signal
-from gui.models.take.jobs import ChildProcess, v3studio_command
+from gui.models.take.jobs import Commands
 from pipelines.config import Config
 from pipelines.config.presets import PRESETS
 from pipelines.events import Finished, read_line
 from pipelines.reports.terminal import duration
-from pipelines.takes.atomic_files import remove, write_text
+from pipelines.takes.atomic_files import write_text
 from pipelines.takes.take import Take, program_version
 from studio.storage.cache import cache_folder
 
 Figures = Mapping[str, tuple[float, int | None]]  # seconds, and bytes of the stream (None: not estimated), by preset
 
 
-class Estimates:
-    """See the module. One measurement at a time, in a child process that ends with the window."""
+class Estimates(Commands):
+    """See the module. `stop` ends the measurement with the window."""
 
-    def __init__(self, command: Callable[[], Sequence[str]] = v3studio_command) -> None:
-        self._command = command
+    def __init__(self) -> None:
+        super().__init__()
         self.changed: Signal[[]] = Signal()
         self.figures: Figures = {}
         self.failure = ""
-        self._process: ChildProcess | None = None
         self._output = ""
         self._of: tuple[Path | None, Config | None] = (None, None)
         self._path: Path | None = None
         self._measures: Path | None = None
-
-    @property
-    def running(self) -> bool:
-        return self._process is not None
 
     def words(self, preset: str) -> str:
         """ "preview: about 4 min, 1.2 MB"; only the name if nothing is known."""
@@ -53,19 +47,12 @@ class Estimates:
         """Measure, unless a measurement is in progress. It takes about a minute and all cores."""
         if self.running or self._path is None:
             return
-        scratch = Path(tempfile.mkdtemp(prefix="v3studio-estimate-"))
-        command = [*self._command(), "estimate", str(take.root), "--presets", "--json"]
         self._output, self.failure, self._measures = "", "", self._path
-        self._process = ChildProcess(command, scratch / "errors.txt", scratch)
-        self._process.output.connect(self._receive)
+        self._run(["estimate", str(take.root), "--presets", "--json"])
         self.changed.emit()
 
-    def _receive(self) -> None:
-        process = self._process
-        if process is None:
-            return
-        self._output += "".join(process.take_lines())
-        status = process.status
+    def _told(self, lines: Sequence[str], status: int | None, error: str) -> None:
+        self._output += "".join(lines)
         if status is None:
             return
         if status == 0 and self._measures is not None:
@@ -78,8 +65,7 @@ class Estimates:
             if self._measures == self._path:
                 self.figures = found
         elif status != 0:
-            self.failure = process.last_line().removeprefix("error: ")
-        self._forget()
+            self.failure = error
         self.changed.emit()
 
     def show(self, take: Take | None, config: Config | None) -> bool:
@@ -96,17 +82,6 @@ class Estimates:
             with contextlib.suppress(OSError):
                 self.figures = _read(path.read_text(encoding="utf-8"))
         return True
-
-    def stop(self) -> None:
-        """End the measurement, if there is one."""
-        if self._process is not None:
-            self._process.cancel()
-            self._forget()
-
-    def _forget(self) -> None:
-        assert self._process is not None
-        remove(self._process.errors.parent)
-        self._process = None
 
 
 def _cache_file(take: Take, config: Config) -> Path:

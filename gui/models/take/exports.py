@@ -1,19 +1,17 @@
 """Exports and shares: `v3studio export` and `v3studio share` as child processes, and the views of a camera path."""
 
-import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from gui.models.camera_path import PathEditor
 from gui.models.loop import Signal
 from gui.models.playback.viewpoint import BACKGROUNDS
-from gui.models.take.jobs import ChildProcess, v3studio_command
+from gui.models.take.jobs import Commands, scratch_folder
 from gui.models.take.page_words import in_page_words
 from gui.models.take.shares import NamedTarget, ShareRequest
 from pipelines.events import Finished, Log, Progress, read_line
 from pipelines.events.cancellation import EXIT_CANCELLED
-from pipelines.takes.atomic_files import remove
 from pipelines.takes.camera_paths import in_export
 from studio.counts import counted, size_words
 from studio.errors import StudioError
@@ -98,26 +96,20 @@ class ExportRequest(NamedTarget):
         return found
 
 
-@dataclass
-class Exports:
+class Exports(Commands):
     """Runs one export or share at a time."""
 
-    path: PathEditor = field(default_factory=PathEditor)
-    request: NamedTarget | None = None  # the last one that was started; None before the first
-    progress: str = ""  # last report of progress; stays after the end
-    result: str = ""  # outcome of the last one; "" while one is running
-    failed: bool = False
-    written: Path | None = None  # what the last one wrote; None if it failed or was stopped
-    changed: Signal[[]] = field(default_factory=Signal)
-    finished: Signal[[]] = field(default_factory=Signal)
-    _process: ChildProcess | None = None
-    _target: Path | None = None
-    _stopping: bool = False
-    _told: str = ""
-
-    @property
-    def running(self) -> bool:
-        return self._process is not None
+    def __init__(self) -> None:
+        super().__init__()
+        self.path = PathEditor()
+        self.request: NamedTarget | None = None  # the last one that was started; None before the first
+        self.progress = ""  # last report of progress; stays after the end
+        self.result = ""  # outcome of the last one; "" while one is running
+        self.failed = self._stopping = False
+        self.written: Path | None = None  # what the last one wrote; None if it failed or was stopped
+        self.changed: Signal[[]] = Signal()
+        self.finished: Signal[[]] = Signal()
+        self._notes = ""
 
     @property
     def words(self) -> str:
@@ -137,30 +129,28 @@ class Exports:
         arguments = ["export", *request.arguments()]
         keys = self._keys(request) if EXPORTS[request.kind].follows_path else []
         frames = request.chosen
-        scratch = Path(tempfile.mkdtemp(prefix="v3studio-export-"))
+        scratch = scratch_folder()
         if keys:
             write_path_keys(keys, scratch / "path.json")
             arguments += ["--path", str(scratch / "path.json")]
         if frames is not None:
             arguments += ["--frames", f"{frames[0]}:{frames[-1] + 1}"]
-        self._run(request, arguments, scratch)
+        self._begin(request, arguments, scratch)
 
     def share(self, request: ShareRequest) -> None:
         """Begin to share. Raises StudioError: `export.running`."""
         self._check_idle()
-        scratch = Path(tempfile.mkdtemp(prefix="v3studio-share-"))
-        self._run(request, ["share", *request.arguments()], scratch)
+        self._begin(request, ["share", *request.arguments()])
 
     def _check_idle(self) -> None:
-        if self._process is not None:
+        if self.running:
             fix = "Wait for it to finish, or stop it from the Export menu."
             raise StudioError("export.running", "another export is running", fix=fix)
 
-    def _run(self, request: NamedTarget, arguments: list[str], scratch: Path) -> None:
-        self._process = ChildProcess([*v3studio_command(), *arguments], scratch / "errors.txt", scratch)
-        self.request, self._target, self._stopping, self._told = request, request.path, False, ""
+    def _begin(self, request: NamedTarget, arguments: list[str], scratch: Path | None = None) -> None:
+        self._run(arguments, scratch)
+        self.request, self._target, self._stopping, self._notes = request, request.path, False, ""
         self.progress, self.result = f"{request.does.lower()}: starting", ""
-        self._process.output.connect(self._receive)
 
     def _keys(self, request: ExportRequest) -> list[Key]:
         """The path in the frames and the world of what is exported."""
@@ -171,35 +161,30 @@ class Exports:
         width, height = map(int, request.size.split("x"))
         return in_export(self.path.fitted_keys(width, height), request.source, request.of, self.path.numbers)
 
-    def _receive(self) -> None:
-        process, request = self._process, self.request
-        if process is None or request is None:
-            return
-        for line in process.take_lines():
+    def _told(self, lines: Sequence[str], status: int | None, error: str) -> None:
+        request = self.request
+        assert request is not None
+        for line in lines:
             event, _ = read_line(line)
             if isinstance(event, Progress):
                 self.progress = f"{event.label}: {event.figures.get('done')} of {event.figures.get('total')}"
             elif isinstance(event, Log):
-                self._told += f"\n{event.message[:1].upper()}{event.message[1:].rstrip('.')}."
+                self._notes += f"\n{event.message[:1].upper()}{event.message[1:].rstrip('.')}."
             elif isinstance(event, Finished):
                 size, files = event.result.get("total_bytes"), event.result.get("files")  # of a share
                 if isinstance(size, int) and isinstance(files, int):
-                    self._told += f"\n{size_words(size)} in {counted(files, 'file')}"
-        status = process.status
+                    self._notes += f"\n{size_words(size)} in {counted(files, 'file')}"
         if status is None:
             self.changed.emit()
             return
-        self._process = None
         self.failed = status not in (0, EXIT_CANCELLED)
         self.written = self._target if status == 0 else None
-        last = process.last_line()
-        remove(process.errors.parent)
         if status == 0:
-            self.result = f"{request.done}: {self._target}{self._told}"
+            self.result = f"{request.done}: {self._target}{self._notes}"
         elif self._stopping or status == EXIT_CANCELLED:
             self.result, self.failed = f"{request.does} stopped. No files were left behind.", False
         else:
-            self.result = in_page_words(f"{request.does} failed: {last.removeprefix('error: ')}")
+            self.result = in_page_words(f"{request.does} failed: {error}")
         self.finished.emit()
 
     def stop(self) -> None:

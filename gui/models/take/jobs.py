@@ -10,6 +10,7 @@ import queue
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,6 +20,7 @@ import psutil
 import pipelines
 from gui.models.loop import LOOP, Signal
 from pipelines.events import Event, Finished, Log, read_line
+from pipelines.takes.atomic_files import remove
 from pipelines.takes.take import Take
 
 STDERR_NAME = "window_job.log"
@@ -111,6 +113,54 @@ class ChildProcess:
         """Stop the process with SIGTERM; it exits within two seconds and keeps finished work."""
         if self._process.poll() is None:
             stop_process(self._process.pid)
+
+
+class Commands:
+    """Runs one `v3studio` command at a time, in a scratch folder that is removed when it has ended."""
+
+    def __init__(self) -> None:
+        self._process: ChildProcess | None = None
+
+    @property
+    def running(self) -> bool:
+        """Whether a command was started and has not ended."""
+        return self._process is not None
+
+    def _run(self, arguments: Sequence[str], folder: Path | None = None, tied: bool = False) -> None:
+        """Run a command; `folder`: its scratch folder, if there is one already."""
+        folder = folder or scratch_folder()
+        self._process = ChildProcess([*v3studio_command(), *arguments], folder / "errors.txt", folder, tied)
+        self._process.output.connect(self._receive)
+
+    def _receive(self) -> None:
+        process = self._process
+        if process is None:
+            return
+        lines, error = process.take_lines(), ""
+        status = process.status
+        if status is not None:
+            error = process.last_line().removeprefix("error: ")
+            self._forget()
+        self._told(lines, status, error)
+
+    def _told(self, lines: Sequence[str], status: int | None, error: str) -> None:
+        """Take new lines of the output, and the exit status with the last error; None while the command runs."""
+        raise NotImplementedError
+
+    def stop(self) -> None:
+        """End the command, if there is one."""
+        if self._process is not None:
+            self._process.cancel()
+            self._forget()
+
+    def _forget(self) -> None:
+        assert self._process is not None
+        remove(self._process.errors.parent)
+        self._process = None
+
+
+def scratch_folder() -> Path:
+    return Path(tempfile.mkdtemp(prefix="v3studio-window-"))
 
 
 class Job(ChildProcess):

@@ -14,6 +14,7 @@ PRESETS = {
     "preview": {"seconds": 90.0, "stages": [{"stage": "train", "bytes": 5}, {"stage": "bake", "bytes": 1_250_000}]},
     "final": {"seconds": 7200.0, "stages": [{"stage": "bake", "bytes": None}]},
 }
+COMMAND = "gui.models.take.jobs.v3studio_command"
 PRINTED = Finished(outcome="done", seconds=1.0, result={"presets": PRESETS}).to_json()
 
 
@@ -27,7 +28,8 @@ def test_figures_are_measured_once_and_kept(finished: Path, tmp_path: Path, monk
     config = load_config(take.config)
     runs = tmp_path / "runs"
     counting = f"import sys; open({str(runs)!r}, 'a').write(' '.join(sys.argv[1:]) + chr(10))"
-    estimates = Estimates(lambda: program(counting, f"print({PRINTED!r})"))
+    monkeypatch.setattr(COMMAND, lambda: program(counting, f"print({PRINTED!r})"))
+    estimates = Estimates()
     estimates.show(take, config)
     assert estimates.words("preview") == "preview"
     estimates.start(take)
@@ -37,7 +39,8 @@ def test_figures_are_measured_once_and_kept(finished: Path, tmp_path: Path, monk
     assert estimates.words("preview") == "preview: about 1 min 30 s, 1.2 MB"
     assert estimates.words("final") == "final: about 2 h 00 min"
     assert estimates.words("standard") == "standard"
-    again = Estimates(lambda: program("raise SystemExit('it must not run')"))
+    monkeypatch.setattr(COMMAND, lambda: pytest.fail("it must not run"))
+    again = Estimates()
     assert again.show(take, config)
     assert again.figures == estimates.figures
     assert not again.show(take, config)

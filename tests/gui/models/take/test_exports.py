@@ -67,7 +67,7 @@ def test_views_of_a_trimmed_and_placed_take_become_those_of_what_is_exported(
     exports.path.add(views[1], 7)
     given = tmp_path / "given.json"
     program = f"import sys, shutil; shutil.copy(sys.argv[sys.argv.index('--path') + 1], {str(given)!r})"
-    monkeypatch.setattr("gui.models.take.exports.v3studio_command", lambda: [sys.executable, "-c", program])
+    monkeypatch.setattr("gui.models.take.jobs.v3studio_command", lambda: [sys.executable, "-c", program])
     exports.start(chosen)
     finish(exports)
     keys = read_path_keys(given, 10.0)
