@@ -9,7 +9,7 @@ Color is spherical harmonics, coefficient-major: color = 0.5 + sum_k Y_k(directi
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -171,10 +171,13 @@ class Gaussians:
     @classmethod
     def cat(cls, *parts: Gaussians) -> Gaussians:
         """The splats of all parts, in order; StudioError if their dilation differs (`gaussians.dilations_differ`)."""
-        return cls(
-            **{name: torch.cat([getattr(p, name) for p in parts]) for name in ATTRIBUTES},
-            dilation=common_dilation(parts),
-        )
+        dilation, *others = sorted({part.dilation for part in parts})
+        if others:
+            values = " and ".join(f"{one:g}" for one in (dilation, *others))
+            problem = f"splats that are rendered together have dilations of {values} square pixels; one image has one"
+            fix = "Train them with the same train.dilation"
+            raise StudioError("gaussians.dilations_differ", problem, value=[dilation, *others], fix=fix)
+        return cls(**{name: torch.cat([getattr(p, name) for p in parts]) for name in ATTRIBUTES}, dilation=dilation)
 
     @classmethod
     def from_activated(cls, means: Tensor, quats: Tensor, scales: Tensor, opacities: Tensor, sh: Tensor) -> Gaussians:
@@ -186,17 +189,3 @@ class Gaussians:
             logit_opacities=torch.logit(opacities, eps=1e-6),
             sh=sh,
         )
-
-
-def common_dilation(parts: Iterable[Gaussians]) -> float:
-    """The dilation that all parts, at least one, are rendered with, square pixels; StudioError
-    (`gaussians.dilations_differ`) if they have several."""
-    found = sorted({part.dilation for part in parts})
-    if len(found) > 1:
-        problem = (
-            f"splats that are rendered together have dilations of {' and '.join(f'{one:g}' for one in found)} square "
-            "pixels; one image has one dilation"
-        )
-        fix = "Train them with the same train.dilation"
-        raise StudioError("gaussians.dilations_differ", problem, value=found, fix=fix)
-    return found[0]

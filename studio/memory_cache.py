@@ -106,9 +106,4 @@ ImageCache: TypeAlias = MemoryCache[Hashable, tuple[np.ndarray, ...]]
 
 def image_cache(limit: float) -> ImageCache:
     """A cache of arrays that is limited by their bytes."""
-    return MemoryCache(limit, bytes_of)
-
-
-def bytes_of(arrays: tuple[np.ndarray, ...]) -> int:
-    """Total size of arrays."""
-    return sum(array.nbytes for array in arrays)
+    return MemoryCache(limit, lambda arrays: sum(array.nbytes for array in arrays))

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from studio.formats.rigid_motion import placed, turned
-from studio.gaussians import Gaussians, common_dilation
+from studio.gaussians import Gaussians
 from studio.similarity import Similarity
 from studio.training import LearningRates
 from studio.training.offsets import SplatOffsets
@@ -60,6 +60,6 @@ def test_the_usual_dilation_is_not_stored() -> None:
 
 
 def test_one_picture_has_one_dilation() -> None:
-    assert common_dilation([splats(0.1), splats(0.1)]) == 0.1
+    assert Gaussians.cat(splats(0.1), splats(0.1)).dilation == 0.1
     with refuses("gaussians.dilations_differ", value=[0.1, 0.3]):
         Gaussians.cat(splats(0.3), splats(0.1))
