@@ -93,7 +93,7 @@ class Scene:
         self.pairs: list[Pair] = []
 
     def pair(
-        self, name: str, fused: Callable[[], object], plain: Callable[[], object] | None = None, **calls: int
+        self, name: str, fused: Callable[[], object], plain: Callable[[], object] | None = None, /, **calls: int
     ) -> None:
         """Measure a function against another one; None: it chooses the kernel by itself."""
         times = alternate(fused, plain or fused, self.rounds)
