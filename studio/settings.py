@@ -12,6 +12,7 @@ import json
 import os
 from collections.abc import Collection
 from dataclasses import dataclass
+from functools import cache
 from types import UnionType
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeVar, Union, get_args, get_origin
 
@@ -160,6 +161,7 @@ def submodel(field: FieldInfo) -> type[Settings] | None:
     return kind if isinstance(kind, type) and issubclass(kind, Settings) else None
 
 
+@cache
 def affected(model: type[Settings], prefix: str = "", outer: Affects | None = None) -> dict[str, tuple[str, ...]]:
     """Dotted names of the settings of a model and of the models in it, to the results that each affects; `outer` is
     the default without `Affects`."""

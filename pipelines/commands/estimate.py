@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from pipelines.commands.common.arguments import add_command
 from pipelines.commands.common.source import add_source, is_take, read_settings
 from pipelines.commands.common.working import working
-from studio.counts import counted
+from studio.counts import counted, size_words
 from studio.errors import StudioError
 from studio.memory import require_memory
 from studio.process import keep_freed_memory
@@ -62,7 +62,9 @@ def _estimate(arguments: argparse.Namespace) -> None:
     if not arguments.json:
         _print(found, inputs.threads, now)
         for name, one in presets.items():
-            console().print(f"preset {name}: about {duration(one.seconds)}{_stream_words(one)}")
+            stream = next((stage.bytes for stage in one.stages if stage.stage == "bake"), None)
+            words = "" if stream is None else f", a stream of about {size_words(stream)}"
+            console().print(f"preset {name}: about {duration(one.seconds)}{words}")
 
 
 def _rehearsed(inputs: Inputs, title: str, arguments: argparse.Namespace) -> Estimate:
@@ -79,13 +81,6 @@ def _rehearsed(inputs: Inputs, title: str, arguments: argparse.Namespace) -> Est
         return estimate(work, rehearse(inputs, work, progress), qp)
 
 
-def _stream_words(found: Estimate) -> str:
-    from studio.counts import size_words
-
-    stream = next((stage.bytes for stage in found.stages if stage.stage == "bake"), None)
-    return "" if stream is None else f", a stream of about {size_words(stream)}"
-
-
 def _inputs(arguments: argparse.Namespace, stack: ExitStack) -> Inputs:
     """The inputs of a take whose cameras are known: the given one, or a temporary one with cameras from a file."""
     from pipelines.runs.runner import run
@@ -98,9 +93,9 @@ def _inputs(arguments: argparse.Namespace, stack: ExitStack) -> Inputs:
         return Inputs(Take.open(source), config)
     take = Take.create(Path(stack.enter_context(tempfile.TemporaryDirectory())) / "take")
     inputs = Inputs(take, config)
-    from pipelines.stages.calibrate import has_camera_file
+    from pipelines.stages.calibrate import given_cameras
 
-    if not has_camera_file(inputs):
+    if given_cameras(inputs) is None:
         calibrate = f"v3studio calibrate {source}" if is_take(source) else f"v3studio calibrate {source} --take DIR"
         problem = "the cameras are not known yet, and training cannot be rehearsed without them"
         raise StudioError("estimate.no_cameras", problem, fix=f"Run `{calibrate}` first, then estimate the take.")
@@ -112,7 +107,6 @@ def _print(found: Estimate, threads: int, now: float | None) -> None:
     from pipelines.estimate.estimate import stream_range
     from pipelines.reports.tables import table_of
     from pipelines.reports.terminal import console, duration
-    from studio.counts import size_words
 
     screen, table = console(), table_of("stage", "time", "memory", "disk", "", left=(0, 4))
     for stage in found.stages:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
@@ -33,44 +32,24 @@ def register(commands: Any) -> None:
         name, stage = each.name, _stage_parser(commands, each.name, each.help)
         stage.add_argument("--force", action="store_true", help="run from scratch even if it is up to date")
         if name == "bake":
-            _add_stream_options(stage)
+            stage.add_argument(
+                "--ladder",
+                action="store_const",
+                const={},
+                help="bake several renditions: QP 16, 20, 24, 28, and two with fewer splats and no view-dependent "
+                "color for phones, which are fine-tuned; bake.ladder selects others",
+            )
+            stage.add_argument(
+                "--ladder-without-fine-tuning",
+                action="store_const",
+                dest="ladder",
+                const={"finetune_iterations": 0},
+                help="like --ladder, but without fine-tuning: faster, needs no images, lower quality",
+            )
             stage.add_argument("--keep", metavar="NAME", help="also keep the bake under this name")
         if name == "train":
             _add_live(stage)
         stage.set_defaults(stage=name, until=None)
-
-
-class _Ladder(argparse.Action):
-    """Sets the default ladder."""
-
-    def __call__(
-        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
-    ) -> None:
-        """Called by argparse."""
-        from studio.stream.settings import DEFAULT_LADDER
-
-        cut = {"finetune_iterations": 0} if self.const == "cut" else {}
-        rungs = json.dumps([{**rung.model_dump(mode="json"), **cut} for rung in DEFAULT_LADDER])
-        namespace.set = [*namespace.set, f"bake.ladder={rungs}"]
-
-
-def _add_stream_options(stage: argparse.ArgumentParser) -> None:
-    """The ladder of the stream as options."""
-    stage.add_argument(
-        "--ladder",
-        action=_Ladder,
-        const="ladder",
-        nargs=0,
-        help="bake several renditions: QP 16, 20, 24, 28, and two with fewer splats and no view-dependent "
-        "color for phones, which are fine-tuned; bake.ladder selects others",
-    )
-    stage.add_argument(
-        "--ladder-without-fine-tuning",
-        action=_Ladder,
-        const="cut",
-        nargs=0,
-        help="like --ladder, but without fine-tuning: faster, needs no images, lower quality",
-    )
 
 
 def _add_live(stage: argparse.ArgumentParser) -> None:
@@ -97,15 +76,6 @@ def _stage_parser(commands: Any, name: str, text: str) -> argparse.ArgumentParse
     return parser
 
 
-def _no_take(source: Path | None) -> StudioError:
-    if source is not None and not source.exists() and not is_address(source):
-        fix = "Specify footage, a YAML file or a take, and --take DIR for a new take."
-        return StudioError("settings.file_not_found", "no such file or folder", file=source, fix=fix)
-    name = "footage" if source is None else source
-    fix = f"Example: v3studio run {name} --take takes/first."
-    return StudioError("command.no_take", "no take is specified", fix=fix, option="--take")
-
-
 def _run(arguments: argparse.Namespace) -> None:
     require_memory()
     keep_freed_memory()
@@ -119,13 +89,23 @@ def _run(arguments: argparse.Namespace) -> None:
             fix = "Specify one take; for a new take with the same settings, name its config.yaml."
             raise invalid_option("--take", "is the folder of a take, but --take is specified too", fix, file=source)
         source, folder = None, source
+    if folder is None and source is not None and not source.exists() and not is_address(source):
+        fix = "Specify footage, a YAML file or a take, and --take DIR for a new take."
+        raise StudioError("settings.file_not_found", "no such file or folder", file=source, fix=fix)
     if folder is None:
-        raise _no_take(source)
+        fix = f"Example: v3studio run {'footage' if source is None else source} --take takes/first."
+        raise StudioError("command.no_take", "no take is specified", fix=fix, option="--take")
     fresh = not is_take(folder)
     if fresh and source is None and all(name != "capture.root" for name, _ in arguments.overrides):
         Take.open(folder)  # says what is missing
     # validate settings and footage before creating the folder
-    config = read_settings(source, arguments.overrides, arguments.preset, folder)
+    values = arguments.overrides
+    if getattr(arguments, "ladder", None) is not None:
+        from studio.stream.settings import DEFAULT_LADDER
+
+        rungs = [{**rung.model_dump(mode="json"), **arguments.ladder} for rung in DEFAULT_LADDER]
+        values = [("bake.ladder", rungs), *values]
+    config = read_settings(source, values, arguments.preset, folder)
     if fresh:
         open_footage(config.capture, None, strict=False).close()
     with disk_errors(folder):

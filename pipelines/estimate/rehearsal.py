@@ -4,8 +4,6 @@ All groups that would be trained in parallel are rehearsed in parallel, so that 
 caches) slows the rehearsal as it will slow the run.
 """
 
-from __future__ import annotations
-
 import os
 import tempfile
 import threading
@@ -16,24 +14,24 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from statistics import fmean
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import psutil
+import torch
 
 from pipelines.estimate.work import Work
 from pipelines.events.cancellation import Cancellation
 from pipelines.stages.evaluate import lpips_of
 from pipelines.stages.group_scheduler import run_groups
 from pipelines.stages.inputs import Inputs
+from studio.capture import FootageView
+from studio.comparison import ViewPair, measure, padded_box
+from studio.gaussians import Gaussians
+from studio.meshing import InitResult, initialize_points
+from studio.meshing.settings import InitializeSettings
 from studio.progress import ProgressFn, no_progress
-
-if TYPE_CHECKING:
-    from studio.capture import FootageView
-    from studio.gaussians import Gaussians
-    from studio.meshing import InitResult
-    from studio.meshing.settings import InitializeSettings
-    from studio.stream import BakeSettings
-    from studio.training import TrainingView, TrainSettings
+from studio.stream import BakeSettings, bake_group
+from studio.training import TrainingView, TrainSettings, train_interframe, train_keyframe
 
 SECONDS = 12.0  # of training in the rehearsal: half for the keyframe, a quarter each for motion and fine-tuning
 _CAMERAS = 12  # most cameras that are read; more would take minutes for large rigs
@@ -129,8 +127,6 @@ def rehearse(inputs: Inputs, work: Work, progress: ProgressFn = no_progress) -> 
 
 def _read(inputs: Inputs, work: Work, found: Measured) -> tuple[list[FootageView], list[TrainingView]]:
     """Views of the first keyframe, and those that show the performer as training views."""
-    from studio.training import TrainingView
-
     footage, settings = inputs.footage.calibrated, inputs.config.train
     every = max(1, len(footage.train_cameras) // _CAMERAS)
     names = footage.train_cameras[::every][:_CAMERAS]
@@ -156,8 +152,6 @@ def _read(inputs: Inputs, work: Work, found: Measured) -> tuple[list[FootageView
 
 def _hulls(settings: InitializeSettings, work: Work, views: list[FootageView], found: Measured) -> InitResult:
     """As many initial points as there are splats after densification, on a coarse hull."""
-    from studio.meshing import initialize_points
-
     seconds = []
     for resolution in RESOLUTIONS:
         faces = max(100, round(settings.max_faces * (resolution / settings.resolution) ** 2))
@@ -195,10 +189,6 @@ class _Training:
         return settings.replace(**changes)
 
     def _keyframe(self) -> None:
-        import torch
-
-        from studio.training import train_keyframe
-
         points, colors = (
             torch.from_numpy(array).to(self._inputs.device) for array in (self._points.points, self._points.colors)
         )
@@ -219,8 +209,6 @@ class _Training:
 
     def _steps_of(self, **changes: int) -> _Steps:
         """Train one kind of step; the time until the first one is that of the frame."""
-        from studio.training import train_interframe
-
         steps, settings = _Steps(SECONDS / 4, self._stop.check), self._settings(**changes)
         begun = time.perf_counter()
         with suppress(_Enough):
@@ -232,8 +220,6 @@ class _Training:
 
 def _evaluate(inputs: Inputs, view: FootageView, splats: Gaussians) -> float:
     """Seconds to render and compare one view of the evaluation, apart from reading its image."""
-    from studio.comparison import ViewPair, measure, padded_box
-
     background, lpips = inputs.config.evaluate.background, lpips_of(inputs.config, inputs.device)
     box = padded_box(view.mask, inputs.config.evaluate.crop_padding)
     begun = time.perf_counter()
@@ -245,8 +231,6 @@ def _evaluate(inputs: Inputs, view: FootageView, splats: Gaussians) -> float:
 
 def _bake(bake: BakeSettings, splats: Gaussians, threads: int) -> float:
     """Seconds per frame to encode and decode; with a ladder, of all renditions that need no training."""
-    from studio.stream import bake_group
-
     frames = 4
     settings = type(bake)(profile=bake.profile, quality=bake.qp, codec=bake.codec, preset=bake.preset)
     still = splats.detach().to("cpu")

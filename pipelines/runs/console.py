@@ -110,7 +110,9 @@ class Bars:
         elif isinstance(event, Progress):
             self._progress(event)
         elif isinstance(event, Warned):
-            self._warn(event)
+            self._warnings[event.code] += 1
+            if self._warnings[event.code] <= MOST_ALIKE:
+                self._say(f"[yellow]warning:[/yellow] {escaped(event.message)}")
         elif isinstance(event, StageFinished):
             self._say_repeated()
             figures = summary_words(event.stage, event.summary)
@@ -125,12 +127,6 @@ class Bars:
                 self._say(f"[yellow]cancelled:[/yellow] {escaped(event.message)}")
         elif isinstance(event, Log):
             self._say(f"[dim]{escaped(event.message)}[/dim]")
-
-    def _warn(self, event: Warned) -> None:
-        """Print a warning, but of many of one kind only the first few."""
-        self._warnings[event.code] += 1
-        if self._warnings[event.code] <= MOST_ALIKE:
-            self._say(f"[yellow]warning:[/yellow] {escaped(event.message)}")
 
     def _say_repeated(self) -> None:
         """Print how many warnings were left out since the last time."""

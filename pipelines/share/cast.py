@@ -142,8 +142,10 @@ def write_cast(source: Path, out: Path, text: PageText, progress: ProgressFn) ->
             for named in (item.stream, item.splats, item.model):
                 if named is not None and named not in placed:
                     if named == item.stream:
-                        placed[named], said = _add_stream(named, source, folder, len(placed))
-                        streams.append(said)
+                        with stream_to_share(beside(named, source)) as stream:
+                            folder.write_stream(str(len(placed)), stream.reader)
+                            streams.append(stream.text(PageText()))
+                        placed[named] = f"{len(placed)}/{MANIFEST_NAME}"
                     else:
                         placed[named] = _add_file(named, source, folder, len(placed))
         values = cast.model_dump(mode="json", exclude_none=True)
@@ -184,13 +186,6 @@ def _credits(text: PageText, streams: Sequence[PageText]) -> str:
     lines = [[one.credits or "", one.license or ""] for one in streams]
     given = [[text.credits or "", text.license or ""]] if text.credits or text.license else lines
     return "; ".join(dict.fromkeys(", ".join(part for part in line if part) for line in given if any(line)))
-
-
-def _add_stream(named: str, source: Path, folder: SharedFolder, number: int) -> tuple[str, PageText]:
-    """Copy a stream; its new address, and what it says of itself."""
-    with stream_to_share(beside(named, source)) as stream:
-        folder.write_stream(str(number), stream.reader)
-        return f"{number}/{MANIFEST_NAME}", stream.text(PageText())
 
 
 def _add_file(named: str, source: Path, folder: SharedFolder, number: int) -> str:

@@ -121,7 +121,11 @@ def share(
     single_file = out.suffix.lower() in (".html", ".htm")
     check_output(out, overwrite, _is_shared_file if single_file else is_shared_folder)
     if is_cast(source):
-        return _share_cast(Path(source).expanduser(), out, text or PageText(), single_file, progress)
+        if single_file:
+            fix = "Name a folder with --out."
+            raise StudioError("share.bad_cast", "a cast is shared as a folder", file=out, fix=fix)
+        title, written = write_cast(Path(source).expanduser(), out, text or PageText(), progress)
+        return _shared_folder(out, title, written)
     player = read_player()
     with stream_to_share(source) as stream, disk_errors(out):
         if single_file and stream.total_bytes > MAX_SINGLE_FILE_BYTES:
@@ -169,13 +173,6 @@ def publish(
         if page:
             beside = stream.page_files(stream.text(text or PageText()), read_player(), MANIFEST_NAME)
         return publish_stream(stream.reader, str(target), progress, beside)
-
-
-def _share_cast(source: Path, out: Path, text: PageText, single_file: bool, progress: ProgressFn) -> Shared:
-    if single_file:
-        raise StudioError("share.bad_cast", "a cast is shared as a folder", file=out, fix="Name a folder with --out.")
-    title, written = write_cast(source, out, text, progress)
-    return _shared_folder(out, title, written)
 
 
 # A folder

@@ -52,7 +52,7 @@ STAGE = stage_named("calibrate")
 
 def params(inputs: Inputs) -> Params:
     """Content of the calibration file, or the footage and calibration settings."""
-    given = _given(inputs)
+    given = given_cameras(inputs)
     config = inputs.config
     if given is not None:
         return {
@@ -104,13 +104,15 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> C
     """Write rig.json and report.json; points.ply and report.html if the cameras were calibrated."""
     from studio.camera_files import write_rig
 
-    given = _given(inputs)
+    given = given_cameras(inputs)
     rig: Rig
     report: CamerasReport
     if given is not None:
         rig, report = _from_file(inputs, given)
     elif inputs.config.calibrate.board_images:
-        rig, report = _from_target(inputs, reporter)
+        result = calibrate_with_target(inputs, reporter)
+        _keep_points(inputs.take, result.points, result.colors)
+        rig, report = result.rig, result.report.model_copy(update={"source": "board"})
     elif inputs.config.calibrate.tie_points:
         rig, report = _from_tie_points(inputs, reporter)
     else:
@@ -191,12 +193,6 @@ def _spread(frames: Sequence[int], count: int) -> list[int]:
     if count == 1:
         return [int(frames[0])]
     return [int(frames[int((part + 0.5) * len(frames) / count)]) for part in range(count)]
-
-
-def _from_target(inputs: Inputs, reporter: StageReporter) -> tuple[Rig, CalibrationReport]:
-    result = calibrate_with_target(inputs, reporter)
-    _keep_points(inputs.take, result.points, result.colors)
-    return result.rig, result.report.model_copy(update={"source": "board"})
 
 
 def _from_footage(inputs: Inputs, reporter: StageReporter) -> tuple[Rig, CalibrationReport]:
@@ -324,13 +320,9 @@ def _tie_file(inputs: Inputs) -> Path:
     return named_file(inputs.config.calibrate, "tie_points", inputs.footage.capture.root)
 
 
-def has_camera_file(inputs: Inputs) -> bool:
-    """Whether the stage only reads the cameras from a file. Raises StudioError as the stage does."""
-    return _given(inputs) is not None
-
-
-def _given(inputs: Inputs) -> Path | None:
-    """The calibration file to use; one found by capture.rig = auto is ignored if another source is set."""
+def given_cameras(inputs: Inputs) -> Path | None:
+    """The calibration file, if the stage only reads one; one found by capture.rig = auto is ignored if another source
+    is set. Raises StudioError as the stage does."""
     section, rig = inputs.config.calibrate, inputs.config.capture.rig
     ways = [name for name in ("board_images", "tie_points") if getattr(section, name)]
     if rig not in (None, "auto"):

@@ -10,7 +10,7 @@ import numpy as np
 
 from pipelines.events.cancellation import Cancellation
 from pipelines.reports.calibration import write_calibration_page
-from pipelines.stages.calibrate import has_camera_file
+from pipelines.stages.calibrate import given_cameras
 from pipelines.stages.camera_fit import check_first_points, ensure_fitted, initial_points
 from pipelines.stages.inputs import Inputs
 from pipelines.stages.params import derived_seed
@@ -31,7 +31,7 @@ def refines_cameras(inputs: Inputs) -> bool:
     wanted = inputs.config.train.refine_cameras
     if wanted != "auto":
         return wanted == "always"
-    return not inputs.config.calibrate.board_images and not has_camera_file(inputs)
+    return not inputs.config.calibrate.board_images and given_cameras(inputs) is None
 
 
 def ensure_refined_cameras(inputs: Inputs, reporter: StageReporter, key: str, stop: Cancellation) -> None:

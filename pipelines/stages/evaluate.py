@@ -179,7 +179,8 @@ def _note(footage: Footage, refined: bool) -> str:
 
 
 def group_key(inputs: Inputs, group: Group) -> str:
-    return f"{_key(inputs)}-{group.index}"
+    results = [result_of(inputs.take, dependency) for dependency in STAGE.dependencies]
+    return f"{key_of(STAGE.name, STAGE.version, params(inputs), *results)}-{group.index}"
 
 
 def group_done(inputs: Inputs, group: Group) -> bool:
@@ -211,12 +212,6 @@ def _measured(inputs: Inputs, group: Group) -> MeasuredGroup | None:
         found = read_model(_file(inputs, group), MeasuredGroup)
         return found if found.key == key else None
     return None
-
-
-def _key(inputs: Inputs) -> str:
-    """Digest of everything that the results of all groups are made from."""
-    results = [result_of(inputs.take, dependency) for dependency in STAGE.dependencies]
-    return key_of(STAGE.name, STAGE.version, params(inputs), *results)
 
 
 @contextmanager

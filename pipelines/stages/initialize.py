@@ -151,7 +151,9 @@ def _make(inputs: Inputs, group: Group, reporter: StageReporter, start: float, s
                 expected=_FEWEST_POINTS,
             )
     for warning in found.warnings:
-        reporter.warn(_in_group(warning, group.index))
+        told = warning if isinstance(warning, Message) else Message("hull.warning", warning)
+        fields = {**told.fields, "group": group.index}
+        reporter.warn(replace(told, problem=f"group {group.index}: {told.problem}", fields=fields))
     if group.index == 0:
         _tell_coverage(inputs.footage.calibrated, reporter, points, normals)
     folder = inputs.take.initialize_group(group.index)
@@ -197,10 +199,3 @@ def _tell_coverage(footage: Footage, reporter: StageReporter, points: np.ndarray
         fix = "Add cameras there, or let players show all views with bake.view_range = none."
         fields = {"setting": "bake.view_range", "outside": found.outside, "unseen": found.unseen}
         reporter.warn(Message("coverage.gaps", problem, fix=fix, fields=fields))
-
-
-def _in_group(warning: Message | str, group: int) -> Message:
-    """A warning of one group, with its number in the sentence and in the fields."""
-    if not isinstance(warning, Message):
-        warning = Message("hull.warning", warning)
-    return replace(warning, problem=f"group {group}: {warning.problem}", fields={**warning.fields, "group": group})

@@ -1,6 +1,5 @@
 """What results are made from, as plain values that are compared and digested."""
 
-from functools import cache
 from typing import Any, TypeAlias
 
 from pipelines.config import Config
@@ -34,14 +33,9 @@ def settings_of(config: Config, *names: str) -> Params:
     return found
 
 
-@cache
-def _affected() -> dict[str, tuple[str, ...]]:
-    return affected(Config)
-
-
 def settings_affecting(config: Config, *results: str) -> Params:
     """Settings by dotted name that affect any of `results`, as their fields declare with `Affects`."""
-    return settings_of(config, *(name for name, own in _affected().items() if not set(results).isdisjoint(own)))
+    return settings_of(config, *(name for name, own in affected(Config).items() if not set(results).isdisjoint(own)))
 
 
 def key_of(stage: str, version: int, *parts: Any) -> str:

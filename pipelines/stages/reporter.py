@@ -109,9 +109,10 @@ class StageReporter:
             spent = self.before + now - self._began
             # seconds per weight, of all stages so far and this one
             pace = (spent + raw) / (self.earlier + self.own)
+            share = (self.earlier + self.own * fraction) / max(self.earlier + self.own + self.later, 1e-9)
             if not self.later and fraction == 1:
                 total_left = 0.0
-            elif spent >= _LEAST_SECONDS and (self._weighed(fraction) >= _LEAST_SHARE or not self.later):
+            elif spent >= _LEAST_SECONDS and (share >= _LEAST_SHARE or not self.later):
                 total_left = self.run.estimate(now, raw + self.later * pace)
             else:
                 total_left = self.run.at(now)
@@ -144,10 +145,6 @@ class StageReporter:
         since, behind = next(one for one in reversed(self._warming) if one[0] <= warm)
         pace = min(spent / (fraction - first), (elapsed - since) / max(fraction - behind, 1e-9))
         return (1 - fraction) * pace
-
-    def _weighed(self, fraction: float) -> float:
-        """Share of the run that is done, by the weights of its stages."""
-        return (self.earlier + self.own * fraction) / max(self.earlier + self.own + self.later, 1e-9)
 
     def start_clock(self) -> None:
         """Start the clock for estimates of the time left; earlier checks and warm-up do not count."""

@@ -202,8 +202,13 @@ class GroupWork:
                     timings[position] = round(seconds, 3)
                     # before the frame, so that it exists whenever a frame does
                     self._write_group(group, gaussians, timings)
-                self._write(group, position, gaussians, keys[position])
-                self._tell(group, position, gaussians, seconds)
+                index, frame = group.first + position, group.frames[position]
+                path = self.inputs.take.trained_frame(group.index, index)
+                write_frame(path, gaussians, self._about(group, index, keys[position]))
+                remove(self.inputs.take.keyframe_checkpoint(group.index))
+                values = {"index": index, "splats": len(gaussians), "seconds": round(seconds, 2)}
+                self.reporter.metrics(values, group=group.index, frame=frame)
+                self._preview(group, position, gaussians, None)
                 last = [*last[-2:], gaussians]
 
     def _trained(self, group: Group, position: int, keys: list[str]) -> Gaussians:
@@ -401,11 +406,6 @@ class GroupWork:
         pairs = zip_longest(group.frames, known, fillvalue=0.0)
         return [seconds if position in finished else 0.0 for position, (_, seconds) in enumerate(pairs)]
 
-    def _write(self, group: Group, position: int, gaussians: Gaussians, key: str) -> None:
-        take, index = self.inputs.take, group.first + position
-        write_frame(take.trained_frame(group.index, index), gaussians, self._about(group, index, key))
-        remove(take.keyframe_checkpoint(group.index))
-
     def _about(self, group: Group, index: int, key: str) -> FrameMetadata:
         return FrameMetadata(key=key, group=group.index, index=index, frame=group.frames[index - group.first])
 
@@ -427,12 +427,6 @@ class GroupWork:
                 joint_seconds=joint_seconds,
             ),
         )
-
-    def _tell(self, group: Group, position: int, gaussians: Gaussians, seconds: float) -> None:
-        frame = group.frames[position]
-        values = {"index": group.first + position, "splats": len(gaussians), "seconds": round(seconds, 2)}
-        self.reporter.metrics(values, group=group.index, frame=frame)
-        self._preview(group, position, gaussians, None)
 
     def _preview(self, group: Group, position: int, gaussians: Gaussians, iteration: int | None) -> None:
         """Render a preview from the first held-out camera (or training camera), at most every run.preview_seconds."""

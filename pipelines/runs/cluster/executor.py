@@ -320,15 +320,12 @@ class _Run:
         fix = "Set run.memory_per_group to what a group takes."
         fields = {"group": job.group.index, "setting": "run.memory_per_group"}
         self._warn(Message("cluster.out_of_memory", problem, fix=fix, fields=fields))
-        self._take_back()
-        self._again(job, f"{name} ran out of memory")
-
-    def _take_back(self) -> None:
-        """Take back tasks that wait in Ray, which would start with less memory than is known now to be needed."""
+        # tasks that wait in Ray would start with less memory than is known now to be needed
         waiting = [reference for reference, job in self._running.items() if not job.node]
         for reference in reversed(waiting):
             self._ray.cancel(reference, force=True)
             self._queue.appendleft(self._running.pop(reference))
+        self._again(job, f"{name} ran out of memory")
 
     def _again(self, job: _Job, reason: str) -> None:
         job.attempt += 1
