@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Hashable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -31,42 +30,28 @@ def plane_label(component: str, part: str) -> str:
     return f"{attribute.label}, {'high' if part == 'high' else 'low'} bytes"
 
 
-@dataclass(frozen=True)
-class Share:
-    """Bytes of one kind of content, over all groups."""
-
-    name: str
-    bytes: int
-    qps: frozenset[int]
-
-
 def rest_words(sound: bool) -> str:
     """What a stream has besides its groups; `sound`: whether it has sound."""
     return "manifest and sound" if sound else "manifest"
 
 
-def shares(reader: StreamReader) -> list[Share]:
-    """Bytes of the stream: by attribute if it has a video per plane, else by file; last the manifest and the sound."""
-    found: dict[str, tuple[int, frozenset[int]]] = {}
-
-    def add(name: str, size: int, qps: frozenset[int]) -> None:
-        before = found.get(name, (0, frozenset[int]()))
-        found[name] = (before[0] + size, before[1] | qps)
-
+def shares(reader: StreamReader) -> dict[str, tuple[int, list[int]]]:
+    """Bytes and QPs of what is in the stream: by attribute if it has a video per plane, else by file; last the manifest
+    and the sound."""
+    parts: list[tuple[str, int, int | None]] = []
     for group in reader.groups:
-        stored = getattr(group, "components", None)  # of the profile "planes"
-        if stored is None:
-            for file in group.files:
-                qp = getattr(file, "qp", None)
-                name = "video" if qp is not None else "motion"
-                add(name, file.bytes, frozenset() if qp is None else frozenset({qp}))
-            continue
-        for component in stored:
-            for plane in component.planes:
-                add(plane_label(component.name, plane.part), plane.bytes, frozenset({plane.qp}))
-    rest = reader.played_bytes - sum(size for size, _ in found.values())
-    words = rest_words(reader.audio is not None)
-    return [*(Share(name, *values) for name, values in found.items()), Share(words, rest, frozenset())]
+        for file in () if hasattr(group, "components") else group.files:
+            qp = getattr(file, "qp", None)
+            parts.append(("video" if qp is not None else "motion", file.bytes, qp))
+        for component in getattr(group, "components", ()):  # of the profile "planes"
+            parts += [(plane_label(component.name, plane.part), plane.bytes, plane.qp) for plane in component.planes]
+    rest = reader.played_bytes - sum(size for _, size, _ in parts)
+    parts.append((rest_words(reader.audio is not None), rest, None))
+    found: dict[str, tuple[int, list[int]]] = {}
+    for name, size, qp in parts:
+        before, qps = found.get(name, (0, []))
+        found[name] = (before + size, qps if qp is None else sorted({*qps, qp}))
+    return found
 
 
 COLUMNS = ("KB per frame", "share", "QP")  # of the table in mode "bytes"
@@ -123,20 +108,18 @@ class BakeView(StageView):
         )
         canvas.text(em, y, words, normal, TEXT, width=size[0] - 2 * em)
         y += 2 * step
-        rows = shares(reader)
         cells = [["", *COLUMNS]]
         left, right = em + 11 * em, size[0] - em - 15 * em
         columns = (size[0] - em - 9.5 * em, size[0] - em - 4.5 * em, size[0] - em)
         for words, place in zip(COLUMNS, columns, strict=True):
             canvas.text(place, y - step * 0.8, words, round(0.85 * em), DIM, align="right")
-        for row in rows:
-            value, qps = row.bytes, row.qps
-            canvas.text(em, y, row.name, normal, TEXT)
+        for name, (value, qps) in shares(reader).items():
+            canvas.text(em, y, name, normal, TEXT)
             canvas.rect(left, y + 2, right - left, normal, PANEL)
             canvas.rect(left, y + 2, (right - left) * value / reader.played_bytes, normal, ACCENT)
-            qp = "" if not qps else str(min(qps)) if len(qps) == 1 else f"{min(qps)} to {max(qps)}"
+            qp = " to ".join(str(qp) for qp in dict.fromkeys((*qps[:1], *qps[-1:])))
             numbers = (f"{value / frames / 1000:.2f}", f"{100 * value / reader.played_bytes:.1f}%", qp)
-            cells.append([row.name, *numbers])
+            cells.append([name, *numbers])
             for words, place in zip(numbers, columns, strict=True):
                 canvas.text(place, y, words, normal, TEXT, align="right")
             y += step
