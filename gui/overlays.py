@@ -8,7 +8,6 @@ from gui.drawing.canvas import shortened
 from gui.drawing.palette import TEXT
 from gui.models.take.log_words import stage_name
 from gui.models.take.run_state import percent
-from gui.models.take.workspace import Workspace
 from gui.shell import Shell
 from gui.widgets.picture import color, put
 
@@ -30,10 +29,16 @@ class Overlays:
 
     @property
     def title(self) -> str:
-        window = self._window
-        name = window.player.opened.title if window.player.opened is not None else ""
+        """ "37% Train - NAME - V3 Studio" in a run, on the start page also of the queue; else "NAME - V3 Studio"."""
+        window, run = self._window, self._window.workspace.run
+        name, words = window.player.opened.title if window.player.opened is not None else "", ""
         queued = self._actions.start.page.running if window.start.shown else None
-        return window_title(name, window.workspace, queued)
+        if window.workspace.busy and run.stage:
+            words = run_words(run.stage, run.progress.fraction if run.progress is not None else None)
+            words += ", paused" if window.workspace.paused else ""
+        elif queued is not None:
+            name, words = queued[0], run_words(*queued[1:])
+        return " - ".join(filter(None, (words, name, PROGRAM)))
 
     def update(self) -> bool:
         """Show the state; returns whether anything changed. Call before the window is drawn."""
@@ -113,18 +118,6 @@ class Overlays:
         if self._window.notices.dismiss():
             return True
         return self._window.start.shown and self._actions.start.hide()
-
-
-def window_title(name: str, workspace: Workspace, queued: tuple[str, str, float | None] | None = None) -> str:
-    """ "37% Train - NAME - V3 Studio" in a run, also of a take that is `queued`; else "NAME - V3 Studio"."""
-    if workspace.busy and workspace.run.stage:
-        progress = workspace.run.progress
-        words = run_words(workspace.run.stage, progress.fraction if progress is not None else None)
-        return " - ".join(filter(None, (f"{words}, paused" if workspace.paused else words, name, PROGRAM)))
-    if queued is not None:
-        other, stage, fraction = queued
-        return " - ".join(filter(None, (run_words(stage, fraction), other, PROGRAM)))
-    return f"{name} - {PROGRAM}" if name else PROGRAM
 
 
 def run_words(stage: str, fraction: float | None) -> str:

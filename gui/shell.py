@@ -75,7 +75,7 @@ class Shell:
         self.preferences, self.device = Preferences.read(), device
         self.workspace = Workspace()
         self.player = PlayerPresenter(read_mesh=RaycastMesh)
-        self.views = StageViews(self.workspace, self.player, RaycastMesh)
+        self.views = StageViews(self.workspace, self.player)
         self.exports, self.serving = Exports(), Serving()
         self.evaluation, self.marks = Evaluation(), Marks(None)
         self.notices, self.thumbnails = Notices(), Thumbnails()

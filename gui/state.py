@@ -123,11 +123,11 @@ class StateLog:
     def __init__(self, path: Path | None) -> None:
         self._file: TextIO | None = None
         self._last: dict[str, Any] = {}
-        self._ticks = 0
+        self._ticks = -1
         if path is not None:
             self._file = path.open("a", encoding="utf-8")
             self._ticks_file = path.with_name(path.name + ".ticks").open("wb", buffering=0)
-            self._count(0)  # the first state is written before the first tick is counted
+            self.tick()  # 0: the first state is written before the first tick is counted
 
     def write(self, window: Shell) -> None:
         """Call at each tick."""
@@ -142,11 +142,8 @@ class StateLog:
 
     def tick(self) -> None:
         if self._file is not None:
-            self._count(self._ticks + 1)
-
-    def _count(self, ticks: int) -> None:
-        self._ticks = ticks
-        os.pwrite(self._ticks_file.fileno(), b"%12d" % ticks, 0)
+            self._ticks += 1
+            os.pwrite(self._ticks_file.fileno(), b"%12d" % self._ticks, 0)
 
     def close(self) -> None:
         if self._file is not None:

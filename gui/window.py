@@ -52,9 +52,7 @@ class MainWindow(Shell):
     """See the module. `ticks`: completed ones, without those at rest; `log`: file to which a JSON line is appended
     whenever the state has changed; None for none."""
 
-    def __init__(
-        self, size: tuple[int, int], log: Path | None = None, device: str = "", software: bool = False
-    ) -> None:
+    def __init__(self, size: tuple[int, int], log: Path | None, device: str, software: bool) -> None:
         application = gui.Application.instance
         if application.menubar is None:
             use_icons(application, FONT)

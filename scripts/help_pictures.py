@@ -13,7 +13,6 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -22,7 +21,6 @@ from gui.models.scene.splats import draw
 from gui.models.take.workspace import Workspace
 from gui.pages.calibrate.view import CalibrateView
 from gui.pages.initialize import InitializeView
-from gui.widgets.raycast import RaycastMesh
 from pipelines.config import load_config
 from pipelines.stages.footage import performer_over
 from pipelines.stages.inputs import Inputs
@@ -107,11 +105,11 @@ def performer_box(good: Path) -> tuple[slice, slice]:
     return slice(top, top + int(high)), slice(left, left + int(wide))
 
 
-def stage_picture(take: Path, kind: type[Any], *arguments: Any, frame: int = 0) -> np.ndarray:
+def stage_picture(take: Path, kind: type[CalibrateView | InitializeView], frame: int = 0) -> np.ndarray:
     """A image of the window's view of a stage."""
     workspace = Workspace()
     workspace.open(Take(take))
-    view = kind(workspace, *arguments)
+    view = kind(workspace)
     view.em, view.frame = 12.0, frame
     try:
         pixels = view.draw(SIZE, view.state())
@@ -153,9 +151,9 @@ def pictures(take: Path, work: Path) -> Iterator[tuple[str, np.ndarray]]:
     yield "capture_good", outline(take)[box]
     yield "capture_bad", outline(work / "masks")[box]
     yield "calibrate_good", stage_picture(work / "cal_good", CalibrateView)
-    yield "calibrate_bad", stage_picture(work / "swapped", InitializeView, RaycastMesh)
-    yield "initialize_good", stage_picture(take, InitializeView, RaycastMesh, frame=group_1)
-    yield "initialize_bad", stage_picture(work / "masks", InitializeView, RaycastMesh)
+    yield "calibrate_bad", stage_picture(work / "swapped", InitializeView)
+    yield "initialize_good", stage_picture(take, InitializeView, frame=group_1)
+    yield "initialize_bad", stage_picture(work / "masks", InitializeView)
     yield "train_good", render(take, False, FRAME)[box]
     yield "train_bad", render(work / "few", False, 0)[box]
     yield "bake_good", render(take, True, FRAME)[box]

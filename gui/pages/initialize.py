@@ -1,19 +1,18 @@
 """Initialize: the visual hull of each group's keyframe, and the initial points sampled on it."""
 
 from bisect import bisect_right
-from collections.abc import Callable, Hashable
+from collections.abc import Hashable
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
 from gui.drawing.canvas import Canvas
 from gui.drawing.painter import draw_points
 from gui.drawing.palette import DIM, GROUND
-from gui.models.scene.contents import Surface
 from gui.models.scene.orbit import OrbitCamera
 from gui.models.take.workspace import Workspace, modified
 from gui.pages.stage_view import OrbitView, Size
+from gui.widgets.raycast import RaycastMesh
 from pipelines.takes.atomic_files import read_model
 from pipelines.takes.point_files import read_points
 from pipelines.takes.stage_files import InitialPointsReport
@@ -24,21 +23,16 @@ from studio.errors import StudioError
 from studio.own_frame import in_own_frame
 
 
-class Mesh(Surface, Protocol):
-    faces: int
-
-
 class InitializeView(OrbitView):
-    """See the module. `read_mesh`: reads a mesh file; an argument, so that this package does not import Open3D."""
+    """See the module."""
 
     modes = ("mesh", "points")
 
-    def __init__(self, workspace: Workspace, read_mesh: Callable[[Path], Mesh]) -> None:
+    def __init__(self, workspace: Workspace) -> None:
         super().__init__(workspace)
-        self._read_mesh = read_mesh
         self._read_of: Hashable = None
         self._rig_of: Hashable = None
-        self._mesh: Mesh | None = None
+        self._mesh: RaycastMesh | None = None
         self._points = np.zeros((0, 3)), np.zeros((0, 3))
 
     def _folder(self) -> Path | None:
@@ -85,7 +79,7 @@ class InitializeView(OrbitView):
             return
         rig_of = (take.rig, modified(take.rig))
         self._points = read_points(folder / "points.ply")
-        self._mesh = self._read_mesh(folder / "mesh.ply")
+        self._mesh = RaycastMesh(folder / "mesh.ply")
         if rig_of != self._rig_of:  # of another take, or calibrated again: where up is has changed
             self.home, self._rig_of = _home(take, self._points[0]), rig_of
         self._read_of = stamp

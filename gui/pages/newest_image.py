@@ -1,7 +1,6 @@
 """NewestImage: what the view shows while the chosen image is being rendered: the last one, dimmed, with a word."""
 
 import time
-from collections.abc import Callable
 
 import numpy as np
 
@@ -18,14 +17,13 @@ SLOW_TICK = 0.25
 
 
 class NewestImage:
-    """See the module. `now` is a clock in seconds that never runs backwards."""
+    """See the module."""
 
-    def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
-        self._now = now
+    def __init__(self) -> None:
         self._shown: object = None
         self._pixels: np.ndarray | None = None
         self._missing_since: float | None = None
-        self._updated = now()
+        self._updated = time.monotonic()
         self._words = ""
 
     @property
@@ -45,7 +43,7 @@ class NewestImage:
     ) -> np.ndarray | None:
         """The image to show, if it changes. Call at each tick. `right_frame`: the newest image shows the current frame;
         `finished`: no image is being rendered."""
-        before, self._updated = self._updated, self._now()
+        before, self._updated = self._updated, time.monotonic()
         if pixels is not None:
             self._shown, self._pixels, self._missing_since, self._words = wanted, pixels, None, ""
             return pixels
@@ -75,8 +73,8 @@ class NewestImage:
                 self._words = ""
                 return empty
         elif self._missing_since is None:
-            self._missing_since = self._now()
-        elif not self._words and self._now() - self._missing_since >= DIMMED_AFTER:
+            self._missing_since = time.monotonic()
+        elif not self._words and time.monotonic() - self._missing_since >= DIMMED_AFTER:
             self._words = LOADING
             return waiting(empty, self._words, em)
         return None

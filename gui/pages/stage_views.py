@@ -1,9 +1,5 @@
 """The viewport's content for each stage: its stage view, or the player."""
 
-import time
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 
 from gui.models.loop import Signal
@@ -19,7 +15,7 @@ from gui.pages.calibrate.points_view import PointsView
 from gui.pages.calibrate.view import CalibrateView
 from gui.pages.capture.view import GARBAGE, MASKS, CaptureView
 from gui.pages.choices import DIALOGS, REVIEW_CHOICES, SCENE_CHOICES, TOOLTIPS, Choice
-from gui.pages.initialize import InitializeView, Mesh
+from gui.pages.initialize import InitializeView
 from gui.pages.newest_image import NewestImage
 from gui.pages.review.tools import EDIT_CHOICES
 from gui.pages.review.view import EditView
@@ -34,19 +30,13 @@ EDIT_KEYS = frozenset(key for key, _, _ in EDIT_CHOICES if key)
 class StageViews:
     """The stage views, and which one is on screen."""
 
-    def __init__(
-        self,
-        workspace: Workspace,
-        player: PlayerPresenter,
-        read_mesh: Callable[[Path], Mesh],
-        now: Callable[[], float] = time.monotonic,
-    ) -> None:
+    def __init__(self, workspace: Workspace, player: PlayerPresenter) -> None:
         self.workspace, self.player = workspace, player
         self.capture, self.bake = CaptureView(workspace), BakeView(workspace)
         self.stage_views: dict[str, StageView] = {
             "capture": self.capture,
             "calibrate": CalibrateView(workspace),
-            "initialize": InitializeView(workspace, read_mesh),
+            "initialize": InitializeView(workspace),
             "train": TrainView(workspace),
             "bake": self.bake,
         }
@@ -60,8 +50,8 @@ class StageViews:
         self._left_scene_of: object = None
         self._looks: tuple[OrbitCamera | None, OrbitCamera | None] = (None, None)
         self._numbered: tuple[object, ...] = (None, None, None)
-        self._newest = NewestImage(now)
-        self._rest = Rest(now)
+        self._newest = NewestImage()
+        self._rest = Rest()
         self.clicked: Signal[[]] = Signal()
         # camera_clicked, camera_menu: emitted with a camera's name after a click, a right click on it
         self.camera_clicked: Signal[[str]] = Signal()

@@ -106,7 +106,7 @@ def workspace() -> Iterator[Workspace]:
 @pytest.fixture
 def views(workspace: Workspace) -> Iterator[StageViews]:
     """The stage views of that workspace."""
-    found = StageViews(workspace, PlayerPresenter(read_mesh=RaycastMesh), RaycastMesh)
+    found = StageViews(workspace, PlayerPresenter(read_mesh=RaycastMesh))
     yield found
     assert found.close()
 

@@ -244,7 +244,7 @@ class _Reduced:
 
 @dataclass(frozen=True)
 class ImageAt:
-    """Where a camera's image is in the image: (left, top, width, height), and the image's (width, height)."""
+    """Where a camera's image is in the view: (left, top, width, height), and the image's (width, height)."""
 
     camera: str
     place: tuple[float, float, float, float]
@@ -252,16 +252,16 @@ class ImageAt:
 
     @property
     def scale(self) -> float:
-        """Pixels of the image per pixel of the image."""
+        """Pixels of the view per pixel of the image."""
         return self.place[2] / self.size[0]
 
     def pixel(self, x: float, y: float) -> tuple[float, float]:
-        """The pixel of the image at one of the image."""
+        """The pixel of the image at one of the view."""
         left, top, _, _ = self.place
         return (x - left) / self.scale, (y - top) / self.scale
 
     def shown(self, points: np.ndarray) -> np.ndarray:
-        """Pixels of the image of pixels (N, 2) of the image."""
+        """Pixels of the view of pixels (N, 2) of the image."""
         return np.asarray(points) * self.scale + self.place[:2]
 
 

@@ -4,7 +4,6 @@ from bisect import bisect_right
 from collections.abc import Hashable
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
-from typing import ClassVar
 
 import numpy as np
 
@@ -71,8 +70,6 @@ class _State:
 
 class EditView(OrbitView):
     """See the module."""
-
-    modes: ClassVar[tuple[str, ...]] = ("edit",)
 
     def __init__(self, workspace: Workspace) -> None:
         super().__init__(workspace)

@@ -3,7 +3,6 @@
 import contextlib
 import datetime
 import os
-import time
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -58,7 +57,7 @@ class Card:
         return f"{stream} stream, {total} in all", f"stream {stream} of {total}", f"{stream} of {total}"
 
 
-def date_words(when: float | None, now: float | None = None) -> str:
+def date_words(when: float | None) -> str:
     """ "today 14:05", "yesterday 09:30", "3 Mar", "3 Mar 2025", in local time; "" for None and for what is no date."""
     if when is None:
         return ""
@@ -66,7 +65,7 @@ def date_words(when: float | None, now: float | None = None) -> str:
         moment = datetime.datetime.fromtimestamp(when)
     except (OverflowError, ValueError, OSError):  # a file's time can be anything
         return ""
-    today = datetime.datetime.fromtimestamp(time.time() if now is None else now).date()
+    today = datetime.date.today()
     days = (today - moment.date()).days
     if days in (0, 1):
         return f"{'today' if days == 0 else 'yesterday'} {moment:%H:%M}"

@@ -85,7 +85,7 @@ class StartImage:
                 return min(max(self.down + (above or below), 0.0), self.most_down)
         return self.down
 
-    def draw(self, page: StartPage, hover: str = "", line: str = "", now: float | None = None) -> np.ndarray:
+    def draw(self, page: StartPage, hover: str = "", line: str = "") -> np.ndarray:
         """(height, width, 3) uint8: the page. `line`: a passing notice, at the lower edge instead of the keys."""
         self.boxes, self.crosses = Areas(), Areas()
         canvas, em = Canvas(self.width, self.height, GROUND), self.em
@@ -103,12 +103,12 @@ class StartImage:
         wide = inner >= WIDE * em
         cards_width = inner - (QUEUE + 1.6) * em if wide else inner
         if wide:
-            end = self._cards(canvas, page, pad, y, cards_width, hover, now)
+            end = self._cards(canvas, page, pad, y, cards_width, hover)
             end = max(self._queue(canvas, page, pad + cards_width + 1.6 * em, y, QUEUE * em, hover), end)
         else:
             if page.queue.view.rows:
                 y = self._queue(canvas, page, pad, y, inner, hover) + 1.4 * em
-            end = self._cards(canvas, page, pad, y, cards_width, hover, now)
+            end = self._cards(canvas, page, pad, y, cards_width, hover)
         foot = 2.1 * em
         self.full = end + foot + 0.6 * em
         for box, name in self.boxes.all:
@@ -137,9 +137,7 @@ class StartImage:
                 self.boxes.add((left, top, wide, high), name)
         return y + -(-len(BUTTONS) // count) * (high + gap) - gap
 
-    def _cards(
-        self, canvas: Canvas, page: StartPage, x: float, y: float, width: float, hover: str, now: float | None
-    ) -> float:
+    def _cards(self, canvas: Canvas, page: StartPage, x: float, y: float, width: float, hover: str) -> float:
         em, gap = self.em, GAP * self.em
         canvas.text(x, y, "Recent", round(1.1 * em), TEXT)
         if any(card.kind == "missing" for card in page.cards.values()):
@@ -155,14 +153,11 @@ class StartImage:
             box = (x + number % count * (wide + gap), y + number // count * (high + gap), wide, high)
             card = page.cards.get(place) or Card(place, "web" if "://" in place else "unknown", "reading ...")
             if box[1] < self.height and box[1] + high > 0:
-                self._card(canvas, card, page.pictures.get(place), box, number, hover, now)
+                self._card(canvas, card, page.pictures.get(place), box, number, hover)
             self.boxes.add(box, f"card {number}")
         return y + -(-len(page.places) // count) * (high + gap) - gap
 
-    def _card(
-        self, canvas: Canvas, card: Card, picture: np.ndarray | None, box: Box, number: int, hover: str,
-        now: float | None,
-    ) -> None:  # fmt: skip
+    def _card(self, canvas: Canvas, card: Card, picture: np.ndarray | None, box: Box, number: int, hover: str) -> None:
         em, (x, y, wide, high) = self.em, box
         under = hover in (f"card {number}", f"remove {number}")
         canvas.rect(x, y, wide, high, RAISED if under else PANEL)
@@ -177,7 +172,7 @@ class StartImage:
             canvas.rect(x + 1, y + 1, wide - 2, tall, GROUND)
             canvas.text(x + wide / 2, y + 0.45 * tall, words.get(card.kind, "no image yet"), small, DIM, "middle")
         top, room = y + tall + 0.5 * em, wide - 2 * pad
-        date = date_words(card.changed, now)
+        date = date_words(card.changed)
         normal = round(em)
         canvas.text(x + pad, top, card.name, normal, TEXT, width=room - text_width(date, small) - 0.6 * em)
         canvas.text(x + wide - pad, top + 0.1 * em, date, small, DIM, "right")

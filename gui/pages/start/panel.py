@@ -47,8 +47,8 @@ class StartPanel:
         self.picture.show(pixels)
         return True
 
-    def key(self, event: gui.KeyEvent, shift: bool) -> bool:
-        """Handle a key that is pressed; returns whether it is one of the page."""
+    def key(self, event: gui.KeyEvent, shift: bool) -> None:
+        """Handle a key that is pressed."""
         key, page = event.key, self.page
         if key in _MOVES:
             page.move(self._list.boxes.all, *_MOVES[key])
@@ -60,10 +60,9 @@ class StartPanel:
         elif key in (gui.KeyName.DELETE, gui.KeyName.BACKSPACE) and page.focus.startswith("card "):
             self._act(page.focus.replace("card", "remove"))
         else:
-            return False
+            return
         self._down = self._list.scrolled_to(page.focus)
         self._changed()
-        return True
 
     def _on_mouse(self, event: gui.MouseEvent, x: float, y: float) -> bool:
         kind = gui.MouseEvent.Type

@@ -12,6 +12,7 @@ from gui.models.playback.viewpoint import BACKGROUNDS
 from gui.models.scene.orbit import OrbitCamera
 from gui.models.scene.splats import draw
 from gui.models.stages import Inputs
+from gui.models.take.workspace import modified
 from pipelines.config import load_config
 from studio.atomic_files import write_bytes
 from studio.storage.cache import cache_folder
@@ -40,8 +41,7 @@ def thumbnail(place: str) -> np.ndarray | None:
 def _contents(place: str) -> list[int]:
     """Changes with what the thumbnail shows."""
     names = ("", "manifest.json", "stream/manifest.json", "train", "config.yaml", "edits.json")
-    paths = [Path(place) / name for name in names]
-    return [path.stat().st_mtime_ns if path.exists() else 0 for path in paths]
+    return [modified(Path(place) / name) for name in names]
 
 
 def _made(place: str) -> np.ndarray | None:
