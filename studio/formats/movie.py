@@ -14,7 +14,6 @@ from studio.audio.encode import SoundEncoder
 from studio.cameras import Camera
 from studio.errors import StudioError
 from studio.formats.placing import new_file
-from studio.gaussians import Gaussians
 from studio.progress import ProgressFn, no_progress
 from studio.rasterizer import preferred_device, rasterize
 from studio.splat_video import SplatVideo
@@ -74,15 +73,11 @@ def render_movie(
             wanted = int(np.floor(frame(time) + 1e-6)) % video.frame_count
             if gaussians is None or wanted != shown:
                 shown, gaussians = wanted, video.read(wanted).to(device)
-            encoder.add(_picture(gaussians, camera(time), background))
+            with torch.no_grad():
+                image = rasterize(gaussians, camera(time), background).image
+            encoder.add((image.clamp(0, 1) * 255 + 0.5).to(torch.uint8).cpu().numpy())
         progress(count, count)
     return count
-
-
-def _picture(gaussians: Gaussians, camera: Camera, background: torch.Tensor) -> np.ndarray:
-    with torch.no_grad():
-        image = rasterize(gaussians, camera, background).image
-    return (image.clamp(0, 1) * 255 + 0.5).to(torch.uint8).cpu().numpy()
 
 
 class _Encoder:

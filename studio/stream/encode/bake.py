@@ -238,7 +238,8 @@ def _stored(
     codec, files = settings.codec, _contents(draft, folder)
     values = draft.model_dump()
     values["psnr_to_trained"] = None if psnr is None else round(psnr, 3)
-    for video, entry in zip(draft.videos, _video_values(values), strict=True):
+    planes = [plane for component in values.get("components", ()) for plane in component["planes"]]
+    for video, entry in zip(draft.videos, planes or [values["video"]], strict=True):
         entry["checks"] = luma_checks(files[video.path], draft.size, codec, draft.frame_count)
     qp = max(video.qp for video in draft.videos)
     values["qp"] = round(qp * QP_MAX / CODECS[codec].qp_max)
@@ -246,12 +247,6 @@ def _stored(
     for path in files:
         os.replace(folder / Path(path).name, directory / path)
     return rendition
-
-
-def _video_values(values: JsonObject) -> list[JsonObject]:
-    if "video" in values:
-        return [values["video"]]
-    return [plane for component in values["components"] for plane in component["planes"]]
 
 
 def luma_checks(data: bytes, size: tuple[int, int], codec: str, frame_count: int) -> tuple[dict[str, int], ...]:

@@ -62,15 +62,14 @@ class PlanesBake:
             encoders[index].add(to_plane(codes, side))
 
         with encoding(encoders, threads) as pool:
-            for _, component, part, qp in planes:
-                path = folder / _file_name(component, part)
-                encoders.append(PlaneEncoder(path, (side, side), qp, settings.preset, fps=fps))
+            for index, (*_, qp) in enumerate(planes):
+                encoders.append(PlaneEncoder(folder / f"{index}.mp4", (side, side), qp, settings.preset, fps=fps))
             for number, frame in enumerate(component_frames(self._frames, self._order)):
                 list(pool.map(encode, range(len(planes)), repeat(frame)))
                 progress(number + 1, len(self._frames))
         entries: dict[int, list[PlaneEntry]] = {}
-        for row, component, part, qp in planes:
-            facts = dict(named_by_content(folder / _file_name(component, part)))
+        for index, (row, _, part, qp) in enumerate(planes):
+            facts = dict(named_by_content(folder / f"{index}.mp4"))
             plane = PlaneEntry.model_construct(**facts, qp=qp, part=part, checks=())
             entries.setdefault(row, []).append(plane)
         wanted = components(keyframe.sh_degree)
@@ -115,7 +114,3 @@ def _planes(sh_degree: int, settings: BakeSettings) -> list[tuple[int, Component
         else:
             result.append((row, component, "all", settings.attribute_qp(component.attribute.qp_name)))
     return result
-
-
-def _file_name(component: Component, part: Part) -> str:
-    return f"{component.name}.mp4" if part == "all" else f"{component.name}_{part.removesuffix('_mirrored')}.mp4"
