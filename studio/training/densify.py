@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import torch
-from torch import Tensor
 
 from studio.gaussians import Gaussians
 from studio.rasterizer.contribution import contribution
@@ -53,11 +52,15 @@ class DensityControl:
         gaussians = optimizer.gaussians.detach()
         views = self._stepper.views
         drawn = torch.randperm(len(views), generator=generator)[:_VIEWS].tolist()
-        errors = [
-            contribution(gaussians, [view.camera], [self._stepper.error(gaussians, view)])
-            for view in (views[number] for number in drawn)
-        ]
-        score = agreed_error(errors) * detail_weights(gaussians.means, views[0].details)
+        errors = torch.stack(
+            [
+                contribution(gaussians, [view.camera], [self._stepper.error(gaussians, view)])
+                for view in (views[number] for number in drawn)
+            ]
+        )
+        # without the largest of several: what a single view sees is not the splat's
+        agreed = errors.sum(0) - errors.amax(0) if len(errors) > 1 else errors[0]
+        score = agreed * detail_weights(gaussians.means, views[0].details)
         chosen = torch.argsort(score, descending=True, stable=True)[:count]
         split = torch.zeros(len(gaussians), dtype=torch.bool, device=score.device)
         split[chosen[score[chosen] > 0]] = True
@@ -68,15 +71,6 @@ class DensityControl:
         if remove_huge:
             keep &= after.scales.amax(-1) < _HUGE_SHARE * self._extent
         optimizer.keep(keep)
-
-
-def agreed_error(errors: list[Tensor]) -> Tensor:
-    """(N,) sum of (N,) errors, one for each view, without the largest: what a single view sees is not the splat's.
-
-    With one view, its errors.
-    """
-    all_views = torch.stack(errors)
-    return all_views.sum(0) - all_views.amax(0) if len(errors) > 1 else errors[0]
 
 
 def _halves(gaussians: Gaussians, generator: torch.Generator) -> Gaussians:

@@ -34,7 +34,9 @@ def predicted_means(
     velocity = previous.means - before_previous.means
     if acceleration and third_last is not None:
         velocity = velocity + acceleration * (velocity - (before_previous.means - third_last.means))
-    velocity = local_median(velocity, neighbors(previous.means, _NEIGHBORS))
+    # At motion boundaries, such as a limb in front of the body, a median follows one side; a mean would blend both.
+    near = neighbors(previous.means, _NEIGHBORS)
+    velocity = torch.cat([velocity[:, None], velocity[near]], dim=1).median(dim=1).values
     # Splats that are too faint to be rendered have no gradients, so nothing would ever stop them.
     visible = previous.opacities.reshape(-1, 1) >= ALPHA_MIN
     return previous.means + torch.where(visible, velocity, torch.zeros_like(velocity))
@@ -47,14 +49,6 @@ def neighbors(means: Tensor, count: int) -> Tensor:
     array = means.detach().cpu().numpy()
     nearest = cKDTree(array).query(array, k=min(count + 1, len(array)), workers=-1)[1]
     return torch.from_numpy(nearest.reshape(len(array), -1)[:, 1:]).to(means.device)
-
-
-def local_median(values: Tensor, near: Tensor) -> Tensor:
-    """(N, C) per-channel medians of the (N, C) values of each splat and its (N, k) neighbors.
-
-    At motion boundaries, such as a limb in front of the body, a median follows one side; a mean would blend both.
-    """
-    return torch.cat([values[:, None], values[near]], dim=1).median(dim=1).values
 
 
 class _Fused(torch.autograd.Function):
