@@ -24,6 +24,7 @@ from gui.platform.input_order import InputOrder
 from gui.platform.presses import Chords
 from gui.platform.redraw import Redraws
 from gui.platform.x_window import XDisplay
+from gui.viewport import Viewport
 from gui.widgets.camera_menu import CameraMenu
 from gui.widgets.controls import ControlsPanel
 from gui.widgets.dialogs.base import Dialogs
@@ -36,7 +37,6 @@ from gui.widgets.picture import color, holds, make_label
 from gui.widgets.raycast import RaycastMesh
 from gui.widgets.stages import StagesPanel
 from gui.widgets.timeline import STRIP, TimelinePanel
-from gui.widgets.viewport import Viewport
 
 AWAKE = 0.5
 """Seconds after an event, or while an image is awaited, in which the window checks everything at each tick (10 ms)."""

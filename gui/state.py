@@ -45,7 +45,8 @@ def state_of(window: Shell) -> JsonObject:
         "frames": transport.frame_count,
         "playing": transport.playing,
         "span": transport.span,
-        "fixes": window.inspector.fixes if window.layout.shows_figures else {},  # places of the buttons in the log
+        # places of the buttons in the log
+        "fixes": window.inspector.view.places if window.layout.shows_figures else {},
         "what": player.what,
         "compare": player.mode,
         "wipe": round(player.wipe, 3),

@@ -88,7 +88,7 @@ class UserInput:
     def _escape(self) -> None:
         window = self._window
         if window.dialogs.name or window.dialogs.expected:
-            window.dialogs.escape()
+            window.dialogs.on_escape()
         elif self._menu_bar.opened:
             self._menu_bar.closed()
             window.dialogs.close_menu()

@@ -22,6 +22,7 @@ from gui.platform.menu_bar import MenuBar
 from gui.shell import Layout, Shell
 from gui.state import StateLog
 from gui.user_input import UserInput
+from gui.viewport import Viewport
 from gui.widgets.camera_menu import CameraMenu
 from gui.widgets.controls import ControlsPanel
 from gui.widgets.hints import Hints
@@ -33,7 +34,6 @@ from gui.widgets.picture import color, put
 from gui.widgets.stages import StagesPanel
 from gui.widgets.swap_guard import SwapGuard
 from gui.widgets.timeline import TimelinePanel
-from gui.widgets.viewport import Viewport
 from pipelines.events import as_message
 
 SOFTWARE_PAUSE, LONGER_PAUSE = 1 / 10, 1 / 5
@@ -86,7 +86,7 @@ class MainWindow(Shell):
 
     def _build(self) -> None:
         em, changed = self.em, self.changed
-        self.viewport = Viewport(lambda: self.views, changed)
+        self.viewport = Viewport(self.views, changed)
         self.timeline = TimelinePanel(self.player, em, changed)
         hints = self.hints = Hints(self.input.active, em)
         self.controls = ControlsPanel(self.player, em, self.views.reset, self.timeline.fit, changed, hints)

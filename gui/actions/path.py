@@ -184,7 +184,7 @@ class PathActions:
     def pictures(self) -> list[np.ndarray | None]:
         """Thumbnails of the views, those that are drawn; not while frames are played."""
         window = self._window
-        opened, size = window.player.opened, window.path_panel.thumbnail_size
+        opened, size = window.player.opened, window.path_panel.list.thumbnail_size
         if opened is None or window.player.transport.playing or not window.path_panel.shown:
             return [None] * len(self.editor.keys)
         get, contents = window.thumbnails.get, window.player.contents

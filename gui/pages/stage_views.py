@@ -307,7 +307,7 @@ class StageViews:
             return self.player.message
         return ""
 
-    # Gestures, see gui.widgets.viewport.Gestures
+    # Gestures of the mouse, see `gui.viewport`. Positions are pixels of the image
 
     def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
         """Orbit or pan."""

@@ -37,11 +37,7 @@ class _DeviceHeader(ctypes.Structure):
     """The first fields of VkPhysicalDeviceProperties."""
 
     _fields_ = (
-        ("apiVersion", ctypes.c_uint32),
-        ("driverVersion", ctypes.c_uint32),
-        ("vendorID", ctypes.c_uint32),
-        ("deviceID", ctypes.c_uint32),
-        ("deviceType", ctypes.c_uint32),
+        *((name, ctypes.c_uint32) for name in ("apiVersion", "driverVersion", "vendorID", "deviceID", "deviceType")),
         ("deviceName", ctypes.c_char * 256),
     )
 
@@ -65,19 +61,18 @@ def vulkan_devices(library: str | None = None) -> list[VulkanDevice]:
         problem = f"the window needs Vulkan, and its loader {name} was not found"
         fix = f"{_INSTALL.format(packages='libvulkan1 mesa-vulkan-drivers')}."
         raise StudioError("gui.no_vulkan_loader", problem, value=name, fix=fix) from None
+    fix = f"{_INSTALL.format(packages='mesa-vulkan-drivers')}, or install your graphics card's driver."
     instance = ctypes.c_void_p()
     info = _InstanceCreateInfo(sType=_INSTANCE_CREATE_INFO)
     status = vulkan.vkCreateInstance(ctypes.byref(info), None, ctypes.byref(instance))
     if status != _SUCCESS:
         problem = f"the window needs Vulkan, and no driver was found (vkCreateInstance returned {status})"
-        fix = f"{_INSTALL.format(packages='mesa-vulkan-drivers')}, or install your graphics card's driver."
         raise StudioError("gui.no_vulkan_driver", problem, value=status, fix=fix)
     try:
         devices = _list_devices(vulkan, instance)
     finally:
         vulkan.vkDestroyInstance(instance, None)
     if not devices:
-        fix = f"{_INSTALL.format(packages='mesa-vulkan-drivers')}, or install your graphics card's driver."
         raise StudioError("gui.no_vulkan_device", "the window needs Vulkan, and no device was found", fix=fix)
     order = ["discrete GPU", "integrated GPU", "virtual GPU", "other", "software"]
     return sorted(devices, key=lambda device: order.index(device.kind))

@@ -161,7 +161,7 @@ class InspectorPanel:
             self._warnings = len(warnings)
             lines = warnings if self.only_warnings else lines
             self._rows = log_rows(lines, size[0], self._em, workspace.config)
-        view = self._view
+        view = self.view
         state = (view.shown, view.back, size, view.large, view.warnings, view.only_warnings)
         if state == self._log_of:
             return False
@@ -170,19 +170,14 @@ class InspectorPanel:
         return True
 
     @property
-    def _view(self) -> LogView:
+    def view(self) -> LogView:
         return LogView(self._rows, *self.log.size, self._em, self._back, self.large, self._warnings, self.only_warnings)
-
-    @property
-    def fixes(self) -> dict[str, tuple[float, float]]:
-        """The middle of each button and of the switch in the log, 0 to 1 across and down, by its label."""
-        return self._view.places
 
     def _on_edge(self, event: gui.MouseEvent, y: float) -> bool:
         """Resize the log by a drag of its heading; a click enlarges it, or undoes that. Returns whether it was one."""
         kind = gui.MouseEvent.Type
         if event.type == kind.BUTTON_DOWN:
-            self._grabbed, self._dragging = (y, False) if y < self._view.top else (None, False)
+            self._grabbed, self._dragging = (y, False) if y < self.view.top else (None, False)
         if self._grabbed is None:
             return False
         _, top, _, height = self._place
@@ -201,23 +196,23 @@ class InspectorPanel:
 
     def _on_mouse(self, event: gui.MouseEvent, x: float, y: float) -> bool:
         kind = gui.MouseEvent.Type
-        if event.type == kind.BUTTON_DOWN and self._view.on_filter(x, y):
+        if event.type == kind.BUTTON_DOWN and self.view.on_filter(x, y):
             self._grabbed = None
             self.toggle_warnings()
             return True
         if event.type in (kind.BUTTON_DOWN, kind.DRAG, kind.BUTTON_UP) and self._on_edge(event, y):
             return True
         if event.type == kind.BUTTON_DOWN:
-            fix = self._view.fix_at(x, y)
+            fix = self.view.fix_at(x, y)
             if fix is not None:
                 self._apply_fix(fix)
                 self._changed()
             return fix is not None
         if event.type == kind.MOVE:
-            fix = self._view.fix_at(x, y)
+            fix = self.view.fix_at(x, y)
             tooltip = "" if fix is None else TOOLTIPS[fix.sets and not fix.done]
-            if y < self._view.top:
-                tooltip = "" if self._view.on_filter(x, y) else EDGE_TOOLTIPS[self.large]
+            if y < self.view.top:
+                tooltip = "" if self.view.on_filter(x, y) else EDGE_TOOLTIPS[self.large]
             self.log.widget.tooltip = tooltip
             return False
         if event.type != kind.WHEEL:

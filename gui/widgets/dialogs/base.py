@@ -58,7 +58,8 @@ class Dialogs:
         self._early: list[tuple[int, bool]] = []  # keys pressed before the field had the focus
         self._early_enter = self._early_first = self._shift = False
         self._on_enter: Callable[[], None] | None = None
-        self._on_escape: Callable[[], None] = self.close
+        # what the Escape key does: like Cancel or Close, if there is one
+        self.on_escape: Callable[[], None] = self.close
 
     @property
     def room(self) -> int:
@@ -98,7 +99,7 @@ class Dialogs:
         self.close()
         self._early, self._early_enter = early
         self._on_enter = on_enter
-        self._on_escape = next((action for key, _, action in answers if key == "close"), self.close)
+        self.on_escape = next((action for key, _, action in answers if key == "close"), self.close)
         em = self.em
         dialog = gui.Dialog(title)
         column = gui.Vert(0.6 * em, gui.Margins(em, em, em, em))
@@ -221,13 +222,9 @@ class Dialogs:
             type_keys(self._early)
         return step < 3
 
-    def escape(self) -> None:
-        """Handle the Escape key: like Cancel or Close, if there is one."""
-        self._on_escape()
-
     def close_menu(self) -> None:
         """Close the toolkit's menu, which knows no keys: it does so for a dialog. This one is nowhere on the screen."""
-        self.name, self._unseen, self._on_escape = "menu", gui.Dialog(""), self.close
+        self.name, self._unseen, self.on_escape = "menu", gui.Dialog(""), self.close
         self._window.show_dialog(self._unseen)
         self._window.set_needs_layout()
 
@@ -281,7 +278,7 @@ class Dialogs:
         """A dialog with a text field is about to open. No effect while one is open."""
         if not self.name:
             self.expected, self._early, self._early_enter = True, [], False
-            self._on_escape = self.close
+            self.on_escape = self.close
 
     def pressed(self, code: int) -> None:
         """Note that a key was pressed or repeats, by its X key code."""

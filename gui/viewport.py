@@ -5,11 +5,11 @@ rendered on threads (`gui.models`), so the window never waits for them.
 """
 
 from collections.abc import Callable
-from typing import Protocol
 
 import numpy as np
 from open3d.visualization import gui
 
+from gui.pages.stage_views import StageViews
 from gui.widgets.picture import ImagePanel
 
 MAX_PIXELS = 960 * 540
@@ -25,39 +25,11 @@ def picture_size(width: float, height: float, most: int = MAX_PIXELS) -> tuple[i
 _STILL = 3.0  # pixels that the pointer may move during a click
 
 
-class Gestures(Protocol):
-    """Receiver of mouse gestures. Positions are pixels of the image."""
-
-    def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
-        """Orbit (`turn`) or pan."""
-        ...
-
-    def wheel(self, x: float, y: float, notches: float) -> None: ...
-
-    def grabs(self, x: float, y: float) -> bool:
-        """Whether a press here grabs something, such as the line of a wipe or a handle, which `pull` then moves."""
-        ...
-
-    def pull(self, x: float, y: float) -> None:
-        """Move what is grabbed."""
-        ...
-
-    def release(self) -> None:
-        """Let go of what is grabbed."""
-        ...
-
-    def click(self, x: float, y: float) -> None: ...
-
-    def context(self, x: float, y: float) -> None:
-        """Handle a right click."""
-
-
 class Viewport:
-    """Shows images and turns mouse events into gestures. `gestures`: returns the receiver for what is on screen."""
+    """Shows images and turns mouse events into gestures of the views, at pixels of the image."""
 
-    def __init__(self, gestures: Callable[[], Gestures], changed: Callable[[], None]) -> None:
-        self._gestures = gestures
-        self._changed = changed
+    def __init__(self, views: StageViews, changed: Callable[[], None]) -> None:
+        self._views, self._changed = views, changed
         self._last: tuple[float, float] | None = None
         self._pulling = False
         self._clicking = self._right = False
@@ -77,7 +49,7 @@ class Viewport:
 
     def on_mouse(self, event: gui.MouseEvent, x: float, y: float) -> bool:
         """Handle a mouse event at a position in the widget, pixels; returns whether it was for the viewport."""
-        kind, gestures = gui.MouseEvent.Type, self._gestures()
+        kind, gestures = gui.MouseEvent.Type, self._views
         # Gestures are in widget pixels; the image may have fewer.
         scale = self.picture_size[0] / max(self.picture.size[0], 1)
         if event.type == kind.BUTTON_DOWN:
