@@ -55,12 +55,8 @@ _PARTS = ", whose files are parts of one recording"
 
 def detect_images(root: Path) -> tuple[str, list[Match]]:
     """The pattern of the footage below `root` and the files that match it: in a usual layout, where transforms.json
-    says, or in the only folder with videos or with images.
-
-    Raises:
-        StudioError: `footage.not_found`, `footage.ambiguous_layout` if several folders contain videos, or
-            `footage.container` if there are only containers that cannot be read.
-    """
+    says, or in the only folder with videos or with images. StudioError: `footage.not_found`, `footage.ambiguous_layout`
+    if several folders contain videos, or `footage.container` if there are only containers that cannot be read."""
     listing = cache(lambda: list(walk(root, _DEPTH)))
     found = _usual_layout(root, "", listing) or _one_level_down(root, listing)
     if found is not None:

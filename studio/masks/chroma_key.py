@@ -12,7 +12,7 @@ import numpy as np
 from studio.capture.settings import DifferenceSettings
 from studio.masks.clean_plate import noise_of, solve_edges
 from studio.masks.despill import despill
-from studio.masks.filters import brightness, guided_filter, keep_components, masked_mean, reduced
+from studio.masks.filters import brightness, enlarged, guided_filter, keep_components, masked_mean, reduced
 from studio.masks.mask_source import MaskInputs, MaskSource
 from studio.masks.screen_color import Screen, find_screen
 from studio.memory_cache import MemoryCache
@@ -30,16 +30,11 @@ def chroma_mask(
 ) -> np.ndarray:
     """Mask of an image (H, W, 3) uint8 RGB in front of a screen: (H, W) uint8, 255 = foreground, soft at the edges.
     `inside`: (H, W) bool, where the performer may be; None: everywhere."""
-    import cv2
-
-    height, width = image.shape[:2]
     small_inside = None if inside is None else reduced(inside.astype(np.uint8), WORK_SIDE) > 0
     solid = _binary(reduced(image, WORK_SIDE).astype(np.float32), screen, settings, small_inside)
     if not solid.any():
-        return np.zeros((height, width), np.uint8)
-    if solid.shape != (height, width):
-        full = cv2.resize(solid.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR)
-        solid = (full > 0.5).astype(np.uint8)
+        return np.zeros(image.shape[:2], np.uint8)
+    solid = enlarged(solid, image.shape)
     mask = solve_edges(image, screen_behind(image, solid), np.ones(3, np.float32), solid, edge_reach(image), None)
     return mask if inside is None else mask * inside.astype(np.uint8)
 

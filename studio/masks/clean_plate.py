@@ -16,6 +16,7 @@ from studio.masks.filters import (
     binned_color_table,
     brightness,
     color_bins,
+    enlarged,
     guided_filter,
     keep_components,
     masked_mean,
@@ -165,9 +166,6 @@ def difference_mask(image: np.ndarray, behind: Background, settings: DifferenceS
     Where the plate is not known, only colors are used, which are learned from this image if `behind` has none. Where it
     is doubtful, similarity to the plate makes no hole.
     """
-    import cv2
-
-    height, width = image.shape[:2]
     ours, empty = (reduced(one, WORK_SIDE).astype(np.float32) for one in (image, behind.plate))
     known, doubtful = (
         None if area is None else reduced(area.astype(np.uint8), WORK_SIDE) > 0
@@ -177,12 +175,9 @@ def difference_mask(image: np.ndarray, behind: Background, settings: DifferenceS
     empty *= gain
     mask = foreground_mask(ours, Background(empty, known, doubtful, behind.colors), settings)
     if not mask.any():
-        return np.zeros((height, width), np.uint8)
-    if mask.shape != (height, width):
-        larger = cv2.resize(mask.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR)
-        mask = (larger > 0.5).astype(np.uint8)
-    reach = max(2.0, 2.0 / (WORK_SIDE / max(height, width)))
-    return solve_edges(image, behind.plate, gain, mask, reach, behind.known)
+        return np.zeros(image.shape[:2], np.uint8)
+    reach = max(2.0, 2.0 / (WORK_SIDE / max(image.shape[:2])))
+    return solve_edges(image, behind.plate, gain, enlarged(mask, image.shape), reach, behind.known)
 
 
 def foreground_mask(image: np.ndarray, behind: Background, settings: DifferenceSettings) -> np.ndarray:

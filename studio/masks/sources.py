@@ -45,10 +45,8 @@ SOURCES = (  # in the order in which `auto` tries them
 def open_mask_source(inputs: MaskInputs) -> tuple[MaskSource, str]:
     """The source that `capture.masks` selects, and a sentence that describes it.
 
-    "auto" that finds none gives a `MissingMaskSource`, so that cameras can be calibrated without masks.
-
-    Raises:
-        StudioError: `mask.*`: its files are not found, or files for a camera or frame are missing.
+    "auto" that finds none gives a `MissingMaskSource`, so that cameras can be calibrated without masks. StudioError:
+    `mask.*`: its files are not found, or files for a camera or frame are missing.
     """
     kind = inputs.spec.masks
     if ":" in kind:

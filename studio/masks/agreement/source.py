@@ -34,7 +34,7 @@ from studio.masks.agreement.outlines import BINS, color_odds, cut
 from studio.masks.agreement.people import odds_of_people
 from studio.masks.agreement.vote import heard
 from studio.masks.clean_plate import Background, match_exposure, solve_edges
-from studio.masks.filters import brightness, color_bins, keep_components, reduced
+from studio.masks.filters import brightness, color_bins, enlarged, keep_components, reduced
 from studio.masks.mask_cache import MaskCache
 from studio.masks.mask_source import MaskInputs, MaskSource
 from studio.masks.matting_model import MattingModel, load_model
@@ -251,11 +251,7 @@ class AgreedMaskSource(MaskSource):
 
     def _outlined(self, camera: str, image: np.ndarray, solid: np.ndarray) -> np.ndarray:
         """The mask at full size with soft edges."""
-        import cv2
-
-        height, width = image.shape[:2]
-        behind = self.background(camera)
-        larger = cv2.resize(solid.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR) > 0.5
+        width, behind, larger = image.shape[1], self.background(camera), enlarged(solid, image.shape)
         kept = keep_components(larger, self._inputs.spec.mask_components, int(_SMALLEST * larger.size))
         if not kept.any():
             return kept
