@@ -52,9 +52,9 @@ VS_INLINE Bits<T> bits_of(Wide<T> centered, Wide<T> inverse_sigma) {
 
 // Uniform in [-1/2, 1/2).
 VS_INLINE WFloat rounding_noise(std::int64_t first, std::uint32_t seed, float) {
-    WUint32 index;
+    Wide<std::uint32_t> index;
     for (int i = 0; i < WIDTH<float>; i++) index[i] = std::uint32_t(first) + std::uint32_t(i);
-    return __builtin_convertvector((WInt32)random_bits(index, seed), WFloat) * (1.0f / 16777216.0f) - 0.5f;
+    return __builtin_convertvector((Wide<std::int32_t>)random_bits(index, seed), WFloat) * (1.0f / 16777216.0f) - 0.5f;
 }
 VS_INLINE WDouble rounding_noise(std::int64_t first, std::uint32_t seed, double) {
     WDouble noise{};
@@ -101,27 +101,27 @@ static void coded_loss(CodedJob<T>& job, int threads) {
             T rest[2][W] = {};
             if (valid < W)
                 for (int k = 0; k < valid; k++) rest[0][k] = job.current[i + k], rest[1][k] = job.previous[i + k];
-            const V change = valid == W ? wide_load<T>(job.current + i) - wide_load<T>(job.previous + i)
-                                        : wide_load<T>(rest[0]) - wide_load<T>(rest[1]);
+            const V change = valid == W ? load<T, V>(job.current + i) - load<T, V>(job.previous + i)
+                                        : load<T, V>(rest[0]) - load<T, V>(rest[1]);
             const V zero{};
             V gradient{}, counted = wide_all<T>(T(1));
             if (valid < W)
                 for (int k = valid; k < W; k++) counted[k] = 0;
             if (entropy) {
-                const V inverse_step = wide_load<T>(pattern[INVERSE_STEP] + at);
+                const V inverse_step = load<T, V>(pattern[INVERSE_STEP] + at);
                 const Bits<T> b = bits_of<T>(
-                    change * inverse_step + rounding_noise(i, job.seed, T(0)) - wide_load<T>(pattern[MU] + at),
-                    wide_load<T>(pattern[INVERSE_SIGMA] + at));
+                    change * inverse_step + rounding_noise(i, job.seed, T(0)) - load<T, V>(pattern[MU] + at),
+                    load<T, V>(pattern[INVERSE_SIGMA] + at));
                 gradient += job.bits_weight * inverse_step * b.by_residual;
-                store<T>(bits + at, wide_load<T>(bits + at) + counted * b.bits);
-                store<T>(by_mu + at, wide_load<T>(by_mu + at) - counted * b.by_residual);
-                store<T>(by_sigma + at, wide_load<T>(by_sigma + at) + counted * b.by_sigma);
+                store<T>(bits + at, load<T, V>(bits + at) + counted * b.bits);
+                store<T>(by_mu + at, load<T, V>(by_mu + at) - counted * b.by_residual);
+                store<T>(by_sigma + at, load<T, V>(by_sigma + at) + counted * b.by_sigma);
             }
             if (temporal) {
                 const V value = change < zero ? -change : change;
                 const V slope = change > zero ? wide_all<T>(T(1)) : (change < zero ? wide_all<T>(T(-1)) : zero);
                 gradient += job.difference_weight * slope;
-                store<T>(differences + at, wide_load<T>(differences + at) + counted * value);
+                store<T>(differences + at, load<T, V>(differences + at) + counted * value);
             }
             if (job.gradient != nullptr) {
                 if (valid == W)

@@ -55,11 +55,11 @@ VS_INLINE void product_block(const Product<T>& p, int row, int column) {
     V sums[ROWS][VECTORS];
     for (int r = 0; r < ROWS; r++)
         for (int v = 0; v < VECTORS; v++)
-            sums[r][v] = p.add ? wide_load<T>(c + r * p.c_row + v * W)
-                               : (p.start != nullptr ? wide_load<T>(p.start + column + v * W) : V{});
+            sums[r][v] = p.add ? load<T, V>(c + r * p.c_row + v * W)
+                               : (p.start != nullptr ? load<T, V>(p.start + column + v * W) : V{});
     for (int k = 0; k < p.depth; k++) {
         V line[VECTORS];
-        for (int v = 0; v < VECTORS; v++) line[v] = wide_load<T>(b + std::ptrdiff_t(k) * p.b_row + v * W);
+        for (int v = 0; v < VECTORS; v++) line[v] = load<T, V>(b + std::ptrdiff_t(k) * p.b_row + v * W);
         for (int r = 0; r < ROWS; r++) {
             const V factor = wide_all<T>(a[std::ptrdiff_t(r) * p.a_row + std::ptrdiff_t(k) * p.a_step]);
             for (int v = 0; v < VECTORS; v++) sums[r][v] += factor * line[v];
@@ -93,23 +93,15 @@ static void product(const Product<T>& p, int rows, int columns) {
 
 // Four features, the usual number. Explicit vectors, since the compiler must assume that the table overlaps the weights.
 template <typename T>
-struct Four {
-    typedef T V __attribute__((vector_size(4 * sizeof(T))));
-    VS_INLINE V load(const T* p) {
-        V v;
-        __builtin_memcpy(&v, p, sizeof(v));
-        return v;
-    }
-    VS_INLINE void store(T* p, V v) { __builtin_memcpy(p, &v, sizeof(v)); }
-};
+using Four = typename VectorOf<T, 4 * sizeof(T)>::V;
 
 template <typename T>
 VS_INLINE void encode_point(const T* table, const std::int32_t* rows, const T* weights, int features, T* out) {
     if (features == 4) {
-        typename Four<T>::V sum{};
+        Four<T> sum{};
         for (int corner = 0; corner < 8; corner++)
-            sum += weights[corner] * Four<T>::load(table + std::ptrdiff_t(rows[corner]) * 4);
-        return Four<T>::store(out, sum);
+            sum += weights[corner] * load<T, Four<T>>(table + std::ptrdiff_t(rows[corner]) * 4);
+        return store(out, sum);
     }
     T sums[16] = {};
     for (int corner = 0; corner < 8; corner++) {
@@ -122,10 +114,10 @@ VS_INLINE void encode_point(const T* table, const std::int32_t* rows, const T* w
 template <typename T>
 VS_INLINE void spread_point(T* table, const std::int32_t* rows, const T* weights, int features, const T* gradient) {
     if (features == 4) {
-        const typename Four<T>::V g = Four<T>::load(gradient);
+        const Four<T> g = load<T, Four<T>>(gradient);
         for (int corner = 0; corner < 8; corner++) {
             T* row = table + std::ptrdiff_t(rows[corner]) * 4;
-            Four<T>::store(row, Four<T>::load(row) + weights[corner] * g);
+            store(row, load<T, Four<T>>(row) + weights[corner] * g);
         }
         return;
     }
@@ -136,18 +128,14 @@ VS_INLINE void spread_point(T* table, const std::int32_t* rows, const T* weights
 }
 
 // Weights of a layer, transposed and padded with zeros: (padded inputs, padded outputs), then the bias.
-template <typename T>
 struct FieldLayer {
     int inputs, outputs, padded_inputs, padded_outputs;
-    std::size_t parameters;  // weights and bias without padding; the layout of torch: (outputs, inputs), (outputs,)
 };
 
-template <typename T>
-VS_INLINE FieldLayer<T> field_layer(const FieldShape& shape, int layer) {
+VS_INLINE FieldLayer field_layer(const FieldShape& shape, int layer) {
     const int inputs = layer == 0 ? shape.levels * shape.features : shape.hidden;
     const int outputs = layer == shape.layers ? 3 : shape.hidden;
-    return {inputs, outputs, field_padded(inputs), field_padded(outputs),
-            std::size_t(outputs) * std::size_t(inputs) + std::size_t(outputs)};
+    return {inputs, outputs, field_padded(inputs), field_padded(outputs)};
 }
 
 // Offset of a layer's input in the activations of one chunk, values per point.
@@ -164,7 +152,7 @@ static void field_forward(const FieldJob<T>& job, Buffer<T>& activations, T* out
 
     Buffer<T> packed[MAX_FIELD_LAYERS + 1];
     for (int l = 0; l <= shape.layers; l++) {
-        const FieldLayer<T> layer = field_layer<T>(shape, l);
+        const FieldLayer layer = field_layer(shape, l);
         packed[l] = Buffer<T>(std::size_t(layer.padded_inputs + 1) * std::size_t(layer.padded_outputs));
         T* to = packed[l].get();
         for (int i = 0; i < layer.padded_inputs; i++)
@@ -205,7 +193,7 @@ static void field_forward(const FieldJob<T>& job, Buffer<T>& activations, T* out
                 for (int i = 0; i < encoded; i++) base[p * encoded + i] = 0;
             alignas(64) T last[FIELD_CHUNK * FIELD_ROUND];
             for (int l = 0; l <= shape.layers; l++) {
-                const FieldLayer<T> layer = field_layer<T>(shape, l);
+                const FieldLayer layer = field_layer(shape, l);
                 const T* input = base + std::ptrdiff_t(FIELD_CHUNK) * field_offset(shape, l);
                 T* to = l == shape.layers ? last : base + std::ptrdiff_t(FIELD_CHUNK) * field_offset(shape, l + 1);
                 const T* weights = packed[l].get();
@@ -232,6 +220,7 @@ static void field_forward(const FieldJob<T>& job, Buffer<T>& activations, T* out
 template <typename T>
 static void field_backward(const FieldJob<T>& job, const Buffer<T>& activations, const FieldGradients<T>& grad,
                            int threads) {
+    using V = Wide<T>;
     const FieldShape& shape = job.shape;
     const int per_point = field_offset(shape, shape.layers + 1), encoded = field_padded(shape.levels * shape.features);
     const int blocks = int((job.count + FIELD_BLOCK - 1) / FIELD_BLOCK);
@@ -241,7 +230,7 @@ static void field_backward(const FieldJob<T>& job, const Buffer<T>& activations,
     Buffer<T> packed[MAX_FIELD_LAYERS + 1];
     std::size_t offsets[MAX_FIELD_LAYERS + 2] = {0};
     for (int l = 0; l <= shape.layers; l++) {
-        const FieldLayer<T> layer = field_layer<T>(shape, l);
+        const FieldLayer layer = field_layer(shape, l);
         packed[l] = Buffer<T>(std::size_t(layer.outputs) * std::size_t(layer.padded_inputs));
         for (int o = 0; o < layer.outputs; o++)
             for (int i = 0; i < layer.padded_inputs; i++)
@@ -269,14 +258,13 @@ static void field_backward(const FieldJob<T>& job, const Buffer<T>& activations,
                     gradient[p * FIELD_ROUND + c] =
                         p < points && c < 3 ? job.scale * grad.d_out[3 * (first + p) + c] : T(0);
             for (int l = shape.layers; l >= 0; l--) {
-                const FieldLayer<T> layer = field_layer<T>(shape, l);
+                const FieldLayer layer = field_layer(shape, l);
                 const T* input = base + std::ptrdiff_t(FIELD_CHUNK) * field_offset(shape, l);
                 T* d_weights = sums + offsets[l];
                 T* d_bias = d_weights + std::size_t(layer.outputs) * std::size_t(layer.padded_inputs);
                 for (int p = 0; p < FIELD_CHUNK; p++)
                     for (int o = 0; o < layer.padded_outputs; o += WIDTH<T>)
-                        store<T>(d_bias + o,
-                                      wide_load<T>(d_bias + o) + wide_load<T>(gradient + p * layer.padded_outputs + o));
+                        store(d_bias + o, load<T, V>(d_bias + o) + load<T, V>(gradient + p * layer.padded_outputs + o));
                 const Product<T> weights = {FIELD_CHUNK, gradient,
                                             1,           layer.padded_outputs,
                                             input,       layer.padded_inputs,
@@ -298,7 +286,7 @@ static void field_backward(const FieldJob<T>& job, const Buffer<T>& activations,
                 product<T>(inputs, FIELD_CHUNK, layer.padded_inputs);
                 if (l > 0)
                     for (int i = 0; i < FIELD_CHUNK * layer.padded_inputs; i += WIDTH<T>) {
-                        const Wide<T> zero{}, active = wide_load<T>(input + i), g = wide_load<T>(below + i);
+                        const Wide<T> zero{}, active = load<T, V>(input + i), g = load<T, V>(below + i);
                         store<T>(below + i, active > zero ? g : zero);
                     }
                 T* swap = gradient;
@@ -315,7 +303,7 @@ static void field_backward(const FieldJob<T>& job, const Buffer<T>& activations,
     parallel_for(blocks, threads, block);
 
     for (int l = 0; l <= shape.layers; l++) {
-        const FieldLayer<T> layer = field_layer<T>(shape, l);
+        const FieldLayer layer = field_layer(shape, l);
         for (int o = 0; o < layer.outputs; o++)
             for (int i = 0; i <= layer.inputs; i++) {  // the last one is the bias
                 const std::size_t at =

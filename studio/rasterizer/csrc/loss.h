@@ -27,17 +27,17 @@ struct LossWeights {
 // out[i] = sum_k tap_k in[i + 3 k]; `in` has REACH floats of padding on both sides
 VS_INLINE void blur_row(const LossWeights& w, const float* in, float* out, int count) {
     for (int i = 0; i < count; i += LOSS_LANES) {
-        WFloat s = w.tap[0] * wide_load<float>(in + i);
+        WFloat s = w.tap[0] * load<float, WFloat>(in + i);
         for (int k = 1; k <= HALF; k++)
-            s += w.tap[k] * (wide_load<float>(in + i - 3 * k) + wide_load<float>(in + i + 3 * k));
+            s += w.tap[k] * (load<float, WFloat>(in + i - 3 * k) + load<float, WFloat>(in + i + 3 * k));
         store<float>(out + i, s);
     }
 }
 
 VS_INLINE WFloat blur_column(const LossWeights& w, float* const* ring, int i) {
-    WFloat s = w.tap[0] * wide_load<float>(ring[HALF] + i);
+    WFloat s = w.tap[0] * load<float, WFloat>(ring[HALF] + i);
     for (int k = 1; k <= HALF; k++)
-        s += w.tap[k] * (wide_load<float>(ring[HALF - k] + i) + wide_load<float>(ring[HALF + k] + i));
+        s += w.tap[k] * (load<float, WFloat>(ring[HALF - k] + i) + load<float, WFloat>(ring[HALF + k] + i));
     return s;
 }
 
@@ -67,11 +67,11 @@ static void loss_band(const LossJob& job, const LossWeights& w, int begin, int e
             __builtin_memcpy(x_row, job.image + std::size_t(r) * floats, sizeof(float) * floats);
             __builtin_memcpy(y_row, job.target + std::size_t(r) * floats, sizeof(float) * floats);
             for (int i = 0; i < stride; i += LOSS_LANES) {
-                WFloat x = wide_load<float>(x_row + i), y = wide_load<float>(y_row + i);
+                WFloat x = load<float, WFloat>(x_row + i), y = load<float, WFloat>(y_row + i);
                 WFloat sx = w.tap[0] * x, sy = w.tap[0] * y, ss = w.tap[0] * (x * x + y * y), sp = w.tap[0] * (x * y);
                 for (int k = 1; k <= HALF; k++) {
-                    WFloat xl = wide_load<float>(x_row + i - 3 * k), xr = wide_load<float>(x_row + i + 3 * k);
-                    WFloat yl = wide_load<float>(y_row + i - 3 * k), yr = wide_load<float>(y_row + i + 3 * k);
+                    WFloat xl = load<float, WFloat>(x_row + i - 3 * k), xr = load<float, WFloat>(x_row + i + 3 * k);
+                    WFloat yl = load<float, WFloat>(y_row + i - 3 * k), yr = load<float, WFloat>(y_row + i + 3 * k);
                     sx += w.tap[k] * (xl + xr);
                     sy += w.tap[k] * (yl + yr);
                     ss += w.tap[k] * (xl * xl + xr * xr + yl * yl + yr * yr);
@@ -132,7 +132,7 @@ static void loss_band(const LossJob& job, const LossWeights& w, int begin, int e
             WFloat x{}, y{};
             const int valid = floats - i < LOSS_LANES ? floats - i : LOSS_LANES;
             if (valid == LOSS_LANES)
-                x = wide_load<float>(xs + i), y = wide_load<float>(ys + i);
+                x = load<float, WFloat>(xs + i), y = load<float, WFloat>(ys + i);
             else
                 for (int j = 0; j < valid; j++) x[j] = xs[i + j], y[j] = ys[i + j];
             WFloat difference = x - y;

@@ -14,42 +14,33 @@ namespace vs::VS_ISA {
 
 constexpr int LANES = 8;
 
-typedef float VFloat __attribute__((vector_size(32)));
-typedef double VDouble __attribute__((vector_size(64)));
-typedef int32_t VInt32 __attribute__((vector_size(32)));
-typedef int64_t VInt64 __attribute__((vector_size(64)));
+template <typename T, int BYTES>
+struct VectorOf {
+    typedef T V __attribute__((vector_size(BYTES)));
+};
+template <typename T>
+using Vec = typename VectorOf<T, LANES * sizeof(T)>::V;
+// What comparisons of such vectors give.
+template <typename T>
+using Mask = decltype(Vec<T>{} < Vec<T>{});
 
-template <typename T>
-struct VecOf;
-template <>
-struct VecOf<float> {
-    using V = VFloat;
-    using M = VInt32;
-    using Bits = uint32_t;
-};
-template <>
-struct VecOf<double> {
-    using V = VDouble;
-    using M = VInt64;
-    using Bits = uint64_t;
-};
-template <typename T>
-using Vec = typename VecOf<T>::V;
-template <typename T>
-using Mask = typename VecOf<T>::M;
+using VFloat = Vec<float>;
+using VDouble = Vec<double>;
+using VInt32 = Mask<float>;
+using VInt64 = Mask<double>;
 
 template <typename T>
 VS_INLINE Vec<T> broadcast(T value) {
     return Vec<T>{} + value;
 }
 
-template <typename T>
-VS_INLINE Vec<T> load(const T* p) {
-    Vec<T> v;
+// Loads a vector, of eight lanes or of another width.
+template <typename T, typename V = Vec<T>>
+VS_INLINE V load(const T* p) {
+    V v;
     __builtin_memcpy(&v, p, sizeof(v));
     return v;
 }
-// Stores a vector of any width.
 template <typename T, typename V>
 VS_INLINE void store(T* p, V v) {
     __builtin_memcpy(p, &v, sizeof(v));
@@ -211,32 +202,14 @@ VS_INLINE T sum(Vec<T> v) {
 #define VS_WIDE_BYTES 32
 #endif
 
-typedef float WFloat __attribute__((vector_size(VS_WIDE_BYTES)));
-typedef double WDouble __attribute__((vector_size(VS_WIDE_BYTES)));
-typedef int32_t WInt32 __attribute__((vector_size(VS_WIDE_BYTES)));
-typedef uint32_t WUint32 __attribute__((vector_size(VS_WIDE_BYTES)));
-
 template <typename T>
-struct WideOf;
-template <>
-struct WideOf<float> {
-    using V = WFloat;
-};
-template <>
-struct WideOf<double> {
-    using V = WDouble;
-};
-template <typename T>
-using Wide = typename WideOf<T>::V;
+using Wide = typename VectorOf<T, VS_WIDE_BYTES>::V;
 template <typename T>
 constexpr int WIDTH = VS_WIDE_BYTES / int(sizeof(T));
 
-template <typename T>
-VS_INLINE Wide<T> wide_load(const T* p) {
-    Wide<T> v;
-    __builtin_memcpy(&v, p, sizeof(v));
-    return v;
-}
+using WFloat = Wide<float>;
+using WDouble = Wide<double>;
+
 template <typename T>
 VS_INLINE Wide<T> wide_all(T x) {
     return Wide<T>{} + x;
