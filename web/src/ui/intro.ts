@@ -3,7 +3,7 @@
 import { pinholeOf, type View } from "../render/camera.ts";
 import type { Player } from "../player/player.ts";
 import { StreamError } from "../stream/errors.ts";
-import { isNumber, isSquare, type Vector } from "../stream/metadata.ts";
+import { isNumber, isSquare } from "../stream/metadata.ts";
 
 const FORMAT = "v3studio-camera-path";
 const MAX_KEYS = 1000; // keys that a path may have at most
@@ -93,27 +93,21 @@ export interface IntroPath {
 export function readPath(text: string, player: Player): IntroPath {
   const keys = parseKeys(text);
   const times = keys.map((key) => key.time - keys[0].time);
-  const views = keys.map(({ camera }) =>
-    player.camera.viewOf(pinholeOf({ ...camera, worldToCamera: camera.world_to_camera })),
-  );
+  const rows = keys.map(({ camera }) => {
+    const pinhole = pinholeOf({ ...camera, worldToCamera: camera.world_to_camera });
+    const { azimuth, elevation, distance, target } = player.camera.viewOf(pinhole);
+    return [azimuth, elevation, Math.log(distance), ...target];
+  });
   // Never more than half a turn from key to key.
-  const azimuths = views.map(({ azimuth }) => azimuth);
-  for (let i = 1; i < azimuths.length; i++)
-    azimuths[i] -= 360 * Math.round((azimuths[i] - azimuths[i - 1]) / 360);
+  for (let i = 1; i < rows.length; i++) rows[i][0] -= 360 * Math.round((rows[i][0] - rows[i - 1][0]) / 360);
   const easings = keys.map((key) => key.easing ?? "smooth");
-  const curve = (values: readonly number[]): ((seconds: number) => number) => eased(times, values, easings);
-  const azimuth = curve(azimuths);
-  const elevation = curve(views.map((view) => view.elevation));
-  const distance = curve(views.map((view) => Math.log(view.distance)));
-  const target = [0, 1, 2].map((k) => curve(views.map((view) => view.target[k])));
+  const curves = rows[0].map((_, k) => eased(times, rows.map((row) => row[k]), easings));
   return {
     seconds: times[times.length - 1],
-    at: (seconds) => ({
-      azimuth: azimuth(seconds),
-      elevation: elevation(seconds),
-      distance: Math.exp(distance(seconds)),
-      target: target.map((one) => one(seconds)) as unknown as Vector,
-    }),
+    at: (seconds) => {
+      const [azimuth, elevation, distance, x, y, z] = curves.map((curve) => curve(seconds));
+      return { azimuth, elevation, distance: Math.exp(distance), target: [x, y, z] };
+    },
   };
 }
 

@@ -1,7 +1,6 @@
 /** An open stream: turns requests for frames into sorted images. */
 
 import { messageOf, Rebaked, StreamError } from "../stream/errors.ts";
-import { GroupTable } from "../stream/group_table.ts";
 import { groupOfFrame, isMotion, type Manifest, MANIFEST_NAME, type Rendition, whatChanged } from "../stream/manifest.ts";
 import { planePositions } from "../stream/planes.ts";
 import { DepthSorter } from "../stream/sort.ts";
@@ -33,7 +32,6 @@ interface Decoded {
 /** What there is once the manifest has been read. */
 interface Opened {
   readonly files: StreamFiles;
-  readonly table: GroupTable;
   readonly store: GroupStore;
   readonly groups: PreparedGroups;
 }
@@ -73,16 +71,11 @@ export class Session {
     const early = request.early === null ? null : new EarlyFiles(request.early);
     const remote = request.files === null && request.archive === null;
     const { source, name } = this.openSource(early);
-    const files = new StreamFiles(source, name, closing.signal);
-    const manifest = await files.manifest(early);
+    const files = new StreamFiles(source, name, () => this.reportRebaked(), closing.signal);
+    const manifest = await files.read(early);
     closing.signal.throwIfAborted();
     checkDevice(manifest, request.maxTexture);
-    const sameBake = <T>(reads: () => Promise<T>): Promise<T> =>
-      files.sameBake(table.manifest, reads).catch((error: unknown) => {
-        if (error instanceof Rebaked) this.reportRebaked();
-        throw error;
-      });
-    const table = new GroupTable(manifest, (page) => sameBake(() => files.page(page, manifest)));
+    files.use(manifest);
     const rates = manifest.renditions.map(({ bandwidth }) => bandwidth);
     const ids = manifest.renditions.map(({ id }) => id);
     const fixed = request.rendition === null ? 0 : ids.indexOf(request.rendition);
@@ -96,9 +89,9 @@ export class Session {
     const fetched = (): void => {
       this.report("fetched", { groups: store.present, bytes: this.received, bandwidth: this.bandwidth });
     };
-    const store = new GroupStore(table, choice, source, sameBake, fetched, (group) => this.improved(group), closing.signal);
+    const store = new GroupStore(files, choice, fetched, (group) => this.improved(group), closing.signal);
     const groups = new PreparedGroups(manifest, store, this.channel, this.pool, request.path);
-    this.opened = { files, table, store, groups };
+    this.opened = { files, store, groups };
     this.report("opened", streamInfo(this.opened));
     this.report("path", groups.path);
     if (manifest.live) void this.watch(this.opened);
@@ -129,23 +122,23 @@ export class Session {
   /** Reads the manifest of a live stream again until it is complete. */
   private async watch(opened: Opened): Promise<void> {
     for (;;) {
-      const { fps, frame_count: frameCount, spans } = opened.table.manifest;
+      const { fps, frame_count: frameCount, spans } = opened.files.manifest;
       const pause = Math.min(Math.max(frameCount / fps / spans.length, SHORTEST_PAUSE), LONGEST_PAUSE);
       await new Promise((resolve) => setTimeout(resolve, 1000 * pause));
       if (this.closing.signal.aborted) return;
       let manifest: Manifest;
       try {
-        manifest = await opened.files.manifest();
+        manifest = await opened.files.read();
       } catch {
         continue; // the source has retried, and has notified the viewer
       }
-      const old = opened.table.manifest;
+      const old = opened.files.manifest;
       if (manifest.manifest_sha256 === old.manifest_sha256) continue;
       if (whatChanged(old, manifest) !== null) {
         this.reportRebaked();
         return;
       }
-      opened.table.grow(manifest);
+      opened.files.use(manifest);
       this.report("grown", streamInfo(opened));
       opened.store.follow(this.playing, this.looping, this.moving);
       this.prepareNext(opened, this.playing);
@@ -155,7 +148,7 @@ export class Session {
 
   /** Looping begins when a live stream is complete. */
   private get looping(): boolean {
-    return this.loop && this.opened?.table.manifest.live !== true;
+    return this.loop && this.opened?.files.manifest.live !== true;
   }
 
   receive(message: SessionRequest): void {
@@ -198,7 +191,7 @@ export class Session {
       while (this.wanted !== null) {
         const { frame, axis } = this.wanted;
         this.wanted = null;
-        if (this.opened !== null && frame >= 0 && frame < this.opened.table.manifest.frame_count)
+        if (this.opened !== null && frame >= 0 && frame < this.opened.files.manifest.frame_count)
           await this.bring(this.opened, frame, axis);
       }
     } finally {
@@ -207,7 +200,7 @@ export class Session {
   }
 
   private async bring(opened: Opened, frame: number, axis: DepthAxis | null): Promise<void> {
-    const { table: { manifest }, store, groups } = opened;
+    const { files: { manifest }, store, groups } = opened;
     const index = groupOfFrame(manifest.spans, frame);
     if (index !== this.playing && this.outdated.delete(this.playing)) this.drop(opened, this.playing);
     this.playing = index;
@@ -314,7 +307,8 @@ export class Session {
   }
 
   /** Fetches the sound, once the first group is there. */
-  private async bringSound({ table: { manifest: { audio } }, files }: Opened): Promise<void> {
+  private async bringSound({ files }: Opened): Promise<void> {
+    const { audio } = files.manifest;
     this.soundWanted = false;
     if (audio === null) return;
     try {
@@ -327,7 +321,7 @@ export class Session {
   }
 
   /** Prepares the group that plays next in advance. */
-  private prepareNext({ table: { manifest }, groups, store }: Opened, index: number): void {
+  private prepareNext({ files: { manifest }, groups, store }: Opened, index: number): void {
     const next = index + 1 < manifest.spans.length ? index + 1 : this.looping ? 0 : -1;
     if (next < 0 || groups.has(next) || !store.isDecided(next)) return;
     groups.get(next).then(({ pictures }) => pictures.warm(), (error: unknown) => {
@@ -379,7 +373,7 @@ function fillPositions(
   else planePositions(group, luma, positions);
 }
 
-function streamInfo({ table: { manifest }, files }: Opened): StreamInfo {
+function streamInfo({ files: { manifest, checked } }: Opened): StreamInfo {
   return {
     profile: manifest.profile,
     codec: manifest.codec.name,
@@ -393,7 +387,7 @@ function streamInfo({ table: { manifest }, files }: Opened): StreamInfo {
     ...manifest.metadata,
     live: manifest.live,
     hasSound: manifest.audio !== null,
-    checksums: files.checked,
+    checksums: checked,
   };
 }
 

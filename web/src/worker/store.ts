@@ -1,11 +1,11 @@
 /** Cache of fetched groups: limited in size, fetched ahead of the playhead, one group at a time. */
 
 import { Rebaked, StreamError } from "../stream/errors.ts";
-import type { GroupTable } from "../stream/group_table.ts";
 import { filesOf, type Rendition } from "../stream/manifest.ts";
 import { Arriving } from "./arriving.ts";
 import type { RateRule } from "./rate_rule.ts";
-import { readChecked, type Source } from "./source.ts";
+import { readChecked } from "./source.ts";
+import type { StreamFiles } from "./stream_files.ts";
 
 export type Files = ReadonlyMap<string, Arriving>;
 
@@ -26,9 +26,6 @@ export interface Choice {
   readonly fits: (group: Rendition) => boolean;
 }
 
-/** Runs what reads from the stream; may throw another error in place of its own. */
-export type Checked = <T>(reads: () => Promise<T>) => Promise<T>;
-
 /** Bytes kept in memory: played groups are kept as long as they fit, so that loops do not fetch again. */
 const KEPT_BYTES = 192 << 20;
 const AHEAD_BYTES = 64 << 20; // maximum bytes fetched ahead of the playhead
@@ -48,13 +45,10 @@ export class GroupStore {
   private replaced = false; // another stream is in this one's place: no more of it can be fetched
   private playing = false;
 
-  /** `checked`: makes a context around what is read of a group. `changed`: called after a group was fetched. `improved`:
-   * called after a group was fetched again in a better rendition. */
+  /** `changed`: called after a group was fetched. `improved`: called after a group was fetched again in a better rendition. */
   constructor(
-    private readonly groups: GroupTable,
+    private readonly stream: StreamFiles,
     private readonly choice: Choice,
-    private readonly source: Source,
-    private readonly checked: Checked,
     private readonly changed: () => void,
     private readonly improved: (group: number) => void,
     private readonly signal: AbortSignal,
@@ -73,7 +67,7 @@ export class GroupStore {
 
   /** Position of the rendition that a group is in memory in; -1 if it is not. */
   private renditionOf(group: number): number {
-    return this.groups.manifest.renditions.findIndex(({ id }) => id === this.files.get(group)?.group.id);
+    return this.stream.manifest.renditions.findIndex(({ id }) => id === this.files.get(group)?.group.id);
   }
 
   /** Whether a group is in memory. */
@@ -120,9 +114,9 @@ export class GroupStore {
 
   /** The rendition to fetch: what the rule chooses, or the best below it that this device can draw. */
   private async choose(index: number, better: number | null): Promise<Rendition> {
-    const renditions = await this.groups.renditions(index);
+    const renditions = await this.stream.renditions(index);
     const { rule, fixed, fits } = this.choice;
-    const { fps, spans } = this.groups.manifest;
+    const { fps, spans } = this.stream.manifest;
     const ahead = spans[index].firstFrame - spans[this.playhead].firstFrame;
     const wanted = better ?? (rule === null ? fixed : rule.choose(Math.max(ahead, 0) / fps));
     const found = fits(renditions[wanted])
@@ -141,13 +135,13 @@ export class GroupStore {
     const lane = async (): Promise<void> => {
       for (const file of waiting) {
         const arriving = files.get(file.path)!;
-        arriving.finish(await readChecked(this.source, file, this.signal, arriving.arrived));
+        arriving.finish(await readChecked(this.stream.source, file, this.signal, arriving.arrived));
       }
     };
-    const reading = this.checked(() => Promise.all(Array.from({ length: LANES }, lane)));
+    const reading = this.stream.sameBake(() => Promise.all(Array.from({ length: LANES }, lane)));
     const complete = reading.then(
       () => {
-        const early = entries.map(({ path }) => this.source.early?.(path) ?? 0);
+        const early = entries.map(({ path }) => this.stream.source.early?.(path) ?? 0);
         this.choice.rule?.fetched(group.bytes, Math.max(performance.now() - began, ...early) / 1000);
         this.bytes += group.bytes - (this.files.get(index)?.group.bytes ?? 0);
         this.files.set(index, fetched);
@@ -221,12 +215,12 @@ export class GroupStore {
   private nextToFetch(): number | null {
     let ahead = 0;
     let frames = 0;
-    const { fps, spans } = this.groups.manifest;
+    const { fps, spans } = this.stream.manifest;
     const most = (this.choice.rule?.target ?? Infinity) * fps;
     for (let step = 0; step < spans.length; step++) {
       if (this.playhead + step >= spans.length && !this.loop) return null;
       const index = (this.playhead + step) % spans.length;
-      ahead += this.groups.bytes(index);
+      ahead += this.stream.bytes(index);
       if (step > 1 && (ahead > AHEAD_BYTES || frames > most)) return null;
       frames += spans[index].frameCount;
       if (!this.files.has(index) && !this.failed.has(index)) return index;
@@ -239,7 +233,7 @@ export class GroupStore {
    * that are not due soon, in what the connection sustains. */
   private nextToImprove(): readonly [group: number, rendition: number] | null {
     const { rule } = this.choice;
-    const { renditions, fps, spans } = this.groups.manifest;
+    const { renditions, fps, spans } = this.stream.manifest;
     if (rule === null || savesData()) return null;
     const improvable = (index: number, wanted: number): boolean => {
       const kept = this.renditionOf(index);
