@@ -1,4 +1,7 @@
-"""Camera files: `read_rig` reads all supported formats, `write_rig` writes them."""
+"""Camera files: `read_rig` reads all supported formats, `write_rig` writes them.
+
+Both name the file in errors; readers of several files name the one that is wrong.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -102,7 +105,7 @@ def _read(path: Path) -> Rig:
     if path.is_dir():
         return _read_folder(path)
     if not path.exists():
-        raise StudioError("camera_file.missing", "camera file not found", file=path, fix="Check the path.")
+        raise StudioError("camera_file.missing", "camera file not found", fix="Check the path.")
     if path.name in _COLMAP_FILES:
         return read_colmap(path.parent)
     if path.suffix.lower() == ".json":
@@ -121,14 +124,14 @@ def _read(path: Path) -> Rig:
         heads = {head.strip() for head in text.lstrip().splitlines()[0].split(",")}
         return read_actorshq(path) if len(heads & set(ACTORSHQ_COLUMNS)) > 9 else read_realityscan(path)
     if start == "<":
-        return _read_xml(path, text)
+        return _read_xml(text)
     if text.startswith("%YAML"):  # OpenCV writes "%YAML:1.0" or, since version 5, "%YAML 1.2"
         values = read_storage(path)
         if "nb_camera" in values:
-            return rig_from_mc_calib(path, values)
-        raise _one_camera(path)
+            return rig_from_mc_calib(path.parent, values)
+        raise _one_camera()
     if start not in "{[":
-        raise _unknown_format("not a camera file of a supported format", path)
+        raise _unknown_format("not a camera file of a supported format")
     return _read_json(path)
 
 
@@ -139,22 +142,22 @@ def _read_json(path: Path) -> Rig:
             return rig_from_transforms(path, values)
         if dynamic_gaussians.is_meta(values):
             return dynamic_gaussians.read_meta(path)
-        check_format(path, values)
-    rig = rig_from_json(path, values)
+        check_format(values)
+    rig = rig_from_json(path.parent, values)
     if rig is not None:
         return rig
     keys = ", ".join(f"'{key}'" for key in list(values)[:20]) if isinstance(values, dict) else "a list"
-    raise _unknown_format(f"the JSON has no cameras under a known key ({keys or 'empty'})", path)
+    raise _unknown_format(f"the JSON has no cameras under a known key ({keys or 'empty'})")
 
 
-def _unknown_format(problem: str, path: Path) -> StudioError:
-    return StudioError("camera_file.unknown_format", problem, file=path, fix=f"Supported are {_KNOWN}.")
+def _unknown_format(problem: str) -> StudioError:
+    return StudioError("camera_file.unknown_format", problem, fix=f"Supported are {_KNOWN}.")
 
 
-def _one_camera(path: Path) -> StudioError:
+def _one_camera() -> StudioError:
     problem = "an OpenCV calibration, which describes one camera"
     fix = "Set capture.rig to the pattern of all of them, for example '{camera}/config.xml'."
-    return StudioError("camera_file.one_camera", problem, file=path, fix=fix, setting="capture.rig")
+    return StudioError("camera_file.one_camera", problem, fix=fix, setting="capture.rig")
 
 
 def _read_folder(folder: Path) -> Rig:
@@ -165,7 +168,7 @@ def _read_folder(folder: Path) -> Rig:
         names = ", ".join(file.name for file in files)
         problem = f"several camera files in the folder: {names}"
         fix = "Specify one of them."
-        raise StudioError("camera_file.ambiguous", problem, file=folder, value=[file.name for file in files], fix=fix)
+        raise StudioError("camera_file.ambiguous", problem, value=[file.name for file in files], fix=fix)
     if files and files[0] != folder:
         return read_rig(files[0])
     frames = [part for part in folder.iterdir() if part.is_dir() and part.name.isdecimal()]
@@ -175,19 +178,19 @@ def _read_folder(folder: Path) -> Rig:
     return read_colmap(folder)
 
 
-def _read_xml(path: Path, text: str) -> Rig:
+def _read_xml(text: str) -> Rig:
     try:
         root = ElementTree.fromstring(text.encode())
     except ElementTree.ParseError as error:
         line, column = error.position
         problem = f"invalid XML at line {line}, column {column + 1}"
         fix = "The file may be truncated: export the cameras again."
-        raise StudioError("camera_file.syntax", problem, file=path, fix=fix, line=line, column=column + 1) from None
+        raise StudioError("camera_file.syntax", problem, fix=fix, line=line, column=column + 1) from None
     if root.tag in ("document", "chunk"):
-        return rig_from_metashape(path, root)
+        return rig_from_metashape(root)
     if root.tag == "opencv_storage":
-        raise _one_camera(path)
-    return rig_from_qualisys(path, root)
+        raise _one_camera()
+    return rig_from_qualisys(root)
 
 
 def write_rig(rig: Rig, path: Path | str) -> None:
@@ -202,20 +205,20 @@ def write_rig(rig: Rig, path: Path | str) -> None:
             (camera_file.not_expressible), or the file cannot be written (camera_file.unwritable).
     """
     path = Path(path)
-    if path.suffix == ".json":
-        if path.name.lstrip(".").startswith("transforms"):
+    with naming(path):
+        if path.suffix == ".json" and path.name.lstrip(".").startswith("transforms"):
             write_transforms(rig, path)
-        else:
+        elif path.suffix == ".json":
             write_rig_json(rig, path)
-    elif path.suffix == ".csv":
-        write_actorshq(rig, path)
-    elif path.suffix == ".toml":
-        write_toml(rig, path)
-    elif path.name in (easymocap.INTRINSICS, easymocap.EXTRINSICS):
-        easymocap.write_easymocap(rig, path.parent)
-    elif path.suffix == "" or path.is_dir():
-        write_colmap(rig, path)
-    else:
-        problem = f"cameras cannot be written as '{path.suffix}'"
-        fix = "Use .json, .csv, .toml, intri.yml, or a folder for a COLMAP model."
-        raise StudioError("camera_file.unknown_extension", problem, file=path, value=path.suffix, fix=fix)
+        elif path.suffix == ".csv":
+            write_actorshq(rig, path)
+        elif path.suffix == ".toml":
+            write_toml(rig, path)
+        elif path.name in (easymocap.INTRINSICS, easymocap.EXTRINSICS):
+            easymocap.write_easymocap(rig, path.parent)
+        elif path.suffix == "" or path.is_dir():
+            write_colmap(rig, path)
+        else:
+            problem = f"cameras cannot be written as '{path.suffix}'"
+            fix = "Use .json, .csv, .toml, intri.yml, or a folder for a COLMAP model."
+            raise StudioError("camera_file.unknown_extension", problem, value=path.suffix, fix=fix)

@@ -12,16 +12,13 @@ import numpy as np
 from studio.camera_files.common import read_csv, rigid_inverse, write_atomic
 from studio.camera_files.keyed import NO_DISTORTION
 from studio.cameras import Camera, Rig
-from studio.errors import naming
 from studio.validation import camera_error, number
 
 COLUMNS = ("name", "w", "h", "rx", "ry", "rz", "tx", "ty", "tz", "fx", "fy", "px", "py")
 
 
 def read_actorshq(path: Path) -> Rig:
-    rows = read_csv(path, COLUMNS)
-    with naming(path):
-        return Rig(tuple(_camera(row) for row in rows), (NO_DISTORTION,))
+    return Rig(tuple(_camera(row) for row in read_csv(path, COLUMNS)), (NO_DISTORTION,))
 
 
 def _camera(row: dict[str, str]) -> Camera:
@@ -44,10 +41,10 @@ def write_actorshq(rig: Rig, path: Path) -> None:
         if not camera.is_pinhole or abs(camera.K[0, 1]) > 1e-9:
             problem = "calibration.csv cannot express lens distortion or skew"
             fix = "Undistort the images first, or write rig.json."
-            raise camera_error("camera_file.not_expressible", camera.name, problem, fix=fix, file=path)
+            raise camera_error("camera_file.not_expressible", camera.name, problem, fix=fix)
         if "," in camera.name:
             problem = "names in calibration.csv cannot contain a comma"
-            raise camera_error("camera_file.not_expressible", camera.name, problem, fix="Rename the camera.", file=path)
+            raise camera_error("camera_file.not_expressible", camera.name, problem, fix="Rename the camera.")
         vector = cv2.Rodrigues(camera.rotation.T)[0].ravel()
         w, h = camera.width, camera.height
         values = [*vector, *camera.center, camera.fx / w, camera.fy / h, camera.cx / w, camera.cy / h]

@@ -15,7 +15,7 @@ from studio.camera_files.common import no_cameras
 from studio.camera_files.keyed import KeyedForm, keyed_rig
 from studio.cameras import Rig
 from studio.counts import counted
-from studio.errors import StudioError, naming
+from studio.errors import StudioError
 from studio.json_types import JsonObject
 from studio.validation import missing_key
 
@@ -39,25 +39,24 @@ class _OnlyArrays(pickle.Unpickler):
 def read_annots(path: Path) -> Rig:
     """Read the cameras, in meters; image sizes come from the images next to the file."""
     values = _load(path)
-    with naming(path):
-        cams, frames = values.get("cams"), values.get("ims")
-        if not isinstance(cams, dict) or not isinstance(frames, list) or not frames:
-            raise no_cameras("the file has no 'cams' and 'ims'")
-        images = frames[0].get("ims") if isinstance(frames[0], dict) else None
-        lists: dict[str, Any] = {key: cams.get(key) for key in ("K", "D", "R", "T")}
-        for key, value in lists.items():
-            if not isinstance(value, list | np.ndarray):
-                raise missing_key(key, "0")
-        count = min(len(value) for value in lists.values())
-        if images is None or not 0 < len(images) <= count:
-            raise no_cameras(
-                f"the file has {counted(count, 'camera')}, but {counted(len(images or ()), 'image')} per frame"
-            )
-        entries = []
-        for index, image in enumerate(images):
-            name = PurePosixPath(str(image).replace("\\", "/")).parts[0]
-            entries.append((name, {key: np.asarray(value[index]).tolist() for key, value in lists.items()}))
-    return keyed_rig(path, entries, KeyedForm(unit=0.001))
+    cams, frames = values.get("cams"), values.get("ims")
+    if not isinstance(cams, dict) or not isinstance(frames, list) or not frames:
+        raise no_cameras("the file has no 'cams' and 'ims'")
+    images = frames[0].get("ims") if isinstance(frames[0], dict) else None
+    lists: dict[str, Any] = {key: cams.get(key) for key in ("K", "D", "R", "T")}
+    for key, value in lists.items():
+        if not isinstance(value, list | np.ndarray):
+            raise missing_key(key, "0")
+    count = min(len(value) for value in lists.values())
+    if images is None or not 0 < len(images) <= count:
+        raise no_cameras(
+            f"the file has {counted(count, 'camera')}, but {counted(len(images or ()), 'image')} per frame"
+        )
+    entries = []
+    for index, image in enumerate(images):
+        name = PurePosixPath(str(image).replace("\\", "/")).parts[0]
+        entries.append((name, {key: np.asarray(value[index]).tolist() for key, value in lists.items()}))
+    return keyed_rig(path.parent, entries, KeyedForm(unit=0.001))
 
 
 def _load(path: Path) -> JsonObject:
@@ -69,8 +68,8 @@ def _load(path: Path) -> JsonObject:
             value = _OnlyArrays(file, encoding="latin1").load()
     except Exception as error:  # whatever a damaged pickle raises
         problem = f"not a dictionary saved by NumPy ({error})"
-        raise StudioError("camera_file.syntax", problem, file=path, fix="Copy the file again.") from None
+        raise StudioError("camera_file.syntax", problem, fix="Copy the file again.") from None
     value = value.item() if isinstance(value, np.ndarray) and value.size == 1 else value
     if not isinstance(value, dict):
-        raise no_cameras("the file has no 'cams' and 'ims'", path)
+        raise no_cameras("the file has no 'cams' and 'ims'")
     return value

@@ -57,10 +57,10 @@ def intrinsics(model: str, parameters: Sequence[float]) -> tuple[np.ndarray, np.
     return K, distortion
 
 
-def _unsupported_model(model: str, file: Path | None = None) -> StudioError:
+def _unsupported_model(model: str) -> StudioError:
     problem = f"the camera model {model} is not supported"
     fix = f"Undistort the images with COLMAP; supported are {', '.join(MODELS)}."
-    return StudioError("camera_file.lens_model", problem, file=file, value=model, fix=fix)
+    return StudioError("camera_file.lens_model", problem, value=model, fix=fix)
 
 
 def camera_model(camera: Camera) -> tuple[str, list[float]]:
@@ -135,51 +135,47 @@ def _read_one(folder: Path) -> Rig | None:
         return None
     cameras, images = forms[found[0]]
     binary = found[0] == ".bin"
-    by_id = _intrinsics_binary(cameras) if binary else _intrinsics_text(cameras)
-    rig = _rig(cameras, images, by_id, _poses_binary(images) if binary else _poses_text(images))
+    with naming(cameras):
+        by_id = _intrinsics_binary(cameras) if binary else _intrinsics_text(cameras)
+    with naming(images):
+        rig = _rig(cameras, by_id, _poses_binary(images) if binary else _poses_text(images))
     if len(found) > 1:
         note = "cameras.bin and images.bin are read; cameras.txt and images.txt in the same folder are not."
         rig = replace(rig, notes=(*rig.notes, note))
     return rig
 
 
-def _rig(camera_path: Path, image_path: Path, by_id: dict[int, _Intrinsics], poses: list[_Pose]) -> Rig:
+def _rig(camera_path: Path, by_id: dict[int, _Intrinsics], poses: list[_Pose]) -> Rig:
     if not poses:
         fix = "Run the reconstruction again."
-        raise StudioError("camera_file.no_cameras", "the model has no registered images", file=image_path, fix=fix)
+        raise StudioError("camera_file.no_cameras", "the model has no registered images", fix=fix)
     poses = sorted(poses, key=lambda pose: pose.name)
     result = []
     for name, pose in zip(camera_names([pose.name for pose in poses]), poses, strict=True):
         if pose.camera not in by_id:
             problem = f"image '{pose.name}' uses camera {pose.camera}, which is not in {camera_path.name}"
             fix = "Copy both files of the model again."
-            raise StudioError(
-                "camera_file.unknown_camera", problem, file=image_path, value=pose.camera, fix=fix, camera=name
-            )
+            raise StudioError("camera_file.unknown_camera", problem, value=pose.camera, fix=fix, camera=name)
         own = by_id[pose.camera]
         with naming(camera_path):
             K, distortion = intrinsics(own.model, own.parameters)
-        with naming(image_path):
-            quat = np.array(pose.quat)
-            if not np.isfinite(quat).all() or np.linalg.norm(quat) < 1e-6:
-                problem = f"image '{pose.name}' has an invalid rotation quaternion {pose.quat}"
-                fix = "Export the model again."
-                raise StudioError("camera.rotation", problem, value=pose.quat, fix=fix, camera=name)
-            transform = np.column_stack([quats_to_matrices(quat), pose.translation])
-            result.append(Camera(name, own.width, own.height, K, transform, distortion))
-    with naming(image_path):
-        return Rig(tuple(result))
+        quat = np.array(pose.quat)
+        if not np.isfinite(quat).all() or np.linalg.norm(quat) < 1e-6:
+            problem = f"image '{pose.name}' has an invalid rotation quaternion {pose.quat}"
+            fix = "Export the model again."
+            raise StudioError("camera.rotation", problem, value=pose.quat, fix=fix, camera=name)
+        transform = np.column_stack([quats_to_matrices(quat), pose.translation])
+        result.append(Camera(name, own.width, own.height, K, transform, distortion))
+    return Rig(tuple(result))
 
 
-def _fields(path: Path, number: int, line: str, kinds: str) -> list[float | int | str]:
+def _fields(number: int, line: str, kinds: str) -> list[float | int | str]:
     """Leading fields of a line by kind: i: int, f: float, s: word, r: rest of the line."""
     words = line.split()
     if len(words) < len(kinds):
         problem = f"line {number} has {len(words)} values, expected at least {len(kinds)}"
         fix = "The file may be truncated: copy it again."
-        raise StudioError(
-            "camera_file.truncated", problem, file=path, value=len(words), fix=fix, line=number, expected=len(kinds)
-        )
+        raise StudioError("camera_file.truncated", problem, value=len(words), fix=fix, line=number, expected=len(kinds))
     values: list[float | int | str] = []
     for index, kind in enumerate(kinds):
         try:
@@ -190,9 +186,7 @@ def _fields(path: Path, number: int, line: str, kinds: str) -> list[float | int 
         except ValueError:
             problem = f"line {number} has {words[index]!r}, expected a number"
             fix = "Export the model again."
-            raise StudioError(
-                "camera_file.not_a_number", problem, file=path, value=words[index], fix=fix, line=number
-            ) from None
+            raise StudioError("camera_file.not_a_number", problem, value=words[index], fix=fix, line=number) from None
     return values
 
 
@@ -201,13 +195,13 @@ def _intrinsics_text(path: Path) -> dict[int, _Intrinsics]:
     for number, line in enumerate(read_text(path).splitlines(), 1):
         if not line.strip() or line.lstrip().startswith("#"):
             continue
-        key, model, width, height = _fields(path, number, line, "isii")
+        key, model, width, height = _fields(number, line, "isii")
         words = line.split()[4:]
-        parameters = _fields(path, number, " ".join(words), "f" * len(words))
+        parameters = _fields(number, " ".join(words), "f" * len(words))
         if int(key) in found:
             problem = f"line {number} is another camera {key}"
             fix = "Export the model again."
-            raise StudioError("camera_file.camera_twice", problem, file=path, value=int(key), fix=fix, line=number)
+            raise StudioError("camera_file.camera_twice", problem, value=int(key), fix=fix, line=number)
         found[int(key)] = _Intrinsics(int(width), int(height), str(model), [float(p) for p in parameters])
     return found
 
@@ -219,16 +213,14 @@ def _poses_text(path: Path) -> list[_Pose]:
     for number, line in lines:
         if not line.strip() or line.lstrip().startswith("#"):
             continue
-        values = _fields(path, number, line, "ifffffffir")
+        values = _fields(number, line, "ifffffffir")
         q, t = [float(v) for v in values[1:5]], [float(v) for v in values[5:8]]
         poses.append(_Pose(str(values[9]), int(values[8]), q, t))
         number, points = next(lines, (0, ""))
         if not _is_points(points):
             problem = f"line {number} is not a list of points (x, y, id) of the image in the line above"
             fix = "Put an empty line after the line of each image, also the last one."
-            raise StudioError(
-                "camera_file.no_points_line", problem, file=path, value=points.split()[:12], fix=fix, line=number
-            )
+            raise StudioError("camera_file.no_points_line", problem, value=points.split()[:12], fix=fix, line=number)
     return poses
 
 
@@ -248,7 +240,6 @@ class _Reader:
     """Little-endian values from a file that may be truncated."""
 
     def __init__(self, path: Path) -> None:
-        self.path = path
         try:
             self.data = read_bounded(path, _MAX_BYTES)
         except OSError as error:
@@ -264,9 +255,7 @@ class _Reader:
         if self.at + size > len(self.data):
             problem = f"the file is truncated: {len(self.data)} bytes, expected at least {self.at + size}"
             fix = "Copy it again."
-            raise StudioError(
-                "camera_file.truncated", problem, file=self.path, value=len(self.data), fix=fix, expected=self.at + size
-            )
+            raise StudioError("camera_file.truncated", problem, value=len(self.data), fix=fix, expected=self.at + size)
         self.at += size
 
     def word(self) -> str:
@@ -274,7 +263,7 @@ class _Reader:
         if end < 0:
             problem = "the file is truncated in an image name"
             fix = "Copy it again."
-            raise StudioError("camera_file.truncated", problem, file=self.path, value=len(self.data), fix=fix)
+            raise StudioError("camera_file.truncated", problem, value=len(self.data), fix=fix)
         start, self.at = self.at, end + 1
         return self.data[start:end].decode("utf-8", "replace")
 
@@ -285,7 +274,7 @@ def _intrinsics_binary(path: Path) -> dict[int, _Intrinsics]:
     for _ in range(int(reader.take("Q")[0])):
         key, model, width, height = (int(value) for value in reader.take("iiQQ"))
         if model not in by_id:
-            raise _unsupported_model(OTHER_MODELS.get(model, f"number {model}"), path)
+            raise _unsupported_model(OTHER_MODELS.get(model, f"number {model}"))
         name, count = by_id[model]
         found[key] = _Intrinsics(width, height, name, [float(p) for p in reader.take(f"{count}d")])
     return found
@@ -307,8 +296,7 @@ def write_colmap(rig: Rig, folder: Path) -> None:
     cameras = ["# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]"]
     images = ["# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME", "# POINTS2D[] as (X, Y, POINT3D_ID)"]
     for key, camera in enumerate(rig, 1):
-        with naming(folder):
-            model, parameters = camera_model(camera)
+        model, parameters = camera_model(camera)
         cameras.append(" ".join([str(key), model, str(camera.width), str(camera.height), *map(repr, parameters)]))
         pose = [*matrices_to_quats(camera.rotation).tolist(), *camera.translation.tolist()]
         images += [" ".join([str(key), *map(repr, pose), str(key), f"{camera.name}.png"]), ""]

@@ -101,7 +101,7 @@ def read_csv(path: Path, columns: Sequence[str], optional: Collection[str] = ())
     if missing:
         problem = f"the column '{missing[0]}' is missing; the columns are {', '.join(heads)}"
         fix = "Export the cameras again."
-        raise StudioError("camera_file.missing_column", problem, file=path, value=heads, fix=fix, key=missing[0])
+        raise StudioError("camera_file.missing_column", problem, value=heads, fix=fix, key=missing[0])
     rows = []
     body = [line for line in lines[first + 1 :] if not line.startswith("#")]
     for count, cells in enumerate(csv.reader(body, delimiter=separator, skipinitialspace=True), 1):
@@ -110,7 +110,7 @@ def read_csv(path: Path, columns: Sequence[str], optional: Collection[str] = ())
             problem = f"row {count} ('{cells[0]}') has {len(cells)} values, expected {len(heads)}"
             fix = "The file may be truncated: export the cameras again."
             raise StudioError(
-                "camera_file.truncated", problem, file=path, value=len(cells), fix=fix, row=count, expected=len(heads)
+                "camera_file.truncated", problem, value=len(cells), fix=fix, row=count, expected=len(heads)
             )
         if separator != ",":
             cells = [_DECIMAL_COMMA.sub(r"\1.\2", cell) for cell in cells]
@@ -118,15 +118,15 @@ def read_csv(path: Path, columns: Sequence[str], optional: Collection[str] = ())
         if not row[columns[0]]:
             problem = f"row {count} has no '{columns[0]}'"
             fix = "Export the cameras again."
-            raise StudioError("camera_file.empty_cell", problem, file=path, fix=fix, row=count, key=columns[0])
+            raise StudioError("camera_file.empty_cell", problem, fix=fix, row=count, key=columns[0])
         rows.append(row)
     if not rows:
-        raise no_cameras("no cameras in the file", path)
+        raise no_cameras("no cameras in the file")
     for head in heads:
         if head not in {*columns, *optional} and any(row[head].strip("+-0.") for row in rows):
             problem = f"the column '{head or '(without a name)'}' is not known and may change how the cameras project"
             fix = "Delete the column if it does not belong to the lens."
-            raise StudioError("camera_file.unknown_column", problem, file=path, value=head, fix=fix, key=head)
+            raise StudioError("camera_file.unknown_column", problem, value=head, fix=fix, key=head)
     return rows
 
 

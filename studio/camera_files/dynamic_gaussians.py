@@ -34,9 +34,8 @@ def read_meta(path: Path) -> Rig:
     files = [path.parent / name for name in names] if path.name in (TRAIN, TEST) else [path]
     rigs = [_cameras(file) for file in files]
     test = [camera.name for file, rig in zip(files, rigs, strict=True) if file.name == TEST for camera in rig]
-    with naming(path):
-        cameras = tuple(camera for rig in rigs for camera in rig)
-        return Rig(cameras, (NO_DISTORTION,), for_evaluation=tuple(test) if len(rigs) > 1 else ())
+    cameras = tuple(camera for rig in rigs for camera in rig)
+    return Rig(cameras, (NO_DISTORTION,), for_evaluation=tuple(test) if len(rigs) > 1 else ())
 
 
 def _cameras(path: Path) -> Rig:
@@ -63,9 +62,9 @@ def _cameras(path: Path) -> Rig:
         for files, Ks, poses in zip(lists["fn"], lists["k"], lists["w2c"], strict=True):
             for file, K, pose in zip(files, Ks, poses, strict=True):
                 _add(found, file, {"k": K, "w2c": pose})
-    size: JsonObject = {key: values[key] for key in ("w", "h") if key in values}
-    rig = keyed_rig(path, [(name, {**entry, **size}) for name, entry in found.items()], KeyedForm(corner=True))
-    return replace(rig, notes=())
+        size: JsonObject = {key: values[key] for key in ("w", "h") if key in values}
+        entries = [(name, {**entry, **size}) for name, entry in found.items()]
+        return replace(keyed_rig(path.parent, entries, KeyedForm(corner=True)), notes=())
 
 
 def _add(found: dict[str, JsonObject], file: Any, entry: JsonObject) -> None:

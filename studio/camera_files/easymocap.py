@@ -12,9 +12,9 @@ import numpy as np
 
 from studio.camera_files.common import need_both, no_cameras, write_atomic
 from studio.camera_files.keyed import KeyedForm, keyed_rig, normal_key
-from studio.camera_files.nearby import size_nearby
 from studio.camera_files.opencv_storage import read_storage
 from studio.cameras import Rig
+from studio.errors import naming
 from studio.json_types import JsonObject
 
 INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"
@@ -34,8 +34,8 @@ def read_easymocap(folder: Path) -> Rig:
         owners = [camera for camera in cameras if key.endswith(f"_{camera[0]}")]
         if owners:  # of the cameras 1 and left_1, K_left_1 belongs to the second
             max(owners, key=lambda camera: len(camera[0]))[1][key] = value
-    form = KeyedForm(harmless=("view",), spelling=_spelling, size_of=lambda name: size_nearby(folder, name, name))
-    return keyed_rig(folder, cameras, form)
+    with naming(folder):
+        return keyed_rig(folder, cameras, KeyedForm(harmless=("view",), spelling=_spelling))
 
 
 def _spelling(key: str, camera: str) -> str:

@@ -20,7 +20,7 @@ import numpy as np
 from studio.camera_files.common import camera_names, matrix, no_cameras, rigid_inverse
 from studio.camera_files.keyed import KeyedForm, ignored_in_file, is_camera, keyed_rig
 from studio.cameras import Rig
-from studio.errors import StudioError, naming
+from studio.errors import StudioError
 from studio.json_types import JsonObject
 from studio.validation import array, missing_key, number, whole
 
@@ -28,104 +28,98 @@ _PANOPTIC = KeyedForm(unit=0.01, harmless=("calibDataSource",))
 _CORNER = "Principal points are taken relative to the image corner."
 
 
-def rig_from_json(path: Path, values: Any) -> Rig | None:
+def rig_from_json(folder: Path, values: Any) -> Rig | None:
     """A rig from the JSON value in the file; None if it is in none of these forms."""
     if isinstance(values, list):
-        return (
-            _of_3dgs(path, values) if values and all("img_name" in _object(path, entry) for entry in values) else None
-        )
+        return _of_3dgs(folder, values) if values and all("img_name" in _object(entry) for entry in values) else None
     cameras = values.get("cameras")
     if isinstance(cameras, list):
-        return _of_list(path, values, cameras)
+        return _of_list(folder, values, cameras)
     if isinstance(cameras, dict):
-        return _of_multical(path, values, cameras)
+        return _of_multical(folder, values, cameras)
     if values and any(map(is_camera, values.values())) and all(isinstance(entry, dict) for entry in values.values()):
-        return keyed_rig(path, list(values.items()))
+        return keyed_rig(folder, list(values.items()))
     return None
 
 
-def _object(path: Path, entry: Any) -> JsonObject:
+def _object(entry: Any) -> JsonObject:
     if not isinstance(entry, dict):
         problem = f"an entry of the list of cameras is {type(entry).__name__}, not an object"
-        raise StudioError("camera_file.not_an_object", problem, file=path, value=entry, fix="Export the cameras again.")
+        raise StudioError("camera_file.not_an_object", problem, value=entry, fix="Export the cameras again.")
     return entry
 
 
-def _of_list(path: Path, values: JsonObject, cameras: list[Any]) -> Rig:
+def _of_list(folder: Path, values: JsonObject, cameras: list[Any]) -> Rig:
     if not cameras:
-        raise no_cameras("the list 'cameras' is empty", path)
+        raise no_cameras("the list 'cameras' is empty")
     entries = []
-    with naming(path):
-        ignored = ignored_in_file(values, ("cameras", "format", "version", "left_out", "calibDataSource"))
-    for index, entry in enumerate(_object(path, camera) for camera in cameras):
+    ignored = ignored_in_file(values, ("cameras", "format", "version", "left_out", "calibDataSource"))
+    for index, entry in enumerate(_object(camera) for camera in cameras):
         if "name" not in entry:
-            with naming(path):
-                raise missing_key("name", f"number {index}")
+            raise missing_key("name", f"number {index}")
         entries.append((str(entry["name"]), entry))
     if "calibDataSource" in values or all("panel" in entry and "node" in entry for _, entry in entries):
-        rig = keyed_rig(path, entries, _PANOPTIC)
+        rig = keyed_rig(folder, entries, _PANOPTIC)
         return replace(rig, notes=(*rig.notes, *ignored, "CMU Panoptic: centimeters are converted to meters."))
-    rig = keyed_rig(path, entries, KeyedForm(corner=True))
+    rig = keyed_rig(folder, entries, KeyedForm(corner=True))
     if "format" not in values:
         return replace(rig, notes=(*rig.notes, *ignored, _CORNER))
     left_out = values.get("left_out", [])
     if not isinstance(left_out, list):
         raise StudioError(
-            "camera_file.not_a_list", "'left_out' must be a list of names", file=path, value=left_out,
+            "camera_file.not_a_list", "'left_out' must be a list of names", value=left_out,
             fix="Calibrate again.",
         )  # fmt: skip
     return replace(rig, left_out=(*rig.left_out, *map(str, left_out)))
 
 
-def _of_multical(path: Path, values: JsonObject, cameras: JsonObject) -> Rig:
+def _of_multical(folder: Path, values: JsonObject, cameras: JsonObject) -> Rig:
     poses = values.get("camera_poses", values.get("extrinsics"))
-    with naming(path):
-        if not isinstance(poses, dict):
-            raise missing_key("camera_poses", next(iter(cameras), "?"))
-        found: dict[str, np.ndarray] = {}
-        relative: dict[str, tuple[str, np.ndarray]] = {}
-        for key, entry in poses.items():
-            pose = np.eye(4)
-            pose[:3, :3] = matrix(_object(path, entry).get("R"), (3,), 3, "R", key)
-            pose[:3, 3] = array(entry.get("T"), "T", key).reshape(-1)[:3]
-            name, _, base = ("", "", "") if key in cameras else key.rpartition("_to_")
-            base = str(entry.get("parent") or base)
-            if base and base not in cameras:
-                problem = f"the pose '{key}' is relative to '{base}', which is not one of the cameras"
-                fix = "Export the cameras again."
-                raise StudioError("camera.unknown", problem, value=base, fix=fix, camera=name or key)
-            if base:
-                relative[name or key] = (base, pose)
-            else:
-                found[key] = pose
-        for _ in relative:  # each pass places the cameras whose base is placed
-            for name, (base, pose) in relative.items():
-                if base in found:
-                    found[name] = pose @ found[base]
-        entries = []
-        for name, entry in cameras.items():
-            placed = {"world_to_camera": found[name].tolist()} if name in found else {}
-            entries.append((name, {**_object(path, entry), **placed}))
-    return keyed_rig(path, entries)
+    if not isinstance(poses, dict):
+        raise missing_key("camera_poses", next(iter(cameras), "?"))
+    found: dict[str, np.ndarray] = {}
+    relative: dict[str, tuple[str, np.ndarray]] = {}
+    for key, entry in poses.items():
+        pose = np.eye(4)
+        pose[:3, :3] = matrix(_object(entry).get("R"), (3,), 3, "R", key)
+        pose[:3, 3] = array(entry.get("T"), "T", key).reshape(-1)[:3]
+        name, _, base = ("", "", "") if key in cameras else key.rpartition("_to_")
+        base = str(entry.get("parent") or base)
+        if base and base not in cameras:
+            problem = f"the pose '{key}' is relative to '{base}', which is not one of the cameras"
+            fix = "Export the cameras again."
+            raise StudioError("camera.unknown", problem, value=base, fix=fix, camera=name or key)
+        if base:
+            relative[name or key] = (base, pose)
+        else:
+            found[key] = pose
+    for _ in relative:  # each pass places the cameras whose base is placed
+        for name, (base, pose) in relative.items():
+            if base in found:
+                found[name] = pose @ found[base]
+    entries = []
+    for name, entry in cameras.items():
+        placed = {"world_to_camera": found[name].tolist()} if name in found else {}
+        entries.append((name, {**_object(entry), **placed}))
+    return keyed_rig(folder, entries)
 
 
-def _of_3dgs(path: Path, entries: list[JsonObject]) -> Rig:
+def _of_3dgs(folder: Path, entries: list[JsonObject]) -> Rig:
     """3DGS's own list; values that it does not write are known or rejected as in other files."""
     notes = ["3DGS's cameras.json has no lens distortion: the images are taken as undistorted."]
-    with naming(path):
-        converted = []
-        for name, entry in zip(camera_names([str(entry["img_name"]) for entry in entries]), entries, strict=True):
-            for key in ("position", "rotation"):
-                if key not in entry:
-                    raise missing_key(key, name)
-            turn = matrix(entry["rotation"], (3,), 3, "rotation", name)
-            pose = np.column_stack([turn, array(entry["position"], "position", name).reshape(3)])
-            middle = {"cx": whole(entry, "width", name) / 2, "cy": whole(entry, "height", name) / 2}
-            for key in middle:
-                middle[key] = number(entry, key, name, middle[key])
-            rest = {key: value for key, value in entry.items() if key not in ("position", "rotation", "img_name")}
-            converted.append((name, {**rest, **middle, "world_to_camera": rigid_inverse(pose).tolist()}))
+    converted = []
+    for name, entry in zip(camera_names([str(entry["img_name"]) for entry in entries]), entries, strict=True):
+        for key in ("position", "rotation"):
+            if key not in entry:
+                raise missing_key(key, name)
+        turn = matrix(entry["rotation"], (3,), 3, "rotation", name)
+        pose = np.column_stack([turn, array(entry["position"], "position", name).reshape(3)])
+        middle = {"cx": whole(entry, "width", name) / 2, "cy": whole(entry, "height", name) / 2}
+        for key in middle:
+            middle[key] = number(entry, key, name, middle[key])
+        rest = {key: value for key, value in entry.items() if key not in ("position", "rotation", "img_name")}
+        converted.append((name, {**rest, **middle, "world_to_camera": rigid_inverse(pose).tolist()}))
     if not any("cx" in entry for entry in entries):
         notes.append("3DGS's cameras.json has no principal points: they are taken to be the image centers.")
-    rig = keyed_rig(path, converted, KeyedForm(corner=True))
+    rig = keyed_rig(folder, converted, KeyedForm(corner=True))
     return replace(rig, notes=(*notes, *rig.notes[1:]))

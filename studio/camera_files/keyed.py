@@ -17,7 +17,7 @@ from studio.camera_files.common import check_pose, fisheye, no_cameras, rigid_in
 from studio.camera_files.nearby import size_nearby
 from studio.cameras import Camera, Rig, duplicate_name
 from studio.counts import cameras_listed, listed
-from studio.errors import StudioError, naming
+from studio.errors import StudioError
 from studio.validation import array, camera_error, check_finite, missing_key, number, whole
 
 KEYS = {
@@ -146,25 +146,24 @@ def is_camera(values: object) -> bool:
     return isinstance(values, Mapping) and bool(wanted & {normal_key(str(key)) for key in values})
 
 
-def keyed_rig(path: Path, entries: Sequence[tuple[str, Mapping[str, Any]]], form: KeyedForm = KeyedForm()) -> Rig:
-    """A rig from (name, values) of its cameras; `path` is for errors and for footage next to it. Cameras that have
+def keyed_rig(folder: Path, entries: Sequence[tuple[str, Mapping[str, Any]]], form: KeyedForm = KeyedForm()) -> Rig:
+    """A rig from (name, values) of its cameras; `folder` is that of the file, for footage next to it. Cameras that have
     intrinsics but no pose are in its `left_out`."""
-    with naming(path):
-        found = Found()
-        names = [name for name, _ in entries]
-        for name in names:
-            if names.count(name) > 1:
-                raise duplicate_name(name)
-        cameras = [(name, _camera(path, name, values, form, found)) for name, values in entries]
-        without = [name for name, camera in cameras if camera is None]
-        if len(without) == len(cameras):
-            raise no_cameras("no camera has a pose (rotation and translation)")
-        if found.bent and found.straight:
-            raise missing_key("distortion", found.straight[0])
-        return Rig(tuple(camera for _, camera in cameras if camera is not None), found.notes, tuple(without))
+    found = Found()
+    names = [name for name, _ in entries]
+    for name in names:
+        if names.count(name) > 1:
+            raise duplicate_name(name)
+    cameras = [(name, _camera(folder, name, values, form, found)) for name, values in entries]
+    without = [name for name, camera in cameras if camera is None]
+    if len(without) == len(cameras):
+        raise no_cameras("no camera has a pose (rotation and translation)")
+    if found.bent and found.straight:
+        raise missing_key("distortion", found.straight[0])
+    return Rig(tuple(camera for _, camera in cameras if camera is not None), found.notes, tuple(without))
 
 
-def _camera(path: Path, name: str, values: Mapping[str, Any], form: KeyedForm, found: Found) -> Camera | None:
+def _camera(folder: Path, name: str, values: Mapping[str, Any], form: KeyedForm, found: Found) -> Camera | None:
     given = _known(name, values, form, found)
     _check_model(name, given)
     pose = _pose(name, given, form.unit)
@@ -174,7 +173,7 @@ def _camera(path: Path, name: str, values: Mapping[str, Any], form: KeyedForm, f
     if not form.corner:
         K[:2, 2] += 0.5
     distortion = _distortion(name, given)
-    width, height = _size(name, given) or (form.size_of(name) if form.size_of else size_nearby(path.parent, name, name))
+    width, height = _size(name, given) or (form.size_of(name) if form.size_of else size_nearby(folder, name, name))
     (found.straight if distortion is None else found.bent).append(name)
     coefficients = np.zeros(0) if distortion is None or not distortion.any() else distortion
     return Camera(name, width, height, K, pose, coefficients)

@@ -11,7 +11,6 @@ it, OpenCV's rational model is fitted.
 """
 
 from collections.abc import Mapping
-from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -20,7 +19,7 @@ from studio.camera_files.common import camera_names, check_pose, rigid_inverse, 
 from studio.camera_files.lens_fit import fit_rational
 from studio.cameras import Camera, Rig, focal_length_error
 from studio.counts import cameras_listed
-from studio.errors import StudioError, naming
+from studio.errors import StudioError
 from studio.validation import array, camera_error, check_finite, missing_key
 
 Element = ElementTree.Element
@@ -31,53 +30,52 @@ _TERMS = frozenset({
 })  # fmt: skip
 
 
-def rig_from_metashape(path: Path, root: Element) -> Rig:
+def rig_from_metashape(root: Element) -> Rig:
     """A rig from the root element <document> or <chunk>."""
-    with naming(path):
-        chunk = root if root.tag == "chunk" else root.find("chunk")
-        if chunk is None:
-            fix = "Export the cameras from Metashape again: File, Export, Export Cameras, XML."
-            raise StudioError("camera_file.no_cameras", "no <chunk> in the document", fix=fix)
-        sensors = {sensor.get("id"): sensor for sensor in chunk.iter("sensor")}
-        worlds = {part.get("id"): part.find("transform") for part in chunk.iter("component")}
-        by_id = {camera.get("id"): camera for camera in chunk.iter("camera")}
-        poses = {key: _in_chunk(camera, by_id, sensors) for key, camera in by_id.items()}
-        enabled = {key for key, camera in by_id.items() if camera.get("enabled") not in ("false", "0")}
-        used = {key for key, pose in poses.items() if pose is not None and key in enabled}
-        if not used:
-            problem = "no aligned and enabled cameras, that is, no <camera> with a <transform>"
-            fix = "Align the photos in Metashape, then export again."
-            raise StudioError("camera_file.no_cameras", problem, fix=fix)
-        labels = []
-        for index, camera in enumerate(by_id.values()):
-            label = camera.get("label")
-            if not label:
-                raise missing_key("label", f"number {index + 1}")
-            labels.append(label)
-        names = camera_names(labels)
-        own = chunk.find("transform")
-        cameras: list[Camera] = []
-        left_out: list[str] = []
-        for name, (key, entry) in zip(names, by_id.items(), strict=True):
-            pose = poses[key]
-            if pose is None or key not in used:
-                left_out.append(name)
-                continue
-            sensor = sensors.get(entry.get("sensor_id"))
-            if sensor is None:
-                problem = f"its sensor '{entry.get('sensor_id')}' was not found in the file"
-                raise camera_error("camera.unknown_sensor", name, problem, value=entry.get("sensor_id"))
-            world = worlds.get(entry.get("component_id"))
-            cameras.append(_camera(name, pose, sensor, world if world is not None else own))
-        slaves = [name for name, entry in zip(names, by_id.values(), strict=True) if entry.find("transform") is None]
-        placed = [name for name in slaves if name not in left_out]
-        apart = any(_has_text(sensor, "location") for sensor in sensors.values())
-        scales = [_world(part, "")[2] for part in (*worlds.values(), own)] if apart else []
-        chunks = [part.get("label") or "?" for part in root.iter("chunk")]
-        notes = _offset_notes(placed, scales)
-        if len(chunks) > 1:
-            notes = (*notes, f"The file has {len(chunks)} chunks; the first is used, '{chunks[0]}'.")
-        return Rig(tuple(cameras), notes, tuple(left_out))
+    chunk = root if root.tag == "chunk" else root.find("chunk")
+    if chunk is None:
+        fix = "Export the cameras from Metashape again: File, Export, Export Cameras, XML."
+        raise StudioError("camera_file.no_cameras", "no <chunk> in the document", fix=fix)
+    sensors = {sensor.get("id"): sensor for sensor in chunk.iter("sensor")}
+    worlds = {part.get("id"): part.find("transform") for part in chunk.iter("component")}
+    by_id = {camera.get("id"): camera for camera in chunk.iter("camera")}
+    poses = {key: _in_chunk(camera, by_id, sensors) for key, camera in by_id.items()}
+    enabled = {key for key, camera in by_id.items() if camera.get("enabled") not in ("false", "0")}
+    used = {key for key, pose in poses.items() if pose is not None and key in enabled}
+    if not used:
+        problem = "no aligned and enabled cameras, that is, no <camera> with a <transform>"
+        fix = "Align the photos in Metashape, then export again."
+        raise StudioError("camera_file.no_cameras", problem, fix=fix)
+    labels = []
+    for index, camera in enumerate(by_id.values()):
+        label = camera.get("label")
+        if not label:
+            raise missing_key("label", f"number {index + 1}")
+        labels.append(label)
+    names = camera_names(labels)
+    own = chunk.find("transform")
+    cameras: list[Camera] = []
+    left_out: list[str] = []
+    for name, (key, entry) in zip(names, by_id.items(), strict=True):
+        pose = poses[key]
+        if pose is None or key not in used:
+            left_out.append(name)
+            continue
+        sensor = sensors.get(entry.get("sensor_id"))
+        if sensor is None:
+            problem = f"its sensor '{entry.get('sensor_id')}' was not found in the file"
+            raise camera_error("camera.unknown_sensor", name, problem, value=entry.get("sensor_id"))
+        world = worlds.get(entry.get("component_id"))
+        cameras.append(_camera(name, pose, sensor, world if world is not None else own))
+    slaves = [name for name, entry in zip(names, by_id.values(), strict=True) if entry.find("transform") is None]
+    placed = [name for name in slaves if name not in left_out]
+    apart = any(_has_text(sensor, "location") for sensor in sensors.values())
+    scales = [_world(part, "")[2] for part in (*worlds.values(), own)] if apart else []
+    chunks = [part.get("label") or "?" for part in root.iter("chunk")]
+    notes = _offset_notes(placed, scales)
+    if len(chunks) > 1:
+        notes = (*notes, f"The file has {len(chunks)} chunks; the first is used, '{chunks[0]}'.")
+    return Rig(tuple(cameras), notes, tuple(left_out))
 
 
 def _offset_notes(placed: list[str], scales: list[float]) -> tuple[str, ...]:

@@ -5,9 +5,10 @@ of depths, which is not used. The principal point is relative to the image corne
 """
 
 import re
+from contextlib import suppress
 from pathlib import Path
 
-from studio.camera_files.common import no_cameras, read_text
+from studio.camera_files.common import read_text
 from studio.camera_files.keyed import NO_DISTORTION
 from studio.camera_files.nearby import size_nearby
 from studio.cameras import Camera, Rig
@@ -19,11 +20,7 @@ SUFFIX = "_cam.txt"
 
 def read_mvsnet(folder: Path) -> Rig:
     """Read all files of a folder; image sizes come from the footage around it."""
-    files = sorted(folder.glob(f"*{SUFFIX}"))
-    if not files:
-        raise no_cameras(f"no file *{SUFFIX} in the folder", folder)
-    with naming(folder):
-        return Rig(tuple(_camera(file) for file in files), (NO_DISTORTION,))
+    return Rig(tuple(map(_camera, sorted(folder.glob(f"*{SUFFIX}")))), (NO_DISTORTION,))
 
 
 def _camera(path: Path) -> Camera:
@@ -41,22 +38,14 @@ def _camera(path: Path) -> Camera:
             matrices.append(value)
         root = path.parent.parent
         number = re.findall(r"\d+", name)
-        stems = (
-            [name, *(f"cam_{int(number[-1])}", f"cam{int(number[-1])}", f"cam{int(number[-1]):02d}")]
-            if number
-            else [name]
-        )
-        size = _size(root, stems, name)
+        stems = [f"cam_{int(number[-1])}", f"cam{int(number[-1])}", f"cam{int(number[-1]):02d}"] if number else []
+        size = _size(root, [name, *stems], name)
         return Camera(name, *size, matrices[1].reshape(3, 3), matrices[0].reshape(4, 4))
 
 
 def _size(root: Path, stems: list[str], name: str) -> tuple[int, int]:
-    problem: StudioError | None = None
     for stem in stems:
         for folder, inner in ((root, stem), (root / "per_view" / stem, "images")):
-            try:
+            with suppress(StudioError):
                 return size_nearby(folder, inner, name)
-            except StudioError as error:
-                problem = problem or error
-    assert problem is not None
-    raise problem
+    return size_nearby(root, name, name)  # the error is that of the first place

@@ -18,7 +18,7 @@ from studio.camera_files.nearby import size_nearby, size_within
 from studio.cameras import Rig
 from studio.capture.patterns import find_files
 from studio.counts import cameras_listed
-from studio.errors import StudioError
+from studio.errors import StudioError, naming
 from studio.json_types import JsonObject
 
 EXTENSIONS = frozenset({".xml", ".yml", ".yaml"})
@@ -38,26 +38,27 @@ def read_storage(path: Path) -> JsonObject:
         problem = f"OpenCV cannot parse the file ({reason})"
         fix = "The file may be truncated: export the cameras again."
         raise StudioError("camera_file.syntax", problem, file=path, fix=fix) from None
-    return {key: _value(root.getNode(key), key, path) for key in keys}
+    with naming(path):
+        return {key: _value(root.getNode(key), key) for key in keys}
 
 
-def _value(node: Any, key: str, path: Path) -> Any:
+def _value(node: Any, key: str) -> Any:
     import cv2
 
     if node.isMap():
         keys = set(node.keys())
         if not {"rows", "cols", "sizes"} & keys:
-            return {inner: _value(node.getNode(inner), inner, path) for inner in keys}
+            return {inner: _value(node.getNode(inner), inner) for inner in keys}
         try:
             matrix = node.mat()
         except cv2.error:
             matrix = None
         if matrix is None:
             problem, fix = f"'{key}' is not a complete matrix", "Export the cameras again."
-            raise StudioError("camera.not_a_matrix", problem, file=path, fix=fix, key=key)
+            raise StudioError("camera.not_a_matrix", problem, fix=fix, key=key)
         return np.asarray(matrix, np.float64).tolist()
     if node.isSeq():
-        return [_value(node.at(index), key, path) for index in range(node.size())]
+        return [_value(node.at(index), key) for index in range(node.size())]
     if node.isInt() or node.isReal():
         value = node.real()
         return int(value) if node.isInt() else value
@@ -71,10 +72,10 @@ def read_opencv_cameras(root: Path, pattern: str) -> Rig:
         raise no_cameras(f"no file matches '{pattern}'", root)
     folders = {match.camera: match.path.parent for match in matches}
     form = KeyedForm(size_of=lambda name: size_within(folders[name], name) or size_nearby(root, name, name))
-    return keyed_rig(root / pattern, [(match.camera, read_storage(match.path)) for match in matches], form)
+    return keyed_rig(root, [(match.camera, read_storage(match.path)) for match in matches], form)
 
 
-def rig_from_mc_calib(path: Path, values: JsonObject) -> Rig:
+def rig_from_mc_calib(folder: Path, values: JsonObject) -> Rig:
     """A rig from MC-Calib's calibrated_cameras_data.yml: `camera_<number>` with `camera_pose_matrix`, camera to world.
 
     Cameras of different groups have no common world, so the largest group is used.
@@ -84,10 +85,10 @@ def rig_from_mc_calib(path: Path, values: JsonObject) -> Rig:
         if key.startswith("camera_") and isinstance(entry, dict):
             groups[entry.get("camera_group")].append((key, _of_mc_calib(entry)))
     if not groups:
-        raise no_cameras("no cameras in the file (camera_0, camera_1, ...)", path)
+        raise no_cameras("no cameras in the file (camera_0, camera_1, ...)")
     used = max(groups.values(), key=len)
     others = [name for group in groups.values() if group is not used for name, _ in group]
-    rig = keyed_rig(path, used, KeyedForm(harmless=("camera_group",)))
+    rig = keyed_rig(folder, used, KeyedForm(harmless=("camera_group",)))
     note = f"Left out, since MC-Calib connects only the others: {cameras_listed(others)}."
     return replace(rig, notes=(*rig.notes, note), left_out=(*rig.left_out, *others)) if others else rig
 

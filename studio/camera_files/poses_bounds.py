@@ -13,7 +13,7 @@ from studio.camera_files.common import rigid_inverse
 from studio.camera_files.keyed import NO_DISTORTION
 from studio.cameras import Camera, Rig
 from studio.capture.patterns import IMAGE_EXTENSIONS, VIDEO_EXTENSIONS
-from studio.errors import StudioError, naming
+from studio.errors import StudioError
 from studio.validation import check_finite
 
 NAME = "poses_bounds.npy"
@@ -25,23 +25,22 @@ def read_poses_bounds(path: Path) -> Rig:
     try:
         rows = np.load(path, allow_pickle=False)
     except (OSError, ValueError, EOFError) as error:
-        raise _invalid(path, f"not a NumPy array ({error})") from None
+        raise _invalid(f"not a NumPy array ({error})") from None
     if rows.ndim != 2 or rows.shape[1] != 17 or rows.dtype.kind not in "fiu" or not len(rows):
-        raise _invalid(path, f"the array is {'x'.join(map(str, rows.shape))} of {rows.dtype}, expected Nx17 numbers")
+        raise _invalid(f"the array is {'x'.join(map(str, rows.shape))} of {rows.dtype}, expected Nx17 numbers")
     names = _names(path.parent, len(rows))
     cameras = []
-    with naming(path):
-        for name, row in zip(names, rows.astype(np.float64), strict=True):
-            check_finite(row, "row", name)
-            matrix = row[:15].reshape(3, 5)
-            down, right, back, center = matrix[:, :4].T
-            pose = np.column_stack([right, down, -back, center])
-            height, width, focal = matrix[:, 4]
-            K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
-            cameras.append(Camera(name, round(width), round(height), K, rigid_inverse(pose)))
-        order = f"The rows of {NAME} are taken in the order of the names: {', '.join(names[:3])}, ..."
-        middle = "It has no principal points: they are taken to be the image centers."
-        return Rig(tuple(cameras), (NO_DISTORTION, middle, order))
+    for name, row in zip(names, rows.astype(np.float64), strict=True):
+        check_finite(row, "row", name)
+        matrix = row[:15].reshape(3, 5)
+        down, right, back, center = matrix[:, :4].T
+        pose = np.column_stack([right, down, -back, center])
+        height, width, focal = matrix[:, 4]
+        K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
+        cameras.append(Camera(name, round(width), round(height), K, rigid_inverse(pose)))
+    order = f"The rows of {NAME} are taken in the order of the names: {', '.join(names[:3])}, ..."
+    middle = "It has no principal points: they are taken to be the image centers."
+    return Rig(tuple(cameras), (NO_DISTORTION, middle, order))
 
 
 def _names(folder: Path, count: int) -> list[str]:
@@ -65,10 +64,8 @@ def _names(folder: Path, count: int) -> list[str]:
         "The rows belong to the videos in the order of their names: put back missing videos, or set capture.rig "
         "to null to calibrate from the footage."
     )
-    raise StudioError(
-        "camera_file.camera_count", problem, file=folder / NAME, value=count, fix=fix, setting="capture.rig"
-    )
+    raise StudioError("camera_file.camera_count", problem, value=count, fix=fix, setting="capture.rig")
 
 
-def _invalid(path: Path, problem: str) -> StudioError:
-    return StudioError("camera_file.syntax", problem, file=path, fix="Copy the file again.")
+def _invalid(problem: str) -> StudioError:
+    return StudioError("camera_file.syntax", problem, fix="Copy the file again.")

@@ -10,7 +10,6 @@ Derived from files written by the program and by Pose2Sim:
 - Cameras that only track markers are skipped if the file contains video cameras.
 """
 
-from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -18,7 +17,6 @@ import numpy as np
 from studio.camera_files.common import no_cameras
 from studio.camera_files.keyed import Found
 from studio.cameras import OPENGL_AXES, Camera, Rig
-from studio.errors import naming
 from studio.validation import missing_key, number
 
 _SUBPIXELS = 64.0
@@ -35,16 +33,15 @@ _INTRINSICS = {
 }  # fmt: skip
 
 
-def rig_from_qualisys(path: Path, root: ElementTree.Element) -> Rig:
+def rig_from_qualisys(root: ElementTree.Element) -> Rig:
     """A rig in meters from the root element <calibration>."""
-    with naming(path):
-        entries = [entry for entry in root.findall("cameras/camera") if entry.get("active", "1") != "0"]
-        video = [entry for entry in entries if _records_video(entry)]
-        if not entries:
-            raise no_cameras("no active cameras (calibration/cameras/camera)")
-        found = Found()
-        cameras = tuple(_camera(entry, index, found) for index, entry in enumerate(video or entries))
-        return Rig(cameras, found.notes)
+    entries = [entry for entry in root.findall("cameras/camera") if entry.get("active", "1") != "0"]
+    video = [entry for entry in entries if _records_video(entry)]
+    if not entries:
+        raise no_cameras("no active cameras (calibration/cameras/camera)")
+    found = Found()
+    cameras = tuple(_camera(entry, index, found) for index, entry in enumerate(video or entries))
+    return Rig(cameras, found.notes)
 
 
 def _records_video(entry: ElementTree.Element) -> bool:

@@ -17,7 +17,7 @@ from studio.camera_files.lens_fit import fit_rational
 from studio.camera_files.nearby import size_nearby
 from studio.cameras import OPENGL_AXES, Camera, Rig, focal_length_error
 from studio.counts import cameras_listed
-from studio.errors import StudioError, naming
+from studio.errors import StudioError
 from studio.validation import camera_error, number
 
 COLUMNS = ("name", "x", "y", "alt", "heading", "pitch", "roll", "f")
@@ -27,23 +27,22 @@ _LENS = ("px", "py", "k1", "k2", "k3", "k4", "t1", "t2")
 def read_realityscan(path: Path) -> Rig:
     """Read the CSV; image sizes come from the images next to it."""
     rows = read_csv(path, COLUMNS, _LENS)
-    with naming(path):
-        cameras, missing = [], []
-        for name, row in zip(camera_names([row["name"] for row in rows]), rows, strict=True):
-            try:
-                size = size_nearby(path.parent, row["name"], name)
-            except StudioError as error:
-                if error.code != "camera.size_unknown":
-                    raise
-                missing.append((name, error))
-                continue
-            cameras.append(_camera(name, row, size))
-        if not cameras:
-            raise missing[0][1]
-        left_out = cameras_listed([name for name, _ in missing])
-        notes = (f"Left out, since there are no images to give the size of {left_out}.",) if missing else ()
-        bent = any(row.get(key, "").strip("+-0.") for row in rows for key in _LENS[2:])
-        return Rig(tuple(cameras), notes if bent else (NO_DISTORTION, *notes))
+    cameras, missing = [], []
+    for name, row in zip(camera_names([row["name"] for row in rows]), rows, strict=True):
+        try:
+            size = size_nearby(path.parent, row["name"], name)
+        except StudioError as error:
+            if error.code != "camera.size_unknown":
+                raise
+            missing.append((name, error))
+            continue
+        cameras.append(_camera(name, row, size))
+    if not cameras:
+        raise missing[0][1]
+    left_out = cameras_listed([name for name, _ in missing])
+    notes = (f"Left out, since there are no images to give the size of {left_out}.",) if missing else ()
+    bent = any(row.get(key, "").strip("+-0.") for row in rows for key in _LENS[2:])
+    return Rig(tuple(cameras), notes if bent else (NO_DISTORTION, *notes))
 
 
 def _camera(name: str, row: dict[str, str], size: tuple[int, int]) -> Camera:

@@ -24,17 +24,17 @@ POSES, INTRINSICS = "CamPose.inf", "Intrinsic.inf"
 def read_rerf(folder: Path) -> Rig:
     """Read both files of a folder; image sizes come from the footage in image/."""
     need_both(folder, (POSES, INTRINSICS), "ReRF")
-    poses, intrinsics = _poses(folder / POSES), _intrinsics(folder / INTRINSICS)
-    if len(poses) != len(intrinsics):
-        problem = f"the file contains {counted(len(intrinsics), 'camera')}, but {POSES} contains {len(poses)}"
-        value = len(intrinsics)
-        fix = "Copy both files again."
-        raise StudioError(
-            "camera_file.camera_count", problem, file=folder / INTRINSICS, value=value, fix=fix, expected=len(poses)
-        )
+    with naming(folder / POSES):
+        poses = _poses(folder / POSES)
+    with naming(folder / INTRINSICS):
+        intrinsics = _intrinsics(folder / INTRINSICS)
+        if len(poses) != len(intrinsics):
+            problem = f"the file contains {counted(len(intrinsics), 'camera')}, but {POSES} contains {len(poses)}"
+            fix = "Copy both files again."
+            raise StudioError("camera_file.camera_count", problem, value=len(intrinsics), fix=fix, expected=len(poses))
     cameras = []
-    for index, (pose, K) in enumerate(zip(poses, intrinsics, strict=True)):
-        with naming(folder / POSES):
+    with naming(folder / POSES):
+        for index, (pose, K) in enumerate(zip(poses, intrinsics, strict=True)):
             name, size = _footage(folder, index)
             cameras.append(Camera(name, *size, K, rigid_inverse(pose)))
     return Rig(tuple(cameras), (NO_DISTORTION,))
@@ -43,8 +43,7 @@ def read_rerf(folder: Path) -> Rig:
 def _rows(path: Path) -> list[tuple[int, list[float]]]:
     rows = []
     for number, line in enumerate(read_text(path).splitlines(), 1):
-        with naming(path):
-            values = array(line.split(), f"line {number}", "?").tolist()
+        values = array(line.split(), f"line {number}", "?").tolist()
         if values:
             rows.append((number, values))
     return rows
@@ -54,18 +53,17 @@ def _poses(path: Path) -> list[np.ndarray]:
     found: list[np.ndarray] = []
     for number, values in _rows(path):
         if len(values) != 12:
-            raise _truncated(path, number, len(values), 12)
-        with naming(path):
-            check_finite(np.array(values), f"line {number}", str(len(found)))
+            raise _truncated(number, len(values), 12)
+        check_finite(np.array(values), f"line {number}", str(len(found)))
         z, x, y, center = np.array(values).reshape(4, 3)
         found.append(np.column_stack([x, y, z, center]))
     return found
 
 
-def _truncated(path: Path, line: int, found: int, expected: int) -> StudioError:
+def _truncated(line: int, found: int, expected: int) -> StudioError:
     problem = f"found {found} numbers for the camera at line {line}, expected {expected}"
     fix = "The file may be truncated: copy it again."
-    return StudioError("camera_file.truncated", problem, file=path, value=found, fix=fix, line=line, expected=expected)
+    return StudioError("camera_file.truncated", problem, value=found, fix=fix, line=line, expected=expected)
 
 
 def _intrinsics(path: Path) -> list[np.ndarray]:
@@ -74,10 +72,9 @@ def _intrinsics(path: Path) -> list[np.ndarray]:
     for start in range(0, len(rows), 3):
         part = rows[start : start + 3]
         if len(part) < 3 or any(len(values) != 3 for _, values in part):
-            raise _truncated(path, part[0][0], sum(len(values) for _, values in part), 9)
+            raise _truncated(part[0][0], sum(len(values) for _, values in part), 9)
         K = np.array([values for _, values in part])
-        with naming(path):
-            check_finite(K, "K", str(len(found)))
+        check_finite(K, "K", str(len(found)))
         K[:2, 2] += 0.5
         found.append(K)
     return found

@@ -17,20 +17,16 @@ FORMAT = "v3studio-rig"
 VERSION = 1
 
 
-def check_format(path: Path, values: JsonObject) -> None:
+def check_format(values: JsonObject) -> None:
     """Check the format and version of a JSON object, if it has them."""
     if values.get("format", FORMAT) != FORMAT:
         problem = f"the format is {values['format']!r}, expected '{FORMAT}'"
         fix = "Specify a camera file."
-        raise StudioError(
-            "camera_file.wrong_format", problem, file=path, value=values["format"], fix=fix, expected=FORMAT
-        )
+        raise StudioError("camera_file.wrong_format", problem, value=values["format"], fix=fix, expected=FORMAT)
     if values.get("version", VERSION) != VERSION:
         problem = f"the format version is {values['version']}, expected {VERSION}"
         fix = "Update V3 Studio."
-        raise StudioError(
-            "camera_file.wrong_version", problem, file=path, value=values["version"], fix=fix, expected=VERSION
-        )
+        raise StudioError("camera_file.wrong_version", problem, value=values["version"], fix=fix, expected=VERSION)
 
 
 def write_rig_json(rig: Rig, path: Path) -> None:

@@ -29,16 +29,16 @@ def read_toml(path: Path) -> Rig:
     except TextError as error:
         problem = f"invalid TOML ({str(error)[:1].lower()}{str(error)[1:]})"
         fix = "Two cameras may have the same name, or the file may be truncated: export it again."
-        raise StudioError("camera_file.syntax", problem, file=path, fix=fix) from None
+        raise StudioError("camera_file.syntax", problem, fix=fix) from None
     nested = values.get("cameras")
     tables = nested if isinstance(nested, dict) else values
     found = {key: table for key, table in tables.items() if is_camera(table)}
     if not found:
-        raise no_cameras("no cameras in the file (tables with matrix, rotation, translation)", path)
+        raise no_cameras("no cameras in the file (tables with matrix, rotation, translation)")
     if all(table.get("ignore") for table in found.values()):
-        raise no_cameras("all cameras in the file are marked with 'ignore'", path)
+        raise no_cameras("all cameras in the file are marked with 'ignore'")
     named = [(_name(key, table, bool(nested)), table) for key, table in found.items()]
-    rig = keyed_rig(path, [(name, table) for name, table in named if not table.get("ignore")], _FORM)
+    rig = keyed_rig(path.parent, [(name, table) for name, table in named if not table.get("ignore")], _FORM)
     return replace(rig, left_out=(*rig.left_out, *(name for name, table in named if table.get("ignore"))))
 
 

@@ -161,29 +161,26 @@ def rig_from_transforms(path: Path, values: JsonObject) -> Rig:
         others = (path.parent / f"transforms_{part}.json" for part in ("train", "val", "test"))
         files = {other: values if other == path else read_json(other) for other in others if other.is_file()}
     entries = [entry for file, content in files.items() for entry in _entries(file, content)]
-    with naming(path):
-        names = camera_names([file_path for _, file_path, _ in entries])
-        found = Found()
-        groups: dict[bytes, list[int]] = {}
-        cameras = []
-        for index, (name, (file, file_path, both)) in enumerate(zip(names, entries, strict=True)):
-            with naming(file):
-                cameras.append(_camera(name, file, file_path, both, found))
-            groups.setdefault(_fingerprint(cameras[-1]), []).append(index)
-        notes = []
-        if 1 < len(groups) < len(cameras):
-            notes.append(f"The camera file has {len(cameras)} entries for {len(groups)} cameras.")
-            paths = [[without_extension(entries[index][1]) for index in group] for group in groups.values()]
-            for name, group in zip(_common_names(paths), groups.values(), strict=True):
-                for index in group:
-                    names[index] = name
-            first = [group[0] for group in groups.values()]
-            cameras = [replace(cameras[index], name=names[index]) for index in first]
-        training = {
-            name for name, (file, *_) in zip(names, entries, strict=True) if file.name == "transforms_train.json"
-        }
-        tested = tuple(camera.name for camera in cameras if training and camera.name not in training)
-        return Rig(tuple(cameras), (*found.notes, *_overridden(files), *notes), for_evaluation=tested)
+    names = camera_names([file_path for _, file_path, _ in entries])
+    found = Found()
+    groups: dict[bytes, list[int]] = {}
+    cameras = []
+    for index, (name, (file, file_path, both)) in enumerate(zip(names, entries, strict=True)):
+        with naming(file):
+            cameras.append(_camera(name, file, file_path, both, found))
+        groups.setdefault(_fingerprint(cameras[-1]), []).append(index)
+    notes = []
+    if 1 < len(groups) < len(cameras):
+        notes.append(f"The camera file has {len(cameras)} entries for {len(groups)} cameras.")
+        paths = [[without_extension(entries[index][1]) for index in group] for group in groups.values()]
+        for name, group in zip(_common_names(paths), groups.values(), strict=True):
+            for index in group:
+                names[index] = name
+        first = [group[0] for group in groups.values()]
+        cameras = [replace(cameras[index], name=names[index]) for index in first]
+    training = {name for name, (file, *_) in zip(names, entries, strict=True) if file.name == "transforms_train.json"}
+    tested = tuple(camera.name for camera in cameras if training and camera.name not in training)
+    return Rig(tuple(cameras), (*found.notes, *_overridden(files), *notes), for_evaluation=tested)
 
 
 def _entries(path: Path, values: JsonObject) -> list[tuple[Path, str, JsonObject]]:
@@ -276,13 +273,12 @@ def write_transforms(rig: Rig, path: Path) -> None:
                 f"this camera has {camera.distortion.size} terms",
                 value=camera.distortion.size,
                 fix="Undistort the images first, or write rig.json.",
-                file=path,
             )
         if abs(camera.K[0, 1]) > 1e-9:
             problem = f"transforms.json cannot express skew ({camera.K[0, 1]:g})"
             fix = "Calibrate without skew, or write rig.json."
             raise camera_error(
-                "camera_file.not_expressible", camera.name, problem, value=float(camera.K[0, 1]), fix=fix, file=path
+                "camera_file.not_expressible", camera.name, problem, value=float(camera.K[0, 1]), fix=fix
             )
         distortion = dict(zip(("k1", "k2", "p1", "p2", "k3"), camera.distortion[:5].tolist(), strict=False))
         frames.append(
