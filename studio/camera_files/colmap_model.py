@@ -73,14 +73,17 @@ def camera_model(camera: Camera) -> tuple[str, list[float]]:
         problem = "COLMAP has no camera model with OpenCV's thin-prism terms"
         fix = "Undistort the images first, or write rig.json."
         raise camera_error("camera_file.not_expressible", camera.name, problem, fix=fix)
-    base = [camera.fx, camera.fy, camera.cx, camera.cy]
-    if camera.is_pinhole:
-        return "PINHOLE", base
-    distortion = np.zeros(8)
-    distortion[: min(8, camera.distortion.size)] = camera.distortion[:8]
-    if not distortion[4:].any():
-        return "OPENCV", base + distortion[:4].tolist()
-    return "FULL_OPENCV", base + distortion.tolist()
+    model = "PINHOLE" if camera.is_pinhole else "FULL_OPENCV" if np.any(camera.distortion[4:]) else "OPENCV"
+    return model, model_parameters(camera, model)
+
+
+def model_parameters(camera: Camera, model: str) -> list[float]:
+    """Parameters of a COLMAP model for a camera, without the distortion terms that the model does not have."""
+    focal, distortion = (camera.fx + camera.fy) / 2, np.zeros(8)
+    distortion[: camera.distortion.size] = camera.distortion[:8]
+    one = model in ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
+    base = [focal, camera.cx, camera.cy] if one else [camera.fx, camera.fy, camera.cx, camera.cy]
+    return base + distortion[: MODELS[model][1] - len(base)].tolist()
 
 
 @dataclass

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict
 from studio.calibration.checks import check_intrinsics_size
 from studio.calibration.report import SolutionReport
 from studio.calibration.settings import CalibrateSettings
-from studio.camera_files.colmap_model import camera_model
+from studio.camera_files.colmap_model import camera_model, model_parameters
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
 from studio.json_types import JsonObject
@@ -17,14 +17,6 @@ from studio.json_types import JsonObject
 MAX_FEATURES = 8192  # per image
 MAX_IMAGE_SIZE = 2400  # longer side in pixels; larger images are downscaled for feature detection
 _FOCAL_FACTOR = 1.2  # initial focal length where none is known, as a multiple of the longer side
-_START = {  # initial parameters from focal length and principal point
-    "SIMPLE_PINHOLE": lambda f, cx, cy: [f, cx, cy],
-    "PINHOLE": lambda f, cx, cy: [f, f, cx, cy],
-    "SIMPLE_RADIAL": lambda f, cx, cy: [f, cx, cy, 0.0],
-    "RADIAL": lambda f, cx, cy: [f, cx, cy, 0.0, 0.0],
-    "OPENCV": lambda f, cx, cy: [f, f, cx, cy, 0.0, 0.0, 0.0, 0.0],
-    "FULL_OPENCV": lambda f, cx, cy: [f, f, cx, cy] + [0.0] * 8,
-}
 _SIMPLER = dict.fromkeys(("RADIAL", "OPENCV", "FULL_OPENCV"), "SIMPLE_RADIAL")
 """Camera models used during mapping; the remaining terms are estimated afterwards."""
 
@@ -126,13 +118,15 @@ def sfm_job(
                 continue
             shared[key] = len(intrinsics)
             focal = focal_lengths.get(name, _FOCAL_FACTOR * max(width, height))
+            K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
+            start = Camera(name, width, height, K, np.eye(4))
             # distortion terms that the first few matches do not determine would distort the poses during mapping
             model = _SIMPLER.get(settings.camera_model, settings.camera_model)
             own = SfmCamera(
                 model=model,
                 width=width,
                 height=height,
-                params=tuple(_START[model](float(focal), width / 2, height / 2)),
+                params=tuple(model_parameters(start, model)),
                 prior=name in focal_lengths,
                 becomes=settings.camera_model,
             )

@@ -13,7 +13,7 @@ import numpy as np
 
 from studio.calibration.target.intrinsics import reprojection
 from studio.calibration.target.pattern import CalibrationTarget, TargetObservation
-from studio.camera_files.colmap_model import MODELS, intrinsics
+from studio.camera_files.colmap_model import intrinsics, model_parameters
 from studio.cameras import Camera
 from studio.errors import StudioError
 
@@ -71,7 +71,7 @@ def refine(
     reference = state.cameras[names[0]].world_to_camera
     for number, name in enumerate(names, 1):
         camera = state.cameras[name]
-        parameters = _parameters(camera, model)
+        parameters = model_parameters(camera, model)
         sensor = pycolmap.Camera(
             camera_id=number, model=model, width=camera.width, height=camera.height, params=parameters
         )
@@ -120,15 +120,6 @@ def refine(
         problem = "the bundle adjustment did not converge"
         raise StudioError("target.bundle_adjustment", problem, fix="Film the target again.")
     return _read(world, state, names, reference)
-
-
-def _parameters(camera: Camera, model: str) -> list[float]:
-    """Parameters of a COLMAP model."""
-    focal, distortion = (camera.fx + camera.fy) / 2, np.zeros(8)
-    distortion[: camera.distortion.size] = camera.distortion[:8]
-    one = model in ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
-    base = [focal, camera.cx, camera.cy] if one else [camera.fx, camera.fy, camera.cx, camera.cy]
-    return base + distortion[: MODELS[model][1] - len(base)].tolist()
 
 
 def _read(world: Any, state: TargetRig, names: list[str], reference: np.ndarray) -> TargetRig:
