@@ -1,6 +1,7 @@
 """The result of a calibration, and its reprojection report."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -46,9 +47,11 @@ def error_statistics(errors: np.ndarray) -> ErrorStatistics:
     )
 
 
-def reprojection_report(rig: Rig, points: np.ndarray, observations: dict[str, np.ndarray]) -> CalibrationReport:
+def reprojection_report(
+    rig: Rig, points: np.ndarray, observations: dict[str, np.ndarray], **more: Any
+) -> CalibrationReport:
     """Reprojection errors of (P, 3) points in world coordinates, measured with `Camera.project`. `observations`: camera
-    name to (M, 3): index of the point, column and row of each observation in pixels."""
+    name to (M, 3): index of the point, column and row of each observation in pixels; `more`: other fields."""
     every: list[np.ndarray] = []
     cameras: dict[str, CameraReport] = {}
     tracks = np.zeros(len(points), np.int64)
@@ -77,6 +80,7 @@ def reprojection_report(rig: Rig, points: np.ndarray, observations: dict[str, np
         tracks={str(length): int(count) for length, count in enumerate(np.bincount(tracks)) if length and count},
         geometry=_rig_geometry(rig, _triangulation_angle(rig, points, observations)),
         cameras=cameras,
+        **more,
     )
 
 

@@ -6,7 +6,7 @@ known from measurements, the world is metric.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -91,13 +91,15 @@ def calibrate_from_tie_points(
         fix = "Mark more points, spread over the image and in depth."
         raise StudioError("tie_points.degenerate", problem, value=vague, fix=fix, cameras=vague)
     progress(len(guesses) + 1, len(guesses) + 1)
-    result = _result(best, observations, left_out, distance, sizes)
-    update = {
-        "known_intrinsics": [name for name in sizes if name in known],
-        "uncertain": {name: round(uncertain[name], 4) for name in sizes},
-        "world_accuracy": WORLD,
-    }
-    return replace(result, report=result.report.model_copy(update=update))
+    return _result(
+        best,
+        observations,
+        distance,
+        sizes,
+        left_out=left_out,
+        known_intrinsics=[name for name in sizes if name in known],
+        uncertain={name: round(uncertain[name], 4) for name in sizes},
+    )
 
 
 def _best(attempts: Iterable[TieRig], observations: Observations, good: float) -> TieRig | None:
@@ -236,10 +238,11 @@ def _unregistered(observations: Observations, sizes: Mapping[str, tuple[int, int
 def _result(
     rig: TieRig,
     observations: Observations,
-    left_out: list[RejectedMark],
     distance: tuple[str, str, float] | None,
     sizes: Mapping[str, tuple[int, int]],
+    **more: Any,
 ) -> CalibrationResult:
+    """In world coordinates; `more`: further fields of the report."""
     cameras = Rig(tuple(rig.cameras[name] for name in sizes))
     kept = np.flatnonzero(rig.triangulated)
     points3d, world = rig.points3d[kept], observations.world[kept]
@@ -257,15 +260,17 @@ def _result(
     for name in sizes:
         seen = observations.seen(name)[kept]
         by_camera[name] = np.column_stack([np.flatnonzero(seen), observations.pixels[name][kept][seen]])
-    report = reprojection_report(cameras, points3d, by_camera)
-    update = {
-        "tie_points": _figures(cameras, points3d, by_camera, [observations.points[k] for k in kept], world),
-        "left_out": left_out,
-        "metric": bool(metric or distance is not None),
-        "unregistered": {},
-    }
-    colors = np.full((len(points3d), 3), 255, np.uint8)
-    return CalibrationResult(cameras, points3d, colors, report.model_copy(update=update))
+    report = reprojection_report(
+        cameras,
+        points3d,
+        by_camera,
+        tie_points=_figures(cameras, points3d, by_camera, [observations.points[k] for k in kept], world),
+        world_accuracy=WORLD,
+        metric=bool(metric or distance is not None),
+        unregistered={},
+        **more,
+    )
+    return CalibrationResult(cameras, points3d, np.full((len(points3d), 3), 255, np.uint8), report)
 
 
 def _figures(
@@ -280,10 +285,9 @@ def _figures(
             errors[int(number)].append(float(error))
     found: dict[str, TiePointReport] = {}
     for number, name in enumerate(names):
-        found[name] = TiePointReport(
-            error=round(float(np.mean(errors[number])), 3) if errors[number] else None, cameras=len(errors[number])
-        )
+        figures: dict[str, Any] = {"cameras": len(errors[number])}
+        figures["error"] = round(float(np.mean(errors[number])), 3) if errors[number] else None
         if not np.isnan(world[number, 0]):
-            off = round(float(np.linalg.norm(points3d[number] - world[number])), 5)
-            found[name] = found[name].model_copy(update={"off": off})
+            figures["off"] = round(float(np.linalg.norm(points3d[number] - world[number])), 5)
+        found[name] = TiePointReport(**figures)
     return found

@@ -16,6 +16,7 @@ from studio.calibration.sfm.images import Pictures, write_pictures
 from studio.calibration.sfm.job import SfmSolution, sfm_job
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
+from studio.json_types import JsonObject
 from studio.progress import ProgressFn, no_progress
 from studio.similarity import Similarity
 
@@ -103,11 +104,10 @@ def calibrate_from_images(
     run_reporting("studio.calibration.sfm.worker", [str(path)], relay, what="Structure from motion")
     result = _read(workdir, names)
     transform = _gauge(result, poses, distance, settings.known == "poses")
-    report = result.report.model_copy(
-        update={"sync_frames": sync_frames, "seconds": round(time.monotonic() - started, 1)}
-    )
+    update: JsonObject = {"sync_frames": sync_frames, "seconds": round(time.monotonic() - started, 1)}
     if poses is not None:
-        report = report.model_copy(update={"moved": _moved(result, poses, settings)})
+        update["moved"] = _moved(result, poses, settings)
+    report = result.report.model_copy(update=update)
     progress(100, 100)
     return CalibrationResult(transform.rig(result.rig), transform.points(result.points), result.colors, report)
 
@@ -152,8 +152,8 @@ def _read(folder: Path, names: Sequence[str]) -> CalibrationResult:
         )
     rig = Rig(found)
     observations = {name: seen[seen[:, 0] == number][:, 1:] for number, name in enumerate(names) if name in known}
-    update = {"unregistered": {}, **dict(told), "aspect": round(told.aspect, 6)}
-    report = reprojection_report(rig, points, observations).model_copy(update=update)
+    more = dict(told) | {"aspect": round(told.aspect, 6)}
+    report = reprojection_report(rig, points, observations, unregistered={}, **more)
     return CalibrationResult(rig, points, colors, _with_usual_focal(report, rig))
 
 

@@ -1,7 +1,6 @@
 """Calibration of a rig from images of a calibration target: intrinsics, poses, scale and report."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -162,7 +161,6 @@ def calibrate_from_target(
         state, target, settings.camera_model, principal_point=all(principal_points.values()), threads=threads
     )
     progress(2 * len(sizes) + 2, 2 * len(sizes) + 3)
-    result = _result(state, target, settings)
     figures = TargetReport(
         sync_frames=len(state.target_poses),
         views=len(state.views),
@@ -170,17 +168,16 @@ def calibrate_from_target(
         views_left_out=len(views) - len(state.views),
         corners_left_out=dropped,
         shared={" ".join(pair): len(both) for pair, both in shared_sync_frames(state.cameras, state.views).items()},
+        **scale_check(state, target),
     )
-    accuracy = scale_check(state, target)
-    if accuracy is not None:
-        figures = figures.model_copy(update={"scale_bias": accuracy[0], "corner_error_mm": accuracy[1]})
-    update = {"target": figures, "unregistered": {}, "metric": True}
-    result = replace(result, report=result.report.model_copy(update=update))
+    result = _result(state, target, settings, figures)
     progress(2 * len(sizes) + 3, 2 * len(sizes) + 3)
     return result
 
 
-def _result(state: TargetRig, target: CalibrationTarget, settings: CalibrateSettings) -> CalibrationResult:
+def _result(
+    state: TargetRig, target: CalibrationTarget, settings: CalibrateSettings, figures: TargetReport
+) -> CalibrationResult:
     """The result in world coordinates."""
     order = {sync_frame: number for number, sync_frame in enumerate(state.target_poses)}
     count = len(target.corners)
@@ -212,7 +209,7 @@ def _result(state: TargetRig, target: CalibrationTarget, settings: CalibrateSett
     renumber[seen] = np.arange(len(seen))
     for rows in observations.values():
         rows[:, 0] = renumber[rows[:, 0].astype(int)]
-    report = reprojection_report(rig, points[seen], observations)
+    report = reprojection_report(rig, points[seen], observations, target=figures, unregistered={}, metric=True)
     return CalibrationResult(rig, points[seen], np.full((len(seen), 3), 255, np.uint8), report)
 
 

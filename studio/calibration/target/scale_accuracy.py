@@ -8,10 +8,9 @@ from studio.calibration.target.pattern import CalibrationTarget
 from studio.cameras import Camera, nearest_point_to_rays
 
 
-def scale_check(state: TargetRig, target: CalibrationTarget) -> tuple[float, float] | None:
-    """Triangulate the corners with the calibrated cameras and compare them with the target: relative error of the
-    distances between corners (0.001 is 1 mm per meter), and RMS distance in millimeters between the triangulated
-    corners and the target fitted to them; None if no two cameras see the same corners."""
+def scale_check(state: TargetRig, target: CalibrationTarget) -> dict[str, float]:
+    """Triangulate the corners with the calibrated cameras and compare them with the target: `scale_bias` and
+    `corner_error_mm` of a `TargetReport`, the latter after a fit; neither if no two cameras see the same corners."""
     scales, squares = [], []
     for sync_frame in state.target_poses:
         rays: dict[int, list[tuple[Camera, np.ndarray]]] = {}
@@ -33,9 +32,9 @@ def scale_check(state: TargetRig, target: CalibrationTarget) -> tuple[float, flo
         rest = measured - (fit.points(true) - fit.points(true).mean(0)) / fit.scale - measured.mean(0)
         squares.append((rest**2).sum(1))
     if not scales:
-        return None
-    bias = round(float(np.mean(scales)) - 1, 6)
-    return bias, round(1000 * float(np.sqrt(np.concatenate(squares).mean())), 3)
+        return {}
+    error = round(1000 * float(np.sqrt(np.concatenate(squares).mean())), 3)
+    return {"scale_bias": round(float(np.mean(scales)) - 1, 6), "corner_error_mm": error}
 
 
 def _triangulate(seen: list[tuple[Camera, np.ndarray]]) -> np.ndarray:
