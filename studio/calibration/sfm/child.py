@@ -22,16 +22,13 @@ class WorkerProgress:
     total: int = 0
 
 
-def run_reporting(
-    module: str, arguments: Sequence[str], on_progress: Callable[[WorkerProgress | None], None], *, what: str
-) -> None:
+def run_reporting(module: str, arguments: Sequence[str], on_progress: Callable[[WorkerProgress | None], None]) -> None:
     """Run `python -m module arguments` to completion and pass on the progress that it prints as JSON lines.
 
     Args:
         module: the module to run, with this interpreter and import path.
         on_progress: called with each line, and with None every 0.2 s without one. If it raises (for example
             `Cancelled`), the child is killed before the exception passes on.
-        what: name of the work, for messages.
     """
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     with (
@@ -84,10 +81,12 @@ def run_reporting(
         errors.seek(0)
         last = [line.strip() for line in errors.read().decode("utf-8", "replace").splitlines()[-3:]]
     if failure:
-        raise StudioError("calibration.worker_failed", f"{what} failed: {failure}", value=failure)
+        raise StudioError("calibration.worker_failed", f"Structure from motion failed: {failure}", value=failure)
     if not finished or child.returncode != 0:
         tail = " / ".join(filter(None, last))
-        problem = f"{what} ended unexpectedly with exit code {child.returncode}: {tail or 'no error output'}"
+        problem = (
+            f"Structure from motion ended unexpectedly with exit code {child.returncode}: {tail or 'no error output'}"
+        )
         fix = "If memory ran out, close other programs, or reduce calibrate.frame_count."
         raise StudioError(
             "calibration.worker_died", problem, value=child.returncode, fix=fix, exit_code=child.returncode, stderr=tail

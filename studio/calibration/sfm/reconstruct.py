@@ -101,7 +101,7 @@ def calibrate_from_images(
             at["done"] = max(at["done"], low + round((high - low) * line.done / max(line.total, 1)))
         progress(at["done"], 100)
 
-    run_reporting("studio.calibration.sfm.worker", [str(path)], relay, what="Structure from motion")
+    run_reporting("studio.calibration.sfm.worker", [str(path)], relay)
     result = _read(workdir, names)
     transform = _gauge(result, poses, distance, settings.known == "poses")
     update: JsonObject = {"sync_frames": sync_frames, "seconds": round(time.monotonic() - started, 1)}

@@ -22,7 +22,7 @@ def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     def run(code: str, on_line: Callable[..., None] = lambda line: None, *arguments: str) -> None:
         (tmp_path / "some_work.py").write_text(code)
         monkeypatch.syspath_prepend(str(tmp_path))
-        run_reporting("some_work", list(arguments), on_line, what="The work")
+        run_reporting("some_work", list(arguments), on_line)
 
     return run
 
