@@ -10,7 +10,6 @@ from studio.calibration.manual.bootstrap import Observations, TieRig
 from studio.calibration.manual.bundle_adjustment import WORLD, Problem
 from studio.errors import StudioError
 
-_STEP = 1e-6
 _FREE = 7
 _WEAKEST = 1e-12
 
@@ -96,16 +95,7 @@ def uncertainty(
 
 def _center_slopes(pose: np.ndarray) -> np.ndarray:
     """(3, 6) derivatives of a camera center with respect to rotation vector and translation."""
-    columns = []
-    for axis in range(6):
-        step = np.zeros(6)
-        step[axis] = _STEP
-        columns.append((_center(pose + step) - _center(pose - step)) / (2 * _STEP))
-    return np.stack(columns, 1)
-
-
-def _center(pose: np.ndarray) -> np.ndarray:
     import cv2
 
-    center: np.ndarray = -cv2.Rodrigues(pose[:3])[0].T @ pose[3:]
-    return center
+    turn, slopes = cv2.Rodrigues(pose[:3])
+    return np.column_stack([-(slopes.reshape(3, 3, 3).transpose(0, 2, 1) @ pose[3:]).T, -turn.T])
