@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from studio.calibration.sfm.job import SfmJob
-from studio.calibration.sfm.pairs import FEW, preview_pairs
+from studio.calibration.sfm.pairs import FEW, largest, worthwhile
 
 _out_lock = threading.Lock()
 
@@ -150,25 +150,44 @@ def _extract(path: Path, folder: Path, job: SfmJob) -> None:
 
 
 def _match(path: Path, folder: Path, job: SfmJob) -> None:
-    """Match camera pairs per sync frame: the given pairs, all pairs (of a few cameras), or those of `preview_pairs`."""
-    cameras, sync_frames = len(job.names), job.sync_frames
+    """Match camera pairs per sync frame: the given pairs, all pairs (of a few cameras), or those of a preview."""
     pairs = list(job.pairs)
-    if not pairs and cameras > FEW:
-        middle = sync_frames // 2
-
-        def prepare(database: Any) -> list[int]:
-            cameras = write_cameras(database, job)
-            return [write_image(database, image_name(n), *cameras[i]) for n, i in enumerate(job.intrinsics_of)]
-
-        def match(preview: Path, every: list[tuple[int, int]]) -> None:
-            names = [(image_name(a), image_name(b)) for a, b in every]
-            _match_images(preview, folder, job, names, "preview", _verification(job, fewest=5))
-
-        pictures = [number * sync_frames + middle + 1 for number in range(cameras)]
-        pairs = preview_pairs(path, folder / "preview.db", pictures, prepare, match)
-    pairs = pairs or list(combinations(range(cameras), 2))
-    names = [(file_name(a, t), file_name(b, t)) for t in range(sync_frames) for a, b in pairs]
+    if not pairs and len(job.names) > FEW:
+        pairs = _preview_pairs(path, folder, job)
+    pairs = pairs or list(combinations(range(len(job.names)), 2))
+    names = [(file_name(a, t), file_name(b, t)) for t in range(job.sync_frames) for a, b in pairs]
     _match_images(path, folder, job, names, "matches", _verification(job))
+
+
+def _preview_pairs(path: Path, folder: Path, job: SfmJob) -> list[tuple[int, int]]:
+    """Pairs of cameras (0-based, the smaller first) worth matching, by their largest features in the middle sync frame;
+    see `studio.calibration.sfm.pairs`."""
+    import pycolmap
+
+    preview = folder / "preview.db"
+    preview.unlink(missing_ok=True)
+    with pycolmap.Database.open(path) as full, pycolmap.Database.open(preview) as small:
+        cameras = write_cameras(small, job)
+        for number, index in enumerate(job.intrinsics_of):
+            image = write_image(small, image_name(number), *cameras[index])
+            picture = number * job.sync_frames + job.sync_frames // 2 + 1
+            keypoints = np.asarray(full.read_keypoints(picture))
+            descriptors = full.read_descriptors(picture)
+            chosen = largest(keypoints)
+            small.write_keypoints(image, keypoints[chosen])
+            descriptors.data = np.asarray(descriptors.data)[chosen]
+            small.write_descriptors(image, descriptors)
+    names = list(combinations(map(image_name, range(len(job.names))), 2))
+    _match_images(preview, folder, job, names, "preview", _verification(job, fewest=5))
+    with pycolmap.Database.open(preview) as small:
+        keys, counts = small.read_two_view_geometry_num_inliers()
+    found = {}
+    for key, count in zip(keys, counts, strict=True):
+        first, second = sorted(pycolmap.pair_id_to_image_pair(key))
+        found[first - 1, second - 1] = int(count)
+    for leftover in folder.glob("preview.db*"):
+        leftover.unlink()
+    return worthwhile(found, len(job.names))
 
 
 def _match_images(

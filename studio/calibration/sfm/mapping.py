@@ -368,17 +368,14 @@ class Mapper:
             options.mapper.abs_pose_min_inlier_ratio = 0.15
             options.triangulation.ignore_two_view_tracks = False
         total = len(self.job.names)
-        state = {"done": 0}
+        done = 0
 
-        def first_pair() -> None:
-            state["done"] = 2
-            say(step="mapping", done=2, total=total)
+        def registered(count: int) -> None:
+            nonlocal done
+            done = min(count, total)
+            say(step="mapping", done=done, total=total)
 
-        def next_image() -> None:
-            state["done"] = min(state["done"] + 1, total)
-            say(step="mapping", done=state["done"], total=total)
-
-        say(step="mapping", done=0, total=total)
+        registered(0)
         out = self.folder / "models"
         out.mkdir(exist_ok=True)
         found = pycolmap.incremental_mapping(
@@ -386,8 +383,8 @@ class Mapper:
             self.folder / "images",
             out,
             options=options,
-            initial_image_pair_callback=first_pair,
-            next_image_callback=next_image,
+            initial_image_pair_callback=lambda: registered(2),
+            next_image_callback=lambda: registered(done + 1),
         )
         return list(found.values())
 

@@ -6,11 +6,6 @@ pairs see different sides of the room. Matching only the largest features first,
 and finds the pairs that overlap.
 """
 
-from collections.abc import Callable
-from itertools import combinations
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 
 PREVIEW = 1024  # number of features per camera in the preview; the largest ones are used
@@ -36,47 +31,10 @@ def worthwhile(
     return sorted(kept)
 
 
-def preview_pairs(
-    source: Path,
-    preview: Path,
-    pictures: list[int],
-    prepare: Callable[[Any], list[int]],
-    match: Callable[[Path, list[tuple[int, int]]], None],
-) -> list[tuple[int, int]]:
-    """Pairs of cameras (0-based, the smaller first) worth matching, by their largest features.
-
-    Args:
-        pictures: id of one image of each camera in the source.
-        prepare: writes one image per camera into the new database and returns their ids.
-        match: matches and verifies pairs of cameras (0-based) in a database.
-    """
-    import pycolmap
-
-    preview.unlink(missing_ok=True)
-    with pycolmap.Database.open(source) as full, pycolmap.Database.open(preview) as small:
-        images = prepare(small)
-        for picture, image in zip(pictures, images, strict=True):
-            keypoints = np.asarray(full.read_keypoints(picture))
-            descriptors = full.read_descriptors(picture)
-            largest = np.sort(np.argsort(-_size(keypoints), kind="stable")[:PREVIEW])
-            small.write_keypoints(image, keypoints[largest])
-            descriptors.data = np.asarray(descriptors.data)[largest]
-            small.write_descriptors(image, descriptors)
-    match(preview, list(combinations(range(len(pictures)), 2)))
-    with pycolmap.Database.open(preview) as small:
-        keys, counts = small.read_two_view_geometry_num_inliers()
-    of = {image: camera for camera, image in enumerate(images)}
-    found = {}
-    for key, number in zip(keys, counts, strict=True):
-        first, second = (of[image] for image in pycolmap.pair_id_to_image_pair(key))
-        found[min(first, second), max(first, second)] = int(number)
-    for leftover in preview.parent.glob(f"{preview.name}*"):
-        leftover.unlink()
-    return worthwhile(found, len(pictures))
-
-
-def _size(keypoints: np.ndarray) -> np.ndarray:
-    """(N,) scales of keypoints (N, 6) x, y and an affine shape, or (N, 4) x, y, scale, orientation."""
+def largest(keypoints: np.ndarray) -> np.ndarray:
+    """Sorted indices of the `PREVIEW` largest keypoints (N, 6) x, y and an affine shape, or (N, 4) x, y, scale,
+    orientation."""
+    scales = keypoints[:, 2]
     if keypoints.shape[1] >= 6:
-        return np.sqrt(np.abs(keypoints[:, 2] * keypoints[:, 5] - keypoints[:, 3] * keypoints[:, 4]))
-    return keypoints[:, 2]
+        scales = np.sqrt(np.abs(keypoints[:, 2] * keypoints[:, 5] - keypoints[:, 3] * keypoints[:, 4]))
+    return np.sort(np.argsort(-scales, kind="stable")[:PREVIEW])
