@@ -43,11 +43,11 @@ def write_target_pdf(target: CalibrationTarget, path: Path | str, *, paper: str 
     axes = figure.add_axes((0, 0, 1, 1))
     axes.set(xlim=(0, width), ylim=(height, 0))  # millimeters from the upper left corner
     axes.axis("off")
-    left = (width - target.columns * target.square * 1000) / 2
-    top = (height - _TEXT - target.rows * target.square * 1000) / 2
+    across, down = target.columns * target.square * 1000, target.rows * target.square * 1000
+    left, top = (width - across) / 2, (height - _TEXT - down) / 2
     if target.inverted:
         margin = min(left, top, target.square * 1000)
-        _rectangles(axes, [_outline(target, left, top, margin)], "black")
+        _rectangles(axes, [(left - margin, top - margin, across + 2 * margin, down + 2 * margin)], "black")
     ink = "white" if target.inverted else "black"
     _rectangles(axes, [(left + 1000 * x, top + 1000 * y, 1000 * w, 1000 * h) for x, y, w, h in dark(target)], ink)
     _foot(axes, target, left, height)
@@ -123,11 +123,6 @@ def _page(target: CalibrationTarget, paper: str) -> tuple[float, float]:
     problem = f"the target is {width:g} x {height:g} mm and does not fit on {paper}"
     fix = "Use smaller squares, fewer squares or larger paper."
     raise StudioError("target.too_large", problem, value=[width, height], fix=fix, paper=paper)
-
-
-def _outline(target: CalibrationTarget, left: float, top: float, margin: float) -> tuple[float, float, float, float]:
-    width, height = target.columns * target.square * 1000, target.rows * target.square * 1000
-    return (left - margin, top - margin, width + 2 * margin, height + 2 * margin)
 
 
 def _rectangles(axes: Any, rectangles: list[tuple[float, float, float, float]], color: str) -> None:
