@@ -1,4 +1,4 @@
-"""Approximation of lens models that OpenCV does not support by OpenCV's rational model."""
+"""OpenCV's coefficients of Brown's lens model, of which OpenCV lacks the fourth radial term."""
 
 from collections.abc import Callable, Sequence
 
@@ -9,12 +9,14 @@ from studio.validation import camera_error
 _TOLERANCE = 0.25  # maximum allowed difference from the original model within the image, in pixels
 
 
-def fit_rational(k: Sequence[float], K: np.ndarray, size: tuple[int, int], camera: str) -> np.ndarray:
-    """(8,) coefficients of OpenCV's rational model, k1 k2 p1 p2 k3 k4 k5 k6 with p1 = p2 = 0, fitted to a polynomial.
+def brown(k: Sequence[float], p: Sequence[float], K: np.ndarray, size: tuple[int, int], camera: str) -> np.ndarray:
+    """OpenCV's coefficients, none for a pinhole camera, of four radial terms and p1, p2 in OpenCV's order.
 
-    That multiplies undistorted radii r in normalized coordinates by 1 + k1 r^2 + k2 r^4 + k3 r^6 + k4 r^8. K, (3, 3),
-    and `size`, width and height, are in pixels.
+    The radial terms multiply undistorted radii r in normalized coordinates by 1 + k1 r^2 + k2 r^4 + k3 r^6 + k4 r^8. If
+    k4 is not 0, OpenCV's rational model is fitted. K, (3, 3), and `size`, width and height, are in pixels.
     """
+    if not k[3]:
+        return np.array([k[0], k[1], *p, k[2]]) if any((*k, *p)) else np.zeros(0)
     from scipy.optimize import least_squares
 
     def radial(r: np.ndarray) -> np.ndarray:
@@ -37,7 +39,7 @@ def fit_rational(k: Sequence[float], K: np.ndarray, size: tuple[int, int], camer
     if np.abs(focal * (bend(found) - wanted)).max() > _TOLERANCE:
         fix = "Export the cameras with at most three radial terms, or undistort the images."
         raise camera_error("camera.lens_model", camera, "OpenCV's lens models cannot express its distortion", fix=fix)
-    return np.array([*found[:2], 0, 0, *found[2:]])
+    return np.array([*found[:2], *p, *found[2:]])
 
 
 def _reach_of(radial: Callable[[np.ndarray], np.ndarray], focal: float, offset: np.ndarray, size: np.ndarray) -> float:

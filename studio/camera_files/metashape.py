@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from studio.camera_files.common import camera_names, check_pose, rigid_inverse, wrong_shape
-from studio.camera_files.lens_fit import fit_rational
+from studio.camera_files.lens_fit import brown
 from studio.cameras import Camera, Rig, focal_length_error
 from studio.counts import cameras_listed
 from studio.errors import StudioError
@@ -171,7 +171,8 @@ def _camera(name: str, pose: np.ndarray, sensor: Element, world: Element | None)
         fix = "Align the photos again with p3 and p4 fixed at 0."
         raise camera_error("camera.lens_model", name, problem, value=[term("p3"), term("p4")], fix=fix)
     K = np.array([[focal + term("b1"), 0, width / 2 + term("cx")], [0, focal, height / 2 + term("cy")], [0, 0, 1.0]])
-    distortion = _distortion(K, width, height, [term(f"k{i}") for i in (1, 2, 3, 4)], term("p1"), term("p2"), name)
+    k = [term(f"k{i}") for i in (1, 2, 3, 4)]
+    distortion = brown(k, (term("p2"), term("p1")), K, (width, height), name)
     rotation, translation, scale = _world(world, name)
     placed = np.column_stack([rotation @ pose[:3, :3], scale * rotation @ pose[:3, 3] + translation])
     return Camera(name, width, height, K, rigid_inverse(placed), distortion)
@@ -183,17 +184,6 @@ def _check_type(name: str, tag: str, element: Element) -> None:
         problem = f"its {tag} is of type '{kind}'; only frame cameras are supported"
         fix = "Undistort the images to a pinhole camera first."
         raise camera_error("camera.lens_model", name, problem, value=kind, fix=fix)
-
-
-def _distortion(K: np.ndarray, width: int, height: int, k: list[float], p1: float, p2: float, name: str) -> np.ndarray:
-    """OpenCV distortion coefficients."""
-    if not k[3]:
-        distortion = np.array([k[0], k[1], p2, p1, k[2]])
-        return distortion if distortion.any() else np.zeros(0)
-
-    distortion = fit_rational(k, K, (width, height), name)
-    distortion[2:4] = p2, p1
-    return distortion
 
 
 def _world(element: Element | None, name: str) -> tuple[np.ndarray, np.ndarray, float]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from studio.camera_files.common import camera_names, read_csv, rigid_inverse
 from studio.camera_files.keyed import NO_DISTORTION
-from studio.camera_files.lens_fit import fit_rational
+from studio.camera_files.lens_fit import brown
 from studio.camera_files.nearby import size_nearby
 from studio.cameras import OPENGL_AXES, Camera, Rig, focal_length_error
 from studio.counts import cameras_listed
@@ -63,8 +63,5 @@ def _camera(name: str, row: dict[str, str], size: tuple[int, int]) -> Camera:
     K = np.array([[focal, 0, middle[0]], [0, focal, middle[1]], [0, 0, 1]])
     turn = Rotation.from_euler("ZXY", [-value["heading"], value["pitch"], value["roll"]], degrees=True).as_matrix()
     pose = np.column_stack([turn @ OPENGL_AXES[:3, :3], [value["x"], value["y"], value["alt"]]])
-    k = [value[f"k{i}"] for i in (1, 2, 3, 4)]
-    distortion = np.array([k[0], k[1], 0.0, 0.0, k[2]]) if any(k) else np.zeros(0)
-    if k[3]:
-        distortion = fit_rational(k, K, size, name)
+    distortion = brown([value[f"k{i}"] for i in (1, 2, 3, 4)], (0.0, 0.0), K, size, name)
     return Camera(name, width, height, K, rigid_inverse(pose), distortion)
