@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from gui.drawing.compare import difference, heat
-from gui.models.scene.splats import draw
+from gui.models.scene.compose import draw
 from gui.models.take.workspace import Workspace
 from gui.pages.calibrate.view import CalibrateView
 from gui.pages.initialize import InitializeView

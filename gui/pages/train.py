@@ -12,7 +12,7 @@ from gui.drawing.compare import label
 from gui.drawing.lanes import draw_lanes
 from gui.drawing.palette import DIM, GROUND, RAISED, SECOND
 from gui.drawing.plots import curve, legend
-from gui.models.scene.splats import draw
+from gui.models.scene.compose import draw
 from gui.models.stages import performer_over
 from gui.models.take.run_state import Curve
 from gui.models.take.workspace import Workspace

@@ -16,10 +16,10 @@ from gui.models.playback.stream_audio import StreamAudio
 from gui.models.playback.stream_source import LeftOut, StreamSource
 from gui.models.playback.transport import Transport
 from gui.models.playback.viewpoint import BACKGROUNDS, NOTHING_OPEN, Rest, Viewpoint
+from gui.models.scene.compose import draw
 from gui.models.scene.contents import SceneWanted, Surface
 from gui.models.scene.orbit import OrbitCamera
 from gui.models.scene.render import Place, SceneRenderer, no_mesh
-from gui.models.scene.splats import draw
 from gui.models.worker import Done, LatestWorker
 from pipelines.share.cast_frames import CastFrames
 from pipelines.takes.videos import FALLBACK_FPS

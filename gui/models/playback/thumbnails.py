@@ -9,7 +9,7 @@ from gui.models.camera_path import reframed
 from gui.models.loop import Signal
 from gui.models.playback.sources import FrameSource, open_path
 from gui.models.playback.viewpoint import BACKGROUNDS
-from gui.models.scene.splats import draw
+from gui.models.scene.compose import draw
 from gui.models.worker import Done, LatestWorker
 from studio.cameras import Camera
 from studio.memory_cache import MemoryCache

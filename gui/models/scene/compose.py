@@ -1,4 +1,4 @@
-"""Composes splats with opaque surfaces, lines and points by depth.
+"""Renders splats, alone or composed with opaque surfaces, lines and points by depth.
 
 The splats come from the rasterizer with their opacity and depth, so that what is behind them shines through where they
 are transparent, as it would if everything were rendered together.
@@ -7,8 +7,12 @@ are transparent, as it would if everything were rendered together.
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 
 from gui.models.scene.fragments import Fragments, Patch
+from studio.cameras import Camera
+from studio.gaussians import Gaussians
+from studio.rasterizer import preferred_device, rasterize
 
 MOST_PER_PIXEL = 8  # fragments that are blended in a pixel: the nearest ones
 SLACK = 1.002  # relative depth by which lines may lie behind a surface and still be drawn: edges of a surface lie on it
@@ -24,6 +28,27 @@ class SplatLayer:
     image: np.ndarray
     alpha: np.ndarray
     depth: np.ndarray
+
+
+def draw(gaussians: Gaussians, camera: Camera, background: tuple[float, float, float]) -> np.ndarray:
+    """Render on the GPU if there is one: (height, width, 3) uint8 RGB, C order. Raises StudioError, see `rasterize`."""
+    device = preferred_device()
+    with torch.no_grad():
+        moved = gaussians.to(device)
+        color = torch.tensor(background, dtype=moved.means.dtype, device=device)
+        image = rasterize(moved, camera, color).image
+        pixels = image.clamp_(0.0, 1.0).mul_(255.0).add_(0.5).to(torch.uint8)  # in place: it has no other references
+    return np.ascontiguousarray(pixels.cpu().numpy())
+
+
+def draw_layer(gaussians: Gaussians, camera: Camera) -> SplatLayer:
+    """Render over black, with opacity and depth, on the GPU if there is one. Raises StudioError, see `rasterize`."""
+    device = preferred_device()
+    with torch.no_grad():
+        moved = gaussians.to(device)
+        render = rasterize(moved, camera, torch.zeros(3, dtype=moved.means.dtype, device=device))
+    image, alpha, depth = (one.float().cpu().numpy() for one in (render.image, render.alpha, render.depth))
+    return SplatLayer(image, alpha, depth)
 
 
 class Surfaces:

@@ -9,12 +9,11 @@ from gui.drawing import compare
 from gui.drawing.canvas import Canvas
 from gui.drawing.painter import NEAR, frustum
 from gui.drawing.palette import TEXT
-from gui.models.scene.compose import Color, SplatLayer, Surfaces, compose
+from gui.models.scene.compose import Color, SplatLayer, Surfaces, compose, draw_layer
 from gui.models.scene.contents import Lines, SceneContents, SceneWanted, Surface
 from gui.models.scene.fragments import Fragments, Patch, image_on_quad, line_fragments, point_fragments
 from gui.models.scene.gizmo import draw_gizmo
 from gui.models.scene.reader import SceneReader
-from gui.models.scene.splats import draw_layer
 from studio.cameras import Camera
 from studio.errors import StudioError
 from studio.gaussians import Gaussians

@@ -13,7 +13,7 @@ from gui.drawing.palette import FAIR, TEXT
 from gui.models.history import Change
 from gui.models.loop import Signal
 from gui.models.playback.viewpoint import BACKGROUNDS
-from gui.models.scene.compose import SplatLayer
+from gui.models.scene.compose import SplatLayer, draw_layer
 from gui.models.scene.handles import (
     Handle,
     crop_handles,
@@ -26,7 +26,6 @@ from gui.models.scene.handles import (
     up_of,
 )
 from gui.models.scene.orbit import OrbitCamera
-from gui.models.scene.splats import draw_layer
 from gui.models.take.workspace import Workspace
 from gui.pages.review import picture
 from gui.pages.review.details import detail_handles, draw_detail, marked, resized

@@ -9,8 +9,8 @@ import numpy as np
 
 from gui.models.playback.sources import body_of, first_whole, open_path
 from gui.models.playback.viewpoint import BACKGROUNDS
+from gui.models.scene.compose import draw
 from gui.models.scene.orbit import OrbitCamera
-from gui.models.scene.splats import draw
 from gui.models.stages import Inputs
 from gui.models.take.workspace import modified
 from pipelines.config import load_config
