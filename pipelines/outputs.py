@@ -11,7 +11,8 @@ from studio.errors import StudioError
 def check_output(out: Path, overwrite: bool, ours: Callable[[Path], bool]) -> None:
     """Check that `out` may be written: an empty folder always, what exists if `overwrite` and `ours`: it is of the kind
     that would be written. `ours` may raise a StudioError that says more."""
-    if not os.path.lexists(out) or _is_empty(out):
+    empty = out.is_dir() and not out.is_symlink() and not any(out.iterdir())
+    if empty or not os.path.lexists(out):
         return
     if out.is_symlink() or not ours(out):
         fix = "Choose another name, or delete it."
@@ -48,7 +49,3 @@ def replacing(out: Path, overwrite: bool, ours: Callable[[Path], bool]) -> Itera
         os.rename(old, out)
         raise
     remove(old)
-
-
-def _is_empty(out: Path) -> bool:
-    return out.is_dir() and not out.is_symlink() and not any(out.iterdir())

@@ -44,7 +44,11 @@ def run_queue(
         while (entry := queue.claim()) is not None:
             try:
                 starts(entry)
-                _wait_for_others(entry.take, check)
+                check()
+                # a run that outlived a killed queue, or that somebody started; then this one finds its results
+                while Take(entry.take).running() is not None:
+                    time.sleep(0.5)
+                    check()
                 code, message = _run(entry, command(entry), emit, check)
             except BaseException:
                 queue.replace(entry.number, state="waiting")
@@ -58,15 +62,6 @@ def run_queue(
             done, failed = done + (code == 0), failed + (code != 0)
             ended(entry.having(**after))
     return done, failed
-
-
-def _wait_for_others(folder: Path, check: Callable[[], None]) -> None:
-    """A run that outlived a killed queue, or that somebody started, ends first; then this one finds its results."""
-    take = Take(folder)
-    check()
-    while take.running() is not None:
-        time.sleep(0.5)
-        check()
 
 
 def _run(

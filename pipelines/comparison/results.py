@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import TypeAlias
 
@@ -97,9 +98,11 @@ class FinishedFrames:
         self._key = key
         self.found: dict[int, ComparedFrame] = {}
         for path in self._folder.glob("*.json"):
-            frame = self._read(path)
-            if frame is not None and path.stem.isdecimal():
-                self.found[int(path.stem)] = frame
+            with suppress(StudioError):  # damaged
+                frame = read_model(path, ComparedFrame)
+                complete = all((self._folder / name).is_file() for name in frame.images)
+                if frame.key == key and complete and path.stem.isdecimal():
+                    self.found[int(path.stem)] = frame
         if not self.found:
             self.remove()
 
@@ -120,12 +123,3 @@ class FinishedFrames:
 
     def remove(self) -> None:
         remove(self._folder)
-
-    def _read(self, path: Path) -> ComparedFrame | None:
-        """None if it is of another comparison, or damaged."""
-        try:
-            frame = read_model(path, ComparedFrame)
-        except StudioError:
-            return None
-        complete = all((self._folder / name).is_file() for name in frame.images)
-        return frame if frame.key == self._key and complete else None

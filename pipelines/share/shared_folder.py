@@ -76,8 +76,12 @@ def shared_folder(out: Path, title: str | None) -> Iterator[SharedFolder]:
 
 
 def is_shared_folder(out: Path) -> bool:
-    listed = _recorded(out / RECORD_NAME)
-    if listed is None:
+    try:
+        record = parse_json((out / RECORD_NAME).read_bytes())
+        if record["format"] != RECORD_FORMAT:
+            return False
+        listed = {str(file["path"]) for file in record["files"]}
+    except (OSError, ValueError, KeyError, TypeError):
         return False
     present = {path.relative_to(out).as_posix() for path in out.rglob("*") if not path.is_dir() or path.is_symlink()}
     strange = sorted(present - listed - {RECORD_NAME})
@@ -86,14 +90,3 @@ def is_shared_folder(out: Path) -> bool:
         fix = "Move them away, or choose another folder."
         raise StudioError("output.not_ours", problem, file=out, value=strange[0], fix=fix)
     return True
-
-
-def _recorded(path: Path) -> set[str] | None:
-    """Files that a share's record lists; None if it is not one."""
-    try:
-        record = parse_json(path.read_bytes())
-        if record["format"] != RECORD_FORMAT:
-            return None
-        return {str(file["path"]) for file in record["files"]}
-    except (OSError, ValueError, KeyError, TypeError):
-        return None

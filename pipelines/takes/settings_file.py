@@ -37,8 +37,10 @@ def set_settings(path: Path, values: Mapping[str, Any]) -> None:
 
 def changed_text(path: Path, values: Mapping[str, Any]) -> str | None:
     """What `set_settings` writes; None if all values are there already. See there."""
-    before = _read(path) if path.exists() else ""
-    tree = _parse(before, path)
+    try:
+        tree = _parse(read_bounded_text(path) if path.exists() else "", path)
+    except (OSError, UnicodeDecodeError) as error:
+        raise StudioError("settings.unreadable", f"cannot be read ({reason_of(error)})", file=path, fix=_FIX) from None
     changed = not path.exists()
     for name, value in values.items():
         *sections, last = name.split(".")
@@ -75,13 +77,6 @@ def leaves(config: BaseModel, prefix: str = "") -> Iterator[tuple[str, Any]]:
             yield from leaves(value, f"{prefix}{name}.")
         else:
             yield f"{prefix}{name}", values[name]
-
-
-def _read(path: Path) -> str:
-    try:
-        return read_bounded_text(path)
-    except (OSError, UnicodeDecodeError) as error:
-        raise StudioError("settings.unreadable", f"cannot be read ({reason_of(error)})", file=path, fix=_FIX) from None
 
 
 def _parse(text: str, path: Path) -> Any:
