@@ -63,7 +63,9 @@ def _section(model: Settings, prefix: str, names: Collection[str] | None) -> Ite
         if heading is not None and names is None:
             yield f"{indent}# --- {heading.text} ---"
             yield ""
-        yield from _comment(field, indent)
+        allowed = allowed_values(field)
+        words = " ".join((field.description or "").split()) + (f" [{allowed}]" if allowed else "")
+        yield from textwrap.wrap(words, _WIDTH, initial_indent=f"{indent}# ", subsequent_indent=f"{indent}# ")
         if isinstance(value, Settings):
             yield f"{indent}{name}:"
             yield from _section(value, f"{full}.", names)
@@ -71,14 +73,6 @@ def _section(model: Settings, prefix: str, names: Collection[str] | None) -> Ite
             dumped = model.model_dump(mode="json", include={name})[name]
             yield f"{indent}{name}: {inline_yaml(dumped)}"
         yield ""
-
-
-def _comment(field: FieldInfo, indent: str) -> Iterator[str]:
-    words = " ".join((field.description or "").split())
-    allowed = allowed_values(field)
-    if allowed:
-        words += f" [{allowed}]"
-    yield from textwrap.wrap(words, _WIDTH, initial_indent=f"{indent}# ", subsequent_indent=f"{indent}# ")
 
 
 def _choices(annotation: Any) -> Iterator[Any]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -66,11 +65,12 @@ def _matches(footage: Footage, frame: int, progress: ProgressFn) -> list[PairMat
 def check_rig(inputs: Inputs, key: str, frame: int, reporter: StageReporter) -> None:
     """Judge the rig by a frame's images and masks, log the verdict, and store it under `key`, their digest."""
     key = key_of("verdict", _VERSION, key)
-    verdict = _stored(inputs.take.rig_verdict, key)
-    if verdict is None:
+    path = inputs.take.rig_verdict
+    verdict = read_model(path, StoredVerdict) if path.is_file() else None
+    if verdict is None or verdict.key != key:
         verdict = StoredVerdict(key=key, **_judged(inputs, frame, reporter).model_dump())
-        inputs.take.rig_verdict.parent.mkdir(parents=True, exist_ok=True)
-        write_model(inputs.take.rig_verdict, verdict)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_model(path, verdict)
         write_calibration_page(inputs.take)
     if not verdict.blamed:
         reporter.log(f"cameras: {verdict.grade}. {verdict.reason}")
@@ -83,13 +83,6 @@ def check_rig(inputs: Inputs, key: str, frame: int, reporter: StageReporter) -> 
         raise StudioError(code, verdict.reason, fix=fix, setting="run.check_rig", cameras=cameras)
     warning = Message("rig.doubtful", verdict.reason, fix=verdict.fix, fields={"cameras": cameras})
     reporter.warn(replace(warning, code=code) if wrong else warning)
-
-
-def _stored(path: Path, key: str) -> StoredVerdict | None:
-    if not path.is_file():
-        return None
-    verdict = read_model(path, StoredVerdict)
-    return verdict if verdict.key == key else None
 
 
 def _judged(inputs: Inputs, frame: int, reporter: StageReporter) -> RigVerdict:
