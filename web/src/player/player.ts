@@ -112,11 +112,6 @@ export class Player extends Playback<Picture> {
     return this.camera.view;
   }
 
-  /** The camera of the image on the canvas, in pixels of any size. */
-  get pinhole(): Pinhole {
-    return this.screen.pinhole();
-  }
-
   /** How much of the image to show from this view, 0 to 1: below 1, no camera filmed from near here. */
   get visibility(): number {
     const range = this.info?.viewRange ?? null;
@@ -125,11 +120,6 @@ export class Player extends Playback<Picture> {
 
   set view(view: PartialView) {
     this.camera.view = { ...this.camera.view, ...view };
-    this.screen.fixed = null;
-  }
-
-  /** Call after moving the camera. */
-  moved(): void {
     this.screen.fixed = null;
   }
 

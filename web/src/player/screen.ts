@@ -43,7 +43,7 @@ export class Screen {
     this.resizing.observe(canvas);
   }
 
-  /** A pinhole instead of the orbit camera. */
+  /** A pinhole instead of the orbit camera; to be set to null when that is moved. */
   get fixed(): Pinhole | null {
     return this.fixed_;
   }
@@ -103,7 +103,7 @@ export class Screen {
     this.viewed(view);
   }
 
-  /** The camera of the next image. */
+  /** The camera of the next image, in its pixels. */
   pinhole(): Pinhole {
     const [width, height] = this.targetSize();
     if (this.fixed_ === null) return this.camera.pinhole(width, height);

@@ -64,9 +64,9 @@ export class Pins {
   }
 
   private choose(x: number, y: number): void {
-    const { player } = this;
     const { left, top, width, height } = this.layer.getBoundingClientRect();
-    const { pinhole, info } = player;
+    const { info, screen } = this.player;
+    const pinhole = screen.pinhole();
     if (info === null || width === 0 || height === 0) return;
     const middle = add(info.box.min, info.box.max).map((value) => value / 2) as unknown as Vector;
     const [u, v] = [((x - left) / width) * pinhole.width, ((y - top) / height) * pinhole.height];
@@ -76,7 +76,7 @@ export class Pins {
 
   private draw(): void {
     const { player } = this;
-    const { pinhole } = player;
+    const pinhole = player.screen.pinhole();
     const noted = this.marks.flatMap(({ frame, view }) => (frame === player.frame && view?.place ? [view.place] : []));
     const places = this.writing ? (this.chosen === null ? [] : [this.chosen]) : noted;
     const pins = places.map((point) => placeIn(pinhole, point)).filter((place) => place !== null);

@@ -107,7 +107,7 @@ export class Motion {
 
   private touched(): void {
     this.flight = null;
-    this.player.moved();
+    this.player.screen.fixed = null;
     this.events.touched();
   }
 

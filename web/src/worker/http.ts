@@ -10,16 +10,13 @@ const FIRST_WAIT = 400;
 const LONGEST_WAIT = 4000;
 const STALL = 15_000; // milliseconds without data after which a request is aborted
 
-/** Called with received bytes and milliseconds, to estimate the bandwidth. */
-export type Received = (bytes: number, milliseconds: number) => void;
-
 export class HttpSource implements Source {
   private readonly earlyTimes = new Map<string, number>();
 
-  /** @param earlyFiles - what the page has begun to fetch */
+  /** `received`: called to estimate the bandwidth. `earlyFiles`: what the page has begun to fetch. */
   constructor(
     private readonly base: string,
-    private readonly received: Received,
+    private readonly received: (bytes: number, milliseconds: number) => void,
     private readonly trouble: (message: string) => void,
     private readonly earlyFiles: EarlyFiles | null = null,
   ) {}

@@ -140,13 +140,6 @@ export interface GroupSetup {
   readonly mirrored: readonly boolean[];
 }
 
-export interface Timings {
-  /** Milliseconds for this frame: video decoding (wall-clock service time of one image), dequantizing positions, sorting. */
-  readonly decode: number;
-  readonly dequantize: number;
-  readonly sort: number;
-}
-
 export interface Picture {
   readonly frame: number;
   readonly group: number;
@@ -158,7 +151,8 @@ export interface Picture {
   readonly order: Uint32Array<ArrayBuffer>;
   /** How many entries of `order` to draw. */
   readonly count: number;
-  readonly timings: Timings;
+  /** Milliseconds for this frame: video decoding (wall-clock service time of one image), dequantizing positions, sorting. */
+  readonly timings: { readonly decode: number; readonly dequantize: number; readonly sort: number };
 }
 
 /** A frame's splats: float32, in one buffer. Values are those of docs/STREAM.md, "Splats". */
