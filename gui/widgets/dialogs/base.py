@@ -137,7 +137,7 @@ class Dialogs:
     def list_of(self, rows: int, selected: Callable[[str, bool], None]) -> gui.ListView:
         """Make the list of the dialog being built. `selected`: called with the clicked line and whether it was a double
         click."""
-        made = self.widgets["list"] = gui.ListView()
+        made = self.made["list"] = gui.ListView()
         made.set_max_visible_items(rows)
         made.set_on_selection_changed(selected)
         return made

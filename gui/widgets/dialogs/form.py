@@ -22,10 +22,10 @@ def refusal(error: str) -> gui.Label:
 
 
 class Form:
-    """Begins a dialog of labeled fields, each bound to an attribute of an object. `gap`: between two fields, em."""
+    """Labeled fields, each bound to an attribute of an object. `gap`: between two fields, em."""
 
     def __init__(self, dialogs: Dialogs, target: Any, gap: float = 0.6) -> None:
-        self._dialogs, self._target, dialogs.widgets = dialogs, target, {}
+        self._dialogs, self._target = dialogs, target
         self.grid = gui.VGrid(2, round(gap * dialogs.em))
         self.widgets: dict[str, gui.Widget] = {}
         self._labels, self._field = 0, FIELD
@@ -58,7 +58,7 @@ class Form:
         box.set_on_selection_changed(chosen)
         self.add(attribute, label, box)
 
-    def output(self, again: Callable[[], None]) -> gui.TextEdit:
+    def output(self, again: Callable[[], None]) -> None:
         """The field of the output path, and a button that asks for the folder; `again` then shows this dialog."""
         request = self._target
         field = gui.TextEdit()
@@ -74,7 +74,6 @@ class Form:
 
         self._field = PATH
         self.browsed("line", "Output", field, "target", browse)
-        return field
 
     def browsed(self, key: str, label: str, field: gui.TextEdit, of: str, browse: Callable[[], None]) -> None:
         """A field for a path, with a button `browse_{of}` beside it."""
