@@ -118,16 +118,14 @@ def build(application: gui.Application) -> None:
     """Create the application's menu bar, once."""
     if application.menubar is not None:
         return
-    bar = gui.Menu()
-    number = 1
+    bar, numbers = gui.Menu(), {key: number for number, key in enumerate(ITEMS, start=1)}
     for title, entries in MENUS.items():
         menu = gui.Menu()
         for item in entries:
             if item is None:
                 menu.add_separator()
             else:
-                menu.add_item(item.text, number)
-                number += 1
+                menu.add_item(item.text, numbers[item.key])
         bar.add_menu(title, menu)
     application.menubar = bar
 
