@@ -27,7 +27,7 @@ def memory_limit() -> int:
 
     session = [resource.getrlimit(kind)[0] for kind in (resource.RLIMIT_AS, resource.RLIMIT_DATA)]
     set_ = [limit for limit in session if limit != resource.RLIM_INFINITY]
-    return min(int(psutil.virtual_memory().total), *_cgroup_limits(), *set_)
+    return min([int(psutil.virtual_memory().total), *_cgroup_limits(), *set_])
 
 
 def memory_available() -> int:

@@ -33,6 +33,11 @@ def test_a_container_limits_it_at_any_level(cgroups: Path) -> None:
     assert memory_available() < 128 << 20, "less what this process has, which may just have changed a little"
 
 
+def test_without_limits_it_is_the_machine(cgroups: Path) -> None:
+    (cgroups / "outer" / "memory.max").write_text("max\n")
+    assert memory_limit() == psutil.virtual_memory().total
+
+
 def test_limits_of_the_session_count(cgroups: Path) -> None:
     before = resource.getrlimit(resource.RLIMIT_DATA)
     limit = psutil.virtual_memory().total // 2
