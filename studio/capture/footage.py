@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -229,12 +228,6 @@ class Footage:
     def close(self) -> None:
         """Close all video decoders. The next read opens them again."""
         self._pool.close()
-
-    def with_mask_source(self, mask_source: MaskSource) -> Footage:
-        """The same footage with another mask source, such as a `FunctionMaskSource`."""
-        other = copy.copy(self)
-        other.mask_source, other._cache, other._digests = mask_source, image_cache(self._cache.limit), {}
-        return other
 
     def _source(self, camera: str) -> FrameSource:
         source = self._sources.get(camera)

@@ -105,22 +105,18 @@ def export_exr(
 
     plates = Plates(video, wide, world, lambda rgba: _converted(oiio, rgba, color_space), shutter, performers, deep)
     digits = max(4, len(str(video.number(video.frame_count - 1))))
-    size = 0
     with new_folder(folder) as temporary:
         for index in range(video.frame_count):
             progress(index, video.frame_count)
             number = video.number(index)
             attributes = _attributes(world.camera(camera(index)), number, video.fps, shutter, color_space)
             plate = plates.render(index)
-            path = temporary / f"plate.{number:0{digits}d}.exr"
-            _write_plate(oiio, path, plate, attributes, overscan)
-            size += path.stat().st_size
+            name = f"{number:0{digits}d}.exr"
+            _write_plate(oiio, temporary / f"plate.{name}", plate, attributes, overscan)
             if plate.deep is not None:
-                path = temporary / f"deep.{number:0{digits}d}.exr"
-                _write_deep(oiio, path, plate.deep, plate.depth.shape, attributes, overscan)
-                size += path.stat().st_size
+                _write_deep(oiio, temporary / f"deep.{name}", plate.deep, plate.depth.shape, attributes, overscan)
         progress(video.frame_count, video.frame_count)
-    return size
+        return sum(path.stat().st_size for path in temporary.iterdir())
 
 
 def _converted(oiio: Any, rgba: np.ndarray, color_space: str) -> np.ndarray:

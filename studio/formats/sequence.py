@@ -200,23 +200,20 @@ def export_sequence(
         for index in range(video.frame_count):
             progress(index, video.frame_count)
             path = temporary / f"frame_{video.number(index):0{digits}d}{suffix}"
-            write_splats(_placed(video, index, rotation), path, **_offset(video, rotation), **options)
+            _write(video, index, path, rotation, options)
         progress(video.frame_count, video.frame_count)
 
 
 def export_frame(video: SplatVideo, path: Path, rotation: np.ndarray | None = None, **options: Any) -> None:
     """Write the first frame to a file, in the format of its extension. Raises StudioError as `export_sequence`."""
     with new_file(path) as temporary:
-        write_splats(_placed(video, 0, rotation), temporary, **_offset(video, rotation), **options)
+        _write(video, 0, temporary, rotation, options)
 
 
-def _placed(video: SplatVideo, index: int, rotation: np.ndarray | None) -> Gaussians:
-    """A frame in the units of `video.original`."""
+def _write(video: SplatVideo, index: int, path: Path, rotation: np.ndarray | None, options: dict[str, Any]) -> None:
     gaussians = scaled(video.read(index), video.original.scale)
-    return gaussians if rotation is None else turned(gaussians, rotation)
-
-
-def _offset(video: SplatVideo, rotation: np.ndarray | None) -> dict[str, np.ndarray]:
-    """The option for the translation of `video.original`, which files for viewers do not have."""
-    far = rotation is None and video.original.translation.any()
-    return {"offset": video.original.translation} if far else {}
+    if rotation is not None:
+        gaussians = turned(gaussians, rotation)
+    elif video.original.translation.any():  # which files for viewers do not have
+        options = options | {"offset": video.original.translation}
+    write_splats(gaussians, path, **options)

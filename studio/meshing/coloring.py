@@ -34,19 +34,17 @@ def color_points(
     best: int = 4,
     max_pixels: int = 300_000,
     progress: ProgressFn = no_progress,
-) -> tuple[np.ndarray, np.ndarray]:
+) -> np.ndarray:
     """Color every point with the median of its best views, each of which is read once.
 
     A point is visible in a view if it projects into the image and the mask, faces the camera, and is not occluded by
     the mesh (tested with a depth map of reduced size). Views are ranked by viewing angle and distance. Takes (N, 3)
-    world coordinates and unit normals; returns (N, 3) float32 colors in 0..1, and the number of views that see each
-    point, (N,) int32. Points that are not visible take the color of the nearest visible point; if none is visible, all
-    are gray.
+    world coordinates and unit normals; returns (N, 3) float32 colors in 0..1. Points that are not visible take the
+    color of the nearest visible point; if none is visible, all are gray.
     """
     count = len(points)
     scores = np.zeros((best, count), np.float32)
     found = np.zeros((best, count, 3), np.float32)
-    seen = np.zeros(count, np.int32)
     for index, view in enumerate(views):
         camera: Camera = view.camera
         pixels, depth = camera.project(points)
@@ -71,7 +69,6 @@ def color_points(
         covered = _bilinear(view.mask, pixels[candidates]) > 127
         candidates = candidates[covered]
         color = _bilinear(view.image, pixels[candidates]) / 255.0
-        seen[candidates] += 1
         score = (facing**2 * camera.fx / np.maximum(depth, 1e-12)).astype(np.float32)[candidates]
         # Insert into the ranking and shift worse views down.
         for rank in range(best):
@@ -83,7 +80,7 @@ def color_points(
             color = np.where(better[:, None], held_color, color)
     values = np.where(scores[:, :, None] > 0, found, np.nan)
     colors = np.full((count, 3), 0.5, np.float32)
-    lit = seen > 0
+    lit = scores[0] > 0
     if lit.any():
         colors[lit] = np.nanmedian(values[:, lit], axis=0)
     if lit.any() and not lit.all():
@@ -93,4 +90,4 @@ def color_points(
         nearest = tree.knn_search(o3d.core.Tensor(points[~lit].astype(np.float32)), 1)[0].numpy()[:, 0]
         colors[~lit] = colors[lit][nearest]
     progress(len(views), len(views))
-    return np.clip(colors, 0, 1), seen
+    return np.clip(colors, 0, 1)

@@ -39,14 +39,8 @@ class Hull:
     voxel: float  # edge length of a voxel in world units
     band: float  # distance to which the field is clamped, in world units
     min_views: int  # number of cameras that had to see a point
-    restored: int = 0  # number of voxels restored because the cameras that rejected them are outliers
-    # camera name to the number of restored voxels that it had rejected
+    # camera name to the number of voxels that it rejected and that were restored, since it is an outlier
     outliers: dict[str, int] = dataclasses.field(default_factory=dict)
-
-    @property
-    def volume(self) -> float:
-        """Volume in cubic world units."""
-        return float((self.field > 0).sum()) * self.voxel**3
 
     def bounds(self) -> Bounds | None:
         """Bounds of the voxels that may be inside, plus one voxel; None if there are none."""

@@ -32,7 +32,6 @@ class InitResult:
         colors: (N, 3) float32 in 0..1.
         disagreement: camera name to 1 - IoU of the hull's silhouette and the mask, 0..1. Ragged masks and small images
             raise it in all cameras.
-        views_per_point: (N,) int32, number of cameras that see each point.
         warnings: `hull.mask_mismatch` per camera whose disagreement is above 0.12 and more than twice the median, and
             `hull.outlier_mask` per camera whose mask was corrected, with the field `camera`.
     """
@@ -42,7 +41,6 @@ class InitResult:
     normals: np.ndarray
     colors: np.ndarray
     disagreement: dict[str, float]
-    views_per_point: np.ndarray
     warnings: list[Message]
 
     __repr__ = short_repr
@@ -63,7 +61,7 @@ def initialize_points(
     settings = settings or InitializeSettings()
     result = visual_hull(views, settings, progress=part_of(progress, 0, 70))
     points, normals = sample_surface(result.mesh, settings.points, seed=seed)
-    colors, seen = color_points(points, normals, views, MeshViews(result.mesh), progress=part_of(progress, 70, 100))
+    colors = color_points(points, normals, views, MeshViews(result.mesh), progress=part_of(progress, 70, 100))
     usual = float(np.median(list(result.disagreement.values())))
     warnings = [
         Message(
@@ -87,4 +85,4 @@ def initialize_points(
         for name, value in result.outlier_shares.items()
         if value > _MIN_OUTLIER_SHARE
     ]
-    return InitResult(result.mesh, points, normals, colors, result.disagreement, seen, warnings)
+    return InitResult(result.mesh, points, normals, colors, result.disagreement, warnings)

@@ -74,4 +74,4 @@ def restore(
     merged.ravel()[rim] = np.maximum(merged.ravel()[rim], _field(others, rim_points, hull.band).numpy())
     counts = {shapes[index].camera.name: int(rejecting[index, back].sum()) for index in bad}
     outliers = {name: count for name, count in counts.items() if count}
-    return Hull(merged, hull.origin, hull.voxel, hull.band, hull.min_views, int(back.sum()), outliers)
+    return Hull(merged, hull.origin, hull.voxel, hull.band, hull.min_views, outliers)

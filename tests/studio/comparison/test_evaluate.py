@@ -15,7 +15,9 @@ from tests.support.tiny_capture import write_capture
 
 FAR_AWAY = round_splats(torch.full((1, 3), 1e4))
 """A splat that no camera sees."""
-NAMES = tuple(f"cam{number}" for number in range(6))
+FIRST_FIVE = FunctionMaskSource(
+    lambda image, camera, frame: np.ones(image.shape[:2]), cameras=tuple(f"cam{number}" for number in range(5))
+)
 
 
 @pytest.mark.parametrize("padding", [3, None])
@@ -42,7 +44,7 @@ def test_nothing_rendered_is_as_far_as_the_footage_is_from_black(padding: int | 
 )
 def test_cameras_without_masks_are_not_measured(held_out: tuple[str, ...], measured: set[str], tmp_path: Path) -> None:
     write_capture(tmp_path, frames=1)
-    settings = CaptureSettings(root=tmp_path, images="images/{camera}/{frame:03d}.png", held_out=held_out)
-    source = FunctionMaskSource(lambda image, camera, frame: np.ones(image.shape[:2]), cameras=NAMES[:5])
-    footage = open_footage(settings, read_rig(str(tmp_path / "cameras.json"))).with_mask_source(source)
+    images = "images/{camera}/{frame:03d}.png"
+    settings = CaptureSettings(root=tmp_path, images=images, masks=FIRST_FIVE, held_out=held_out)
+    footage = open_footage(settings, read_rig(str(tmp_path / "cameras.json")))
     assert set(evaluate(FAR_AWAY, footage, 0)) == measured

@@ -28,6 +28,7 @@ def capture(tmp_path: Path, make: SimpleNamespace) -> Path:
 
 RIGHT_HALF = "[[48, 0], [96, 0], [96, 64], [48, 64]]"
 FILE = "garbage.yaml"
+EVERYTHING = FunctionMaskSource(lambda image, camera, frame: np.ones(image.shape[:2]))
 
 
 def mask(capture: Path, camera: str = "01", text: str | None = None, **values: object) -> np.ndarray:
@@ -67,7 +68,7 @@ def test_files_digest_and_own_functions(capture: Path) -> None:
     spec = CaptureSettings(root=capture, masks="files", garbage_masks=FILE)
     footage = open_footage(spec)
     assert path in footage.files()
-    own = footage.with_mask_source(FunctionMaskSource(lambda image, camera, frame: np.ones(image.shape[:2])))
+    own = open_footage(spec.replace(masks=EVERYTHING))
     assert np.array_equal(np.unique(np.nonzero(own.mask("01", 0))[1]), np.arange(48))
     before = footage.digest()
     path.write_text(path.read_text().replace("48", "50"))

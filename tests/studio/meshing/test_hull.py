@@ -55,7 +55,7 @@ def test_hull_contains_the_object_and_little_more(scale, origin):
     assert distance.mean() < 0.06  # the limit of 12 silhouettes
     assert distance.max() < 0.25
     assert max(result.disagreement.values()) < 0.06
-    assert result.hull.restored == 0
+    assert result.hull.outliers == {}
 
 
 def test_one_outlier_mask_is_corrected_and_reported(carved):
@@ -66,7 +66,7 @@ def test_one_outlier_mask_is_corrected_and_reported(carved):
     views[4] = replace(views[4], mask=mask)
     strict = visual_hull(views, InitializeSettings(resolution=48, tolerance=0))
     corrected = initialize_points(views, COARSE.replace(points=500))
-    assert strict.hull.volume < 0.75 * carved.hull.volume
+    assert volume_of(strict.mesh) < 0.75 * volume_of(carved.mesh)
     assert volume_of(corrected.mesh) == pytest.approx(volume_of(carved.mesh), rel=0.1)
     assert max(corrected.disagreement, key=lambda name: corrected.disagreement[name]) == "cam04"
     outliers = [warning for warning in corrected.warnings if warning.code == "hull.outlier_mask"]
@@ -165,7 +165,6 @@ def test_points_and_colors_of_a_ball():
     assert (outward[on_big] > 0).mean() > 0.97
     expected = color_of(result.points, np.zeros(3), 0.5)
     error = np.abs(result.colors - expected).mean(1)
-    assert (result.views_per_point > 0).mean() > 0.9
     assert np.median(error) < 0.03
     assert np.quantile(error, 0.9) < 0.15
 
