@@ -25,21 +25,21 @@ def is_deep(path: Path, transfer: TransferFunction = "auto") -> bool:
     return suffix in _CODECS or (suffix in _BY_OPENCV and transfer not in ("auto", "srgb"))
 
 
-def read_deep_image(path: Path, transfer: TransferFunction = "auto") -> np.ndarray:
+def read_deep_image(path: Path, transfer: TransferFunction) -> np.ndarray:
     """Decode an EXR (RGB or gray, half or float), DPX (8 to 16 bits), TIFF or PNG file to (H, W, 3) RGB or (H, W, 4)
     RGBA with straight alpha, uint8 sRGB; `transfer` auto: EXR files are linear, others sRGB."""
-    suffix = path.suffix.lower()
-    data = _data(path)
-    values = _decoded(path, data, _CODECS[suffix]) if suffix in _CODECS else _by_opencv(path, data, transfer)
+    values = read_deep_values(path)
+    if values.dtype != np.uint16 or transfer not in ("auto", "srgb"):
+        white = {"uint8": 255, "uint16": 65535}.get(values.dtype.name, 1)
+        values = np.asarray(values, np.float32) / np.float32(white)
     if values.ndim == 2:
         values = np.repeat(values[:, :, None], 3, axis=2)
     color, alpha = values[:, :, :3], values[:, :, 3:]
-    if suffix == ".exr":
+    if path.suffix.lower() == ".exr":
         transfer = "linear" if transfer == "auto" else transfer
         if alpha.size:  # colors of EXR files are premultiplied
             color = color / np.maximum(alpha, 1e-6)
-    shown = [eight_bit(color, transfer), eight_bit(alpha, "srgb")] if alpha.size else [eight_bit(color, transfer)]
-    return np.ascontiguousarray(np.concatenate(shown, axis=2))
+    return np.ascontiguousarray(np.concatenate([eight_bit(color, transfer), eight_bit(alpha, "srgb")], axis=2))
 
 
 def read_deep_values(path: Path) -> np.ndarray:
@@ -98,15 +98,6 @@ def _channels(path: Path, frame: VideoFrame) -> np.ndarray:
     else:
         _refuse(path, f"its pixel format, {kind}, is not supported")
     return values.astype(np.float32) / np.float32(2**bits - 1)
-
-
-def _by_opencv(path: Path, data: bytes, transfer: TransferFunction) -> np.ndarray:
-    """(H, W) or (H, W, 3 or 4), float32, 0..1 for integers; uint16 as stored if the values are sRGB."""
-    values = _opencv_values(path, data)
-    if values.dtype == np.uint16 and transfer in ("auto", "srgb"):
-        return values
-    white = {"uint8": 255, "uint16": 65535}.get(values.dtype.name, 1)
-    return np.asarray(values, np.float32) / np.float32(white)
 
 
 def _opencv_values(path: Path, data: bytes) -> np.ndarray:

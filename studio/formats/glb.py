@@ -5,6 +5,7 @@ opacity from 0 to 1, and SH with one accessor per coefficient. COLOR_0 is for vi
 """
 
 import json
+import math
 import struct
 from pathlib import Path
 
@@ -34,11 +35,9 @@ def write(path: Path, gaussians: Gaussians, offset: np.ndarray | None = None) ->
         f"{NAME}:SCALE": np.exp(arrays["log_scales"]),
         f"{NAME}:OPACITY": opacities[:, None].astype(np.float32),
     }
-    coefficient = 0
-    for degree in range(gaussians.sh_degree + 1):
-        for order in range(2 * degree + 1):
-            attributes[f"{NAME}:SH_DEGREE_{degree}_COEF_{order}"] = sh[:, coefficient]
-            coefficient += 1
+    for index in range(sh.shape[1]):
+        degree = math.isqrt(index)
+        attributes[f"{NAME}:SH_DEGREE_{degree}_COEF_{index - degree**2}"] = sh[:, index]
 
     views: list[JsonObject] = []
     accessors: list[JsonObject] = []
