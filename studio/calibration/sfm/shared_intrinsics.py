@@ -65,6 +65,8 @@ def try_separate_intrinsics(
     tests = []
     for key in sorted(set(joint.values())):
         images = [image for image in joint if joint[image] == key]
+        if len(images) < 2:
+            continue
         given_up = (len(images) - 1) * _free_parameters(model.cameras[key])
         tests.append((images, misfit_growth(model, apart, width, given_up)))
     return (model if all(growth < LIMIT for _, growth in tests) else apart), tests

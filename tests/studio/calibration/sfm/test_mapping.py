@@ -20,7 +20,7 @@ from studio.calibration.sfm.features import count_rows, merge_sync_frames, write
 from studio.calibration.sfm.focal_lengths import guess_focal_lengths, is_any_unknown
 from studio.calibration.sfm.job import SfmJob, SfmSolution, neighbors
 from studio.calibration.sfm.mapping import Mapper
-from studio.calibration.sfm.shared_intrinsics import LIMIT, focal_spread
+from studio.calibration.sfm.shared_intrinsics import LIMIT, focal_spread, rebuilt, try_separate_intrinsics
 from studio.calibration.sfm.verdict import match_inlier_ratios
 from studio.calibration.sfm.worker import solve
 from studio.cameras import Camera, Rig
@@ -128,6 +128,10 @@ def test_focal_lengths_far_apart_are_tried_as_shared(tmp_path: Path, monkeypatch
     assert images == list(range(1, 7))
     assert growth < LIMIT
     assert next(iter(polished.cameras.values())).mean_focal_length() == pytest.approx(1280, rel=2e-3)
+    (camera,) = polished.cameras.values()
+    other = rebuilt(polished, {1: camera, 6: camera}, {**dict.fromkeys(images, 1), 6: 6})  # another lens
+    _, compared = try_separate_intrinsics(other, {image: image for image in images}, 1.0, lambda model: None)
+    assert [together for together, _ in compared] == [images[:5]]
 
 
 def test_distortion_terms_are_estimated_last(tmp_path: Path) -> None:
