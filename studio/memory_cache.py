@@ -58,16 +58,18 @@ class MemoryCache(Generic[Key, Value]):
         once; other keys do not wait for it. If `make` raises, so does this, and the next call tries again."""
         with self._lock:
             making = self._making.setdefault(key, threading.Lock())
-        with making:
-            with self._lock:
-                if key in self._values:
-                    self._values.move_to_end(key)
-                    return self._values[key]
-            value = make(key)
-            self.put(key, value)
+        try:
+            with making:
+                with self._lock:
+                    if key in self._values:
+                        self._values.move_to_end(key)
+                        return self._values[key]
+                value = make(key)
+                self.put(key, value)
+                return value
+        finally:
             with self._lock:
                 self._making.pop(key, None)
-            return value
 
     def drop(self, key: Key) -> None:
         with self._lock:

@@ -5,6 +5,7 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
+import pytest
 
 from studio.memory_cache import MemoryCache, OnDemand, image_cache
 
@@ -51,6 +52,9 @@ def test_values_are_made_once_and_keys_do_not_wait_for_each_other() -> None:
         wait.set()
         assert [result.result() for result in results] == [1, 1, 1]
     assert made == ["slow"]
+    with pytest.raises(ZeroDivisionError):
+        cache.get_or_make("wrong", lambda key: 1 // 0)
+    assert not cache._making
 
 
 def test_items_on_demand_are_made_at_each_access() -> None:
