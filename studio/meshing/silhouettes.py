@@ -127,8 +127,12 @@ def silhouettes(
 def votes(shapes: list[Silhouette], points: torch.Tensor, slack: float) -> tuple[torch.Tensor, torch.Tensor]:
     """(cameras, N) bool each: whether a camera's mask holds a world point (N, 3), give or take `slack` world units, and
     whether it sees it."""
-    distances, seen = (torch.stack(parts) for parts in zip(*(shape.distance(points) for shape in shapes), strict=True))
-    return seen & (distances > -slack), seen
+    accepted, sees = [], []
+    for shape in shapes:
+        distance, seen = shape.distance(points)
+        accepted.append(seen & (distance > -slack))
+        sees.append(seen)
+    return torch.stack(accepted), torch.stack(sees)
 
 
 def _silhouette(camera: Camera, mask: np.ndarray, budget: float) -> Silhouette:
