@@ -54,7 +54,7 @@ class TargetRig:
                 reprojection(camera, camera.world_to_camera @ way, target, self.views[sync_frame, camera.name])
                 for camera in (self.cameras[name] for name in seen)
             )
-            costs.append(sum(min(float(np.median(error)), most) for error in errors))
+            costs.append(sum(min(most, float(np.median(error))) for error in errors))
         return ways[int(np.argmin(costs))]
 
 
