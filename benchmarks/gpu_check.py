@@ -24,7 +24,6 @@ Exit code: 0 if all parts ran, else 1. A part that failed has `error` in the rep
 
 import argparse
 import contextlib
-import functools
 import json
 import os
 import platform
@@ -36,6 +35,7 @@ import threading
 import time
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -92,30 +92,20 @@ console = Console(width=112)
 
 
 class Check:
-    """Runs the parts and holds their report.
+    """Runs the parts and holds their report; `dry`: on the CPU, tiny."""
 
-    Args:
-        dry: on the CPU, tiny.
-        seconds: for the whole check.
-    """
-
-    def __init__(self, dry: bool, seconds: float) -> None:
-        self.dry, self.device = dry, "cpu" if dry else "cuda"
-        self.ends = time.monotonic() + seconds
-        self.backend = "cpu" if dry else "triton"
+    def __init__(self, dry: bool) -> None:
+        self.dry, self.ends = dry, time.monotonic() + SECONDS
+        self.device, self.backend = ("cpu", "cpu") if dry else ("cuda", "triton")
         self.report: Report = {"dry_run": dry, "machine": machine(), "parts": {}}
 
-    @property
-    def left(self) -> float:
-        """Seconds left, at least 1."""
-        return max(1.0, self.ends - time.monotonic())
-
     def limit(self, seconds: float) -> float | None:
-        """Seconds that a part may take; None in a dry run, which may be on a busy machine."""
-        return None if self.dry else min(seconds, self.left)
+        """Seconds that a part may take, at least 1; None in a dry run, which may be on a busy machine."""
+        return None if self.dry else min(seconds, max(1.0, self.ends - time.monotonic()))
 
-    def part(self, name: str, work: Callable[[], Report]) -> bool:
+    def part(self, work: Callable[[], Report]) -> bool:
         """Run a part and add it to the report. Returns whether it ran."""
+        name = work.__name__.replace("_", " ")
         console.print(f"{name} ...")
         start = time.monotonic()
         try:
@@ -167,31 +157,27 @@ class Check:
             right = results(exact, leaves)
             kernel, definition, leaves = make(torch.float32, self.device)
             error, usual = (worst_error(results(one, leaves), right) for one in (kernel, definition))
-            times = [
-                time_it(functools.partial(results, one, leaves), 15, self.device)[0] for one in (kernel, definition)
-            ]
+            times = (time_it(partial(results, one, leaves), 15, self.device)[0] for one in (kernel, definition))
             found.append({"kernel": name, "error": error, "definition_error": usual})
-            found[-1] |= {"kernel_ms": times[0], "definition_ms": times[1]}
+            found[-1] |= zip(("kernel_ms", "definition_ms"), times, strict=True)
         wrong = [one["kernel"] for one in found if not one["error"] <= max(4 * one["definition_error"], LARGEST_ERROR)]
         return {"kernels": found, "error": f"wrong: {', '.join(wrong)}"} if wrong else {"kernels": found}
 
     def rasterizer(self) -> Report:
         """Milliseconds of a forward pass, and of both passes, median of 15."""
         cases = ((500, 64, 48),) if self.dry else ((30_000, 480, 270), (100_000, 960, 540), (100_000, 1920, 1080))
-        found = []
+        found: list[Report] = []
         for count, width, height in cases:
             scene = person(count, width, height, self.device)
-            size = {"splats": count, "width": width, "height": height}
-            forward, both = (
-                time_it(make(*scene, self.backend), 15, self.device)[0] for make in (forward_function, both_function)
-            )
-            found.append({**size, "forward_ms": forward, "both_ms": both})
+            found.append({"splats": count, "width": width, "height": height})
+            for time_name, make in (("forward_ms", forward_function), ("both_ms", both_function)):
+                found[-1][time_name] = time_it(make(*scene, self.backend), 15, self.device)[0]
         return {"cases": found}
 
     def group(self) -> Report:
         """Train a take, and add its keyframe, its other frames and its joint training as parts of their own."""
         config, stop, parts = settings(self.dry), Cancellation(), self.report["parts"]
-        timer = threading.Timer(self.limit(self.left) or threading.TIMEOUT_MAX, stop.cancel)
+        timer = threading.Timer(self.limit(SECONDS) or threading.TIMEOUT_MAX, stop.cancel)
         finished: dict[int, Report] = {}
         with tempfile.TemporaryDirectory() as folder, busy() as utilization:
             take = Take.create(Path(folder) / "take")
@@ -399,12 +385,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--dry-run", action="store_true", help="on the CPU, tiny")
     parser.add_argument("--out", type=Path, default=Path("gpu.json"), help="report (default: %(default)s)")
     options = parser.parse_args(arguments)
-    check = Check(options.dry_run, SECONDS)
-    if check.part("kernels", check.kernels):
-        check.part("tests", check.tests)
-        check.part("training kernels", check.training_kernels)
-        check.part("rasterizer", check.rasterizer)
-        check.part("group", check.group)
+    check = Check(options.dry_run)
+    if check.part(check.kernels):
+        for work in (check.tests, check.training_kernels, check.rasterizer, check.group):
+            check.part(work)
     options.out.write_text(json.dumps(check.report, indent=2) + "\n")
     show(check.report)
     console.print(f"Report: {options.out}")

@@ -75,9 +75,8 @@ class Views:
 
     def __init__(self, inputs: Inputs) -> None:
         self.inputs, self.cameras = inputs, compared_cameras(inputs.footage.trained)
-        self.trained: list[tuple[int, ComparedView, np.ndarray]] = []
-        """Index of the frame in the take, view, and (h, w, 3) what it shows of the trained splats."""
-        self._trained_errors: list[float] = []
+        self.trained: list[tuple[int, ComparedView, np.ndarray, float]] = []
+        """Index of the frame in the take, view, (h, w, 3) what it shows of the trained splats, and its error."""
 
     def add(self, index: int, gaussians: Gaussians) -> None:
         """Add frame `index` of the take."""
@@ -85,21 +84,17 @@ class Views:
             view = compared_view(self.inputs, camera, self.inputs.footage.trained.frames[index])
             if view is not None:
                 pair = view.pair(gaussians)
-                self.trained.append((index, view, pair.rendered))
-                self._trained_errors.append(_error(pair.rendered, pair.footage))
+                self.trained.append((index, view, pair.rendered, _error(pair.rendered, pair.footage)))
 
     def measure(self, frames: dict[int, Gaussians]) -> tuple[float, float]:
         """PSNR in dB relative to the footage and to the trained splats, over all views of `frames`."""
         errors = []
-        for index, view, trained in self.trained:
+        for index, view, trained, _ in self.trained:
             if index in frames:
                 pair = view.pair(frames[index])
                 errors.append((_error(pair.rendered, pair.footage), _error(pair.rendered, trained)))
         footage, own = np.mean(errors, axis=0)
         return _psnr(footage), _psnr(own)
-
-    def trained_psnr(self) -> float:
-        return _psnr(np.mean(self._trained_errors))
 
 
 def _error(image: np.ndarray, wanted: np.ndarray) -> float:
@@ -323,16 +318,15 @@ def speed_rows(group: TakeGroup, work: Path) -> list[str]:
 
 
 def table(points: list[Point]) -> list[str]:
-    lines = [
+    return [
         "| bake | QP | KB per frame | PSNR to footage | PSNR to unquantized | bake per frame | decode per frame |",
         "|---|---|---|---|---|---|---|",
-    ]
-    for p in points:
-        lines.append(
+        *(
             f"| {p.name} | {p.qp} | {p.kilobytes:.1f} | {p.footage_psnr:.2f} dB | {p.own_psnr:.2f} dB | "
             f"{p.encode_ms:.0f} ms | {p.decode_ms:.1f} ms |"
-        )
-    return lines
+            for p in points
+        ),
+    ]
 
 
 def comparison(curves: dict[str, list[Point]]) -> list[str]:
@@ -387,12 +381,13 @@ def main(words: Sequence[str] | None = None) -> int:
     wanted = [int(number) for number in arguments.groups.split(",")] if arguments.groups else None
     views, groups = load_take(arguments.take, wanted)
     frames, splats = sum(len(g.frames) for g in groups), [len(g.frames[0]) for g in groups]
+    trained = _psnr(np.mean([error for *_, error in views.trained]))
     kind = "held-out" if views.inputs.footage.trained.held_out_cameras else "training"
     about = (
         f"groups: {len(groups)}, frames: {frames}; "
         f"{min(splats):,} to {max(splats):,} splats, SH degree {groups[0].frames[0].sh_degree}; "
         f"{kind} cameras {', '.join(views.cameras)}, where the trained "
-        f"splats have {views.trained_psnr():.2f} dB to the footage. {os.cpu_count()} cores, "
+        f"splats have {trained:.2f} dB to the footage. {os.cpu_count()} cores, "
         f"load {os.getloadavg()[0]:.1f} while measuring."
     )
     lines = [about, ""]

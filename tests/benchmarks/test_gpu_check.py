@@ -36,13 +36,13 @@ def test_dry_run(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch
 
 def test_a_wrong_training_kernel_fails_the_check(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(script, "photometric_loss", lambda *images: 1.001 * script.photometric_loss_torch(*images))
-    found = script.Check(True, 60.0).training_kernels()
+    found = script.Check(True).training_kernels()
     assert found["error"] == "wrong: image loss"
     assert found["kernels"][0]["error"] == pytest.approx(1e-3, rel=0.1)
 
 
 def test_training_ends_when_its_time_is_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    check = script.Check(True, 60.0)
+    check = script.Check(True)
     monkeypatch.setattr(check, "limit", lambda seconds: 0.01)
-    assert not check.part("group", check.group)
+    assert not check.part(check.group)
     assert "time is up" in check.report["parts"]["group"]["error"]
