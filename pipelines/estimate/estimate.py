@@ -8,6 +8,7 @@ from pipelines.estimate.work import Work
 from pipelines.takes.groups import Group
 from studio.json_types import JsonObject
 from studio.training import joint_steps
+from studio.training.pruning import prune_rounds
 
 UNCERTAINTY = 0.25
 """Of the time: about one run in ten is further off, most often because splats become more or fewer than assumed."""
@@ -72,7 +73,7 @@ def estimate(work: Work, measured: Measured, qp: int | None) -> Estimate:
     """The stages after calibration. `qp`: of a stream with the profile `motion`; None: of unknown size."""
     splats, frames = work.splats, work.frames
     sh = 3 * (work.train.sh_degree + 1) ** 2
-    cameras, evaluated = work.train_cameras, work.evaluated_cameras
+    cameras, evaluated = work.train_cameras, work.held_out_cameras or work.train_cameras
     # Reading the footage shares the processor with training. Images are masked once if the cache holds them.
     reading = measured.view * cameras * frames / work.threads
     opening = measured.camera * (cameras + work.held_out_cameras) / work.threads
@@ -118,7 +119,7 @@ def stream_range(stage: StageEstimate) -> tuple[int, int] | None:
 def _group(work: Work, measured: Measured, frames: int) -> float:
     """Seconds to train a group of this many frames."""
     train, before = work.train, work.splats_before_pruning
-    after = work.pruning_rounds * train.prune_finetune_iterations
+    after = prune_rounds(train, before) * train.prune_finetune_iterations
     seconds = measured.keyframe_step * (before * train.keyframe_iterations + (before + work.splats) / 2 * after)
     for side in Group(index=0, first=0, frames=tuple(range(frames))).sides:
         for number in range(len(side)):

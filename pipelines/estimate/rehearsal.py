@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from statistics import fmean
 from typing import Any
@@ -81,9 +80,9 @@ class _Steps:
 
     @property
     def seconds(self) -> float:
-        """Mean of the steady steps."""
+        """Mean of the steady steps; 0 if there were none."""
         first = min(int(len(self.ends) * _UNSTEADY), len(self.ends) - 2)
-        return (self.ends[-1] - self.ends[first]) / (len(self.ends) - 1 - first)
+        return (self.ends[-1] - self.ends[first]) / (len(self.ends) - 1 - first) if self.ends else 0.0
 
 
 def rehearse(inputs: Inputs, work: Work, progress: ProgressFn = no_progress) -> Measured:
@@ -98,23 +97,19 @@ def rehearse(inputs: Inputs, work: Work, progress: ProgressFn = no_progress) -> 
     started, processor = time.perf_counter(), time.process_time()
     lock, stop = threading.Lock(), Cancellation()
 
-    def train(index: int) -> None:
+    def train() -> None:
         one = _Training(inputs, work, points, training, stop)
         one.run()
         with lock:
             results.append(one)
             progress(2 + len(results), parts)
 
-    run_groups(
-        {index: partial(train, index) for index in range(work.at_once)},
-        work.at_once,
-        [work.threads_per_group] * work.at_once,
-        stop,
-    )
+    threads = [work.threads_per_group] * work.at_once
+    run_groups(dict.fromkeys(range(work.at_once), train), work.at_once, threads, stop)
     for name in ("keyframe_step", "motion_step", "finetune_step", "frame"):
         setattr(found, name, fmean(getattr(one.found, name) for one in results))
     spent = time.process_time() - processor
-    found.processor = min(1.0, spent / ((time.perf_counter() - started) * work.at_once * work.threads_per_group))
+    found.processor = min(1.0, spent / ((time.perf_counter() - started) * sum(threads)))
     splats = results[0].splats
     progress(2 + work.at_once, parts)
     found.evaluated_view = _evaluate(inputs, views[0], splats)
@@ -178,10 +173,8 @@ class _Training:
     def run(self) -> None:
         """Measure."""
         self._keyframe()
-        motion = self._steps_of(finetune_iterations=0)
-        self.found.motion_step = motion.seconds if motion.ends else 0.0
-        tuning = self._steps_of(motion_iterations=0)
-        self.found.finetune_step = tuning.seconds if tuning.ends else 0.0
+        self.found.motion_step = self._seconds_of(finetune_iterations=0)
+        self.found.finetune_step = self._seconds_of(motion_iterations=0)
 
     def _settings(self, **changes: Any) -> TrainSettings:
         settings = self._inputs.config.train
@@ -207,15 +200,15 @@ class _Training:
         order = splats.logit_opacities.argsort(descending=True)[: self._work.splats]
         self.splats = splats.map(lambda tensor: tensor[order].clone())
 
-    def _steps_of(self, **changes: int) -> _Steps:
-        """Train one kind of step; the time until the first one is that of the frame."""
+    def _seconds_of(self, **changes: int) -> float:
+        """Of one kind of step, which is trained; the time until the first one is that of the frame."""
         steps, settings = _Steps(SECONDS / 4, self._stop.check), self._settings(**changes)
         begun = time.perf_counter()
         with suppress(_Enough):
             train_interframe(self.splats, self._training, settings, before_previous=self.splats.clone(), progress=steps)
         if steps.ends:
             self.found.frame += steps.ends[0] - begun
-        return steps
+        return steps.seconds
 
 
 def _evaluate(inputs: Inputs, view: FootageView, splats: Gaussians) -> float:

@@ -8,7 +8,7 @@ from pipelines.stages.camera_refinement import refines_cameras
 from pipelines.stages.group_scheduler import groups_at_once, memory_of_group, threads_by_group
 from pipelines.stages.inputs import Inputs
 from studio.training.camera_refinement import all_steps
-from studio.training.pruning import prune_rounds, splats_after_pruning
+from studio.training.pruning import splats_after_pruning
 from studio.training.settings import TrainSettings
 
 
@@ -58,11 +58,6 @@ class Work:
         return threads_by_group(len(self.groups), self.at_once, self.threads)[0]
 
     @property
-    def evaluated_cameras(self) -> int:
-        """Cameras that the evaluation measures."""
-        return self.held_out_cameras or self.train_cameras
-
-    @property
     def refinement_steps(self) -> int:
         """Steps of the splats with which cameras are refined."""
         return all_steps(self.train, self.train_cameras, self.held_out_cameras) if self.refines else 0
@@ -74,11 +69,6 @@ class Work:
         first = (train.densify_from // train.densify_every + 1) * train.densify_every
         grows = first < min(train.densify_until, train.keyframe_iterations + 1)
         return max(self.points, train.densify_max_splats) if grows else self.points
-
-    @property
-    def pruning_rounds(self) -> int:
-        """Rounds of pruning and fine-tuning of a keyframe."""
-        return prune_rounds(self.train, self.splats_before_pruning)
 
     @property
     def splats(self) -> int:
