@@ -104,16 +104,15 @@ def _inputs(arguments: argparse.Namespace, stack: ExitStack) -> Inputs:
 
 
 def _print(found: Estimate, threads: int, now: float | None) -> None:
-    from pipelines.estimate.estimate import stream_range
+    from pipelines.estimate.estimate import STREAM_SPREAD
     from pipelines.reports.tables import table_of
     from pipelines.reports.terminal import console, duration
 
     screen, table = console(), table_of("stage", "time", "memory", "disk", "", left=(0, 4))
     for stage in found.stages:
         disk = "" if stage.bytes is None else size_words(stage.bytes)
-        spread = stream_range(stage) if stage.stage == "bake" else None
-        if spread is not None:
-            disk = f"{size_words(spread[0])} to {size_words(spread[1])}"
+        if stage.stage == "bake" and stage.bytes is not None:
+            disk = f"{size_words(stage.bytes / STREAM_SPREAD)} to {size_words(stage.bytes * STREAM_SPREAD)}"
         table.add_row(
             stage.stage,
             "" if stage.seconds is None else duration(stage.seconds),

@@ -18,7 +18,7 @@ _BYTES_A_MASK_PIXEL, _BYTES_A_VOXEL = 6, 16
 
 _BYTES_A_SPLAT = 0.96  # of a stream per splat and frame at QP 24: measured on the sample capture, groups of 15 frames
 _BYTES_A_QP = 0.0754  # natural logarithm of the ratio of bytes from one QP to the next lower one, on the same capture
-_STREAM_SPREAD = 2.0  # fast motion needs about twice the bytes, slow motion half
+STREAM_SPREAD = 2  # fast motion needs about twice the bytes, slow motion half
 
 
 @dataclass(frozen=True)
@@ -109,11 +109,6 @@ def estimate(work: Work, measured: Measured, qp: int | None) -> Estimate:
         splats,
         measured.processor,
     )
-
-
-def stream_range(stage: StageEstimate) -> tuple[int, int] | None:
-    """Bytes between which most streams are; None if they are not estimated."""
-    return None if stage.bytes is None else (round(stage.bytes / _STREAM_SPREAD), round(stage.bytes * _STREAM_SPREAD))
 
 
 def _group(work: Work, measured: Measured, frames: int) -> float:

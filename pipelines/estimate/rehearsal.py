@@ -172,16 +172,6 @@ class _Training:
 
     def run(self) -> None:
         """Measure."""
-        self._keyframe()
-        self.found.motion_step = self._seconds_of(finetune_iterations=0)
-        self.found.finetune_step = self._seconds_of(motion_iterations=0)
-
-    def _settings(self, **changes: Any) -> TrainSettings:
-        settings = self._inputs.config.train
-        changes = {"densify_from": settings.keyframe_iterations, "motion_first_iterations": None, **changes}
-        return settings.replace(**changes)
-
-    def _keyframe(self) -> None:
         points, colors = (
             torch.from_numpy(array).to(self._inputs.device) for array in (self._points.points, self._points.colors)
         )
@@ -199,6 +189,13 @@ class _Training:
         splats = latest[-1].detach()
         order = splats.logit_opacities.argsort(descending=True)[: self._work.splats]
         self.splats = splats.map(lambda tensor: tensor[order].clone())
+        self.found.motion_step = self._seconds_of(finetune_iterations=0)
+        self.found.finetune_step = self._seconds_of(motion_iterations=0)
+
+    def _settings(self, **changes: Any) -> TrainSettings:
+        settings = self._inputs.config.train
+        changes = {"densify_from": settings.keyframe_iterations, "motion_first_iterations": None, **changes}
+        return settings.replace(**changes)
 
     def _seconds_of(self, **changes: int) -> float:
         """Of one kind of step, which is trained; the time until the first one is that of the frame."""
