@@ -39,13 +39,10 @@ def _fixed(value: float | None, digits: int) -> str:
     return "" if value is None else f"{value:.{digits}f}"
 
 
-def write_plot(results: AblationResults, path: Path) -> None:
-    """Write the rate-distortion curves as PNG."""
-    write_bytes(path, _plot(results))
-
-
-def write_report(results: AblationResults, qp: int, path: Path) -> None:
-    """Write one HTML file with the protocol, the plot and the table."""
+def write_report(results: AblationResults, qp: int, folder: Path) -> None:
+    """Write ablation.png, the rate-distortion curves, and ablation.html with the protocol, the plot and the table."""
+    plot = _plot(results)
+    write_bytes(folder / "ablation.png", plot)
     protocol = results.protocol
     sentences = []
     if protocol is not None:
@@ -59,9 +56,9 @@ def write_report(results: AblationResults, qp: int, path: Path) -> None:
         ]
     header, *rows = table_rows(results, qp)
     body = "".join(f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
-    picture = base64.b64encode(_plot(results)).decode()
+    picture = base64.b64encode(plot).decode()
     write_text(
-        path,
+        folder / "ablation.html",
         "<!doctype html><meta charset=utf-8><title>Ablation</title>"
         "<style>body{font:15px system-ui;margin:2rem auto;max-width:60rem;color:#222}td,th{padding:.3rem .8rem;"
         "text-align:right}td:first-child,th:first-child{text-align:left}tr:nth-child(even){background:#f3f3f3}</style>"

@@ -17,7 +17,6 @@ from pipelines.takes.evaluation import Protocol, read_evaluation
 from pipelines.takes.frame_numbers import trained_groups
 from pipelines.takes.take import Take
 
-_KEPT = ("psnr_decoded", "psnr_trained", "ssim_decoded", "lpips_decoded")
 METHOD: dict[str, str | bool | int] = {"method": "pchip", "require_matching_points": False, "min_overlap": 0}
 """Of `bjontegaard`: piecewise cubic interpolation over the range that both curves cover."""
 
@@ -130,7 +129,7 @@ def _measure(
         baked = config.model_copy(update={"bake": config.bake.replace(quality=qp)})
         run(take, baked, emit(f"{variant.title}: QP {qp}"), stages=("bake", "evaluate"))
         summary = read_evaluation(take.evaluation).summary
-        measures = {name: value for name, value in summary.measures.items() if name in _KEPT}
+        measures = {name: value for name, value in summary.measures.items() if name in RatePoint.model_fields}
         points += (RatePoint(qp=qp, kb_per_frame=round(summary.bytes_per_frame / 1000, 3), **measures),)
     return tuple(sorted(points, key=lambda point: point.qp))
 

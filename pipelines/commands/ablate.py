@@ -44,7 +44,7 @@ def register(commands: Any) -> None:
 
 
 def _ablate(arguments: argparse.Namespace) -> None:
-    from pipelines.ablation.report import table_rows, write_plot, write_report
+    from pipelines.ablation.report import table_rows, write_report
     from pipelines.ablation.study import ablate
     from pipelines.ablation.variants import chosen
     from pipelines.config import load_config
@@ -71,8 +71,7 @@ def _ablate(arguments: argparse.Namespace) -> None:
             return passed
 
         results = ablate(arguments.config, arguments.out, arguments.overrides, variants, qps, announced)
-    write_plot(results, arguments.out / "ablation.png")
-    write_report(results, default, arguments.out / "ablation.html")
+    write_report(results, default, arguments.out)
     arguments.result = {"path": str(arguments.out.absolute()), **results.to_json()}
     if arguments.json:
         return
