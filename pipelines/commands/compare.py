@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from pipelines.commands.common.arguments import add_command, add_frames, add_overwrite, invalid_option
 from pipelines.outputs import check_output
 from studio.comparison.protocols import PROTOCOLS
+from studio.counts import counted
 
 if TYPE_CHECKING:
     from pipelines.comparison.results import Comparison
@@ -116,10 +117,9 @@ def _print(result: Comparison, out: Path) -> None:
     screen = console()
     screen.print(table)
     sizes = ", ".join(f"{name} {width}x{height}" for name, (width, height) in protocol.resolution.items())
-    frames = len(protocol.frames)
     masks = "exact masks" if protocol.exact_masks else "the take's own masks"
     screen.print(
-        f"{protocol.name}: {sizes}; {frames} frame{'s' * (frames != 1)}; crop: {protocol.crop}; background "
+        f"{protocol.name}: {sizes}; {counted(len(protocol.frames), 'frame')}; crop: {protocol.crop}; background "
         f"{protocol.background}; {masks} of {protocol.footage}.\n"
         "PSNR in dB as filmed, and after a 3x4 color fit of each view. Flicker: change of the residual from frame to "
         "frame, in levels of 255, and the same at group borders.",

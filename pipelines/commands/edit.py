@@ -6,6 +6,7 @@ import argparse
 import shlex
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -102,8 +103,8 @@ def register(commands: Any) -> None:
         "number", type=int, nargs="?", metavar="NUMBER", help="number of a region or detail, from `v3studio edit list`"
     )
 
-    _kind(kinds, "undo", "undo the last change", _undo)
-    _kind(kinds, "redo", "redo the last undone change", _redo)
+    _kind(kinds, "undo", "undo the last change", partial(_step, "undone"))
+    _kind(kinds, "redo", "redo the last undone change", partial(_step, "redone"))
 
 
 def _kind(
@@ -319,16 +320,10 @@ def _remove(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
     return f"removed: {name if arguments.number is None else singular(f'{name} {arguments.number}')}"
 
 
-def _undo(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
-    from pipelines.takes.edits import undo_edit
+def _step(word: str, arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
+    from pipelines.takes.edits import redo_edit, undo_edit
 
-    return f"undone: {undo_edit(take.edits)[1]}"
-
-
-def _redo(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
-    from pipelines.takes.edits import redo_edit
-
-    return f"redone: {redo_edit(take.edits)[1]}"
+    return f"{word}: {(undo_edit if word == 'undone' else redo_edit)(take.edits)[1]}"
 
 
 def _change(take: Take, before: EditList, name: str, value: object, file: Path | None = None) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import shlex
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +26,6 @@ def register(commands: Any) -> None:
         "--until", choices=STAGE_NAMES, metavar="STAGE", help=f"stop after this stage: {', '.join(STAGE_NAMES)}"
     )
     _add_live(run)
-    run.set_defaults(stage=None)
     for each in STAGES:
         name, stage = each.name, _stage_parser(commands, each.name, each.help)
         stage.add_argument("--force", action="store_true", help="run from scratch even if it is up to date")
@@ -49,7 +47,7 @@ def register(commands: Any) -> None:
             stage.add_argument("--keep", metavar="NAME", help="also keep the bake under this name")
         if name == "train":
             _add_live(stage)
-        stage.set_defaults(stage=name, until=None)
+        stage.set_defaults(stage=name)
 
 
 def _add_live(stage: argparse.ArgumentParser) -> None:
@@ -64,6 +62,7 @@ def _add_live(stage: argparse.ArgumentParser) -> None:
 
 def _stage_parser(commands: Any, name: str, text: str) -> argparse.ArgumentParser:
     parser = add_command(commands, name, text, _run)
+    parser.set_defaults(stage=None, until=None, force=False, keep=None, ladder=None)
     add_source(parser, nargs="?", note=" (default: the settings in the take)")
     parser.add_argument("--take", type=Path, metavar="TAKE", help="folder of the take; created if needed")
     add_preset(parser)
@@ -100,7 +99,7 @@ def _run(arguments: argparse.Namespace) -> None:
         Take.open(folder)  # says what is missing
     # validate settings and footage before creating the folder
     values = arguments.overrides
-    if getattr(arguments, "ladder", None) is not None:
+    if arguments.ladder is not None:
         from studio.stream.settings import DEFAULT_LADDER
 
         rungs = [{**rung.model_dump(mode="json"), **arguments.ladder} for rung in DEFAULT_LADDER]
@@ -114,16 +113,13 @@ def _run(arguments: argparse.Namespace) -> None:
     from pipelines.runs.console import Bars, JsonLines
     from pipelines.runs.runner import run
 
-    keep = getattr(arguments, "keep", None)
-    if keep is not None:
+    if arguments.keep is not None:
         from pipelines.takes.kept_bakes import free_name
 
-        free_name(take, keep)
+        free_name(take, arguments.keep)
 
-    if arguments.stage:
-        stages: Sequence[str] = (arguments.stage,)
-    else:
-        stages = STAGE_NAMES[: STAGE_NAMES.index(arguments.until) + 1] if arguments.until else STAGE_NAMES
+    upto = STAGE_NAMES[: STAGE_NAMES.index(arguments.until or STAGE_NAMES[-1]) + 1]
+    stages = (arguments.stage,) if arguments.stage else upto
     if arguments.detach:
         _detach(arguments, take, config)
         return
@@ -134,9 +130,9 @@ def _run(arguments: argparse.Namespace) -> None:
                 config,
                 show,
                 stages=stages,
-                force=bool(arguments.stage and arguments.force),
+                force=arguments.force,
                 command=f"v3studio {arguments.stage or 'run'}",
-                keep=keep,
+                keep=arguments.keep,
             )
         finally:
             arguments.reported = isinstance(show, JsonLines) and show.finished
@@ -151,8 +147,8 @@ def _detach(arguments: argparse.Namespace, take: Take, config: Config) -> None:
 
     words = [arguments.stage or "run"]
     words += ["--until", arguments.until] if arguments.until else []
-    words += ["--force"] if arguments.stage and arguments.force else []
-    words += ["--keep", arguments.keep] if getattr(arguments, "keep", None) else []
+    words += ["--force"] if arguments.force else []
+    words += ["--keep", arguments.keep] if arguments.keep else []
     run = start_background(take, config, words)
     arguments.result = {"take": str(take.root), "pid": run.pid, "host": run.host, "running": run.code is None}
     if arguments.json:

@@ -112,7 +112,7 @@ def _share(arguments: argparse.Namespace) -> None:
     if arguments.json:
         return
     parts = f"stream {shared.stream_bytes:,}, player {shared.player_bytes:,}, poster {shared.poster_bytes:,}"
-    print(f"{arguments.out}: {shared.files} file{'s' * (shared.files > 1)}, {shared.total_bytes:,} bytes ({parts})")
+    print(f"{arguments.out}: {counted(shared.files, 'file')}, {shared.total_bytes:,} bytes ({parts})")
     if shared.form == "single-file":
         print("Open it in a browser.")
     else:
@@ -136,10 +136,8 @@ def _publish(arguments: argparse.Namespace) -> None:
     if not arguments.json:
         copied = f"{counted(done.copied, 'file')} copied ({done.bytes:,} bytes)"
         print(f"{arguments.target}: {copied}, {done.present} there already")
-        if arguments.page:
-            print(f"{PAGE_NAME} there plays it.")
-        else:
-            print("This is the stream alone; --page adds a page that plays it.")
+        alone = "This is the stream alone; --page adds a page that plays it."
+        print(f"{PAGE_NAME} there plays it." if arguments.page else alone)
 
 
 def iframe(address: str) -> str:
