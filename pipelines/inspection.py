@@ -50,7 +50,31 @@ class Inspection:
 
 def inspect(capture: CaptureSettings, progress: ProgressFn | None = None) -> Inspection:
     with closing(open_footage(capture, None, strict=False)) as footage:
-        return _found(capture, footage, progress)
+        rigs: Sequence[str] = ()
+        try:
+            camera_file(footage.spec)
+        except StudioError as error:
+            rigs = error.message.fields.get("found", ())
+        cameras = find_cameras(capture)
+        masked = masked_cameras(footage.mask_source, cameras)
+        shown = progress is not None and not is_address(capture.root)
+        thumbnails, strip = _images(footage, progress or no_progress) if shown else ({}, {})
+        return Inspection(
+            lines=found_lines(footage),
+            problems=(*footage.problems, *footage.warnings),
+            rigs=tuple(rigs),
+            masks=_beside(footage, MASK_FOLDERS),
+            plates=_beside(footage, PLATE_FOLDERS),
+            sounds=tuple(path for path in walk(footage.spec.root, 1) if Path(path).suffix.lower() in SOUNDS),
+            cameras=cameras,
+            used=footage.camera_names,
+            unmasked=tuple(name for name in cameras if name not in masked),
+            suggested=() if footage.held_out_cameras else suggested_held_out(footage.camera_names),
+            frames=footage.frames,
+            filmed_fps=footage.filmed_fps,
+            thumbnails=thumbnails,
+            strip=strip,
+        )
 
 
 def found_lines(footage: Footage) -> tuple[str, ...]:
@@ -59,34 +83,6 @@ def found_lines(footage: Footage) -> tuple[str, ...]:
     if any("capture.held_out: " in line for line in cameras):
         lines = [line for line in lines if "capture.held_out: " not in line]
     return (*lines, *cameras)
-
-
-def _found(capture: CaptureSettings, footage: Footage, progress: ProgressFn | None) -> Inspection:
-    rigs: Sequence[str] = ()
-    try:
-        camera_file(footage.spec)
-    except StudioError as error:
-        rigs = error.message.fields.get("found", ())
-    cameras = find_cameras(capture)
-    masked = masked_cameras(footage.mask_source, cameras)
-    shown = progress is not None and not is_address(capture.root)
-    thumbnails, strip = _images(footage, progress or no_progress) if shown else ({}, {})
-    return Inspection(
-        lines=found_lines(footage),
-        problems=(*footage.problems, *footage.warnings),
-        rigs=tuple(rigs),
-        masks=_beside(footage, MASK_FOLDERS),
-        plates=_beside(footage, PLATE_FOLDERS),
-        sounds=tuple(path for path in walk(footage.spec.root, 1) if Path(path).suffix.lower() in SOUNDS),
-        cameras=cameras,
-        used=footage.camera_names,
-        unmasked=tuple(name for name in cameras if name not in masked),
-        suggested=() if footage.held_out_cameras else suggested_held_out(footage.camera_names),
-        frames=footage.frames,
-        filmed_fps=footage.filmed_fps,
-        thumbnails=thumbnails,
-        strip=strip,
-    )
 
 
 def _beside(footage: Footage, folders: re.Pattern[str]) -> tuple[str, ...]:

@@ -45,12 +45,9 @@ def bounds(field: FieldInfo) -> tuple[float | None, float | None]:
 
 
 def _rules(field: FieldInfo) -> dict[str, float]:
-    found: dict[str, float] = {}
-    for rule in (*field.metadata, *_inner_rules(field.annotation)):
-        for name in ("ge", "gt", "le", "lt"):
-            if getattr(rule, name, None) is not None:
-                found[name] = getattr(rule, name)
-    return found
+    rules = (*field.metadata, *_inner_rules(field.annotation))
+    found = ((name, getattr(rule, name, None)) for rule in rules for name in ("ge", "gt", "le", "lt"))
+    return {name: value for name, value in found if value is not None}
 
 
 def _section(model: Settings, prefix: str, names: Collection[str] | None) -> Iterator[str]:
