@@ -13,9 +13,9 @@ import numpy as np
 from studio.capture.settings import DifferenceSettings
 from studio.masks.colored_shadow import WINDOW, colored_shadow
 from studio.masks.filters import (
-    binned_color_table,
     brightness,
     color_bins,
+    color_table,
     enlarged,
     guided_filter,
     keep_components,
@@ -199,7 +199,7 @@ def foreground_mask(image: np.ndarray, behind: Background, settings: DifferenceS
             evidence = np.where(known, evidence, 0.0).astype(np.float32)
         if sure.sum() > 50:
             colored = color_bins(image, _COLOR_BINS)
-            table = binned_color_table(colored[sure], colored[empty], _COLOR_BINS)
+            table = color_table(colored[sure], colored[empty], _COLOR_BINS)
             evidence += 0.7 * np.clip(table, -3.0, 3.0).reshape(-1)[colored]
     smooth = guided_filter(brightness(image), evidence, radius=3, epsilon=4e-4)
     mask = (smooth > 0.0).astype(np.uint8)

@@ -52,15 +52,10 @@ def _density(flat: np.ndarray, bins: int) -> np.ndarray:
     return cube / max(float(cube.sum()), 1.0)
 
 
-def color_table(front: np.ndarray, back: np.ndarray, bins: int = 16, floor: float = 1e-5) -> np.ndarray:
-    """Natural logarithm of the likelihood ratio of colors, foreground over background, from samples (N, 3) of both in
-    0..255: (bins, bins, bins) float32, for `odds_of_colors`. `floor` is added to both densities, so that colors that
-    occur in neither get 0."""
-    return binned_color_table(color_bins(front, bins), color_bins(back, bins), bins, floor)
-
-
-def binned_color_table(front: np.ndarray, back: np.ndarray, bins: int, floor: float = 1e-5) -> np.ndarray:
-    """`color_table` of samples of which only their `color_bins` are known: (N,) and (M,) int32."""
+def color_table(front: np.ndarray, back: np.ndarray, bins: int, floor: float = 1e-5) -> np.ndarray:
+    """Natural logarithm of the likelihood ratio of colors, foreground over background, from samples of both, of which
+    it takes the `color_bins`, (N,) and (M,) int32: (bins, bins, bins) float32, for `odds_of_colors`. `floor` is added
+    to both densities, so that colors that occur in neither get 0."""
     return np.log((_density(front, bins) + floor) / (_density(back, bins) + floor)).astype(np.float32)
 
 

@@ -20,10 +20,11 @@ import numpy as np
 from studio.atomic_files import atomic_path
 from studio.capture.settings import DifferenceSettings
 from studio.masks.clean_plate import Background, difference_evidence
-from studio.masks.filters import color_table, guided_filter, odds_of_colors, reduced
+from studio.masks.filters import color_bins, color_table, guided_filter, odds_of_colors, reduced
 from studio.memory_cache import MemoryCache
 
 _SIDE = 480  # longest side while estimating
+_BINS = 24  # of colors, per channel
 _SLOTS = 7  # full-size samples per pixel for the median
 _KEPT_BYTES = 2 << 30
 _VERSION = 1  # of the algorithm; part of the names of cached files
@@ -121,7 +122,8 @@ def _estimate_small(stack: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarr
             return plate, members, everywhere, ~everywhere, None
         # Colors of the set count more near the performer.
         near = plate[clear & swept]
-        table = color_table(front, np.concatenate([plate[clear], near, near]), bins=24, floor=2e-5)
+        back = np.concatenate([plate[clear], near, near])
+        table = color_table(color_bins(front, _BINS), color_bins(back, _BINS), _BINS, floor=2e-5)
         colors = np.stack([odds_of_colors(table, sample, side=5) for sample in stack])
         plate, members = _pick(stack, density - colors, tolerance)
     assert table is not None

@@ -17,7 +17,7 @@ _COVERED = 999
 
 
 def cover(solid: np.ndarray) -> np.ndarray:
-    """(h, w) bool: where the performer may be, from his mask (h, w) bool."""
+    """(h, w) bool: where the performer may be, from their mask (h, w) bool."""
     import cv2
 
     longer = max(solid.shape)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from studio.masks.filters import binned_color_table
+from studio.masks.filters import color_table
 
 CERTAIN = 2.5
 """Log-odds beyond which a pixel is not up for decision."""
@@ -32,7 +32,7 @@ def color_odds(bins: np.ndarray, odds: np.ndarray, shared: np.ndarray) -> np.nda
     back = np.concatenate([bins[behind][::4], near, near])
     if min(len(front), len(back)) < _FEWEST:
         return np.zeros(bins.shape, np.float32)
-    table = binned_color_table(front, back, BINS, floor=2e-5)
+    table = color_table(front, back, BINS, floor=2e-5)
     return np.asarray(cv2.blur(np.clip(table, -3.0, 3.0).reshape(-1)[bins], (3, 3)))
 
 

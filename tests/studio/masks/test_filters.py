@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from studio.masks.filters import color_table, guided_filter, keep_components, odds_of_colors
+from studio.masks.filters import color_bins, color_table, guided_filter, keep_components, odds_of_colors
 
 
 def test_the_guided_filter_is_that_of_its_paper() -> None:
@@ -29,7 +29,7 @@ def test_the_guided_filter_is_that_of_its_paper() -> None:
 def test_a_color_table_is_the_log_ratio_of_two_smoothed_histograms() -> None:
     front = np.full((30, 3), 72, np.uint8)  # bin 4 of each channel
     back = np.full((7, 3), 200, np.uint8)  # bin 12
-    table = color_table(front, back, floor=1e-3)
+    table = color_table(color_bins(front, 16), color_bins(back, 16), 16, floor=1e-3)
     taps = np.exp(-(np.arange(-2, 3) ** 2) / (2 * 0.8**2))
     middle, next_, _ = (taps / taps.sum())[2:]
     expected = {
