@@ -98,13 +98,15 @@ class PointsView(StageView):
     # Images
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
-        marks = self.marks
-        if marks is None or self.workspace.context is None:
+        marks, context = self.marks, self.workspace.context
+        if marks is None or context is None:
             problem = self.problem or "no take is open"
             raise StudioError("gui.no_points", problem, fix="" if self.problem else "Open a take.")
-        footage = self.workspace.context.footage.raw
+        footage = context.footage.raw
         names = tuple(held_out_first(footage.camera_names, footage.held_out_cameras))
-        self._footage = (self.workspace.context, names)
+        if self._footage[0] is not context:
+            self._images.clear()  # of another take, or of other settings
+        self._footage = (context, names)
         if self.camera not in names:
             self.camera = names[0]
         canvas, spots = Canvas(*size, GROUND), Spots()
@@ -143,8 +145,9 @@ class PointsView(StageView):
     def _picture(self, canvas: Canvas, marks: TieMarks, rect: tuple[float, float, float, float]) -> None:
         image = self._image(self.camera)
         magnifier = self.magnifiers.get(self.camera)
-        if magnifier is None:
-            magnifier = self.magnifiers[self.camera] = Magnifier((image.shape[1], image.shape[0]))
+        size = (image.shape[1], image.shape[0])
+        if magnifier is None or (magnifier.width, magnifier.height) != size:
+            magnifier = self.magnifiers[self.camera] = Magnifier(size)
         magnifier.rect = rect
         magnifier.draw(canvas, image)
         crosses(canvas, magnifier, marks, self.camera, self.em)

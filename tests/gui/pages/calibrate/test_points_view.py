@@ -1,6 +1,9 @@
+import re
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -12,6 +15,7 @@ from pipelines.takes.take import Take
 from studio.calibration import TiePoint, read_tie_points
 from studio.camera_files import read_rig
 from tests.support.players import newest
+from tests.support.tiny_capture import HEIGHT
 
 SIZE = (900, 600)
 
@@ -103,6 +107,32 @@ def test_a_file_that_changes_or_breaks_meanwhile(stage_view: PointsView) -> None
     picture(stage_view)
     assert [point.name for point in stage_view.marks.points] == ["point 1"]
     assert "invalid YAML" not in stage_view.status
+
+
+def test_another_take_with_the_same_cameras(
+    stage_view: PointsView, take_copy: Path, finished: Path, tmp_path: Path
+) -> None:
+    before = picture(stage_view)
+    camera = stage_view.camera
+    capture = Path(shutil.copytree(finished / "capture", tmp_path / "capture"))
+    for file in capture.rglob("*.png"):
+        image = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+        image[..., :3] = 255 - image[..., :3]
+        cv2.imwrite(str(file), np.pad(image, ((0, 20), (0, 0), (0, 0))))
+    rig = capture / "cameras.json"
+    rig.write_text(rig.read_text().replace(f'"height": {HEIGHT}', f'"height": {HEIGHT + 20}'))
+    other = Path(shutil.copytree(take_copy, tmp_path / "other"))
+    text = (other / "config.yaml").read_text()
+    (other / "config.yaml").write_text(re.sub(r"(?m)^  root:.*", f"  root: {capture}", text))
+    stage_view.workspace.open(Take.open(other))
+    after = picture(stage_view)
+    assert stage_view.camera == camera
+    assert (after != before).any()
+    raw = stage_view.workspace.context.footage.raw
+    magnifier = stage_view.magnifiers[camera]
+    assert (magnifier.width, magnifier.height) == raw.raw_size(camera)
+    x, y = map(round, magnifier.shown(10.0, 10.0))
+    assert np.abs(after[y, x] - raw.raw_image(camera, 0)[10, 10].astype(int)).max() < 30
 
 
 def test_footage_that_is_gone(workspace: Workspace, take_copy: Path, tmp_path: Path) -> None:
