@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from studio.capture.images import image_size
+from studio.capture.images import image_header
 from studio.capture.media import open_media, video_stream
 from studio.errors import StudioError
 from studio.validation import camera_error
@@ -40,7 +40,7 @@ def size_within(folder: Path, camera: str) -> tuple[int, int] | None:
 def _size(file: Path, camera: str) -> tuple[int, int]:
     try:
         if file.suffix.lower() in _IMAGES:
-            return image_size(file)
+            return image_header(file)[:2]
         with open_media(file) as container:
             stream = video_stream(container)
             if stream is None:

@@ -31,7 +31,7 @@ from studio.camera_files.common import (
 )
 from studio.camera_files.keyed import TERMS, Found, agreeing, check_model
 from studio.cameras import OPENGL_AXES, Camera, Rig
-from studio.capture.images import image_size
+from studio.capture.images import image_header
 from studio.capture.patterns import without_extension
 from studio.counts import listed
 from studio.errors import StudioError, naming
@@ -72,7 +72,7 @@ def _image_size(path: Path, file: str) -> tuple[int, int] | None:
         candidate = path.parent / (file + suffix)
         if candidate.is_file():
             try:
-                return image_size(candidate)
+                return image_header(candidate)[:2]
             except StudioError as error:
                 if error.code.startswith("storage."):
                     raise

@@ -10,7 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
-from studio.capture.images import has_alpha, image_size, is_turned, read_image
+from studio.capture.images import image_header, read_image
 from studio.capture.patterns import VIDEO_EXTENSIONS, Match
 from studio.capture.transfer import TransferFunction
 from studio.capture.video import VideoReader
@@ -50,11 +50,9 @@ class ImageSource(FrameSource):
         self._transfer, self._offset = transfer, offset
         self._paths = dict(sorted(paths.items()))
         self.frames = tuple(number - offset for number in self._paths)
-        first = next(iter(self._paths.values()))
-        self.width, self.height = image_size(first)
-        self.has_alpha = has_alpha(first)
+        self.width, self.height, self.has_alpha, turned = image_header(next(iter(self._paths.values())))
         self.fps: float | None = None
-        self.note = "EXIF turns the images for display, but they are used as stored" if is_turned(first) else ""
+        self.note = "EXIF turns the images for display, but they are used as stored" if turned else ""
 
     def read(self, frame: int) -> np.ndarray:
         """See `FrameSource`. All images must have the size of the camera's first image, and its alpha channel."""

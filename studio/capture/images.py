@@ -23,30 +23,16 @@ _ORIENTATION = 0x0112  # of EXIF; 1 is upright
 _FIX = "Replace the file or exclude the frame."
 
 
-def image_size(path: Path) -> tuple[int, int]:
-    """(width, height) by the file's header; EXR and DPX are decoded. Raises StudioError: `footage.image_*`."""
+def image_header(path: Path) -> tuple[int, int, bool, bool]:
+    """Width, height, whether there is an alpha channel, and whether the EXIF orientation says that the image is to be
+    turned or mirrored for display; EXR and DPX are decoded. Raises StudioError: `footage.image_*`."""
     if is_deep(path) or not _pillow_reads(path):
-        height, width = read_deep_values(path).shape[:2]
-        return width, height
-    with _open(path) as image:
-        return (int(image.size[0]), int(image.size[1]))
-
-
-def has_alpha(path: Path) -> bool:
-    """Whether the image has an alpha channel, from its header; EXR and DPX are decoded."""
-    if is_deep(path) or not _pillow_reads(path):
-        return read_deep_values(path).shape[2:] == (4,)
-    with _open(path) as image:
-        return _is_transparent(image)
-
-
-def is_turned(path: Path) -> bool:
-    """Whether the image's EXIF orientation says that it is to be turned or mirrored for display."""
-    if is_deep(path) or not _pillow_reads(path):
-        return False
-    with _open(path) as image:
+        height, width, *channels = read_deep_values(path).shape
+        return width, height, channels == [4], False
+    with _open(path) as image, _undamaged(path):
         # of PNG, Pillow would decode the image
-        return image.format in ("JPEG", "MPO", "TIFF") and image.getexif().get(_ORIENTATION, 1) != 1
+        turned = image.format in ("JPEG", "MPO", "TIFF") and image.getexif().get(_ORIENTATION, 1) != 1
+        return *image.size, _is_transparent(image), turned
 
 
 def read_image(path: Path, transfer: TransferFunction = "auto") -> np.ndarray:

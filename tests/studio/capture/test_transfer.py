@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from studio.capture import CaptureSettings, open_footage
-from studio.capture.images import has_alpha, image_size, read_image
+from studio.capture.images import image_header, read_image
 from studio.capture.transfer import linear_from_logc3, linear_from_slog3, srgb_from_linear
 from tests.support.errors import refuses
 
@@ -64,8 +64,7 @@ def test_exr_is_linear(tmp_path: Path, kind: str) -> None:
     path = exr(tmp_path / "a.exr", LIGHT * 2, format=kind, compression="zip16")
     found = read_image(path)
     assert np.abs(found - srgb(LIGHT * 2)).max() < 0.75
-    assert image_size(path) == (32, 24)
-    assert not has_alpha(path)
+    assert image_header(path)[:3] == (32, 24, False)
     assert np.abs(read_image(path, "srgb") - np.clip(510 * LIGHT, 0, 255)).max() < 0.75
 
 
@@ -73,7 +72,7 @@ def test_exr_with_alpha_is_unpremultiplied(tmp_path: Path) -> None:
     alpha = np.tile(np.linspace(0.25, 1, 32), (24, 1))[..., None]
     path = exr(tmp_path / "a.exr", np.concatenate([LIGHT * alpha, alpha], -1))
     found = read_image(path)
-    assert has_alpha(path)
+    assert image_header(path)[2]
     assert np.abs(found[..., :3] - srgb(LIGHT)).max() < 0.75
     assert np.abs(found[..., 3:] - 255 * alpha).max() < 0.75
 
@@ -107,7 +106,7 @@ def test_sixteen_bits_are_rounded(tmp_path: Path, codec: str, pixels: str, trans
     path = encoded(tmp_path / f"a.{codec}", codec, frame)
     wanted = np.rint(values / 257.0)
     color = np.repeat(wanted[..., :colors], 3 // colors, axis=2)
-    assert has_alpha(path) == alpha
+    assert image_header(path)[2] == alpha
     np.testing.assert_array_equal(read_image(path, transfer), np.concatenate([color, wanted[..., colors:]], -1))
 
 
@@ -177,7 +176,7 @@ def test_a_fourth_channel_without_meaning_is_not_alpha(tmp_path: Path, transfer:
     values = np.random.default_rng(5).integers(0, 65536, (6, 8, 4)).astype(np.uint16)
     padded, alpha = tiff(tmp_path / "padded.tif", values, 0), tiff(tmp_path / "alpha.tif", values, 2)
     color = read_image(tiff(tmp_path / "color.tif", values[..., :3], None), transfer)
-    assert (has_alpha(padded), has_alpha(alpha)) == (False, True)
+    assert (image_header(padded)[2], image_header(alpha)[2]) == (False, True)
     np.testing.assert_array_equal(read_image(padded, transfer), color)
     with_alpha = read_image(alpha, transfer)
     np.testing.assert_array_equal(with_alpha[..., :3], color)
