@@ -92,12 +92,10 @@ def ablate(
     results = AblationResults()
     base: Take | None = None
     for variant in variants:
-        config = load_config(config_path, [*overrides, *variant.settings.items()])
-        config = for_another_take(config, config_path)
+        config = for_another_take(load_config(config_path, [*overrides, *variant.settings.items()]), config_path)
         take = Take.create(out / "takes" / variant.name)
-        if base is None:
-            base = take
-        else:
+        base = base or take
+        if take is not base:
             share(base, take)
         digest = digest_of(dump_config(config))
         last = known.get(variant.name)
@@ -120,8 +118,7 @@ def _measure(
     emit: Callable[[str], Emit],
 ) -> tuple[RatePoint, ...]:
     """The variant's points, after measuring the missing ones."""
-    have = {point.qp for point in points}
-    missing = [qp for qp in qps if qp not in have]
+    missing = [qp for qp in qps if all(point.qp != qp for point in points)]
     if not missing:
         return points
     run(take, config, emit(f"{variant.title}: training"), stages=STAGE_NAMES[: STAGE_NAMES.index("bake")])
