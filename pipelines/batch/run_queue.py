@@ -50,12 +50,11 @@ def run_queue(
                     time.sleep(0.5)
                     check()
                 code, message = _run(entry, command(entry), emit, check)
+                if code == EXIT_CANCELLED:  # somebody stopped this process alone
+                    raise Cancelled
             except BaseException:
                 queue.replace(entry.number, state="waiting")
                 raise
-            if code == EXIT_CANCELLED:  # somebody stopped this process alone
-                queue.replace(entry.number, state="waiting")
-                raise Cancelled
             state = "done" if code == 0 else "failed"
             after = {"state": state, "finished": now(), "message": message}
             queue.replace(entry.number, **after)
@@ -78,11 +77,10 @@ def _run(
                 check()
                 event, text = read_line(line)
                 last = text.strip() or last
-                if event is None:
-                    continue
                 if isinstance(event, Finished):
                     message = event.message
-                emit(event)
+                if event is not None:
+                    emit(event)
         except BaseException:  # Ctrl-C: the run ends in order and keeps its finished work
             with contextlib.suppress(ProcessLookupError):
                 process.send_signal(signal.SIGTERM)
