@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 from pipelines.commands.common.arguments import add_command
 
 if TYPE_CHECKING:
-    from pipelines.takes.kept_bakes import KeptBake
     from pipelines.takes.take import Take
 
 
@@ -41,6 +40,8 @@ def _command(
 
 
 def _list(arguments: argparse.Namespace) -> None:
+    from pipelines.reports.tables import escaped, table_of
+    from pipelines.reports.terminal import console
     from pipelines.takes.kept_bakes import kept_bakes
     from pipelines.takes.take import Take
 
@@ -51,13 +52,6 @@ def _list(arguments: argparse.Namespace) -> None:
     if not found:
         print("No bakes are kept. `v3studio bake keep TAKE NAME` keeps the stream.")
         return
-    _print(found)
-
-
-def _print(found: list[KeptBake]) -> None:
-    from pipelines.reports.tables import escaped, table_of
-    from pipelines.reports.terminal import console
-
     shown = table_of("name", "quality", "MB", "KB/frame", "PSNR", "baked", "", left=(0, 1, 5, 6))
     for kept in found:
         notes = {

@@ -57,14 +57,15 @@ def register(commands: Any) -> None:
 def _compare(arguments: argparse.Namespace) -> None:
     from pipelines.commands.common.working import working
     from pipelines.comparison.compare import compare
-    from pipelines.comparison.results import RESULTS
+    from pipelines.comparison.results import FOLDER, RESULTS
     from pipelines.stages.inputs import choose_device
 
     if arguments.images < 0:
         raise invalid_option("--images", f"--images {arguments.images} is below 0", "Example: --images 2.")
     # one that was interrupted is resumed
     unfinished = not (arguments.out / RESULTS).exists()
-    check_output(arguments.out, arguments.overwrite or unfinished, _is_comparison)
+    ours = arguments.out / RESULTS, arguments.out / FOLDER
+    check_output(arguments.out, arguments.overwrite or unfinished, lambda _: any(path.exists() for path in ours))
     device = choose_device(arguments.device)
     lpips = None
     if arguments.lpips:
@@ -87,13 +88,6 @@ def _compare(arguments: argparse.Namespace) -> None:
     arguments.result = {"path": str(arguments.out.absolute()), **result.to_json()}
     if not arguments.json:
         _print(result, arguments.out)
-
-
-def _is_comparison(out: Path) -> bool:
-    """Whether this is the folder of a comparison, or of one that was interrupted."""
-    from pipelines.comparison.results import FOLDER, RESULTS
-
-    return (out / RESULTS).is_file() or (out / FOLDER).is_dir()
 
 
 def _print(result: Comparison, out: Path) -> None:

@@ -365,10 +365,9 @@ def _movie(
     else:
         with naming(arguments.path):
             keys = _keys(video, arguments, size)
-        film = arguments.path.suffix.lower() in FILM_FORMATS and len(keys) > 1
-        if film:  # its camera may move before and after the video
-            keys = [key for key in keys if key.frame is not None and 0 <= key.frame < video.frame_count]
-        with naming(arguments.path):
+            film = arguments.path.suffix.lower() in FILM_FORMATS and len(keys) > 1
+            if film:  # its camera may move before and after the video
+                keys = [key for key in keys if key.frame is not None and 0 <= key.frame < video.frame_count]
             path = CameraPath(keys, *size)
         usual = (path.duration + 1 / video.fps if film else path.duration) or video.duration
         seconds = usual if arguments.seconds is None else arguments.seconds

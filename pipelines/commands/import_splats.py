@@ -83,8 +83,7 @@ def _refuse_unused(overrides: list[tuple[str, Any]]) -> None:
     for name, value in overrides:
         if name in results and name not in used:
             problem, fix = f"{name} has no effect on an import", f"Leave it out. These have one: {', '.join(used)}."
-            fields = {"setting": name}
-            raise StudioError("import.setting_not_used", problem, file=COMMAND_LINE, value=value, fix=fix, **fields)
+            raise StudioError("import.setting_not_used", problem, file=COMMAND_LINE, value=value, fix=fix, setting=name)
 
 
 def _vector(text: str) -> tuple[float, float, float]:

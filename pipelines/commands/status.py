@@ -24,13 +24,11 @@ def register(commands: Any) -> None:
 
 def _status(arguments: argparse.Namespace) -> int:
     from pipelines.config import load_config
+    from pipelines.runs.status import print_status, status_values
     from pipelines.takes.take import Take
 
     take = Take.open(arguments.take)
     config = load_config(take.config if take.config.is_file() else None, arguments.overrides)
-
-    from pipelines.runs.status import print_status, status_values
-
     arguments.result = status_values(take, config)
     if not arguments.json:
         print_status(take, config)
