@@ -12,9 +12,10 @@ from pipelines.config import load_config
 from pipelines.stages.footage import TakeFootage
 from pipelines.takes.edits import read_edits
 from pipelines.takes.take import Take
-from pipelines.takes.videos import capture_place
+from pipelines.takes.videos import capture_place, open_reader
 from studio.comparison import EvaluationProtocol, find_camera
 from studio.errors import StudioError
+from studio.own_frame import in_own_frame
 
 if TYPE_CHECKING:
     from studio.capture import Footage
@@ -50,7 +51,6 @@ def open_takes(
     """
     from studio.camera_files import read_rig
     from studio.capture import open_footage
-    from studio.own_frame import in_own_frame
 
     first = _footage(footage or folders[0])
     names = _cameras(first, protocol, cameras)
@@ -82,12 +82,8 @@ def _footage(folder: Path) -> TakeFootage:
 
 
 def _opened(name: str, own: TakeFootage, footage: Footage, closing: ExitStack) -> OpenedTake:
-    from studio.stream import StreamReader
-
     take = own.take
-    if not (take.stream / "manifest.json").is_file():
-        raise StudioError("take.no_stream", "this take has no stream yet", file=take.root, fix="Run `v3studio bake`.")
-    reader = closing.enter_context(StreamReader.open(take.stream))
+    reader = closing.enter_context(open_reader(str(take.root)))
     frames = own.raw.frames
     place = capture_place(reader)
     first, count = place.first_frame, reader.frame_count

@@ -7,6 +7,7 @@ from pipelines.takes.atomic_files import write_text
 from pipelines.takes.stage_files import NOT_CHECKED, CheckedCameras, checked_cameras
 from pipelines.takes.take import Take
 from studio.calibration.report import CalibrationReport
+from studio.camera_files import read_rig
 from studio.errors import Message
 from studio.json_types import JsonData
 
@@ -41,8 +42,6 @@ def intrinsics_sentences(report: CalibrationReport) -> list[str]:
 
 def write_calibration_page(take: Take) -> None:
     """Write calibrate/report.html again; nothing for a camera file. Raises StudioError: `take.damaged`."""
-    from studio.camera_files import read_rig
-
     checked = checked_cameras(take)
     if isinstance(checked.report, CalibrationReport):
         page = render_calibration(checked.report, read_rig(take.rig).names, checked)

@@ -10,6 +10,7 @@ from html import escape
 from math import isfinite
 from pathlib import Path
 
+from pipelines.takes.videos import decoded_video, open_reader, stream_numbers
 from pipelines.version import program_version
 from studio.bounded_files import parse_json
 from studio.errors import StudioError, naming
@@ -154,7 +155,6 @@ def read_intro(path: Path, source: str) -> str:
     """The text that a page holds of a camera path, a file that `path_keys` reads for the stream `source`: times,
     easings, sizes and poses, without names, frames and distortion."""
     from pipelines.takes.camera_paths import path_keys
-    from pipelines.takes.videos import decoded_video, open_reader, stream_numbers
 
     with open_reader(source) as reader:
         video = replace(decoded_video(reader), numbers=stream_numbers(source, reader).known)

@@ -1,17 +1,15 @@
 """What a folder has to serve: streams, and takes to review."""
 
-from __future__ import annotations
-
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from pipelines.config import load_config
+from pipelines.review.take_review import TakeReview
+from pipelines.takes.take import Take
+from pipelines.takes.videos import stream_place
 from studio.errors import StudioError
 from studio.stream.manifest import MANIFEST_NAME
-
-if TYPE_CHECKING:
-    from pipelines.review.take_review import TakeReview
 
 _LOOK_SECONDS = 1.0  # between two looks for a stream that is yet to be published
 
@@ -19,8 +17,6 @@ _LOOK_SECONDS = 1.0  # between two looks for a stream that is yet to be publishe
 def find_streams(folder: str) -> dict[str, Path]:
     """Folders of streams by their path on the server: "/" for a single one, else "/<name>" per subfolder. Subfolders
     that are links out of the folder are left out, with a warning."""
-    from pipelines.takes.videos import stream_place
-
     place = stream_place(folder)
     if isinstance(place, str):
         fix = "Open it with `v3studio play`, or specify a folder."
@@ -56,9 +52,6 @@ def find_streams(folder: str) -> dict[str, Path]:
 
 def find_reviews(streams: dict[str, Path]) -> dict[str, TakeReview]:
     """What can be reviewed of what `find_streams` found, by the same paths: streams in takes."""
-    from pipelines.review.take_review import TakeReview
-    from pipelines.takes.take import Take
-
     found = {
         path: TakeReview(Take.open(folder.parent))
         for path, folder in streams.items()
@@ -75,9 +68,6 @@ def find_reviews(streams: dict[str, Path]) -> dict[str, TakeReview]:
 
 def wait_for_first_group(folder: str) -> None:
     """Returns when a take that is baked live (`run.live`) has a stream; at once for anything else."""
-    from pipelines.config import load_config
-    from pipelines.takes.take import Take
-
     root = Path(folder).expanduser()
     if not (root / "take.json").is_file():
         return

@@ -17,17 +17,14 @@ import ssl
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import uvicorn
+from starlette.types import ASGIApp
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from pipelines.share.certificates import Certificate
 from studio.errors import StudioError
-
-if TYPE_CHECKING:
-    from starlette.types import ASGIApp
-
-    from pipelines.share.certificates import Certificate
 
 _SHUTDOWN_SECONDS = 1  # for pending responses at the end
 _REFUSAL = b"The server has as many connections as it can take. Try again in a few seconds.\n"

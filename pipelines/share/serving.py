@@ -8,15 +8,17 @@ import socket
 import threading
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import quote
 
+from pipelines.share.addresses import is_local, own_names, reachable_hosts
+from pipelines.share.certificates import Certificate, make_certificate
+from pipelines.share.page import PageText
+from pipelines.share.player_files import PlayerFiles, read_player
+from pipelines.share.served import find_reviews, find_streams
+from pipelines.share.server import BoundedServer, listen, server_config
+from pipelines.share.web_app import Reviews, build_app
 from studio.errors import StudioError
-
-if TYPE_CHECKING:
-    from pipelines.share.certificates import Certificate
-    from pipelines.share.page import PageText
-    from pipelines.share.player_files import PlayerFiles
 
 _SECRET_BYTES = 16  # of the random part of secret links
 
@@ -57,12 +59,6 @@ class Serving:
         `player` None: serve the streams alone; `certificate` None: make one if `https`; `review`: serve reviews below
         another secret path, too; `text`: title (of a single stream) and intro of the pages.
         """
-        from pipelines.share.addresses import is_local, own_names, reachable_hosts
-        from pipelines.share.certificates import make_certificate
-        from pipelines.share.served import find_reviews, find_streams
-        from pipelines.share.server import BoundedServer, listen, server_config
-        from pipelines.share.web_app import Reviews, build_app
-
         streams = find_streams(folder)
         if text is not None and text.title is not None and len(streams) > 1:
             problem = f"--title is for one stream, but {folder} has {len(streams)}"
@@ -163,8 +159,6 @@ def serve(
             host that cannot be used (`command.invalid_option`, `serve.port_in_use`, `serve.unknown_host`,
             `serve.cannot_bind`), or a source checkout without the built player (`share.no_player`).
     """
-    from pipelines.share.player_files import read_player
-
     return Serving(
         os.fspath(folder),
         host,

@@ -11,7 +11,8 @@ from urllib.parse import unquote, urlsplit
 
 from pipelines.share.page import PAGE_NAME, PageText, first_files, player_page, preview_tags, script_elements
 from pipelines.share.player_files import PlayerFiles, hashed_name
-from pipelines.takes.videos import stream_place
+from pipelines.takes.videos import decoded_video, stream_place
+from studio.formats.camera_path import turntable
 from studio.stream.metadata import TEXTS, with_plain_texts
 
 if TYPE_CHECKING:
@@ -54,8 +55,6 @@ class StreamToShare:
     def poster(self) -> Poster:
         """The player's first view: from the suggested camera at eye level, or the front, over the background."""
         from pipelines.reports.images import encode, render
-        from pipelines.takes.videos import decoded_video
-        from studio.formats.camera_path import turntable
         from studio.stream.suggested_view import eye_level_view
 
         video = decoded_video(self.reader)

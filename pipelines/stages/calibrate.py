@@ -35,16 +35,17 @@ from pipelines.takes.point_files import write_points
 from pipelines.takes.stage_files import CamerasFromFile, CamerasReport
 from pipelines.takes.summaries import CalibrateSummary
 from pipelines.takes.take import Take
-from studio.calibration.report import CalibrationReport
+from studio.calibration.report import CalibrationReport, IntrinsicsReport
 from studio.calibration.settings import CalibrateSettings
+from studio.camera_files import read_rig, write_rig
+from studio.cameras import Camera, Rig
 from studio.counts import cameras_listed, counted
 from studio.errors import Message, StudioError
+from studio.own_frame import frame_sentence, own_frame
 from studio.progress import ProgressFn
 
 if TYPE_CHECKING:
     from studio.calibration import CalibrationResult
-    from studio.calibration.report import IntrinsicsReport
-    from studio.cameras import Camera, Rig
     from studio.capture import Footage
 
 STAGE = stage_named("calibrate")
@@ -81,8 +82,6 @@ def params(inputs: Inputs) -> Params:
 def _uncalibrated(inputs: Inputs) -> list[str]:
     """Cameras of the footage that the take does not have, such as those that got masks since. Cameras that the footage
     has lost do not count: it may not be mounted."""
-    from studio.camera_files import read_rig
-
     try:
         known = read_rig(inputs.take.rig).names
     except StudioError:  # not there yet, or damaged, which is found elsewhere
@@ -102,8 +101,6 @@ def units(inputs: Inputs) -> tuple[int, int, str] | None:
 
 def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> CalibrateSummary:
     """Write rig.json and report.json; points.ply and report.html if the cameras were calibrated."""
-    from studio.camera_files import write_rig
-
     given = given_cameras(inputs)
     rig: Rig
     report: CamerasReport
@@ -145,9 +142,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> C
 
 
 def _from_file(inputs: Inputs, path: Path) -> tuple[Rig, CamerasFromFile]:
-    from studio.camera_files import read_rig
     from studio.capture import rig_of_footage
-    from studio.own_frame import frame_sentence, own_frame
 
     footage = inputs.footage.raw
     rig = rig_of_footage(read_rig(path), inputs.config.capture, footage.camera_names, footage.without_masks)

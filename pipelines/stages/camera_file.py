@@ -6,6 +6,10 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from studio.camera_files import find_camera_files, read_rig
+from studio.camera_files.opencv_storage import EXTENSIONS
+from studio.capture.detect import detect_images, named_in
+from studio.capture.patterns import IMAGE_EXTENSIONS, find_files
 from studio.capture.settings import FileSettings
 from studio.errors import StudioError
 
@@ -57,7 +61,6 @@ def camera_file(settings: FileSettings) -> Path | None:
 
 def camera_file_text(footage: Footage) -> str:
     """What is known about the calibration of opened footage, one sentence per line; or why it cannot be used."""
-    from studio.camera_files import read_rig
     from studio.capture import rig_of_footage
 
     try:
@@ -76,8 +79,6 @@ def camera_file_text(footage: Footage) -> str:
 
 def _folder_of_footage(settings: FileSettings) -> Path | None:
     """The folder of `root` that has all the footage, if there is one."""
-    from studio.capture.detect import detect_images
-
     try:
         pattern = detect_images(settings.root)[0] if settings.images == "auto" else settings.images
     except StudioError:  # reported when the footage is opened
@@ -89,9 +90,6 @@ def _folder_of_footage(settings: FileSettings) -> Path | None:
 
 def files_of(path: Path) -> list[Path]:
     """The files of a pattern with `{camera}`; empty for other paths."""
-    from studio.camera_files.opencv_storage import EXTENSIONS
-    from studio.capture.patterns import find_files
-
     if "{camera}" not in str(path):
         return []
     fixed = next(parent for parent in path.parents if "{camera}" not in str(parent))
@@ -100,8 +98,6 @@ def files_of(path: Path) -> list[Path]:
 
 def _in(root: Path) -> list[Path]:
     """The calibrations of a capture's folder."""
-    from studio.camera_files import find_camera_files
-
     found: list[Path] = []
     for folder in (root / name for name in _FOLDERS):
         found += find_camera_files(folder) if folder.is_dir() else []
@@ -120,8 +116,5 @@ def _is_of_cameras(files: list[Path]) -> bool:
 
 def _is_named_above(root: Path) -> bool:
     """Whether a transforms.json next to the folder names the images in it, as for HiFi4G's example/."""
-    from studio.capture.detect import named_in
-    from studio.capture.patterns import IMAGE_EXTENSIONS
-
     names = named_in(root.parent / "transforms.json")
     return len(names) > 1 and names <= {file.stem for file in root.iterdir() if file.suffix.lower() in IMAGE_EXTENSIONS}

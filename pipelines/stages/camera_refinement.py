@@ -18,9 +18,11 @@ from pipelines.stages.reporter import StageReporter
 from pipelines.stages.training_views import training_views
 from pipelines.takes.atomic_files import atomic_path, remove, write_model
 from pipelines.takes.stage_files import CameraChange, CameraRefinement
+from studio.camera_files import read_rig, write_rig
+from studio.cameras import Camera, Rig
+from studio.own_frame import own_frame
 
 if TYPE_CHECKING:
-    from studio.cameras import Camera, Rig
     from studio.training import Correction, TrainingView
 
 VERSION = 2
@@ -50,7 +52,6 @@ def drop_refined_cameras(inputs: Inputs) -> None:
 
 
 def _refine(inputs: Inputs, reporter: StageReporter, key: str) -> None:
-    from studio.camera_files import read_rig, write_rig
     from studio.training import refine_cameras
     from studio.training.camera_refinement import WORTH
 
@@ -101,9 +102,6 @@ def _refine(inputs: Inputs, reporter: StageReporter, key: str) -> None:
 
 def _refined(given: Rig, seen: Rig, corrections: dict[str, Correction]) -> Rig:
     """The calibrated cameras with corrections of the cameras that training sees, which may be smaller."""
-    from studio.cameras import Rig
-    from studio.own_frame import own_frame
-
     frame = own_frame(given)
 
     def of(camera: Camera) -> Camera:

@@ -15,6 +15,9 @@ from pipelines.takes.drawn_masks import file_of_garbage, with_garbage_of
 from pipelines.takes.edits import edit_params, read_edits
 from pipelines.takes.path_here import path_here
 from pipelines.takes.take import Take
+from studio.camera_files import read_rig
+from studio.own_frame import in_own_frame, own_frame
+from studio.storage import is_address, mirrored
 
 if TYPE_CHECKING:
     from studio.cameras import Rig
@@ -35,8 +38,6 @@ class TakeFootage:
         """The settings of the footage, with its folder on this machine: where it is mounted here (`run.paths`), or the
         mirror of a folder in object storage, which is listed on first access (StudioError `storage.*`); and with the
         path of garbage masks in the take."""
-        from studio.storage import is_address, mirrored
-
         capture = with_garbage_of(self.config.capture, self.take)
         if is_address(capture.root):
             return capture.replace(root=mirrored(capture.root))
@@ -57,18 +58,12 @@ class TakeFootage:
     @cached_property
     def calibrated(self) -> Footage:
         """The footage with the take's cameras, in the take's own frame."""
-        from studio.camera_files import read_rig
-        from studio.own_frame import in_own_frame
-
         return self.opened(in_own_frame(read_rig(self.take.rig)))
 
     @cached_property
     def trained(self) -> Footage:
         """The footage with the cameras that splats are trained and measured with, in the take's own frame: refined ones
         if the take has them, else `calibrated`."""
-        from studio.camera_files import read_rig
-        from studio.own_frame import own_frame
-
         if not self.take.refined_rig.is_file():
             return self.calibrated
         return self.opened(own_frame(read_rig(self.take.rig)).rig(read_rig(self.take.refined_rig)))

@@ -1,19 +1,14 @@
 """Trains groups in parallel, and within a group the two sides of its keyframe: they are independent, and one thread for
 each uses a CPU better than all threads for one."""
 
-from __future__ import annotations
-
 import gc
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
-from typing import TYPE_CHECKING
 
+from pipelines.events.cancellation import Cancellation
+from pipelines.stages.inputs import Inputs
 from studio.errors import Cancelled, StudioError
 from studio.memory import memory_limit
-
-if TYPE_CHECKING:
-    from pipelines.events.cancellation import Cancellation
-    from pipelines.stages.inputs import Inputs
 
 _MOST = 8  # more threads than this contend for the GIL
 _BYTES_A_PIXEL = 16  # of a training view: 8 channels of bytes, for this frame and the next

@@ -79,7 +79,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> I
         if group in todo and executor is None:
             with inputs.take.group_locked(STAGE.name, group.index, reporter.check):
                 if not group_done(inputs, group):
-                    _make(inputs, group, reporter, start, stop, f"group {group.index}")
+                    _make(inputs, group, reporter, start, stop)
         report = read_model(inputs.take.initialize_group(group.index) / "report.json", InitialPointsReport)
         counts.append(report.faces)
     inputs.take.keep_groups(STAGE.name, len(groups))
@@ -92,7 +92,7 @@ def group_key(inputs: Inputs, group: Group) -> str:
 
 
 def run_group(inputs: Inputs, group: Group, reporter: StageReporter) -> None:
-    _make(inputs, group, reporter, 0.0, 1.0, f"group {group.index}")
+    _make(inputs, group, reporter, 0.0, 1.0)
 
 
 def group_done(inputs: Inputs, group: Group) -> bool:
@@ -126,7 +126,7 @@ def _has_report(inputs: Inputs, group: Group) -> InitialPointsReport | None:
     return report if all((folder / name).is_file() for name in report.files) else None
 
 
-def _make(inputs: Inputs, group: Group, reporter: StageReporter, start: float, stop: float, label: str) -> None:
+def _make(inputs: Inputs, group: Group, reporter: StageReporter, start: float, stop: float) -> None:
     from studio.meshing import initialize_points
 
     footage, box = inputs.footage.calibrated, inputs.training_box
@@ -134,7 +134,7 @@ def _make(inputs: Inputs, group: Group, reporter: StageReporter, start: float, s
         OnDemand(footage.train_cameras, lambda camera: within_box(footage.view(camera, group.keyframe), box)),
         inputs.config.initialize,
         seed=derived_seed(inputs.config.run.seed, _SEED_WORD, group.index),
-        progress=reporter.part(f"{label}: visual hull", start, stop),
+        progress=reporter.part(f"group {group.index}: visual hull", start, stop),
     )
     points, normals, colors = found.points, found.normals, found.colors
     if box is not None:
@@ -155,7 +155,7 @@ def _make(inputs: Inputs, group: Group, reporter: StageReporter, start: float, s
         fields = {**told.fields, "group": group.index}
         reporter.warn(replace(told, problem=f"group {group.index}: {told.problem}", fields=fields))
     if group.index == 0:
-        _tell_coverage(inputs.footage.calibrated, reporter, points, normals)
+        _tell_coverage(footage, reporter, points, normals)
     folder = inputs.take.initialize_group(group.index)
     folder.mkdir(parents=True, exist_ok=True)
     remove(folder / "report.json")

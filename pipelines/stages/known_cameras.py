@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from studio.calibration.settings import CalibrateSettings
+from studio.camera_files import read_rig
+from studio.cameras import Camera, Rig
 from studio.errors import StudioError, naming
 from studio.storage import whole_files
 
 if TYPE_CHECKING:
-    from studio.cameras import Camera, Rig
     from studio.capture import Footage
 
 
@@ -30,8 +31,6 @@ def named_file(section: CalibrateSettings, setting: Literal["known_cameras", "ti
 
 def known_cameras(section: CalibrateSettings, footage: Footage) -> Rig | None:
     """The cameras of calibrate.known_cameras with the footage's image size and camera names; None if it is empty."""
-    from studio.camera_files import read_rig
-    from studio.cameras import Rig
     from studio.capture import match_rig
 
     if not section.known_cameras:

@@ -13,14 +13,14 @@ from pipelines.stages.inputs import Inputs
 from pipelines.stages.params import key_of
 from pipelines.stages.reporter import StageReporter
 from pipelines.takes.atomic_files import read_model, write_model
+from studio.calibration.epipolar import PairMatches, match_images
 from studio.calibration.verdict import RigVerdict, judge
+from studio.cameras import Camera
 from studio.counts import counted, listed
 from studio.errors import Message, StudioError
 from studio.progress import ProgressFn, no_progress
 
 if TYPE_CHECKING:
-    from studio.calibration.epipolar import PairMatches
-    from studio.cameras import Camera
     from studio.capture import Footage, FootageView
 
 
@@ -53,13 +53,8 @@ class _Images(Mapping[str, np.ndarray]):
 
 def judge_by_images(footage: Footage, frame: int, progress: ProgressFn = no_progress) -> RigVerdict:
     """What matches between the images of a frame say about the cameras of footage."""
-    return judge({camera.name: camera for camera in footage.rig}, _matches(footage, frame, progress), None)
-
-
-def _matches(footage: Footage, frame: int, progress: ProgressFn) -> list[PairMatches]:
-    from studio.calibration.epipolar import match_images
-
-    return match_images(_Images(footage, frame), progress=progress)
+    pairs = match_images(_Images(footage, frame), progress=progress)
+    return judge({camera.name: camera for camera in footage.rig}, pairs, None)
 
 
 def check_rig(inputs: Inputs, key: str, frame: int, reporter: StageReporter) -> None:
@@ -89,7 +84,8 @@ def _judged(inputs: Inputs, frame: int, reporter: StageReporter) -> RigVerdict:
     from studio.masks.agreement.source import AgreedMaskSource
 
     footage = inputs.footage.calibrated
-    pairs = _matches(footage, frame, reporter.part("checking the cameras", 0.0, 0.02))
+    matching = reporter.part("checking the cameras", 0.0, 0.02)
+    pairs = match_images(_Images(footage, frame), progress=matching)
     names = footage.train_cameras if inputs.config.capture.masks != "none" else ()
 
     def near(name: str) -> dict[int, np.ndarray]:

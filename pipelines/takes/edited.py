@@ -7,6 +7,8 @@ from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.frame_numbers import FrameNumbers, trained_groups
 from pipelines.takes.groups import Group
@@ -15,7 +17,6 @@ from studio.errors import StudioError
 from studio.progress import ProgressFn
 
 if TYPE_CHECKING:
-    import numpy as np
     import torch
 
     from studio.edits import DetailMark, EditList, Paths, Selection
@@ -117,7 +118,6 @@ class EditedGroup:
     def kept(self) -> torch.Tensor | None:
         """(M,) int64: the splats that are kept, ascending; None: all. The first call reads all frames of the group.
         StudioError if one is missing or damaged, or no splat is left (`edits.nothing_left`)."""
-        import numpy as np
         import torch
 
         if self._edits.removes and self._kept is None:

@@ -13,9 +13,11 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from pipelines.takes.atomic_files import changing, read_json, validated, write_json
 from pipelines.takes.take import Take
+from studio.camera_files import read_rig
 from studio.edits.edit_list import CropBox, DetailMark, EditList, Floaters, Ground, Region, Trim, World
 from studio.errors import StudioError
 from studio.json_types import JsonData
+from studio.own_frame import own_frame, undone
 from studio.similarity import Similarity
 
 EDITS_FORMAT = 1  # version of edits.json
@@ -152,16 +154,11 @@ NAMES = ("trim", "crop", "ground", "floaters", "regions", "world", "details")
 
 def frame_of(take: Take) -> Similarity:
     """From the world of the take's cameras to its own frame; the identity if it has no cameras yet."""
-    from studio.camera_files import read_rig
-    from studio.own_frame import own_frame
-
     return own_frame(read_rig(take.rig)) if take.rig.is_file() else Similarity()
 
 
 def placed_world(edits: EditList, frame: Similarity) -> Similarity:
     """From the take's own frame to the world that the edits place, else to that of its cameras."""
-    from studio.own_frame import undone
-
     return undone(frame, placed=edits.world is not None).after(edits.similarity)
 
 

@@ -8,6 +8,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict
 
 from pipelines.takes.atomic_files import digest_of_file, read_model
+from pipelines.takes.edits import read_edits
 from pipelines.takes.frame_files import intact
 from pipelines.takes.marks import read_marks
 from pipelines.takes.records import StageRecord, read_record
@@ -64,7 +65,7 @@ def check_take(take: Take, stages: Iterable[str], progress: ProgressFn = no_prog
             frames = sorted((take.root / stage).rglob("*.safetensors"))
             files += frames
             work.append(_damaged_tensors(take, path) for path in frames)
-    for kept in _kept_bakes(take):
+    for kept in kept_folders(take):
         for record in filter(None, (read_record(kept, stage) for stage in ("bake", "evaluate"))):
             files += [kept.root / name for name in record.files]
             work.append(_changed_of_kept(take, kept, record))
@@ -103,7 +104,7 @@ def changed_files(take: Take, record: StageRecord) -> Iterator[Damage | None]:
             yield None
 
 
-def _kept_bakes(take: Take) -> list[Take]:
+def kept_folders(take: Take) -> list[Take]:
     """Kept bakes (`pipelines.takes.kept_bakes`), also damaged ones; no folders of others."""
     folders = sorted(take.bakes.iterdir()) if take.bakes.is_dir() else []
     return [Take(folder) for folder in folders if not folder.name.startswith(".") and (folder / "take.json").is_file()]
@@ -117,7 +118,6 @@ def _changed_of_kept(take: Take, kept: Take, record: StageRecord) -> Iterator[Da
 
 def _made_by_people(take: Take) -> dict[Path, Callable[[Path], object]]:
     """Files that no stage writes, and the records of kept bakes, and what reads each."""
-    from pipelines.takes.edits import read_edits
     from studio.formats.camera_path import read_path_keys
     from studio.masks.garbage_polygons import read_garbage_polygons
 
@@ -126,7 +126,7 @@ def _made_by_people(take: Take) -> dict[Path, Callable[[Path], object]]:
         take.marks: read_marks,
         take.garbage: read_garbage_polygons,
         take.camera_path: lambda path: read_path_keys(path, 1.0),
-        **{kept.record("bake"): lambda path: read_model(path, StageRecord) for kept in _kept_bakes(take)},
+        **{kept.record("bake"): lambda path: read_model(path, StageRecord) for kept in kept_folders(take)},
     }
 
 

@@ -19,7 +19,7 @@ from pipelines.config.loading import load_config
 from pipelines.takes.atomic_files import link_or_copy, remove, write_json, write_text
 from pipelines.takes.edits import EDITS_FORMAT, PREFIX, edit_params, read_edits
 from pipelines.takes.evaluation import read_evaluation
-from pipelines.takes.integrity import refuse_damage
+from pipelines.takes.integrity import kept_folders, refuse_damage
 from pipelines.takes.records import StageRecord, read_record, result_of
 from pipelines.takes.settings_file import changed_text, leaves, set_settings
 from pipelines.takes.summaries import BakeSummary
@@ -94,9 +94,8 @@ class KeptBake:
 
 def kept_bakes(take: Take) -> list[KeptBake]:
     """The kept bakes of a take, oldest first; damaged ones and other folders are left out."""
-    folders = sorted(take.bakes.iterdir()) if take.bakes.is_dir() else []
     edits, settings = _present_edits(take), _present_settings(take)
-    found = [_kept(take, folder, edits, settings) for folder in folders if _NAME.fullmatch(folder.name)]
+    found = [_kept(take, one, edits, settings) for one in kept_folders(take) if _NAME.fullmatch(one.root.name)]
     return sorted((kept for kept in found if kept is not None), key=lambda kept: (kept.baked, kept.name))
 
 
@@ -123,12 +122,9 @@ def _of_training() -> frozenset[str]:
     return frozenset(name for name, made in affected(Config).items() if not later.issuperset(made))
 
 
-def _kept(
-    take: Take, folder: Path, edits: dict[str, JsonData] | None, settings: dict[str, JsonData]
-) -> KeptBake | None:
-    kept = Take(folder)
+def _kept(take: Take, kept: Take, edits: dict[str, JsonData] | None, settings: dict[str, JsonData]) -> KeptBake | None:
     record = read_record(kept, "bake")
-    if record is None or not (folder / "take.json").is_file():
+    if record is None:
         return None
     try:
         summary = BakeSummary.model_validate(record.summary)
@@ -137,7 +133,7 @@ def _kept(
     params = _params([record, *_evaluation_of(kept, record)])
     own = {name: value for name, value in _settings_of(params).items() if name not in _of_training()}
     return KeptBake(
-        name=folder.name,
+        name=kept.root.name,
         take=kept,
         record=record,
         summary=summary,

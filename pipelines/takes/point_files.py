@@ -6,7 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from studio.bounded_files import read_bounded
+from studio.camera_files import read_rig
 from studio.errors import StudioError
+from studio.own_frame import own_frame
 
 
 def write_mesh(path: Path, vertices: np.ndarray, faces: np.ndarray) -> None:
@@ -56,9 +58,6 @@ def read_points(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 def read_sparse_points(path: Path, rig: Path) -> tuple[np.ndarray, np.ndarray]:
     """As `read_points`, of a calibration: float32, in the own frame of the take whose rig.json `rig` is."""
-    from studio.camera_files import read_rig
-    from studio.own_frame import own_frame
-
     points, colors = read_points(path)
     return own_frame(read_rig(rig)).points(points).astype(np.float32), colors
 

@@ -9,11 +9,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pipelines.config import load_config
+from pipelines.takes.edits import no_frames_left, read_edits
+from pipelines.takes.frame_numbers import FrameNumbers, trained_groups, trained_numbers
 from pipelines.takes.take import Take
+from studio.camera_files import read_rig
 from studio.errors import StudioError
+from studio.own_frame import in_own_frame, own_frame, undone
+from studio.similarity import Similarity
 
 if TYPE_CHECKING:
-    from pipelines.takes.frame_numbers import FrameNumbers
     from studio.cameras import Camera
     from studio.splat_video import SplatVideo
     from studio.stream import CapturePlace, StreamReader
@@ -30,17 +35,11 @@ def trained_video(root: str | os.PathLike[str]) -> SplatVideo:
     """Trained frames of a take, up to the first missing one, with the take's edits. StudioError: not a take (see
     `Take.open`), no trained frames (`take.not_trained`), the edits cannot be read (`take.edits_*`), or none of the
     trained frames is within the trim (`edits.no_frames_left`)."""
-    root = Path(root)
-    from pipelines.config import load_config
     from pipelines.takes.edited import EditedGroup
-    from pipelines.takes.edits import no_frames_left, read_edits
-    from pipelines.takes.frame_numbers import FrameNumbers, trained_groups
-    from studio.camera_files import read_rig
     from studio.edits.edit_list import UP
-    from studio.own_frame import in_own_frame, own_frame, undone
-    from studio.similarity import Similarity
     from studio.splat_video import SplatVideo
 
+    root = Path(root)
     take = Take.open(root)
     files, starts = take.trained_files()
     if not files:
@@ -52,9 +51,7 @@ def trained_video(root: str | os.PathLike[str]) -> SplatVideo:
     rig = None if given is None else in_own_frame(given)
     fps = None if capture.fps is None else capture.fps / capture.frame_range[2]
     if fps is None and (take.stream / "manifest.json").is_file():
-        from studio.stream import StreamReader
-
-        with StreamReader.open(take.stream) as reader:
+        with open_reader(str(take.root)) as reader:
             fps = reader.fps
     edits = read_edits(take.edits)
     world, trim = edits.similarity, edits.trim
@@ -106,11 +103,7 @@ def decoded_video(reader: StreamReader) -> SplatVideo:
 
 def footage_cameras(source: str, *, decoded: bool) -> tuple[Camera, ...]:
     """The cameras of a take's footage, refined ones if training used them, in the world of its splats: with `decoded`,
-    those of its stream, which may have been baked before the last edits. None for sources that are no take."""
-    from pipelines.takes.edits import read_edits
-    from studio.camera_files import read_rig
-    from studio.own_frame import in_own_frame
-
+    those of its stream, which may have been baked before the last edits. () for sources that are no take."""
     if not is_take(source):
         return ()
     take = Take.open(Path(source).expanduser())
@@ -141,8 +134,6 @@ def capture_place(reader: StreamReader) -> CapturePlace:
 
 def stream_numbers(text: str, reader: StreamReader) -> FrameNumbers:
     """The frame numbers of a stream that was opened from `text`: those in the footage for a take's, else from 0."""
-    from pipelines.takes.frame_numbers import FrameNumbers, trained_numbers
-
     if not is_take(text):
         return FrameNumbers()
     trained, first = trained_numbers(Take.open(Path(text).expanduser())), capture_place(reader).first_frame
