@@ -64,6 +64,7 @@ def compare(
             `take.disk_full`, before anything is measured if that is known then.
         Cancelled: raised by `progress`; finished frames are kept for the next call.
     """
+    footage = footage or folders[0]
     with ExitStack() as closing:
         takes, names = open_takes(folders, protocol, cameras, closing, footage)
         start, stop, step = part
@@ -77,7 +78,7 @@ def compare(
             raise StudioError("compare.no_common_frame", problem, value=str(folders[0]), fix=fix)
         closing.enter_context(_writable(out))
         shown = {frames[at] for at in np.linspace(0, len(frames) - 1, min(images, len(frames))).round().astype(int)}
-        described = _protocol(protocol, takes, names, frames, footage or folders[0], lpips)
+        described = _protocol(protocol, takes, names, frames, footage, lpips)
         key = _key(described, takes, images=sorted(map(int, shown)), flicker=steady, device=device)
         finished = FinishedFrames(out, key)
         measurer = FrameMeasurer(takes, names, protocol, lpips, device, flicker=steady)

@@ -13,6 +13,7 @@ from pipelines.stages.footage import TakeFootage
 from pipelines.takes.edits import read_edits
 from pipelines.takes.take import Take
 from pipelines.takes.videos import capture_place, open_reader
+from studio.camera_files import read_rig
 from studio.comparison import EvaluationProtocol, find_camera
 from studio.errors import StudioError
 from studio.own_frame import in_own_frame
@@ -37,22 +38,17 @@ class OpenedTake:
 
 
 def open_takes(
-    folders: Sequence[Path],
-    protocol: EvaluationProtocol,
-    cameras: Sequence[str],
-    closing: ExitStack,
-    footage: Path | None = None,
+    folders: Sequence[Path], protocol: EvaluationProtocol, cameras: Sequence[str], closing: ExitStack, footage: Path
 ) -> tuple[list[OpenedTake], tuple[str, ...]]:
     """Open takes for a comparison: the takes, and the names of the cameras.
 
-    Images and masks come from the footage settings of one take (`footage`: its folder; None: the first), so that all
-    are compared with the same; each take is rendered with its own calibration. StudioError if a take has no stream, a
-    camera is missing (`compare.no_such_camera`), or none is held out (`compare.no_held_out`).
+    Images and masks come from the footage settings of the take in the folder `footage`, so that all are compared with
+    the same; each take is rendered with its own calibration. StudioError if a take has no stream, a camera
+    is missing (`compare.no_such_camera`), or none is held out (`compare.no_held_out`).
     """
-    from studio.camera_files import read_rig
     from studio.capture import open_footage
 
-    first = _footage(footage or folders[0])
+    first = _footage(footage)
     names = _cameras(first, protocol, cameras)
     spec = first.capture.replace(cameras=names, held_out=(), scale=protocol.scale or first.capture.scale)
     run = first.config.run

@@ -87,10 +87,9 @@ def _size_plot(axes: Any, rows: Sequence[FrameQuality]) -> bool:
 
 
 def _train_plot(axes: Any, seconds: list[tuple[int, float]]) -> bool:
-    known = [(frame, value) for frame, value in seconds if value > 0]
-    if not known:
+    if not seconds:
         return False
-    axes.bar([frame for frame, _ in known], [value for _, value in known], width=0.8)
+    axes.bar(*zip(*seconds, strict=True), width=0.8)
     axes.set(xlabel="frame", ylabel="training time (s)")
     return True
 

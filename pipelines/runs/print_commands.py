@@ -7,16 +7,14 @@ from pipelines.config import Config
 from pipelines.config.loading import parse_override
 from pipelines.runs.staleness import StageStatus
 from pipelines.runs.work import cpus_of_group, is_up_to_date, known_groups
-from pipelines.stages import CHAIN, GROUP_STAGES
+from pipelines.stages import GROUP_STAGES
 from pipelines.stages.group_scheduler import groups_at_once
 from pipelines.stages.inputs import Inputs
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 
 
-def printed_commands(
-    take: Take, config: Config, stages: Sequence[str] = CHAIN, form: str = "plain", overrides: Sequence[str] = ()
-) -> str:
+def printed_commands(take: Take, config: Config, stages: Sequence[str], form: str, overrides: Sequence[str]) -> str:
     """The text that `v3studio work --print-commands` prints.
 
     The commands name the CPU threads of a group, because the bytes of training depend on them, and on another machine

@@ -18,7 +18,7 @@ from studio.calibration.verdict import RigVerdict, judge
 from studio.cameras import Camera
 from studio.counts import counted, listed
 from studio.errors import Message, StudioError
-from studio.progress import ProgressFn, no_progress
+from studio.progress import ProgressFn
 
 if TYPE_CHECKING:
     from studio.capture import Footage, FootageView
@@ -51,7 +51,7 @@ class _Images(Mapping[str, np.ndarray]):
         return self._footage.image(name, self._frame)
 
 
-def judge_by_images(footage: Footage, frame: int, progress: ProgressFn = no_progress) -> RigVerdict:
+def judge_by_images(footage: Footage, frame: int, progress: ProgressFn) -> RigVerdict:
     """What matches between the images of a frame say about the cameras of footage."""
     pairs = match_images(_Images(footage, frame), progress=progress)
     return judge({camera.name: camera for camera in footage.rig}, pairs, None)

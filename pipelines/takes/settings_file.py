@@ -1,23 +1,19 @@
 """Changes a value in a YAML file of settings and keeps its comments and the order of its keys."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pydantic import BaseModel
 
+from pipelines.config.config import Config
 from pipelines.config.loading import dump_config, load_config, read_yaml
 from pipelines.takes.atomic_files import write_text
 from studio.bounded_files import read_bounded_text
 from studio.errors import StudioError, reason_of
 from studio.yaml_text import YamlError, dump_with_comments, parse_with_comments, parse_yaml
-
-if TYPE_CHECKING:
-    from pipelines.config import Config
 
 _FIX = "Fix the file, or write a new one with `v3studio config > FILE`."
 

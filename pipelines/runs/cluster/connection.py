@@ -19,7 +19,7 @@ CONNECT_SECONDS = 5.0  # how long the head node may take to accept a connection
 _EXTRA = "Install it: pip install 'ray[client]==2.60.0'."
 
 
-def load_ray(address: str = "local") -> Any:
+def load_ray(address: str) -> Any:
     """The package, with token authentication on and usage statistics off unless the environment says otherwise.
 
     Without a network address, it uses the loopback interface only.

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from pipelines.stages import stage_named
 from pipelines.stages.baking.rungs import RungTraining, finetuned_rungs
@@ -18,11 +17,9 @@ from pipelines.takes.frame_numbers import FrameNumbers
 from pipelines.takes.groups import Group
 from pipelines.takes.stage_files import BakedGroupNote
 from pipelines.takes.take import group_name
+from studio.cameras import Camera
 from studio.edits.edit_list import Trim
 from studio.stream.attributes import VERSION
-
-if TYPE_CHECKING:
-    from studio.cameras import Camera
 
 STAGE = stage_named("bake")
 

@@ -1,11 +1,8 @@
 """Size and quality of a take's stream at another QP, measured on one of its groups."""
 
-from __future__ import annotations
-
 import tempfile
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
 from pipelines.stages.baking.measures import RenderedError, rendered_contribution
 from pipelines.stages.baking.plan import Part, group_to_bake, planned_parts, stream_cameras
@@ -13,9 +10,7 @@ from pipelines.stages.inputs import Inputs
 from studio.comparison.metrics import HIGHEST_PSNR
 from studio.errors import StudioError
 from studio.memory_cache import OnDemand
-
-if TYPE_CHECKING:
-    from studio.stream.settings import BakeSettings
+from studio.stream.settings import BakeSettings
 
 
 @dataclass(frozen=True)
