@@ -160,7 +160,7 @@ class MainWindow(Shell):
 
     def _look_at_marks(self) -> None:
         if self.marks.refresh():  # somebody marked a frame in a browser
-            self.notices.outcome("marks", str(self.marks.damage or ""))
+            self.notices.outcome("marks file", str(self.marks.damage or ""))
             self.changed()
 
     # Opening and closing

@@ -46,7 +46,7 @@ class Opening:
         threading.Thread(target=_return_freed_memory, name="v3studio memory", daemon=True).start()
         window.exports.path.open(take.camera_path if take is not None else None, window.workspace.history)
         window.marks = Marks(take.marks if take is not None else None)
-        window.notices.outcome("marks", str(window.marks.damage or ""))
+        window.notices.outcome("marks file", str(window.marks.damage or ""))
         window.preferences.opened(str(opened.path))
         window.preferences.save()
         window.player.background = window.preferences.background
