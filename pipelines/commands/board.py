@@ -106,9 +106,8 @@ def _sync(arguments: argparse.Namespace) -> None:
         refuse_unknown_cameras(tuple(capture.offsets), footage.camera_names, "capture.offsets")
         report = check_sync(footage, method=arguments.method, seconds=arguments.seconds)
     if arguments.json:
-        values = {"method": report.method, "offsets": report.offsets, "confidence": report.confidence}
-        values |= {"timecodes": report.timecodes, "whole": report.whole, "unsure": list(report.unsure)}
-        arguments.result = values
+        names = ("method", "offsets", "confidence", "timecodes", "whole")
+        arguments.result = {name: getattr(report, name) for name in names} | {"unsure": list(report.unsure)}
         return
     for name, offset in report.offsets.items():
         if report.method == "timecode":

@@ -8,6 +8,7 @@ from pipelines.estimate.work import Work
 from pipelines.takes.groups import Group
 from studio.json_types import JsonObject
 from studio.training import joint_steps
+from studio.training.camera_refinement import all_steps
 from studio.training.pruning import prune_rounds
 
 UNCERTAINTY = 0.25
@@ -79,7 +80,8 @@ def estimate(work: Work, measured: Measured, qp: int | None) -> Estimate:
     opening = measured.camera * (cameras + work.held_out_cameras) / work.threads
     hull = measured.hull_fixed * cameras / min(cameras, 12) + measured.hull_square * work.resolution**2
     hulls = len(work.groups) * hull
-    refinement = measured.keyframe_step * work.points * work.refinement_steps
+    refined = all_steps(work.train, work.train_cameras, work.held_out_cameras) if work.refines else 0
+    refinement = measured.keyframe_step * work.points * refined
     return Estimate(
         (
             StageEstimate(

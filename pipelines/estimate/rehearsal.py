@@ -21,7 +21,7 @@ import torch
 from pipelines.estimate.work import Work
 from pipelines.events.cancellation import Cancellation
 from pipelines.stages.evaluate import lpips_of
-from pipelines.stages.group_scheduler import run_groups
+from pipelines.stages.group_scheduler import run_groups, threads_by_group
 from pipelines.stages.inputs import Inputs
 from studio.capture import FootageView
 from studio.comparison import ViewPair, measure, padded_box
@@ -104,7 +104,7 @@ def rehearse(inputs: Inputs, work: Work, progress: ProgressFn = no_progress) -> 
             results.append(one)
             progress(2 + len(results), parts)
 
-    threads = [work.threads_per_group] * work.at_once
+    threads = threads_by_group(len(work.groups), work.at_once, work.threads)[:1] * work.at_once
     run_groups(dict.fromkeys(range(work.at_once), train), work.at_once, threads, stop)
     for name in ("keyframe_step", "motion_step", "finetune_step", "frame"):
         setattr(found, name, fmean(getattr(one.found, name) for one in results))

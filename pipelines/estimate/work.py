@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pipelines.stages.camera_refinement import refines_cameras
-from pipelines.stages.group_scheduler import groups_at_once, memory_of_group, threads_by_group
+from pipelines.stages.group_scheduler import groups_at_once, memory_of_group
 from pipelines.stages.inputs import Inputs
-from studio.training.camera_refinement import all_steps
 from studio.training.pruning import splats_after_pruning
 from studio.training.settings import TrainSettings
 
@@ -51,16 +50,6 @@ class Work:
     def frames(self) -> int:
         """Frames of the take."""
         return sum(self.groups)
-
-    @property
-    def threads_per_group(self) -> int:
-        """CPU threads of the first group."""
-        return threads_by_group(len(self.groups), self.at_once, self.threads)[0]
-
-    @property
-    def refinement_steps(self) -> int:
-        """Steps of the splats with which cameras are refined."""
-        return all_steps(self.train, self.train_cameras, self.held_out_cameras) if self.refines else 0
 
     @property
     def splats_before_pruning(self) -> int:
