@@ -31,12 +31,13 @@ def until(accept, window, seconds=200):
 report = {"opened": [], "played": []}
 keep = None
 for number in range(opens):
-    window = MainWindow((640, 400))
+    window = MainWindow((640, 400), None, "", False)
     window.open(stream)
     until(lambda: window.player.picture is not None and window.views.settled, window)
     if number < opens - 1:
         window.close_requests.granted = True
-        other = MainWindow((320, 200)) if keep is None else keep  # the application ends with its last window
+        # the application ends with its last window
+        other = MainWindow((320, 200), None, "", False) if keep is None else keep
         keep = other
         window.window.close()
         for _ in range(5):

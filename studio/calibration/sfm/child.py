@@ -78,7 +78,7 @@ def run_reporting(module: str, arguments: Sequence[str], on_progress: Callable[[
             if child.poll() is None:
                 child.kill()
             thread.join(timeout=2)
-        errors.seek(0)
+        errors.seek(max(0, errors.seek(0, os.SEEK_END) - 65_536))
         last = [line.strip() for line in errors.read().decode("utf-8", "replace").splitlines()[-3:]]
     if failure:
         raise StudioError("calibration.worker_failed", f"Structure from motion failed: {failure}", value=failure)
