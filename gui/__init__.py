@@ -1,1 +1,1 @@
-"""The window. Widgets are in `panels`, state is in `presenters` (which do not use Open3D)."""
+"""The window. Widgets are in `widgets`, state is in `models` (which do not use Open3D)."""

@@ -1,4 +1,4 @@
-"""Decoder of the profile `motion`, the exact inverse of `bake_motion`: one video and a side file to Gaussians."""
+"""Decoder of the profile `motion`, the exact inverse of `encode.motion`: one video and a side file to Gaussians."""
 
 from collections.abc import Mapping
 from functools import partial

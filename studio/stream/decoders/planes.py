@@ -1,4 +1,4 @@
-"""Decoder of the profile `planes`, the exact inverse of `bake_planes`."""
+"""Decoder of the profile `planes`, the exact inverse of `encode.planes`."""
 
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor, wait
