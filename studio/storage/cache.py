@@ -80,10 +80,11 @@ class DiskCache:
 
     def _evict(self, limit: int) -> None:
         found: list[tuple[float, int, Path]] = []
-        for path in self.folder.glob("objects/*/*"):
-            with suppress(FileNotFoundError):
-                state = path.stat()
-                found.append((state.st_mtime, state.st_blocks * 512, path))
+        with suppress(FileNotFoundError):  # someone deletes the cache meanwhile
+            for path in self.folder.glob("objects/*/*"):
+                with suppress(FileNotFoundError):
+                    state = path.stat()
+                    found.append((state.st_mtime, state.st_blocks * 512, path))
         total = sum(size for _, size, _ in found)
         if total <= limit:
             return

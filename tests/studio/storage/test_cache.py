@@ -1,0 +1,27 @@
+"""The cache on the disk."""
+
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+
+from studio.storage.cache import DiskCache
+
+
+def test_it_may_be_deleted_while_it_is_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    cache, stat = DiskCache(tmp_path / "cache"), Path.stat
+    measured: list[Path] = []
+    for key in ("aa1", "bb2", "cc3"):
+        cache.path(key).parent.mkdir(parents=True)
+        cache.path(key).write_bytes(b"1")
+
+    def deleted(path: Path, **how: bool) -> os.stat_result:
+        if path.parent.parent.name == "objects" and not measured:
+            measured.append(path)
+            shutil.rmtree(cache.folder)
+        return stat(path, **how)
+
+    monkeypatch.setattr(Path, "stat", deleted)
+    cache.added(1)
+    assert measured
