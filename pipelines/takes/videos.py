@@ -155,7 +155,7 @@ def stream_place(text: str) -> Path | str:
             raise StudioError("stream.not_found", "no such folder", file=text, fix=fix)
         return folder
     stream = Take.open(folder).stream
-    if not stream.is_dir():
+    if not (stream / "manifest.json").is_file():  # a bake that was interrupted has written files
         fix = "Run `v3studio run` or `v3studio bake`."
         raise StudioError("take.no_stream", "this take has no stream yet", file=text, fix=fix, stage="bake")
     return stream

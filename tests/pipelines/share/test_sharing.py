@@ -237,6 +237,7 @@ def test_without_the_player_or_a_stream(stream, tmp_path, monkeypatch):
         share(tmp_path, tmp_path / "take.html")
     (tmp_path / "take").mkdir()
     (tmp_path / "take" / "take.json").write_text(json.dumps({"format": TAKE_FORMAT}))
+    (tmp_path / "take" / "stream" / "files").mkdir(parents=True)  # a bake was interrupted
     with refuses("take.no_stream", file=str(tmp_path / "take")):
         share_size(str(tmp_path / "take"))
 
