@@ -10,7 +10,8 @@ contains scripts that use each part.
     takes          Take, load_config, run, status, trained_video: the stages of the command line, on a take's folder
     training       initialize_points, TrainingView, train_keyframe, train_interframe
     splats         Gaussians, read_splats, write_splats, rasterize
-    streams        bake_video, bake_group, write_manifest, BakeSettings, StreamReader, SplatVideo, open_import
+    streams        bake_video, bake_group, write_manifest, BakeSettings, StreamReader, SplatVideo, open_import,
+                   check_stream
     sharing        share, serve, publish, PageText
     measuring      evaluate, psnr, ssim
 
@@ -65,6 +66,7 @@ _EXPORTS = {
     "studio.rasterizer": ("Render", "available_backends", "rasterize"),
     "studio.splat_video": ("SplatVideo",),
     "studio.stream": ("BakeSettings", "Manifest", "StreamReader", "bake_group", "write_manifest"),
+    "studio.stream.integrity": ("check_stream",),
     "studio.stream.publish": ("Published",),
     "studio.training": ("TrainingView", "TrainSettings", "train_interframe", "train_keyframe"),
 }

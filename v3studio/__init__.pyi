@@ -37,6 +37,7 @@ from studio.metrics import psnr, ssim
 from studio.rasterizer import Render, available_backends, rasterize
 from studio.splat_video import SplatVideo
 from studio.stream import BakeSettings, Manifest, StreamReader, bake_group, write_manifest
+from studio.stream.integrity import check_stream
 from studio.stream.publish import Published
 from studio.training import TrainingView, TrainSettings, train_interframe, train_keyframe
 
@@ -90,6 +91,7 @@ __all__ = [
     "calibrate_from_images",
     "calibrate_from_target",
     "calibrate_from_tie_points",
+    "check_stream",
     "compare_rigs",
     "detect_target",
     "evaluate",
