@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import tarfile
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,9 +23,9 @@ from pipelines.share.sharing import share
 from studio.cameras import Camera
 from studio.formats import ply
 from studio.gaussians import Gaussians
-from studio.rotations import quats_to_matrices
 from studio.stream.attributes import ATTRIBUTES
 from tests.support.glb import red_post
+from tests.support.performer import covariances
 from tests.support.shared import made_once
 
 pytestmark = pytest.mark.web
@@ -131,11 +132,6 @@ _IN_WORKER = """async (root) => {
 }"""
 
 
-def _covariances(quats: np.ndarray, scales: np.ndarray) -> np.ndarray:
-    axes = quats_to_matrices(quats) * scales.astype(np.float64)[:, None]
-    return axes @ axes.transpose(0, 2, 1)
-
-
 @pytest.mark.parametrize(("profile", "degree"), [("motion", 1), ("planes", 0)])
 def test_a_worker_decodes_what_python_decodes(package_site, baked, open_page, profile, degree):
     """Without a page; escapes are in frame 2."""
@@ -151,8 +147,8 @@ def test_a_worker_decodes_what_python_decodes(package_site, baked, open_page, pr
         for one in ATTRIBUTES[3:]:
             assert np.allclose(arrays[one.name], one.activate(getattr(want, one.tensor).numpy()).reshape(-1), atol=1e-5)
         # Different rotations and scales may be the same splat.
-        mine = _covariances(arrays["quats"].reshape(-1, 4), arrays["scales"].reshape(-1, 3))
-        theirs = _covariances(want.quats.numpy(), want.scales.numpy())
+        quats, scales = (torch.from_numpy(arrays[name].reshape(len(want), -1)) for name in ("quats", "scales"))
+        mine, theirs = covariances(replace(want, quats=quats, log_scales=scales.log())), covariances(want)
         size = np.trace(theirs, axis1=1, axis2=2)[:, None, None]
         assert (np.abs(mine - theirs) / size).max() < 3e-5
     assert got["late"][-1] == 8  # the newest call is answered
