@@ -200,17 +200,17 @@ def export_sequence(
         for index in range(video.frame_count):
             progress(index, video.frame_count)
             path = temporary / f"frame_{video.number(index):0{digits}d}{suffix}"
-            _write(video, index, path, rotation, options)
+            _write(video, index, path, rotation, **options)
         progress(video.frame_count, video.frame_count)
 
 
 def export_frame(video: SplatVideo, path: Path, rotation: np.ndarray | None = None, **options: Any) -> None:
     """Write the first frame to a file, in the format of its extension. Raises StudioError as `export_sequence`."""
     with new_file(path) as temporary:
-        _write(video, 0, temporary, rotation, options)
+        _write(video, 0, temporary, rotation, **options)
 
 
-def _write(video: SplatVideo, index: int, path: Path, rotation: np.ndarray | None, options: dict[str, Any]) -> None:
+def _write(video: SplatVideo, index: int, path: Path, rotation: np.ndarray | None, **options: Any) -> None:
     gaussians = scaled(video.read(index), video.original.scale)
     if rotation is not None:
         gaussians = turned(gaussians, rotation)
