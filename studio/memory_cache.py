@@ -4,6 +4,7 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from typing import Any, Generic, TypeAlias, TypeVar
+from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -23,7 +24,8 @@ class MemoryCache(Generic[Key, Value]):
         self._values: OrderedDict[Key, Value] = OrderedDict()
         self.used = 0
         self._lock = threading.Lock()
-        self._making: dict[Key, threading.Lock] = {}
+        # of keys that a thread makes or waits for
+        self._making: WeakValueDictionary[Key, threading.Lock] = WeakValueDictionary()
 
     def __contains__(self, key: Key) -> bool:
         """Whether `key` is cached; does not count as a use."""
@@ -58,18 +60,14 @@ class MemoryCache(Generic[Key, Value]):
         once; other keys do not wait for it. If `make` raises, so does this, and the next call tries again."""
         with self._lock:
             making = self._making.setdefault(key, threading.Lock())
-        try:
-            with making:
-                with self._lock:
-                    if key in self._values:
-                        self._values.move_to_end(key)
-                        return self._values[key]
-                value = make(key)
-                self.put(key, value)
-                return value
-        finally:
+        with making:
             with self._lock:
-                self._making.pop(key, None)
+                if key in self._values:
+                    self._values.move_to_end(key)
+                    return self._values[key]
+            value = make(key)
+            self.put(key, value)
+            return value
 
     def drop(self, key: Key) -> None:
         with self._lock:

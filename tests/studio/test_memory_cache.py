@@ -2,6 +2,7 @@
 
 import math
 import threading
+import time
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -55,6 +56,35 @@ def test_values_are_made_once_and_keys_do_not_wait_for_each_other() -> None:
     with pytest.raises(ZeroDivisionError):
         cache.get_or_make("wrong", lambda key: 1 // 0)
     assert not cache._making
+
+
+def test_after_a_failure_one_of_those_that_waited_makes_the_value() -> None:
+    cache: MemoryCache[str, int] = MemoryCache(math.inf)
+    begun, wait = ([threading.Event() for _ in range(3)] for _ in range(2))
+    made: list[str] = []
+
+    def fails_first(key: str) -> int:
+        number = len(made)
+        made.append(key)
+        begun[number].set()
+        assert wait[number].wait(60)
+        return number // number
+
+    with ThreadPoolExecutor(3) as pool:
+        results = [pool.submit(cache.get_or_make, "key", fails_first)]
+        assert begun[0].wait(60)
+        results.append(pool.submit(cache.get_or_make, "key", fails_first))
+        time.sleep(0.1)  # until it waits for the first
+        wait[0].set()
+        assert begun[1].wait(60)
+        results.append(pool.submit(cache.get_or_make, "key", fails_first))
+        at_once = begun[2].wait(0.1)
+        wait[1].set()
+        wait[2].set()
+    assert isinstance(results[0].exception(), ZeroDivisionError)
+    assert [result.result() for result in results[1:]] == [1, 1]
+    assert not at_once
+    assert len(made) == 2
 
 
 def test_items_on_demand_are_made_at_each_access() -> None:
