@@ -7,12 +7,11 @@ settings file, `v3studio config`, the window and the staleness check all read th
 """
 
 import difflib
-import functools
 import json
 import os
 from collections.abc import Collection
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from types import UnionType
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeVar, Union, get_args, get_origin
 
@@ -190,7 +189,7 @@ def field_named(model: type[Settings], name: str) -> FieldInfo | None:
 
 def nearest_sentence(model: type[Settings], name: str) -> str:
     """What to do about an unknown setting: the most similar setting or section, if one is similar."""
-    close = functools.partial(difflib.get_close_matches, n=1)
+    close = partial(difflib.get_close_matches, n=1)
     known = list(affected(model))
     sections = sorted({one.rpartition(".")[0] for one in known})
     tails = {one.rpartition(".")[2]: one for one in known}
