@@ -78,7 +78,8 @@ async function shareLink(url: string, title: string): Promise<boolean> {
   }
 }
 
-/** Copies text, also where there is no clipboard API: browsers give it to secure (HTTPS) pages only. `root`: where a field may be put meanwhile; inside what is shown in full screen. Returns whether the text was copied. */
+/** Copies text, also where there is no clipboard API: browsers give it to secure (HTTPS) pages only. `root`: where a field may
+ * be put meanwhile; inside what is shown in full screen. Returns whether the text was copied. */
 async function copyText(text: string, root: ParentNode & Node): Promise<boolean> {
   try {
     await navigator.clipboard.writeText(text);
