@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from studio.capture.settings import DifferenceSettings
-from studio.masks.clean_plate import noise_of, solve_edges
+from studio.masks.clean_plate import edge_reach, noise_of, solve_edges
 from studio.masks.despill import despill
 from studio.masks.filters import brightness, enlarged, guided_filter, keep_components, masked_mean, reduced
 from studio.masks.mask_source import MaskInputs, MaskSource
@@ -34,8 +34,8 @@ def chroma_mask(
     solid = _binary(reduced(image, WORK_SIDE).astype(np.float32), screen, settings, small_inside)
     if not solid.any():
         return np.zeros(image.shape[:2], np.uint8)
-    solid = enlarged(solid, image.shape)
-    mask = solve_edges(image, screen_behind(image, solid), np.ones(3, np.float32), solid, edge_reach(image), None)
+    solid, reach = enlarged(solid, image.shape), edge_reach(image, WORK_SIDE)
+    mask = solve_edges(image, screen_behind(image, solid), np.ones(3, np.float32), solid, reach, None)
     return mask if inside is None else mask * inside.astype(np.uint8)
 
 
@@ -69,16 +69,11 @@ def _binary(image: np.ndarray, screen: Screen, settings: DifferenceSettings, ins
     return keep_components(mask, settings.mask_components, int(1e-4 * mask.size), core=evidence > 4.0)
 
 
-def edge_reach(image: np.ndarray) -> float:
-    """Width in pixels of the band around the silhouette that may have mixed colors: 2 for images up to 1920 wide."""
-    return 2.0 * max(1.0, max(image.shape[:2]) / WORK_SIDE)
-
-
 def screen_behind(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """The screen without the performer, extrapolated from the screen beside them: (H, W, 3) uint8 RGB."""
     import cv2
 
-    reach = edge_reach(image)
+    reach = edge_reach(image, WORK_SIDE)
     radius = int(np.ceil(1.5 * reach))
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
     plain = 1 - cv2.dilate(mask, disc)

@@ -176,7 +176,7 @@ def difference_mask(image: np.ndarray, behind: Background, settings: DifferenceS
     mask = foreground_mask(ours, Background(empty, known, doubtful, behind.colors), settings)
     if not mask.any():
         return np.zeros(image.shape[:2], np.uint8)
-    reach = max(2.0, 2.0 / (WORK_SIDE / max(image.shape[:2])))
+    reach = edge_reach(image, WORK_SIDE)
     return solve_edges(image, behind.plate, gain, enlarged(mask, image.shape), reach, behind.known)
 
 
@@ -217,6 +217,11 @@ def foreground_mask(image: np.ndarray, behind: Background, settings: DifferenceS
     enclosed = outside[1:-1, 1:-1] != 2
     added = enclosed & doubtful & (cv2.blur(ratio, (5, 5)) > 0.2)
     return keep_components((mask > 0) | added, settings.mask_components, minimum, core=sure, likeness=ratio)
+
+
+def edge_reach(image: np.ndarray, side: int) -> float:
+    """Width in pixels of the band around the silhouette that may have mixed colors: 2 for images up to `side` long."""
+    return 2.0 * max(1.0, max(image.shape[:2]) / side)
 
 
 def solve_edges(
