@@ -165,8 +165,10 @@ def _is_plain(inputs: MaskInputs, source: PlainMaskSource) -> bool:
     some = spread(inputs.names)
     try:
         whole = sum(plain_color(inputs.first_image(camera), cut_off=False) is not None for camera in some)
-        for camera in some if 2 * whole >= len(some) else ():
+        if 2 * whole < len(some):
+            return False
+        for camera in some:
             source.color(camera)
     except StudioError:  # not plain; or an unreadable file, which is reported when it is needed
         return False
-    return 2 * whole >= len(some)
+    return True
