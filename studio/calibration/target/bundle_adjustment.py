@@ -44,15 +44,15 @@ class TargetRig:
         `poses`: (4, 4) target to camera, of each observation alone. Of each camera, the median error in pixels counts,
         but not more than `most`.
         """
-        seen = [name for name in self.cameras if (sync_frame, name) in self.views]
-        ways = [np.linalg.inv(self.cameras[name].world_to_camera) @ poses[sync_frame, name] for name in seen]
+        seen = [camera for camera in self.cameras.values() if (sync_frame, camera.name) in self.views]
+        ways = [np.linalg.inv(camera.world_to_camera) @ poses[sync_frame, camera.name] for camera in seen]
         if sync_frame in self.target_poses:
             ways.insert(0, self.target_poses[sync_frame])
         costs = []
         for way in ways:
             errors = (
                 reprojection(camera, camera.world_to_camera @ way, target, self.views[sync_frame, camera.name])
-                for camera in (self.cameras[name] for name in seen)
+                for camera in seen
             )
             costs.append(sum(min(most, float(np.median(error))) for error in errors))
         return ways[int(np.argmin(costs))]
