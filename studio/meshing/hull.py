@@ -32,9 +32,8 @@ Tick = Callable[[], None]  # called several times per second during long computa
 class Hull:
     """A signed distance field on a voxel grid."""
 
-    field: (
-        np.ndarray
-    )  # (Z, Y, X) float32 in world units, positive inside, clamped to +-`band`; border voxels are outside
+    # (Z, Y, X) float32 in world units, positive inside, clamped to +-`band`; border voxels are outside
+    field: np.ndarray
     origin: np.ndarray  # (3,) float64 world position of the center of voxel [0, 0, 0]
     voxel: float  # edge length of a voxel in world units
     band: float  # distance to which the field is clamped, in world units

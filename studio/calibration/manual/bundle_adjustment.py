@@ -14,10 +14,9 @@ _FOCAL, _RADIAL = 0.5, 0.1
 """Standard deviations of the priors on k1 and on changes of log focal length; a few points do not determine either."""
 _LOSS = 2.0  # width of the soft L1 loss in standard deviations
 
-
 MARK, WORLD = 1.0, 0.01
-"""Standard deviations of the input: marks are set by hand to about a pixel; positions are measured with a tape measure
-to about a centimeter, of which world units are meters."""
+"""Standard deviations of the input, of marks in pixels and of measured positions in meters: marks are set by hand to
+about a pixel; positions are measured with a tape measure to about a centimeter."""
 
 
 def adjust(
