@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -134,7 +135,7 @@ class TimelinePlots:
         """Height of the timeline's track at the bottom, in pixels."""
         return max(round(1.5 * self.em), 10)
 
-    @property
+    @cached_property  # drawing uses it for each value
     def timeline(self) -> Timeline:
         """Mapping of columns, counted from `left`, to frames."""
         width = max(self.width - self.left - self.right, 1)
