@@ -1,7 +1,7 @@
 """Manual tie points: one camera's image, the list of points, and crops of the selected point in other cameras."""
 
 from collections.abc import Callable, Hashable, Mapping
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +11,12 @@ from gui.drawing.palette import FAIR, GROUND
 from gui.models.held_out import held_out_first
 from gui.models.loop import Signal
 from gui.models.stages import Inputs
-from gui.models.take.workspace import Workspace
+from gui.models.take.workspace import Workspace, modified
 from gui.pages.calibrate.marks import TieMarks, advice, expected
 from gui.pages.calibrate.points_drawing import MOST_PICTURES, Action, Magnifier, Spots, crops, crosses, point_list, tabs
 from gui.pages.stage_view import Size, StageView
 from pipelines.takes.stage_files import read_cameras_report
+from pipelines.takes.take import Take
 from studio.calibration.report import CalibrationReport, TiePointReport
 from studio.camera_files import read_rig
 from studio.cameras import Rig
@@ -61,13 +62,12 @@ class PointsView(StageView):
     def state(self) -> Hashable:
         path = self.path
         if path is not None and (self.marks is None or self.marks.path != path or self.marks.stale):
-            stamp = (path, path.stat().st_mtime_ns if path.is_file() else 0)
+            stamp = (path, modified(path))
             if self.marks is not None or stamp != self._refused:
                 self._load(path)
                 self._refused = stamp if self.marks is None else None
         take = self.workspace.take
-        files = (take.rig, take.calibration_report) if take is not None else ()
-        solved = tuple(file.stat().st_mtime_ns for file in files if file.is_file())
+        solved = (modified(take.rig), modified(take.calibration_report)) if take is not None else ()
         changes = self.marks.changes if self.marks is not None else 0
         magnifier = self.magnifiers.get(self.camera)
         view = magnifier.view if magnifier is not None else None
@@ -123,8 +123,8 @@ class PointsView(StageView):
             images = {name: self._image(name, frame) for name in shown[:MOST_PICTURES]}
             rect = (size[0] - right, top, right, size[1] - top)
             crops(canvas, spots, rect, images, marks.point, self.camera, small, self.show_camera)
-        buttons = self._buttons()
-        self._scroll = point_list(canvas, spots, (left, size[1]), marks, self._scroll, self._solved(), buttons, self.em)
+        buttons, solved = self._buttons(), _solved(context.take, modified(context.take.calibration_report))
+        self._scroll = point_list(canvas, spots, (left, size[1]), marks, self._scroll, solved, buttons, self.em)
         self._spots = spots
         return canvas.pixels
 
@@ -173,11 +173,6 @@ class PointsView(StageView):
             (f"Snapping: {'on' if self.snaps else 'off'} (A)", self.toggle_snap),
             ("Calibrate", self.run.emit),
         ]
-
-    def _solved(self) -> Mapping[str, TiePointReport]:
-        """Figures by point from the last calibration, if it used tie points."""
-        report = read_cameras_report(self.workspace.take) if self.workspace.take is not None else None
-        return report.tie_points if isinstance(report, CalibrationReport) else {}
 
     def _cameras(self) -> Rig | None:
         """The calibrated cameras, if they match the footage's resolution."""
@@ -280,3 +275,10 @@ class PointsView(StageView):
             return ""
         names = self.names()
         return advice(self.marks, names, self.camera, self._number()) if names else ""
+
+
+@lru_cache(maxsize=1)
+def _solved(take: Take, written: int) -> Mapping[str, TiePointReport]:
+    """Figures by point from the last calibration, if it used tie points; `written`: when, see `modified`."""
+    report = read_cameras_report(take)
+    return report.tie_points if isinstance(report, CalibrationReport) else {}

@@ -15,7 +15,7 @@ from gui.models.held_out import held_out_first
 from gui.models.stages import Inputs
 from gui.models.take.inspector import Block
 from gui.models.take.page_words import in_page_words
-from gui.models.take.workspace import Workspace
+from gui.models.take.workspace import Workspace, modified
 from gui.pages.capture.garbage_drawing import GarbageDrawing, Polygons, draw_garbage
 from gui.pages.stage_view import Size, StageView, rectangle, sentence
 from studio.camera_files import read_rig
@@ -97,7 +97,7 @@ class CaptureView(StageView):
             return None
         config = context.config
         rig = context.take.rig
-        calibrated = rig.stat().st_mtime_ns if rig.is_file() else 0
+        calibrated = modified(rig)
         of = (context.take.root, config.capture, config.run.paths, self.garbage.stamp, calibrated)
         if self._reduced is None or self._reduced_of != of:
             self._reduced = None
