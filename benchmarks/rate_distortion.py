@@ -190,8 +190,8 @@ def bake_released(
 # ---- ours ------------------------------------------------------------------------------------------------------------
 
 
-def measure_ours(groups: list[TakeGroup], views: Views, settings: BakeSettings, name: str, work: Path) -> Point:
-    folder = work / "ours"
+def measure_ours(groups: list[TakeGroup], views: Views, qp: int, profile: Profile, work: Path) -> Point:
+    folder, settings = work / "ours", BakeSettings(profile=profile, quality=qp)
     shutil.rmtree(folder, ignore_errors=True)
     began = time.perf_counter()
     first, entries = 0, []
@@ -209,7 +209,7 @@ def measure_ours(groups: list[TakeGroup], views: Views, settings: BakeSettings, 
     size = sum(file.bytes for entry in entries for file in entry.files)
     frames = len(indices)
     times = 1e3 * (baked - began) / frames, 1e3 * (done - opened) / frames
-    return Point(name, settings.qp, size / frames / 1000, footage, own, *times)
+    return Point(profile, qp, size / frames / 1000, footage, own, *times)
 
 
 def measure_released(groups: list[TakeGroup], views: Views, qp: int, b_frames: bool, work: Path) -> Point:
@@ -406,8 +406,7 @@ def main(words: Sequence[str] | None = None) -> int:
             for profile, ours in OUR_QPS.items():
                 curves[profile] = []
                 for qp in ours:
-                    settings = BakeSettings(profile=profile, quality=qp)
-                    curves[profile].append(measure_ours(groups, views, settings, profile, work))
+                    curves[profile].append(measure_ours(groups, views, qp, profile, work))
                     console.print(curves[profile][-1])
             lines += table([point for points in curves.values() for point in points])
             lines += comparison(curves)
