@@ -83,7 +83,7 @@ def stage(name: str, mode: str = "", *names: str) -> Screen:
     return go
 
 
-def menu(title: str, name: str) -> Screen:
+def menu(name: str) -> Screen:
     """Run an item of a menu, by the name of its action: in the list of commands, as the toolkit does not report where
     the menus' items are, and a click beside them would press what is below."""
     words = ITEMS[name].words
@@ -152,16 +152,16 @@ SCREENS |= {
 }
 SCREENS |= {f"help_{name}": stage(name, "", "F1") for name in ("capture", "initialize", "train", "review")}
 SCREENS |= {
-    "new_take": menu("File", "new"),
-    "open": menu("File", "open"),
-    "preferences": menu("File", "preferences"),
+    "new_take": menu("new"),
+    "open": menu("open"),
+    "preferences": menu("preferences"),
     "cameras": stage("capture", "cameras"),
     "bakes": stage("bake", "bakes"),
-    "worst": menu("View", "worst"),
-    "export": menu("Export", "export"),
-    "share": menu("Share", "share folder"),
-    "serve": menu("Share", "serve"),
-    "about": menu("Help", "about"),
+    "worst": menu("worst"),
+    "export": menu("export"),
+    "share": menu("share folder"),
+    "serve": menu("serve"),
+    "about": menu("about"),
     "span": keys("Home", "t", "Right", "Right", "Right", "t"),
 }
 
