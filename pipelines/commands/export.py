@@ -259,7 +259,7 @@ def _need_stream(source: str) -> None:
     from pipelines.takes.take import Take
     from pipelines.takes.videos import is_take
 
-    if is_take(source) and not (Take.open(Path(source).expanduser()).stream / "manifest.json").is_file():
+    if is_take(source) and not Take.open(Path(source).expanduser()).has_stream:
         fix = "Run `v3studio bake`, or export trained frames with --of trained."
         raise StudioError("take.no_stream", "this take has no stream yet", file=source, fix=fix, stage="bake")
 
@@ -272,7 +272,7 @@ def _sound(arguments: argparse.Namespace, stack: ExitStack, video: SplatVideo) -
     from studio.audio.pcm import part_of
 
     source = arguments.source
-    if is_take(source) and not (Take.open(Path(source).expanduser()).stream / "manifest.json").is_file():
+    if is_take(source) and not Take.open(Path(source).expanduser()).has_stream:
         return None
     reader = stack.enter_context(open_reader(source))
     sound = reader.sound()

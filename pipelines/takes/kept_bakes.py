@@ -191,7 +191,7 @@ def keep_bake(take: Take, name: str) -> KeptBake:
     evaluation wrote (`take.damaged`). OSError: the disk is full, for example; nothing is left behind."""
     name = free_name(take, name)
     record = read_record(take, "bake")
-    if record is None or not (take.stream / "manifest.json").is_file():
+    if record is None or not take.has_stream:
         fix = "Run `v3studio bake` first."
         raise StudioError("bakes.not_baked", "there is no finished bake to keep", file=take.root, fix=fix, stage="bake")
     records = [record, *_evaluation_of(take, record)]

@@ -58,7 +58,7 @@ class Take:
     camera_colors = _At("train/camera_colors.json")  # color matrices of the cameras, with train.camera_colors
     refined_rig = _At("train/rig.json")  # the cameras that were refined while training, if they are used
     camera_refinement = _At("train/refinement.json")  # what refining the cameras changed; exists if it was tried
-    stream = _At("stream")  # either complete or absent
+    stream = _At("stream")
     bakes = _At("bakes")  # bakes that are kept under names
     evaluation = _At("evaluation.json")
     report = _At("report.html")  # self-contained
@@ -136,6 +136,11 @@ class Take:
         )
         write_model(root / "take.json", about, durable=True)
         return cls(root)
+
+    @property
+    def has_stream(self) -> bool:
+        """Whether there is a stream to read, which a first bake that was interrupted does not leave: its manifest."""
+        return (self.stream / "manifest.json").is_file()
 
     def initialize_group(self, group: int) -> Path:
         """initialize/group_000: mesh.ply, points.ply, report.json."""

@@ -50,7 +50,7 @@ def trained_video(root: str | os.PathLike[str]) -> SplatVideo:
     given = read_rig(take.rig) if take.rig.is_file() else None
     rig = None if given is None else in_own_frame(given)
     fps = None if capture.fps is None else capture.fps / capture.frame_range[2]
-    if fps is None and (take.stream / "manifest.json").is_file():
+    if fps is None and take.has_stream:
         with open_reader(str(take.root)) as reader:
             fps = reader.fps
     edits = read_edits(take.edits)
@@ -154,8 +154,8 @@ def stream_place(text: str) -> Path | str:
             fix = "Specify the folder of a stream or of a take."
             raise StudioError("stream.not_found", "no such folder", file=text, fix=fix)
         return folder
-    stream = Take.open(folder).stream
-    if not (stream / "manifest.json").is_file():  # a bake that was interrupted has written files
+    take = Take.open(folder)
+    if not take.has_stream:
         fix = "Run `v3studio run` or `v3studio bake`."
         raise StudioError("take.no_stream", "this take has no stream yet", file=text, fix=fix, stage="bake")
-    return stream
+    return take.stream

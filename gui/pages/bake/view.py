@@ -90,7 +90,7 @@ class BakeView(StageView):
             chart = QpChart(size, self.em, self.trial, config.bake.quality, self._done)
             self.points, self._cells = chart.points, chart.cells
             return chart.canvas.pixels
-        if not (take.stream / "manifest.json").is_file():
+        if not take.has_stream:
             raise StudioError("take.not_baked", "no stream yet", fix="Run all stages.")
         with StreamReader.open(take.stream) as reader:
             return self._bytes(size, reader)

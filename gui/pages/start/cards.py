@@ -95,7 +95,7 @@ def _take(take: Take, sizes: Sizes | None) -> Card:
     changed = _newest([take.config, take.log, take.stream / "manifest.json", take.evaluation, take.private / "stages"])
     running = take.running() is not None
     if not running or sizes is None or sizes[1] is None:
-        stream = folder_bytes(take.stream) if (take.stream / "manifest.json").is_file() else None
+        stream = folder_bytes(take.stream) if take.has_stream else None
         sizes = (stream, folder_bytes(take.root))
     quality = None
     with contextlib.suppress(StudioError):
