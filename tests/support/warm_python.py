@@ -133,27 +133,17 @@ class WarmPython:
 
     def popen(
         self,
-        arguments: Sequence[object],
+        arguments: Sequence[object],  # what follows `python`: -m MODULE ..., -c CODE ..., or FILE ....
         *,
         cwd: Path | str = _ROOT,
-        env: Mapping[str, str] | None = None,
-        text: bool = False,
-        output: IO[bytes] | None = None,
-        errors: IO[bytes] | int | None = None,
-        tied: bool = False,
-        session: bool = False,
+        env: Mapping[str, str] | None = None,  # the whole environment; default: that of this process, now
+        text: bool = False,  # the pipes give str (UTF-8) instead of bytes
+        output: IO[bytes] | None = None,  # takes standard output, and error unless `errors` does, instead of pipes
+        errors: IO[bytes] | int | None = None,  # takes standard error; `subprocess.STDOUT`: as standard output
+        tied: bool = False,  # standard input is a pipe
+        session: bool = False,  # it begins a session of its own
     ) -> WarmProcess:
-        """Start a program.
-
-        Args:
-            arguments: what follows `python`: -m MODULE ..., -c CODE ..., or FILE ....
-            env: the whole environment; default: that of this process, now.
-            text: the pipes give str (UTF-8) instead of bytes.
-            output: takes standard output, and error unless `errors` does, instead of pipes.
-            errors: takes standard error; `subprocess.STDOUT` for what takes standard output.
-            tied: whether standard input is a pipe.
-            session: whether it begins a session of its own.
-        """
+        """Start a program."""
         args = [str(argument) for argument in arguments]
         status_read, status_write = os.pipe()
         ends = [os.pipe() if piped else None for piped in (tied, not output, not (errors or output))]
@@ -178,16 +168,10 @@ class WarmPython:
         return WarmProcess(args, pid, status_read, pipes)
 
     def run(
-        self,
-        arguments: Sequence[object],
-        *,
-        cwd: Path | str = _ROOT,
-        env: Mapping[str, str] | None = None,
-        text: bool = False,
-        timeout: float = 280,
+        self, arguments: Sequence[object], *, timeout: float = 280, **options: Any
     ) -> subprocess.CompletedProcess[Any]:
-        """Run a program to its end, as subprocess.run with captured output."""
-        process = self.popen(arguments, cwd=cwd, env=env, text=text)
+        """Run a program to its end, as subprocess.run with captured output; `options` of `popen`."""
+        process = self.popen(arguments, **options)
         try:
             stdout, stderr = process.communicate(timeout)
         except subprocess.TimeoutExpired:
