@@ -41,7 +41,7 @@ def lay_down(rig: Path) -> None:
 def initialized(window: Any) -> np.ndarray:
     """What *Initialize* shows; *Review* is shown again."""
     window.stage("initialize")
-    window.drawn()
+    window.wait_for("the mesh", lambda s: s["stage"] == "initialize" and s["settled"])
     pixels: np.ndarray = window.pixels("viewport")
     window.stage("review")
     return pixels

@@ -20,6 +20,7 @@ FAKE = """() => {
   Object.defineProperty(element, 'currentTime', {
     get: () => window.heard += 1e-9, // never stuck
     set: (at) => { window.heard = at; window.starts.push(at); } });
+  Object.defineProperty(element, 'ended', {value: false}); // the real one may be at its end
   element.play = async () => { window.playing = true; };
   element.pause = () => { window.playing = false; };
 }"""
