@@ -21,58 +21,16 @@ the pixel origin is the outer corner of the top-left pixel; images are RGB.
 Exports are imported on first use, so `import v3studio` is fast.
 """
 
+import ast
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 __version__ = "0.3.0"
 
-_EXPORTS = {
-    "pipelines.config": ("Config", "load_config"),
-    "pipelines.events": ("Event", "Metrics", "Progress", "Finished", "StageFinished", "Warned"),
-    "pipelines.runs.runner": ("run", "status"),
-    "pipelines.runs.staleness": ("StageStatus",),
-    "pipelines.share.page": ("PageText",),
-    "pipelines.share.serving": ("Serving", "serve"),
-    "pipelines.share.sharing": ("Shared", "publish", "share"),
-    "pipelines.takes.take": ("Take",),
-    "pipelines.takes.videos": ("trained_video",),
-    "studio.calibration": (
-        "CalibrationResult",
-        "CalibrationTarget",
-        "TiePoint",
-        "align_rigs",
-        "calibrate_from_images",
-        "calibrate_from_target",
-        "calibrate_from_tie_points",
-        "compare_rigs",
-        "detect_target",
-        "read_tie_points",
-        "write_target_pdf",
-    ),
-    "studio.calibration.settings": ("CalibrateSettings",),
-    "studio.camera_files": ("read_rig", "write_rig"),
-    "studio.cameras": ("Camera", "Rig", "orbit"),
-    "studio.comparison": ("evaluate",),
-    "studio.capture": ("CaptureSettings", "Footage", "FootageView", "open_footage"),
-    "studio.errors": ("Cancelled", "Message", "StudioError"),
-    "studio.formats": ("read_splats", "write_splats"),
-    "studio.formats.baking": ("bake_video",),
-    "studio.formats.sequence": ("open_import",),
-    "studio.gaussians": ("Gaussians",),
-    "studio.masks": ("FunctionMaskSource", "MaskFunction", "MaskSource"),
-    "studio.meshing": ("InitResult", "Mesh", "initialize_points"),
-    "studio.meshing.settings": ("InitializeSettings",),
-    "studio.metrics": ("psnr", "ssim"),
-    "studio.rasterizer": ("Render", "available_backends", "rasterize"),
-    "studio.splat_video": ("SplatVideo",),
-    "studio.stream": ("BakeSettings", "Manifest", "StreamReader", "bake_group", "write_manifest"),
-    "studio.stream.integrity": ("check_stream",),
-    "studio.stream.publish": ("Published",),
-    "studio.training": ("TrainingView", "TrainSettings", "train_interframe", "train_keyframe"),
-}
-"""Names by module; type checkers read the same from __init__.pyi."""
-
-_MODULES = {name: module for module, names in _EXPORTS.items() for name in names}
+_STUB = ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
+_MODULES = {one.name: str(node.module) for node in _STUB.body if isinstance(node, ast.ImportFrom) for one in node.names}
+"""By name, from the stub that type checkers read."""
 
 __all__ = sorted(["__version__", *_MODULES])
 

@@ -1,121 +1,75 @@
-from pipelines.config import Config, load_config
-from pipelines.events import Event, Finished, Metrics, Progress, StageFinished, Warned
-from pipelines.runs.runner import run, status
-from pipelines.runs.staleness import StageStatus
-from pipelines.share.page import PageText
-from pipelines.share.serving import Serving, serve
-from pipelines.share.sharing import Shared, publish, share
-from pipelines.takes.take import Take
-from pipelines.takes.videos import trained_video
-from studio.calibration import (
-    CalibrationResult,
-    CalibrationTarget,
-    TiePoint,
-    align_rigs,
-    calibrate_from_images,
-    calibrate_from_target,
-    calibrate_from_tie_points,
-    compare_rigs,
-    detect_target,
-    read_tie_points,
-    write_target_pdf,
-)
-from studio.calibration.settings import CalibrateSettings
-from studio.camera_files import read_rig, write_rig
-from studio.cameras import Camera, Rig, orbit
-from studio.capture import CaptureSettings, Footage, FootageView, open_footage
-from studio.comparison import evaluate
-from studio.errors import Cancelled, Message, StudioError
-from studio.formats import read_splats, write_splats
-from studio.formats.baking import bake_video
-from studio.formats.sequence import open_import
-from studio.gaussians import Gaussians
-from studio.masks import FunctionMaskSource, MaskFunction, MaskSource
-from studio.meshing import InitResult, Mesh, initialize_points
-from studio.meshing.settings import InitializeSettings
-from studio.metrics import psnr, ssim
-from studio.rasterizer import Render, available_backends, rasterize
-from studio.splat_video import SplatVideo
-from studio.stream import BakeSettings, Manifest, StreamReader, bake_group, write_manifest
-from studio.stream.integrity import check_stream
-from studio.stream.publish import Published
-from studio.training import TrainingView, TrainSettings, train_interframe, train_keyframe
+from pipelines.config import Config as Config
+from pipelines.config import load_config as load_config
+from pipelines.events import Event as Event
+from pipelines.events import Finished as Finished
+from pipelines.events import Metrics as Metrics
+from pipelines.events import Progress as Progress
+from pipelines.events import StageFinished as StageFinished
+from pipelines.events import Warned as Warned
+from pipelines.runs.runner import run as run
+from pipelines.runs.runner import status as status
+from pipelines.runs.staleness import StageStatus as StageStatus
+from pipelines.share.page import PageText as PageText
+from pipelines.share.serving import Serving as Serving
+from pipelines.share.serving import serve as serve
+from pipelines.share.sharing import Shared as Shared
+from pipelines.share.sharing import publish as publish
+from pipelines.share.sharing import share as share
+from pipelines.takes.take import Take as Take
+from pipelines.takes.videos import trained_video as trained_video
+from studio.calibration import CalibrationResult as CalibrationResult
+from studio.calibration import CalibrationTarget as CalibrationTarget
+from studio.calibration import TiePoint as TiePoint
+from studio.calibration import align_rigs as align_rigs
+from studio.calibration import calibrate_from_images as calibrate_from_images
+from studio.calibration import calibrate_from_target as calibrate_from_target
+from studio.calibration import calibrate_from_tie_points as calibrate_from_tie_points
+from studio.calibration import compare_rigs as compare_rigs
+from studio.calibration import detect_target as detect_target
+from studio.calibration import read_tie_points as read_tie_points
+from studio.calibration import write_target_pdf as write_target_pdf
+from studio.calibration.settings import CalibrateSettings as CalibrateSettings
+from studio.camera_files import read_rig as read_rig
+from studio.camera_files import write_rig as write_rig
+from studio.cameras import Camera as Camera
+from studio.cameras import Rig as Rig
+from studio.cameras import orbit as orbit
+from studio.capture import CaptureSettings as CaptureSettings
+from studio.capture import Footage as Footage
+from studio.capture import FootageView as FootageView
+from studio.capture import open_footage as open_footage
+from studio.comparison import evaluate as evaluate
+from studio.errors import Cancelled as Cancelled
+from studio.errors import Message as Message
+from studio.errors import StudioError as StudioError
+from studio.formats import read_splats as read_splats
+from studio.formats import write_splats as write_splats
+from studio.formats.baking import bake_video as bake_video
+from studio.formats.sequence import open_import as open_import
+from studio.gaussians import Gaussians as Gaussians
+from studio.masks import FunctionMaskSource as FunctionMaskSource
+from studio.masks import MaskFunction as MaskFunction
+from studio.masks import MaskSource as MaskSource
+from studio.meshing import InitResult as InitResult
+from studio.meshing import Mesh as Mesh
+from studio.meshing import initialize_points as initialize_points
+from studio.meshing.settings import InitializeSettings as InitializeSettings
+from studio.metrics import psnr as psnr
+from studio.metrics import ssim as ssim
+from studio.rasterizer import Render as Render
+from studio.rasterizer import available_backends as available_backends
+from studio.rasterizer import rasterize as rasterize
+from studio.splat_video import SplatVideo as SplatVideo
+from studio.stream import BakeSettings as BakeSettings
+from studio.stream import Manifest as Manifest
+from studio.stream import StreamReader as StreamReader
+from studio.stream import bake_group as bake_group
+from studio.stream import write_manifest as write_manifest
+from studio.stream.integrity import check_stream as check_stream
+from studio.stream.publish import Published as Published
+from studio.training import TrainingView as TrainingView
+from studio.training import TrainSettings as TrainSettings
+from studio.training import train_interframe as train_interframe
+from studio.training import train_keyframe as train_keyframe
 
 __version__: str
-
-__all__ = [
-    "BakeSettings",
-    "CalibrateSettings",
-    "CalibrationResult",
-    "CalibrationTarget",
-    "Camera",
-    "Cancelled",
-    "CaptureSettings",
-    "Config",
-    "Event",
-    "Finished",
-    "Footage",
-    "FootageView",
-    "FunctionMaskSource",
-    "Gaussians",
-    "InitResult",
-    "InitializeSettings",
-    "Manifest",
-    "MaskFunction",
-    "MaskSource",
-    "Mesh",
-    "Message",
-    "Metrics",
-    "PageText",
-    "Progress",
-    "Published",
-    "Render",
-    "Rig",
-    "Serving",
-    "Shared",
-    "SplatVideo",
-    "StageFinished",
-    "StageStatus",
-    "StreamReader",
-    "StudioError",
-    "Take",
-    "TiePoint",
-    "TrainSettings",
-    "TrainingView",
-    "Warned",
-    "__version__",
-    "align_rigs",
-    "available_backends",
-    "bake_group",
-    "bake_video",
-    "calibrate_from_images",
-    "calibrate_from_target",
-    "calibrate_from_tie_points",
-    "check_stream",
-    "compare_rigs",
-    "detect_target",
-    "evaluate",
-    "initialize_points",
-    "load_config",
-    "open_footage",
-    "open_import",
-    "orbit",
-    "psnr",
-    "publish",
-    "rasterize",
-    "read_rig",
-    "read_splats",
-    "read_tie_points",
-    "run",
-    "serve",
-    "share",
-    "ssim",
-    "status",
-    "train_interframe",
-    "train_keyframe",
-    "trained_video",
-    "write_manifest",
-    "write_rig",
-    "write_splats",
-    "write_target_pdf",
-]

@@ -62,11 +62,13 @@ def _file(root: Path, name: str) -> Path | None:
 
 
 def _exported(file: Path | None) -> list[str]:
-    """The names in the `__all__` of a module or its stub; empty where it has none."""
+    """The names that the stub of a module imports, or else those in its `__all__`; empty where it has neither."""
     if file is None:
         return []
     stub = file.with_suffix(".pyi")
-    file = stub if stub.is_file() else file
+    if stub.is_file():
+        imports = ast.walk(ast.parse(stub.read_text(encoding="utf-8")))
+        return sorted(one.name for node in imports if isinstance(node, ast.ImportFrom) for one in node.names)
     for node in ast.parse(file.read_text(encoding="utf-8")).body:
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
             return [str(name) for name in ast.literal_eval(node.value)]

@@ -1,15 +1,9 @@
-from .config import Config, EvaluateSettings, GroupSettings, RunSettings, TrainStageSettings
-from .description import describe
-from .loading import dump_config, load_config, parse_override
-
-__all__ = [
-    "Config",
-    "EvaluateSettings",
-    "GroupSettings",
-    "RunSettings",
-    "TrainStageSettings",
-    "describe",
-    "dump_config",
-    "load_config",
-    "parse_override",
-]
+from .config import Config as Config
+from .config import EvaluateSettings as EvaluateSettings
+from .config import GroupSettings as GroupSettings
+from .config import RunSettings as RunSettings
+from .config import TrainStageSettings as TrainStageSettings
+from .description import describe as describe
+from .loading import dump_config as dump_config
+from .loading import load_config as load_config
+from .loading import parse_override as parse_override

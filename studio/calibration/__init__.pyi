@@ -1,32 +1,20 @@
-from .alignment import RigDifference, align_points, align_rigs, compare_rigs, floor_world
-from .manual.file import TiePoint, read_tie_points, write_tie_points
-from .manual.solve import calibrate_from_tie_points
-from .result import CalibrationResult, reprojection_report
-from .settings import CalibrateSettings
-from .sfm.reconstruct import calibrate_from_images
-from .target.pattern import CalibrationTarget, TargetObservation
-from .target.pdf import PAPERS, write_target_pdf
-from .target.rig import calibrate_from_target, calibrate_intrinsics, detect_target
-
-__all__ = [
-    "PAPERS",
-    "CalibrateSettings",
-    "CalibrationResult",
-    "CalibrationTarget",
-    "RigDifference",
-    "TargetObservation",
-    "TiePoint",
-    "align_points",
-    "align_rigs",
-    "calibrate_from_images",
-    "calibrate_from_target",
-    "calibrate_from_tie_points",
-    "calibrate_intrinsics",
-    "compare_rigs",
-    "detect_target",
-    "floor_world",
-    "read_tie_points",
-    "reprojection_report",
-    "write_target_pdf",
-    "write_tie_points",
-]
+from .alignment import RigDifference as RigDifference
+from .alignment import align_points as align_points
+from .alignment import align_rigs as align_rigs
+from .alignment import compare_rigs as compare_rigs
+from .alignment import floor_world as floor_world
+from .manual.file import TiePoint as TiePoint
+from .manual.file import read_tie_points as read_tie_points
+from .manual.file import write_tie_points as write_tie_points
+from .manual.solve import calibrate_from_tie_points as calibrate_from_tie_points
+from .result import CalibrationResult as CalibrationResult
+from .result import reprojection_report as reprojection_report
+from .settings import CalibrateSettings as CalibrateSettings
+from .sfm.reconstruct import calibrate_from_images as calibrate_from_images
+from .target.pattern import CalibrationTarget as CalibrationTarget
+from .target.pattern import TargetObservation as TargetObservation
+from .target.pdf import PAPERS as PAPERS
+from .target.pdf import write_target_pdf as write_target_pdf
+from .target.rig import calibrate_from_target as calibrate_from_target
+from .target.rig import calibrate_intrinsics as calibrate_intrinsics
+from .target.rig import detect_target as detect_target

@@ -1,22 +1,15 @@
-from .evaluate import evaluate
-from .metrics import EVALUATED, FLICKER, HIGHEST_PSNR, METRICS, Metric, measure
-from .protocols import PROTOCOLS, EvaluationProtocol, find_camera
-from .view_pair import Residual, ViewPair, flicker, flicker_of, padded_box
-
-__all__ = [
-    "EVALUATED",
-    "FLICKER",
-    "HIGHEST_PSNR",
-    "METRICS",
-    "PROTOCOLS",
-    "EvaluationProtocol",
-    "Metric",
-    "Residual",
-    "ViewPair",
-    "evaluate",
-    "find_camera",
-    "flicker",
-    "flicker_of",
-    "measure",
-    "padded_box",
-]
+from .evaluate import evaluate as evaluate
+from .metrics import EVALUATED as EVALUATED
+from .metrics import FLICKER as FLICKER
+from .metrics import HIGHEST_PSNR as HIGHEST_PSNR
+from .metrics import METRICS as METRICS
+from .metrics import Metric as Metric
+from .metrics import measure as measure
+from .protocols import PROTOCOLS as PROTOCOLS
+from .protocols import EvaluationProtocol as EvaluationProtocol
+from .protocols import find_camera as find_camera
+from .view_pair import Residual as Residual
+from .view_pair import ViewPair as ViewPair
+from .view_pair import flicker as flicker
+from .view_pair import flicker_of as flicker_of
+from .view_pair import padded_box as padded_box

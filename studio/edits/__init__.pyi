@@ -1,19 +1,13 @@
-from .edit_list import CropBox, DetailMark, EditList, Floaters, Ground, Region, RegionView, Trim, World
-from .following import follow
-from .selection import Paths, Selection, select
-
-__all__ = [
-    "CropBox",
-    "DetailMark",
-    "EditList",
-    "Floaters",
-    "Ground",
-    "Paths",
-    "Region",
-    "RegionView",
-    "Selection",
-    "Trim",
-    "World",
-    "follow",
-    "select",
-]
+from .edit_list import CropBox as CropBox
+from .edit_list import DetailMark as DetailMark
+from .edit_list import EditList as EditList
+from .edit_list import Floaters as Floaters
+from .edit_list import Ground as Ground
+from .edit_list import Region as Region
+from .edit_list import RegionView as RegionView
+from .edit_list import Trim as Trim
+from .edit_list import World as World
+from .following import follow as follow
+from .selection import Paths as Paths
+from .selection import Selection as Selection
+from .selection import select as select

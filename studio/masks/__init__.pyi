@@ -1,4 +1,3 @@
-from .mask_source import MaskSource
-from .matting_function import FunctionMaskSource, MaskFunction
-
-__all__ = ["FunctionMaskSource", "MaskFunction", "MaskSource"]
+from .mask_source import MaskSource as MaskSource
+from .matting_function import FunctionMaskSource as FunctionMaskSource
+from .matting_function import MaskFunction as MaskFunction

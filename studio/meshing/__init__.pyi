@@ -1,16 +1,8 @@
-from .hull import Hull
-from .initialize import InitResult, initialize_points
-from .settings import InitializeSettings
-from .surface import Mesh, sample_surface
-from .visual_hull import HullResult, visual_hull
-
-__all__ = [
-    "Hull",
-    "HullResult",
-    "InitResult",
-    "InitializeSettings",
-    "Mesh",
-    "initialize_points",
-    "sample_surface",
-    "visual_hull",
-]
+from .hull import Hull as Hull
+from .initialize import InitResult as InitResult
+from .initialize import initialize_points as initialize_points
+from .settings import InitializeSettings as InitializeSettings
+from .surface import Mesh as Mesh
+from .surface import sample_surface as sample_surface
+from .visual_hull import HullResult as HullResult
+from .visual_hull import visual_hull as visual_hull

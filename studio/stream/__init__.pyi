@@ -1,46 +1,32 @@
-from .decoders import DecodedFrame, GroupDecoder, open_decoder
-from .encode.bake import ContributionFn, FinetunedFn, bake_group, bake_sound
-from .encode.quality import QualityFn
-from .encode.write_manifest import write_manifest
-from .integrity import StreamDamage, StreamIntegrity, check_stream
-from .manifest import FORMAT, MANIFEST_NAME, VERSION, AudioEntry, GroupEntry, Manifest, Rendition, RenditionEntry
-from .metadata import CapturePlace, StreamMetadata
-from .reader import StreamReader, fetch_group
-from .settings import DEFAULT_LADDER, BakeSettings, Rung
-from .sound import StreamSound
-from .sources.source import FolderSource, Source, SourceUnavailable, is_address
-
-__all__ = [
-    "DEFAULT_LADDER",
-    "FORMAT",
-    "MANIFEST_NAME",
-    "VERSION",
-    "AudioEntry",
-    "BakeSettings",
-    "CapturePlace",
-    "ContributionFn",
-    "DecodedFrame",
-    "FinetunedFn",
-    "FolderSource",
-    "GroupDecoder",
-    "GroupEntry",
-    "Manifest",
-    "QualityFn",
-    "Rendition",
-    "RenditionEntry",
-    "Rung",
-    "Source",
-    "SourceUnavailable",
-    "StreamDamage",
-    "StreamIntegrity",
-    "StreamMetadata",
-    "StreamReader",
-    "StreamSound",
-    "bake_group",
-    "bake_sound",
-    "check_stream",
-    "fetch_group",
-    "is_address",
-    "open_decoder",
-    "write_manifest",
-]
+from .decoders import DecodedFrame as DecodedFrame
+from .decoders import GroupDecoder as GroupDecoder
+from .decoders import open_decoder as open_decoder
+from .encode.bake import ContributionFn as ContributionFn
+from .encode.bake import FinetunedFn as FinetunedFn
+from .encode.bake import bake_group as bake_group
+from .encode.bake import bake_sound as bake_sound
+from .encode.quality import QualityFn as QualityFn
+from .encode.write_manifest import write_manifest as write_manifest
+from .integrity import StreamDamage as StreamDamage
+from .integrity import StreamIntegrity as StreamIntegrity
+from .integrity import check_stream as check_stream
+from .manifest import FORMAT as FORMAT
+from .manifest import MANIFEST_NAME as MANIFEST_NAME
+from .manifest import VERSION as VERSION
+from .manifest import AudioEntry as AudioEntry
+from .manifest import GroupEntry as GroupEntry
+from .manifest import Manifest as Manifest
+from .manifest import Rendition as Rendition
+from .manifest import RenditionEntry as RenditionEntry
+from .metadata import CapturePlace as CapturePlace
+from .metadata import StreamMetadata as StreamMetadata
+from .reader import StreamReader as StreamReader
+from .reader import fetch_group as fetch_group
+from .settings import DEFAULT_LADDER as DEFAULT_LADDER
+from .settings import BakeSettings as BakeSettings
+from .settings import Rung as Rung
+from .sound import StreamSound as StreamSound
+from .sources.source import FolderSource as FolderSource
+from .sources.source import Source as Source
+from .sources.source import SourceUnavailable as SourceUnavailable
+from .sources.source import is_address as is_address

@@ -1,24 +1,13 @@
-from .camera_colors import fit_camera_colors
-from .camera_refinement import Correction, RefinedCameras, refine_cameras
-from .details import Detail
-from .interframe import interframe_steps, train_interframe
-from .joint import joint_steps, train_jointly
-from .keyframe import train_keyframe
-from .settings import LearningRates, TrainSettings
-from .views import TrainingView
-
-__all__ = [
-    "Correction",
-    "Detail",
-    "LearningRates",
-    "RefinedCameras",
-    "TrainSettings",
-    "TrainingView",
-    "fit_camera_colors",
-    "interframe_steps",
-    "joint_steps",
-    "refine_cameras",
-    "train_interframe",
-    "train_jointly",
-    "train_keyframe",
-]
+from .camera_colors import fit_camera_colors as fit_camera_colors
+from .camera_refinement import Correction as Correction
+from .camera_refinement import RefinedCameras as RefinedCameras
+from .camera_refinement import refine_cameras as refine_cameras
+from .details import Detail as Detail
+from .interframe import interframe_steps as interframe_steps
+from .interframe import train_interframe as train_interframe
+from .joint import joint_steps as joint_steps
+from .joint import train_jointly as train_jointly
+from .keyframe import train_keyframe as train_keyframe
+from .settings import LearningRates as LearningRates
+from .settings import TrainSettings as TrainSettings
+from .views import TrainingView as TrainingView
