@@ -1,11 +1,14 @@
 """The settings reference: every field of the settings models, with its documentation, bounds and default."""
 
 from collections.abc import Iterator
-from typing import Any
 
 from generate.markdown import code, escaped, table
-from pydantic import BaseModel
 from pydantic.fields import FieldInfo
+
+from pipelines.config.config import Config, values_of
+from pipelines.config.description import allowed_values
+from studio.settings import Heading, Settings, affected, marker
+from studio.yaml_text import inline_yaml
 
 INTRODUCTION = """# Settings
 
@@ -23,53 +26,40 @@ defaults. Unknown names are refused. *Affects* names the results that are made a
 
 def settings_page() -> str:
     """Markdown of all settings."""
-    from pipelines.config import Config
-
     lines = [INTRODUCTION]
     for name, field in Config.model_fields.items():
         lines += [f"## {name} {{ #{name} }}", "", escaped((field.annotation.__doc__ or "").partition("\n\n")[0]), ""]
-        lines += section(name, getattr(Config(), name))
+        lines += section(f"{name}.", getattr(Config(), name))
     return "\n".join(lines)
 
 
 def setting_names() -> set[str]:
     """All dotted names: sections, settings, and settings of nested sections."""
-    from pipelines.config import Config
-
-    return set(_names("", Config()))
+    return {".".join(name.split(".")[:n]) for name in affected(Config) for n in range(1, name.count(".") + 2)}
 
 
-def _names(prefix: str, model: BaseModel) -> Iterator[str]:
-    for name in type(model).model_fields:
-        yield prefix + name
-        value = getattr(model, name)
-        if isinstance(value, BaseModel):
-            yield from _names(f"{prefix}{name}.", value)
-
-
-def section(prefix: str, model: BaseModel, affects: tuple[str, ...] = ()) -> Iterator[str]:
-    affects = _results(getattr(type(model), "affects", None), affects)
+def section(prefix: str, model: Settings) -> Iterator[str]:
     rows: list[tuple[str, ...]] = []
-    nested: list[tuple[str, BaseModel, tuple[str, ...]]] = []
+    nested: list[tuple[str, Settings]] = []
     for name, field in type(model).model_fields.items():
-        heading = getattr(type(model), "headings", {}).get(name) or _marker(field, "Heading", "text")
-        if heading:
+        heading, value, dotted = marker(field, Heading), getattr(model, name), f"{prefix}{name}"
+        slug = dotted.replace(".", "-")
+        if heading is not None:
             yield from _table(rows)
             rows = []
-            yield from (f"### {heading} {{ #{prefix}-{_slug(heading)} }}", "")
-        changed = _results(_marker(field, "Affects"), affects)
-        value = getattr(model, name)
-        dotted = f"{prefix}.{name}"
-        if isinstance(value, BaseModel):
-            nested.append((dotted, value, changed))
-            description = f"{_words(field)} [Its settings](#{dotted.replace('.', '-')})."
-            rows.append((_anchor(dotted, name), "", description))
+            yield from (f"### {heading.text} {{ #{prefix[:-1]}-{_slug(heading.text)} }}", "")
+        anchor = f'<a id="{dotted}"></a>`{name}`'
+        if isinstance(value, Settings):
+            nested.append((dotted, value))
+            rows.append((anchor, "", f"{_words(field)} [Its settings](#{slug})."))
         else:
-            rows.append((_anchor(dotted, name), code(_default(model, name)), _words(field) + _stale(changed)))
+            names = ", ".join(escaped(one.replace("_", " ")) for one in affected(Config)[dotted])
+            stale = f"<br>Affects: {names}." if names else ""
+            rows.append((anchor, code(inline_yaml(values_of(Config())[dotted])), _words(field) + stale))
     yield from _table(rows)
-    for dotted, value, changed in nested:
+    for dotted, value in nested:
         yield from (f"### {dotted} {{ #{dotted.replace('.', '-')} }}", "", escaped(type(value).__doc__ or ""), "")
-        yield from section(dotted, value, changed)
+        yield from section(f"{dotted}.", value)
 
 
 def _table(rows: list[tuple[str, ...]]) -> Iterator[str]:
@@ -77,39 +67,10 @@ def _table(rows: list[tuple[str, ...]]) -> Iterator[str]:
         yield from [*table(("Setting", "Default", "Description"), *rows), ""]
 
 
-def _anchor(dotted: str, name: str) -> str:
-    return f'<a id="{dotted}"></a>`{name}`'
-
-
 def _words(field: FieldInfo) -> str:
-    from pipelines.config.description import allowed_values
-
     text = escaped(field.description or "")
     allowed = allowed_values(field)
     return f"{text}<br>*{escaped(allowed[0].upper() + allowed[1:])}.*" if allowed else text
-
-
-def _marker(field: FieldInfo, kind: str, attribute: str | None = None) -> Any:
-    """The field's marker of that class in `Annotated` (see `studio.settings`), or one of its attributes; else None."""
-    found = next((item for item in field.metadata if type(item).__name__ == kind), None)
-    return getattr(found, attribute) if found is not None and attribute else found
-
-
-def _results(affects: Any, outer: tuple[str, ...]) -> tuple[str, ...]:
-    """What the marker says, which may be nothing; `outer` without a marker."""
-    return tuple(affects.results) if affects is not None else outer
-
-
-def _stale(results: tuple[str, ...]) -> str:
-    names = ", ".join(escaped(name.replace("_", " ")) for name in results)
-    return f"<br>Affects: {names}." if names else ""
-
-
-def _default(model: BaseModel, name: str) -> str:
-    value: Any = model.model_dump(mode="json", include={name})[name]
-    from studio.yaml_text import inline_yaml
-
-    return inline_yaml(value)
 
 
 def _slug(text: str) -> str:

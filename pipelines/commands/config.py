@@ -28,7 +28,7 @@ def register(commands: Any) -> None:
 def _config(arguments: argparse.Namespace) -> None:
     from pipelines.commands.common.source import read_settings
     from pipelines.config import Config, describe, load_config
-    from pipelines.config.presets import values_of
+    from pipelines.config.config import values_of
     from studio.yaml_text import parse_yaml
 
     sections = [word for word in arguments.words if word in SECTIONS]

@@ -29,7 +29,7 @@ def register(commands: Any) -> None:
 
 def _init(arguments: argparse.Namespace) -> None:
     from pipelines.config import Config, describe
-    from pipelines.config.presets import values_of
+    from pipelines.config.config import values_of
     from pipelines.inspection import inspect
     from pipelines.takes.atomic_files import disk_errors, write_text
 

@@ -5,14 +5,16 @@ grouping, evaluation and the run itself.
 """
 
 import os
+from functools import reduce
+from operator import getitem
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field, JsonValue, field_validator
 
 from studio.calibration.settings import CalibrateSettings
 from studio.capture.settings import CaptureSettings
 from studio.meshing.settings import InitializeSettings
-from studio.settings import Affects, Color, Conflict, Empty, Heading, Name, Settings
+from studio.settings import Affects, Color, Conflict, Empty, Heading, Name, Settings, affected
 from studio.stream.settings import BakeSettings
 from studio.training.settings import GROUP_SIZE, TrainSettings
 
@@ -148,3 +150,9 @@ class Config(Settings):
     bake: BakeSettings = BakeSettings()
     evaluate: EvaluateSettings = EvaluateSettings()
     run: RunSettings = RunSettings()
+
+
+def values_of(config: Config) -> dict[str, JsonValue]:
+    """All settings, JSON-ready, by dotted name."""
+    values = config.model_dump(mode="json")
+    return {name: reduce(getitem, name.split("."), values) for name in affected(Config)}

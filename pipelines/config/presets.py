@@ -4,7 +4,8 @@ from collections.abc import Mapping
 
 from pydantic import JsonValue
 
-from pipelines.config.config import Config
+from pipelines.config.config import Config, values_of
+from pipelines.config.loading import load_config
 
 PRESETS: Mapping[str, Mapping[str, JsonValue]] = {
     "preview": {
@@ -90,22 +91,6 @@ def preset_here() -> str:
     return "final" if has_gpu() else "standard"
 
 
-def values_of(config: Config) -> dict[str, JsonValue]:
-    """All settings, JSON-ready, by dotted name."""
-
-    def leaves(value: Mapping[str, JsonValue], model: object, prefix: str) -> dict[str, JsonValue]:
-        found: dict[str, JsonValue] = {}
-        for name, one in value.items():
-            inner = getattr(model, name)
-            if isinstance(one, dict) and hasattr(type(inner), "model_fields"):
-                found |= leaves(one, inner, f"{prefix}{name}.")
-            else:
-                found[prefix + name] = one
-        return found
-
-    return leaves(config.model_dump(mode="json"), config, "")
-
-
 def preset_of(config: Config) -> str:
     """The preset with the fewest settings that differ; the first of several."""
     values = values_of(config)
@@ -122,11 +107,4 @@ def differing(config: Config, preset: str) -> dict[str, JsonValue]:
 
 def with_values(config: Config, values: Mapping[str, JsonValue]) -> Config:
     """A validated copy with some values replaced, by dotted name. Raises StudioError: `settings.invalid`."""
-    changed = config.model_dump(mode="json")
-    for name, value in values.items():
-        *sections, last = name.split(".")
-        target = changed
-        for section in sections:
-            target = target[section]
-        target[last] = value
-    return Config(**changed)
+    return load_config(None, [*values_of(config).items(), *values.items()])

@@ -14,14 +14,14 @@ from pathlib import Path
 
 from pydantic import JsonValue, ValidationError
 
-from pipelines.config.config import Config
+from pipelines.config.config import Config, values_of
 from pipelines.config.loading import load_config
 from pipelines.takes.atomic_files import link_or_copy, remove, write_json, write_text
 from pipelines.takes.edits import EDITS_FORMAT, PREFIX, edit_params, read_edits
 from pipelines.takes.evaluation import read_evaluation
 from pipelines.takes.integrity import kept_folders, refuse_damage
 from pipelines.takes.records import StageRecord, read_record, result_of
-from pipelines.takes.settings_file import changed_text, leaves, set_settings
+from pipelines.takes.settings_file import changed_text, set_settings
 from pipelines.takes.summaries import BakeSummary
 from pipelines.takes.take import Take
 from studio.atomic_files import PARTIAL, atomic_path
@@ -108,7 +108,7 @@ def _settings_of(params: dict[str, JsonValue]) -> dict[str, JsonValue]:
     results = affected(Config)
     found = {name: value for name, value in params.items() if name.partition(".")[0] in Config.model_fields}
     known = {results.get(name) for name in found}
-    for name, default in leaves(Config()):
+    for name, default in values_of(Config()).items():
         if isinstance(default, dict) and results[name] in known:  # a record has its items, if there are any
             items = [key for key in found if key.startswith(f"{name}.")]
             found[name] = {key[len(name) + 1 :]: found.pop(key) for key in items}
@@ -163,7 +163,7 @@ def _present_edits(take: Take) -> dict[str, JsonData] | None:
 def _present_settings(take: Take) -> dict[str, JsonData]:
     """The take's settings by dotted name; none if they cannot be read."""
     try:
-        return dict(leaves(load_config(take.config)))
+        return values_of(load_config(take.config))
     except StudioError:
         return {}
 

@@ -2,13 +2,11 @@
 
 import contextlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel
-
-from pipelines.config.config import Config
+from pipelines.config.config import Config, values_of
 from pipelines.config.loading import dump_config, load_config, read_yaml
 from pipelines.takes.atomic_files import write_text
 from studio.bounded_files import read_bounded_text
@@ -59,20 +57,10 @@ def save_config(path: Path, config: Config) -> None:
             before = read_yaml(path)
             if before == config.model_dump(mode="json"):
                 return
-            set_settings(path, dict(leaves(config)))
+            set_settings(path, values_of(config))
             if load_config(path) == config:
                 return
     write_text(path, dump_config(config))
-
-
-def leaves(config: BaseModel, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    values = config.model_dump(mode="json")
-    for name in type(config).model_fields:
-        value = getattr(config, name)
-        if isinstance(value, BaseModel):
-            yield from leaves(value, f"{prefix}{name}.")
-        else:
-            yield f"{prefix}{name}", values[name]
 
 
 def _parse(text: str, path: Path) -> Any:

@@ -1,5 +1,6 @@
 from pipelines.config import Config, load_config
-from pipelines.config.presets import PRESETS, differing, preset_of, values_of, with_values
+from pipelines.config.config import values_of
+from pipelines.config.presets import PRESETS, differing, preset_of, with_values
 from tests.support.tiny_capture import ROOT
 
 
