@@ -1,11 +1,12 @@
 """Presets: schedules of training, from a quick look to the paper's."""
 
 from collections.abc import Mapping
+from functools import reduce
+from operator import getitem
 
 from pydantic import JsonValue
 
 from pipelines.config.config import Config, values_of
-from pipelines.config.loading import load_config
 
 PRESETS: Mapping[str, Mapping[str, JsonValue]] = {
     "preview": {
@@ -107,4 +108,8 @@ def differing(config: Config, preset: str) -> dict[str, JsonValue]:
 
 def with_values(config: Config, values: Mapping[str, JsonValue]) -> Config:
     """A validated copy with some values replaced, by dotted name. Raises StudioError: `settings.invalid`."""
-    return load_config(None, [*values_of(config).items(), *values.items()])
+    changed = config.model_dump(mode="json")
+    for name, value in values.items():
+        *sections, last = name.split(".")
+        reduce(getitem, sections, changed)[last] = value
+    return Config(**changed)

@@ -122,7 +122,7 @@ def _of_training() -> frozenset[str]:
     return frozenset(name for name, made in affected(Config).items() if not later.issuperset(made))
 
 
-def _kept(take: Take, kept: Take, edits: dict[str, JsonData] | None, settings: dict[str, JsonData]) -> KeptBake | None:
+def _kept(take: Take, kept: Take, edits: dict[str, JsonData] | None, settings: dict[str, JsonValue]) -> KeptBake | None:
     record = read_record(kept, "bake")
     if record is None:
         return None
@@ -160,7 +160,7 @@ def _present_edits(take: Take) -> dict[str, JsonData] | None:
         return None
 
 
-def _present_settings(take: Take) -> dict[str, JsonData]:
+def _present_settings(take: Take) -> dict[str, JsonValue]:
     """The take's settings by dotted name; none if they cannot be read."""
     try:
         return values_of(load_config(take.config))
