@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import tempfile
 from contextlib import ExitStack
 from pathlib import Path
@@ -44,14 +45,13 @@ def _estimate(arguments: argparse.Namespace) -> None:
     require_memory()  # both as a run does
     keep_freed_memory()
     from pipelines.config.presets import PRESETS, with_values
-    from pipelines.estimate.rehearsal import load
     from pipelines.reports.terminal import console, duration
     from pipelines.stages.inputs import Inputs
 
     presets: dict[str, Estimate] = {}
     with ExitStack() as stack:
         inputs = _inputs(arguments, stack)
-        now = load()
+        now = os.getloadavg()[0]  # programs that wanted a core in the last minute, this one included
         found = _rehearsed(inputs, "rehearsal", arguments)
         if arguments.presets:
             for name, values in PRESETS.items():
@@ -103,7 +103,7 @@ def _inputs(arguments: argparse.Namespace, stack: ExitStack) -> Inputs:
     return inputs
 
 
-def _print(found: Estimate, threads: int, now: float | None) -> None:
+def _print(found: Estimate, threads: int, now: float) -> None:
     from pipelines.estimate.estimate import STREAM_SPREAD
     from pipelines.reports.tables import table_of
     from pipelines.reports.terminal import console, duration
@@ -126,7 +126,7 @@ def _print(found: Estimate, threads: int, now: float | None) -> None:
         f"About {duration(found.seconds)}, most likely {duration(low)} to {duration(high)}; "
         f"{counted(found.splats, 'splat')} per frame; up to {size_words(found.memory)} of memory"
     )
-    if now is not None and now > 0.5 * threads:
+    if now > 0.5 * threads:
         screen.print(
             f"Other programs are running (load {now:.1f}, {threads} threads): without them, the run takes less time."
         )

@@ -4,10 +4,10 @@ All groups that would be trained in parallel are rehearsed in parallel, so that 
 caches) slows the rehearsal as it will slow the run.
 """
 
-import os
 import tempfile
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -30,7 +30,7 @@ from studio.meshing import InitResult, initialize_points
 from studio.meshing.settings import InitializeSettings
 from studio.progress import ProgressFn, no_progress
 from studio.stream import BakeSettings, bake_group
-from studio.training import TrainingView, TrainSettings, train_interframe, train_keyframe
+from studio.training import TrainingView, train_interframe, train_keyframe
 
 SECONDS = 12.0  # of training in the rehearsal: half for the keyframe, a quarter each for motion and fine-tuning
 _CAMERAS = 12  # most cameras that are read; more would take minutes for large rigs
@@ -87,41 +87,41 @@ class _Steps:
 
 def rehearse(inputs: Inputs, work: Work, progress: ProgressFn = no_progress) -> Measured:
     """Measure the work of a take whose cameras are known; about 20 s on an idle machine."""
-    found, parts = Measured(), 4 + work.at_once
+    parts = 4 + work.at_once
     progress(0, parts)
-    views, training = _read(inputs, work, found)
+    views, training, reading = _read(inputs)
     progress(1, parts)
-    points = _hulls(inputs.config.initialize, work, views, found)
+    points, hulls = _hulls(inputs.config.initialize, work, views)
     progress(2, parts)
-    results: list[_Training] = []
+    results: list[tuple[dict[str, float], Gaussians]] = []
     started, processor = time.perf_counter(), time.process_time()
     lock, stop = threading.Lock(), Cancellation()
 
     def train() -> None:
-        one = _Training(inputs, work, points, training, stop)
-        one.run()
+        one = _train(inputs, work, points, training, stop.check)
         with lock:
             results.append(one)
             progress(2 + len(results), parts)
 
     threads = threads_by_group(len(work.groups), work.at_once, work.threads)[:1] * work.at_once
     run_groups(dict.fromkeys(range(work.at_once), train), work.at_once, threads, stop)
-    for name in ("keyframe_step", "motion_step", "finetune_step", "frame"):
-        setattr(found, name, fmean(getattr(one.found, name) for one in results))
+    steps = {name: fmean(seconds[name] for seconds, _ in results) for name in results[0][0]}
     spent = time.process_time() - processor
-    found.processor = min(1.0, spent / ((time.perf_counter() - started) * sum(threads)))
-    splats = results[0].splats
+    share = min(1.0, spent / ((time.perf_counter() - started) * sum(threads)))
+    splats = results[0][1]
     progress(2 + work.at_once, parts)
-    found.evaluated_view = _evaluate(inputs, views[0], splats)
+    evaluated = _evaluate(inputs, views[0], splats)
     progress(3 + work.at_once, parts)
-    found.baked_frame = _bake(inputs.config.bake, splats, inputs.threads)
-    found.memory = psutil.Process().memory_info().rss
+    baked = _bake(inputs.config.bake, splats, inputs.threads)
+    memory = psutil.Process().memory_info().rss
     progress(parts, parts)
-    return found
+    return Measured(
+        **reading, **hulls, **steps, evaluated_view=evaluated, baked_frame=baked, memory=memory, processor=share
+    )
 
 
-def _read(inputs: Inputs, work: Work, found: Measured) -> tuple[list[FootageView], list[TrainingView]]:
-    """Views of the first keyframe, and those that show the performer as training views."""
+def _read(inputs: Inputs) -> tuple[list[FootageView], list[TrainingView], dict[str, float]]:
+    """Views of the first keyframe; those that show the performer as training views; and seconds, as in `Measured`."""
     footage, settings = inputs.footage.calibrated, inputs.config.train
     every = max(1, len(footage.train_cameras) // _CAMERAS)
     names = footage.train_cameras[::every][:_CAMERAS]
@@ -140,13 +140,11 @@ def _read(inputs: Inputs, work: Work, found: Measured) -> tuple[list[FootageView
                 views.append(view)
                 training.append(seen)
         seconds.append((time.perf_counter() - begun) / len(names))
-    found.view = seconds[-1]
-    found.camera = max(0.0, seconds[0] - seconds[-1])
-    return views, training
+    return views, training, {"view": seconds[-1], "camera": max(0.0, seconds[0] - seconds[-1])}
 
 
-def _hulls(settings: InitializeSettings, work: Work, views: list[FootageView], found: Measured) -> InitResult:
-    """As many initial points as there are splats after densification, on a coarse hull."""
+def _hulls(settings: InitializeSettings, work: Work, views: list[FootageView]) -> tuple[InitResult, dict[str, float]]:
+    """As many initial points as there are splats after densification, on a coarse hull; and seconds of hulls."""
     seconds = []
     for resolution in RESOLUTIONS:
         faces = max(100, round(settings.max_faces * (resolution / settings.resolution) ** 2))
@@ -155,57 +153,38 @@ def _hulls(settings: InitializeSettings, work: Work, views: list[FootageView], f
         made = initialize_points(views, coarse)
         seconds.append(time.perf_counter() - begun)
     _, low, high = RESOLUTIONS
-    found.hull_square = max(0.0, seconds[2] - seconds[1]) / (high**2 - low**2)
-    found.hull_fixed = max(0.0, seconds[1] - found.hull_square * low**2)
-    return made
+    square = max(0.0, seconds[2] - seconds[1]) / (high**2 - low**2)
+    return made, {"hull_square": square, "hull_fixed": max(0.0, seconds[1] - square * low**2)}
 
 
-class _Training:
-    """The rehearsal of one group: steps of each kind."""
+def _train(
+    inputs: Inputs, work: Work, hull: InitResult, views: list[TrainingView], check: Callable[[], None]
+) -> tuple[dict[str, float], Gaussians]:
+    """Rehearse one group: seconds of each kind of step, and a frame's splats."""
+    points, colors = (torch.from_numpy(array).to(inputs.device) for array in (hull.points, hull.colors))
+    settings = inputs.config.train
+    settings = settings.replace(densify_from=settings.keyframe_iterations, motion_first_iterations=None)
+    latest: deque[Gaussians] = deque(maxlen=1)
+    steps = _Steps(SECONDS / 2, check)
 
-    def __init__(
-        self, inputs: Inputs, work: Work, points: InitResult, training: list[TrainingView], stop: Cancellation
-    ) -> None:
-        self._inputs, self._work, self._points, self._training, self._stop = inputs, work, points, training, stop
-        self.found = Measured()
-        self.splats: Gaussians
+    def keep(step: int, gaussians: Gaussians) -> None:
+        latest.append(gaussians)
 
-    def run(self) -> None:
-        """Measure."""
-        points, colors = (
-            torch.from_numpy(array).to(self._inputs.device) for array in (self._points.points, self._points.colors)
-        )
-        latest: list[Gaussians] = []
-        steps = _Steps(SECONDS / 2, self._stop.check)
-        settings = self._settings()
-
-        def keep(step: int, gaussians: Gaussians) -> None:
-            latest[:] = [gaussians]
-
-        options: Any = {"progress": steps, "snapshot": keep, "snapshot_every": 1}
-        with suppress(_Enough):
-            latest.append(train_keyframe(self._training, points, colors, settings, **options))
-        self.found.keyframe_step = steps.seconds / len(points)
-        splats = latest[-1].detach()
-        order = splats.logit_opacities.argsort(descending=True)[: self._work.splats]
-        self.splats = splats.map(lambda tensor: tensor[order].clone())
-        self.found.motion_step = self._seconds_of(finetune_iterations=0)
-        self.found.finetune_step = self._seconds_of(motion_iterations=0)
-
-    def _settings(self, **changes: Any) -> TrainSettings:
-        settings = self._inputs.config.train
-        changes = {"densify_from": settings.keyframe_iterations, "motion_first_iterations": None, **changes}
-        return settings.replace(**changes)
-
-    def _seconds_of(self, **changes: int) -> float:
-        """Of one kind of step, which is trained; the time until the first one is that of the frame."""
-        steps, settings = _Steps(SECONDS / 4, self._stop.check), self._settings(**changes)
+    with suppress(_Enough):
+        keep(0, train_keyframe(views, points, colors, settings, progress=steps, snapshot=keep, snapshot_every=1))
+    found = {"keyframe_step": steps.seconds / len(points), "frame": 0.0}
+    splats = latest[0].detach()
+    order = splats.logit_opacities.argsort(descending=True)[: work.splats]
+    splats = splats.map(lambda tensor: tensor[order].clone())
+    for name, other in (("motion_step", "finetune_iterations"), ("finetune_step", "motion_iterations")):
+        steps, one_kind = _Steps(SECONDS / 4, check), settings.replace(**{other: 0})
         begun = time.perf_counter()
         with suppress(_Enough):
-            train_interframe(self.splats, self._training, settings, before_previous=self.splats.clone(), progress=steps)
-        if steps.ends:
-            self.found.frame += steps.ends[0] - begun
-        return steps.seconds
+            train_interframe(splats, views, one_kind, before_previous=splats.clone(), progress=steps)
+        found[name] = steps.seconds
+        if steps.ends:  # the time until the first step is that of the frame
+            found["frame"] += steps.ends[0] - begun
+    return found, splats
 
 
 def _evaluate(inputs: Inputs, view: FootageView, splats: Gaussians) -> float:
@@ -229,8 +208,3 @@ def _bake(bake: BakeSettings, splats: Gaussians, threads: int) -> float:
         bake_group([still] * frames, Path(folder), 0, 0, settings, threads=threads)
         seconds = time.perf_counter() - begun
     return max(1, len(bake.ladder)) * seconds / frames
-
-
-def load() -> float | None:
-    """Programs that wanted a core in the last minute, this one included; None where the system does not say."""
-    return os.getloadavg()[0] if hasattr(os, "getloadavg") else None
