@@ -19,11 +19,9 @@ def register(commands: Any) -> None:
     board.add_argument("--columns", type=int, default=8, metavar="N", help="squares per row (default: 8)")
     board.add_argument("--rows", type=int, default=5, metavar="N", help="rows of squares (default: 5)")
     board.add_argument("--square", type=float, default=60.0, metavar="MM", help="side of a square in mm (default: 60)")
-    board.add_argument("--marker", type=float, metavar="MM", help="side of a marker in mm (default: 3/4 of a square)")
     board.add_argument(
         "--dictionary", default="DICT_4X4_50", metavar="NAME", help="marker dictionary (default: DICT_4X4_50)"
     )
-    board.add_argument("--inverted", action="store_true", help="swap black and white")
     board.add_argument(
         "--paper",
         default="fit",
@@ -68,25 +66,20 @@ def _board(arguments: argparse.Namespace) -> None:
         raise invalid_option(
             "FILE.pdf", "the target is written as PDF", "Specify a file name that ends in .pdf.", file=arguments.file
         )
-    marker = arguments.marker if arguments.marker is not None else 0.75 * arguments.square
     # checked here in millimeters, as on the command line; `CalibrationTarget` uses meters
     if not 0 < arguments.square < 10_000:
         problem = f"--square {arguments.square:g} is not between 0 and 10000 mm"
         fix = "Specify the side of a square in millimeters; example: 60."
         raise invalid_option("--square", problem, fix, arguments.square)
-    if arguments.kind == "charuco" and not 0 < marker < arguments.square:
-        problem = f"--marker {marker:g} is not between 0 and the side of a square, {arguments.square:g} mm"
-        raise invalid_option("--marker", problem, "Specify the side of a marker in millimeters.", marker)
     try:
-        given = {name: getattr(arguments, name) for name in ("kind", "columns", "rows", "dictionary", "inverted")}
-        lengths = {"square": arguments.square / 1000, "marker": marker / 1000}
+        given = {name: getattr(arguments, name) for name in ("kind", "columns", "rows", "dictionary")}
+        lengths = {"square": arguments.square / 1000, "marker": 0.75 * arguments.square / 1000}
         target = CalibrationTarget.model_validate(given | lengths)
     except ValidationError as error:
         raise refused(error, CalibrationTarget, COMMAND_LINE) from None
     width, height = write_target_pdf(target, arguments.file, paper=arguments.paper)
     names = ["kind", "columns", "rows", "square"]
     names += ["marker", "dictionary"] if target.kind == "charuco" else []
-    names += ["inverted"] if target.inverted else []
     values = {"calibrate": {"board": {name: getattr(target, name) for name in names}}}
     arguments.result = {"path": str(arguments.file.absolute()), "width": width, "height": height, **values}
     print_text(

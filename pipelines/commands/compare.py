@@ -51,7 +51,6 @@ def register(commands: Any) -> None:
     parser.add_argument(
         "--images", type=int, default=2, metavar="N", help="number of images per camera (default: %(default)s)"
     )
-    parser.add_argument("--device", default="auto", help="torch device, as the setting run.device")
 
 
 def _compare(arguments: argparse.Namespace) -> None:
@@ -66,7 +65,7 @@ def _compare(arguments: argparse.Namespace) -> None:
     unfinished = not (arguments.out / RESULTS).exists()
     ours = arguments.out / RESULTS, arguments.out / FOLDER
     check_output(arguments.out, arguments.overwrite or unfinished, lambda _: any(path.exists() for path in ours))
-    device = choose_device(arguments.device)
+    device = choose_device("auto")
     lpips = None
     if arguments.lpips:
         from studio.perceptual import Lpips

@@ -47,11 +47,6 @@ def register(commands: Any) -> None:
     serve.add_argument("--certificate", type=Path, metavar="FILE", help="certificate in PEM format; implies --https")
     serve.add_argument("--key", type=Path, metavar="FILE", help="its private key, if it is not in the same file")
     serve.add_argument(
-        "--qr",
-        action=argparse.BooleanOptionalAction,
-        help="print the address as a QR code (default: in a terminal, if other machines can reach the server)",
-    )
-    serve.add_argument(
         "--title", metavar="TEXT", help="title of the page (default: the stream's, else its name); for one stream"
     )
     serve.add_argument(
@@ -133,7 +128,7 @@ def _serve(arguments: argparse.Namespace) -> int:
         if arguments.json:
             print(_event(serving).to_json(), file=arguments.output, flush=True)
         else:
-            _print(serving, player is not None, arguments.qr)
+            _print(serving, player is not None)
         _bound_logs(server)
         if arguments.end_with_stdin:
             threading.Thread(target=_end_with_stdin, args=(server,), name="v3studio stdin", daemon=True).start()
@@ -161,8 +156,8 @@ def _end_with_stdin(server: uvicorn.Server) -> None:
     server.should_exit = True
 
 
-def _print(serving: Serving, player: bool, qr: bool | None) -> None:
-    """Addresses, and what phones need."""
+def _print(serving: Serving, player: bool) -> None:
+    """Addresses, and what phones need; in a terminal a QR code too."""
     certificate = serving.certificate
     lines = [f"Serving {folder} at {address}" for address, folder in serving.streams.items()]
     browser = "open the address in a browser, or run " if player else ""
@@ -184,7 +179,7 @@ def _print(serving: Serving, player: bool, qr: bool | None) -> None:
     if serving.is_secret:
         lines.append("The link is secret: without all of it nothing is served; --no-token serves to everybody.")
     print("\n".join(lines), flush=True)
-    if qr if qr is not None else player and not serving.is_local and sys.stdout.isatty():
+    if player and not serving.is_local and sys.stdout.isatty():
         from pipelines.share.addresses import qr_text
 
         address = serving.address if len(serving.streams) == 1 else f"{serving.bases[0]}/"

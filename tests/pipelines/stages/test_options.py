@@ -13,8 +13,6 @@ from tests.studio.capture.test_timecode import film
         (("--columns", "5.5"), "argument --columns: '5.5' is not an integer; example: 24"),
         (("--square", "-5"), "--square -5 is not between 0 and 10000 mm"),
         (("--square", "0", "--kind", "chessboard"), "--square 0 is not between 0 and 10000 mm"),
-        (("--marker", "70"), "--marker 70 is not between 0 and the side of a square, 60 mm"),
-        (("--marker", "-1"), "--marker -1 is not between 0"),
     ],
 )
 def test_a_boards_sizes_are_numbers_in_millimeters(here, tmp_path, options, said):
