@@ -11,9 +11,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from studio.cameras import Camera
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
-from studio.rasterizer.types import Pinhole, Render
+from studio.rasterizer.types import ALPHA_MAX, NEAR, Render, field_limits
 
 KERNEL_INTERFACE = 4
 """Number of the functions and arguments of the kernels that this code calls; as `interface` in `csrc/module.cpp`."""
@@ -50,14 +51,14 @@ def kernel_threads() -> int:
     return _threads if _threads is not None else torch.get_num_threads()
 
 
-def camera_numbers(pinhole: Pinhole) -> np.ndarray:
+def camera_numbers(camera: Camera) -> np.ndarray:
     """(23,) float64 in the order expected by the kernels: rotation, translation, center, fx, fy, cx, cy, limits."""
-    intrinsics = [pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy, *pinhole.limits]
-    return np.concatenate([pinhole.rotation.reshape(-1), pinhole.translation, pinhole.center, intrinsics])
+    intrinsics = [camera.fx, camera.fy, camera.cx, camera.cy, *field_limits(camera)]
+    return np.concatenate([camera.rotation.reshape(-1), camera.translation, camera.center, intrinsics])
 
 
 class _Rasterize(torch.autograd.Function):
-    """forward(attributes..., offsets, background, pinhole, near, alpha_max, dilation) -> image, alpha, depth, radii."""
+    """forward(attributes..., offsets, background, camera, dilation) -> image, alpha, depth, radii."""
 
     @staticmethod
     def forward(
@@ -69,14 +70,12 @@ class _Rasterize(torch.autograd.Function):
         sh: Tensor,
         offsets: Tensor | None,
         background: Tensor | None,
-        pinhole: Pinhole,
-        near: float,
-        alpha_max: float,
+        camera: Camera,
         dilation: float,
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         kernels = load_kernels()
         splats = [tensor.detach().contiguous() for tensor in (means, quats, log_scales, logits, sh)]
-        height, width = pinhole.height, pinhole.width
+        height, width = camera.height, camera.width
         # Recycled memory: the pages of a new large tensor cost more than drawing it.
         empty = kernels.empty_float if means.dtype == torch.float32 else kernels.empty_double
         image = empty([height, width, 3])
@@ -85,7 +84,7 @@ class _Rasterize(torch.autograd.Function):
         shift = None if offsets is None else offsets.detach().contiguous()
         behind = means.new_zeros(3) if background is None else background.detach().contiguous()
         frame = kernels.forward(
-            *splats, shift, camera_numbers(pinhole), width, height, near, alpha_max, dilation, behind,
+            *splats, shift, camera_numbers(camera), width, height, NEAR, ALPHA_MAX, dilation, behind,
             image, alpha, depth, radii, kernel_threads(),
         )  # fmt: skip
         ctx.set_materialize_grads(False)
@@ -114,23 +113,19 @@ class _Rasterize(torch.autograd.Function):
             d_background = (1 - alpha)[..., None] * d_image
             if ctx.one_background:
                 d_background = d_background.sum((0, 1))
-        return (*gradients, d_offsets, d_background, None, None, None, None)
+        return (*gradients, d_offsets, d_background, None, None)
 
 
 def rasterize_cpu(
     gaussians: Gaussians,
-    pinhole: Pinhole,
+    camera: Camera,
     background: Tensor | None,
     screen_offsets: Tensor | None,
-    near: float,
-    alpha_max: float,
 ) -> Render:
     """Render with the C++ kernels. Arguments as in `studio.rasterizer.rasterize`, already validated."""
-    if max(pinhole.width, pinhole.height) > 32000:
-        problem = f"the image is {pinhole.width}x{pinhole.height} pixels; the cpu rasterizer supports up to 32000x32000"
-        raise StudioError("rasterizer.image_too_large", problem, value=(pinhole.width, pinhole.height))
+    if max(camera.width, camera.height) > 32000:
+        problem = f"the image is {camera.width}x{camera.height} pixels; the cpu rasterizer supports up to 32000x32000"
+        raise StudioError("rasterizer.image_too_large", problem, value=(camera.width, camera.height))
     splats = (tensor for _, tensor in gaussians.items())
-    image, alpha, depth, radii = _Rasterize.apply(
-        *splats, screen_offsets, background, pinhole, near, alpha_max, gaussians.dilation
-    )
+    image, alpha, depth, radii = _Rasterize.apply(*splats, screen_offsets, background, camera, gaussians.dilation)
     return Render(image=image, alpha=alpha, depth=depth, radii=radii)

@@ -12,7 +12,7 @@ from studio.cameras import Camera
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.rasterizer.reference import rasterize_reference
-from studio.rasterizer.types import ALPHA_MAX, Pinhole, Render
+from studio.rasterizer.types import Render, check_pinhole
 
 BACKENDS = ("reference", "cpu", "triton")
 _DTYPES = {"cpu": (torch.float32, torch.float64), "triton": (torch.float32,)}
@@ -111,8 +111,6 @@ def rasterize(
     *,
     backend: str = "auto",
     screen_offsets: Tensor | None = None,
-    near: float = 0.01,
-    alpha_max: float = ALPHA_MAX,
     checked: bool = False,
 ) -> Render:
     """Render splats from a camera; differentiable with respect to all attributes (3DGS, sections 4 and 6).
@@ -125,8 +123,6 @@ def rasterize(
         backend: "reference", "cpu", "triton" (float32 only), or "auto": triton for splats on a GPU, cpu for others.
         screen_offsets: (N, 2) offsets in pixels, added to the 2D means. Pass zeros that require a gradient to get the
             screen-space gradient (loss per pixel), which densification uses.
-        near: near plane, world units, above 0. Splats whose mean is closer along the viewing axis are not drawn.
-        alpha_max: upper clamp of alpha per splat and pixel, 0.5 to 1; 0.99 in 3DGS.
         checked: raise an error for non-finite values. Otherwise, splats with such values are not drawn.
 
     Returns:
@@ -142,8 +138,6 @@ def rasterize(
         [background],
         backend=backend,
         screen_offsets=screen_offsets,
-        near=near,
-        alpha_max=alpha_max,
         checked=checked,
     )
     return render
@@ -156,30 +150,23 @@ def rasterize_views(
     *,
     backend: str = "auto",
     screen_offsets: Tensor | None = None,
-    near: float = 0.01,
-    alpha_max: float = ALPHA_MAX,
     checked: bool = False,
 ) -> list[Render]:
     """Render the same splats from several cameras, each over its own background, otherwise as `rasterize`; on a GPU,
     the triton backend does so in one call."""
-    pinholes = [Pinhole.of(camera) for camera in cameras]
+    for camera in cameras:
+        check_pinhole(camera)
     means = gaussians.means
     for name, tensor in gaussians.items():
         _check_alike(name, tensor, means)
     if not means.dtype.is_floating_point:
         problem = f"splats must have a floating-point dtype, not {means.dtype}"
         raise StudioError("rasterizer.dtype", problem, value=str(means.dtype))
-    behind = [_background(one, pinhole, means) for one, pinhole in zip(backgrounds, pinholes, strict=True)]
+    behind = [_background(one, camera, means) for one, camera in zip(backgrounds, cameras, strict=True)]
     if screen_offsets is not None:
         if screen_offsets.shape != (len(gaussians), 2):
             raise _bad_shape("screen_offsets", (len(gaussians), 2), screen_offsets)
         _check_alike("screen_offsets", screen_offsets, means)
-    if not near > 0:
-        problem = f"near is {near}; it must be above 0"
-        raise StudioError("rasterizer.invalid_argument", problem, value=near, argument="near")
-    if not 0.5 <= alpha_max <= 1.0:
-        problem = f"alpha_max is {alpha_max}; it must be between 0.5 and 1"
-        raise StudioError("rasterizer.invalid_argument", problem, value=alpha_max, argument="alpha_max")
     if checked:
         check_finite(gaussians)
     backend = _choose(backend, means.device)
@@ -190,20 +177,20 @@ def rasterize_views(
     if backend == "triton":
         from studio.rasterizer.triton_backend import rasterize_triton
 
-        return rasterize_triton(gaussians, pinholes, behind, screen_offsets, near, alpha_max)
-    both = zip(pinholes, behind, strict=True)
+        return rasterize_triton(gaussians, cameras, behind, screen_offsets)
+    both = zip(cameras, behind, strict=True)
     if backend == "cpu":
         from studio.rasterizer.cpu import rasterize_cpu
 
-        return [rasterize_cpu(gaussians, *one, screen_offsets, near, alpha_max) for one in both]
-    return [rasterize_reference(gaussians, *one, screen_offsets, near, alpha_max) for one in both]
+        return [rasterize_cpu(gaussians, *one, screen_offsets) for one in both]
+    return [rasterize_reference(gaussians, *one, screen_offsets) for one in both]
 
 
-def _background(background: Tensor | None, pinhole: Pinhole, means: Tensor) -> Tensor | None:
+def _background(background: Tensor | None, camera: Camera, means: Tensor) -> Tensor | None:
     """The background with the splats' device and dtype."""
     if background is None:
         return None
     background = torch.as_tensor(background, dtype=means.dtype, device=means.device)
-    if background.shape not in ((3,), (pinhole.height, pinhole.width, 3)):
+    if background.shape not in ((3,), (camera.height, camera.width, 3)):
         raise _bad_shape("background", (3,), background)
     return background

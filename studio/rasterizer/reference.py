@@ -9,15 +9,16 @@ Splats of equal depth are blended in their order in the tensors.
 import torch
 from torch import Tensor
 
+from studio.cameras import Camera
 from studio.gaussians import Gaussians
 from studio.rasterizer.spherical_harmonics import sh_colors
-from studio.rasterizer.types import ALPHA_MIN, TRANSMITTANCE_MIN, Pinhole, Render, mean_depth
+from studio.rasterizer.types import ALPHA_MAX, ALPHA_MIN, NEAR, TRANSMITTANCE_MIN, Render, field_limits, mean_depth
 from studio.torch_rotations import quats_to_matrices
 
 TILE = 16  # Tile size in pixels. It only affects memory use
 
 
-def project(gaussians: Gaussians, pinhole: Pinhole) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
+def project(gaussians: Gaussians, camera: Camera) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
     """EWA projection of splats in front of the camera (Zwicker et al. 2001; 3DGS, equation 5).
 
     Returns:
@@ -28,20 +29,20 @@ def project(gaussians: Gaussians, pinhole: Pinhole) -> tuple[Tensor, Tensor, Ten
         colors: (N, 3) RGB, at least 0.
     """
     like = gaussians.means
-    rotation = torch.as_tensor(pinhole.rotation).to(like)
-    translation, center = torch.as_tensor(pinhole.translation).to(like), torch.as_tensor(pinhole.center).to(like)
+    rotation = torch.as_tensor(camera.rotation).to(like)
+    translation, center = torch.as_tensor(camera.translation).to(like), torch.as_tensor(camera.center).to(like)
     local = like @ rotation.T + translation
     x, y, depths = local.unbind(-1)
     x_z, y_z = x / depths, y / depths
-    means2d = torch.stack([pinhole.fx * x_z + pinhole.cx, pinhole.fy * y_z + pinhole.cy], -1)
+    means2d = torch.stack([camera.fx * x_z + camera.cx, camera.fy * y_z + camera.cy], -1)
 
-    left, right, top, bottom = pinhole.limits
+    left, right, top, bottom = field_limits(camera)
     x_lim, y_lim = x_z.clamp(left, right), y_z.clamp(top, bottom)
     zero = torch.zeros_like(x)
     jacobian = torch.stack(
         [
-            torch.stack([pinhole.fx / depths, zero, -pinhole.fx * x_lim / depths], -1),
-            torch.stack([zero, pinhole.fy / depths, -pinhole.fy * y_lim / depths], -1),
+            torch.stack([camera.fx / depths, zero, -camera.fx * x_lim / depths], -1),
+            torch.stack([zero, camera.fy / depths, -camera.fy * y_lim / depths], -1),
         ],
         dim=-2,
     )
@@ -59,29 +60,27 @@ def project(gaussians: Gaussians, pinhole: Pinhole) -> tuple[Tensor, Tensor, Ten
 
 
 @torch.no_grad()
-def visible_radii(
-    gaussians: Gaussians, pinhole: Pinhole, offsets: Tensor | None, near: float
-) -> tuple[Tensor, Tensor, Tensor]:
-    """(N, 2) half sizes in pixels of the box outside which alpha is below 1/255, 0 for splats that are not drawn; (N,)
-    depths in world units; and (N, 2) centers of the boxes in pixels. Arguments as in `project` and `rasterize`."""
+def visible_radii(gaussians: Gaussians, camera: Camera, offsets: Tensor | None) -> tuple[Tensor, Tensor]:
+    """(N, 2) half sizes in pixels of the box outside which alpha is below 1/255, 0 for splats that are not drawn; and
+    (N,) depths in world units. Arguments as in `project` and `rasterize`."""
     finite = torch.isfinite(gaussians.means).all(-1) & torch.isfinite(gaussians.log_scales).all(-1)
     finite &= torch.isfinite(gaussians.quats).all(-1) & (gaussians.quats.norm(dim=-1) > 0)
     finite &= torch.isfinite(gaussians.sh).flatten(1).all(-1)
-    means2d, cov2d, det, depths, colors = project(gaussians, pinhole)
+    means2d, cov2d, det, depths, colors = project(gaussians, camera)
     if offsets is not None:
         means2d = means2d + offsets
     opacities = gaussians.opacities
     reach = torch.sqrt(2 * torch.log((opacities / ALPHA_MIN).clamp_min(1.0)))
     half = reach[:, None] * torch.sqrt(cov2d[:, [0, 2]])
-    shown = finite & (depths >= near) & (opacities >= ALPHA_MIN) & torch.isfinite(det) & (det > 0)
+    shown = finite & (depths >= NEAR) & (opacities >= ALPHA_MIN) & torch.isfinite(det) & (det > 0)
     shown &= torch.isfinite(half).all(-1) & torch.isfinite(means2d).all(-1) & torch.isfinite(colors).all(-1)
     low, high = means2d - half, means2d + half
-    shown &= (high > 0).all(-1) & (low[:, 0] < pinhole.width) & (low[:, 1] < pinhole.height)
-    return torch.where(shown[:, None], half, torch.zeros_like(half)), depths, means2d
+    shown &= (high > 0).all(-1) & (low[:, 0] < camera.width) & (low[:, 1] < camera.height)
+    return torch.where(shown[:, None], half, torch.zeros_like(half)), depths
 
 
 def blend(
-    pixels: Tensor, means2d: Tensor, conics: Tensor, opacities: Tensor, features: Tensor, alpha_max: float
+    pixels: Tensor, means2d: Tensor, conics: Tensor, opacities: Tensor, features: Tensor
 ) -> tuple[Tensor, Tensor]:
     """Alpha-blend splats, sorted by depth, nearest first.
 
@@ -97,7 +96,7 @@ def blend(
     """
     dx, dy = (pixels[:, None] - means2d[None]).unbind(-1)
     sigma = 0.5 * (conics[:, 0] * dx * dx + conics[:, 2] * dy * dy) + conics[:, 1] * dx * dy
-    alpha = (opacities * torch.exp(-sigma.clamp_min(0.0))).clamp_max(alpha_max)
+    alpha = (opacities * torch.exp(-sigma.clamp_min(0.0))).clamp_max(ALPHA_MAX)
     alpha = torch.where(alpha >= ALPHA_MIN, alpha, torch.zeros_like(alpha))
     transmittance = torch.cumprod(1 - alpha, dim=1)
     # Transmittance never increases, so this also drops everything behind the splat at which a pixel stops.
@@ -108,18 +107,16 @@ def blend(
 
 def rasterize_reference(
     gaussians: Gaussians,
-    pinhole: Pinhole,
+    camera: Camera,
     background: Tensor | None,
     screen_offsets: Tensor | None,
-    near: float,
-    alpha_max: float,
 ) -> Render:
     """Render in plain PyTorch. Arguments as in `studio.rasterizer.rasterize`, already validated."""
-    half, all_depths, _ = visible_radii(gaussians, pinhole, screen_offsets, near)
+    half, all_depths = visible_radii(gaussians, camera, screen_offsets)
     index = torch.nonzero(half[:, 0] > 0)[:, 0]
     index = index[torch.argsort(all_depths[index], stable=True)]
     splats, half_sides = gaussians[index], half[index]
-    means2d, cov2d, det, depths, colors = project(splats, pinhole)
+    means2d, cov2d, det, depths, colors = project(splats, camera)
     if screen_offsets is not None:
         means2d = means2d + screen_offsets[index]
     conics = torch.stack([cov2d[:, 2], -cov2d[:, 1], cov2d[:, 0]], -1) / det[:, None]
@@ -129,19 +126,17 @@ def rasterize_reference(
     like = gaussians.means
     low, high = (means2d - half_sides).detach(), (means2d + half_sides).detach()
     rows = []
-    for top in range(0, pinhole.height, TILE):
-        bottom = min(top + TILE, pinhole.height)
+    for top in range(0, camera.height, TILE):
+        bottom = min(top + TILE, camera.height)
         row = []
         in_row = (high[:, 1] > top) & (low[:, 1] < bottom)
-        for left in range(0, pinhole.width, TILE):
-            right = min(left + TILE, pinhole.width)
+        for left in range(0, camera.width, TILE):
+            right = min(left + TILE, camera.width)
             inside = torch.nonzero(in_row & (high[:, 0] > left) & (low[:, 0] < right))[:, 0]
             ys = torch.arange(top, bottom, device=like.device, dtype=like.dtype) + 0.5
             xs = torch.arange(left, right, device=like.device, dtype=like.dtype) + 0.5
             pixels = torch.cartesian_prod(ys, xs).flip(-1)
-            total, transmittance = blend(
-                pixels, means2d[inside], conics[inside], opacities[inside], features[inside], alpha_max
-            )
+            total, transmittance = blend(pixels, means2d[inside], conics[inside], opacities[inside], features[inside])
             row.append(torch.cat([total, transmittance[:, None]], -1).reshape(bottom - top, right - left, 5))
         rows.append(torch.cat(row, dim=1))
     drawn = torch.cat(rows, dim=0)

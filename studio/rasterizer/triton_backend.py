@@ -23,9 +23,10 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from studio.cameras import Camera
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
-from studio.rasterizer.types import Pinhole, Render, mean_depth
+from studio.rasterizer.types import ALPHA_MAX, NEAR, Render, field_limits, mean_depth
 
 FORWARD_WARPS, BACKWARD_WARPS, PROJECT_WARPS = 4, 1, 4
 """Warps per program. One for the gradient of a tile: its ten sums per splat then need no synchronization of warps."""
@@ -51,25 +52,25 @@ class Views:
     tiles: int
     pixels: int
     # cameras, frames: (V, 32) float32 and int32, the same memory. Of each view, as floats: rotation (9 numbers) and
-    # translation (3) of world_to_camera, camera center (3), fx, fy, cx, cy, `Pinhole.limits` (4), from 23 on nothing;
+    # translation (3) of world_to_camera, camera center (3), fx, fy, cx, cy, `field_limits` (4), from 23 on nothing;
     # as integers, from 24 on: first tile, width, height, tiles in a row and in a column, first pixel
     cameras: Tensor
     frames: Tensor
 
     @classmethod
-    def of(cls, pinholes: Sequence[Pinhole], tile: int, device: torch.device) -> Views:
+    def of(cls, cameras: Sequence[Camera], tile: int, device: torch.device) -> Views:
         """The views of cameras, with tiles of `tile` pixels."""
-        numbers = np.zeros((len(pinholes), 32), np.float32)
+        numbers = np.zeros((len(cameras), 32), np.float32)
         integers = numbers.view(np.int32)
         tiles = pixels = 0
-        for row, whole, one in zip(numbers, integers, pinholes, strict=True):
+        for row, whole, one in zip(numbers, integers, cameras, strict=True):
             row[:9], row[9:12], row[12:15] = np.ravel(one.rotation), one.translation, one.center
-            row[15:23] = one.fx, one.fy, one.cx, one.cy, *one.limits
+            row[15:23] = one.fx, one.fy, one.cx, one.cy, *field_limits(one)
             across, down = math.ceil(one.width / tile), math.ceil(one.height / tile)
             whole[24:30] = tiles, one.width, one.height, across, down, pixels
             tiles, pixels = tiles + across * down, pixels + one.width * one.height
         frames = _uploaded(integers.tobytes(), device)
-        sizes = tuple((one.width, one.height) for one in pinholes)
+        sizes = tuple((one.width, one.height) for one in cameras)
         return cls(sizes, tiles, pixels, frames.view(torch.float32), frames)
 
 
@@ -111,9 +112,7 @@ def bin_splats(boxes: Tensor, keys: Tensor, half: Tensor, tiles: int) -> tuple[T
     return index, Tiles(owners[slots].int(), slots, starts, ends)
 
 
-def project_all(
-    gaussians: Gaussians, views: Views, offsets: Tensor | None, near: float
-) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+def project_all(gaussians: Gaussians, views: Views, offsets: Tensor | None) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """The outputs of `project_splats`: `table`, `half`, `boxes` and `keys`. Arguments as in `rasterize_triton`."""
     _, kernels = load_triton_kernels()
     like, count = gaussians.means, len(gaussians)
@@ -126,7 +125,7 @@ def project_all(
             kernels.project_splats[(math.ceil(count / kernels.BLOCK), len(views.sizes))](
                 *(tensor for _, tensor in gaussians.items()),
                 table if offsets is None else offsets,  # not read without offsets
-                views.cameras, views.frames, table, half, boxes, keys, count, near, gaussians.dilation,
+                views.cameras, views.frames, table, half, boxes, keys, count, NEAR, gaussians.dilation,
                 COEFFICIENTS=gaussians.sh.shape[1], OFFSETS=offsets is not None, num_warps=PROJECT_WARPS,
             )  # fmt: skip
     return table, half, boxes, keys
@@ -137,14 +136,14 @@ class _Draw(torch.autograd.Function):
 
     @staticmethod
     def forward(
-        ctx: Any, views: Views, dilation: float, near: float, alpha_max: float, offsets: Tensor | None, *splats: Tensor
+        ctx: Any, views: Views, dilation: float, offsets: Tensor | None, *splats: Tensor
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         kernels, _ = load_triton_kernels()
         splats = tuple(tensor.detach().contiguous() for tensor in splats)
         means, quats, log_scales, logits, sh = splats
         gaussians = Gaussians(means, quats, log_scales, logits, sh, dilation)
         shift = None if offsets is None else offsets.detach().contiguous()
-        places, half, boxes, keys = project_all(gaussians, views, shift, near)
+        places, half, boxes, keys = project_all(gaussians, views, shift)
         index, tiles = bin_splats(boxes, keys, half, views.tiles)
         table = places.index_select(0, index)
         image = table.new_empty((views.pixels, 3))
@@ -153,9 +152,9 @@ class _Draw(torch.autograd.Function):
         with torch.cuda.device_of(table):
             kernels.blend_tile[(views.tiles,)](
                 table, tiles.owners, tiles.starts, views.frames, image, depth, transmittance, last,
-                len(views.sizes), alpha_max, num_warps=FORWARD_WARPS, enable_fp_fusion=True,
+                len(views.sizes), ALPHA_MAX, num_warps=FORWARD_WARPS, enable_fp_fusion=True,
             )  # fmt: skip
-        ctx.views, ctx.tiles, ctx.numbers = views, tiles, (dilation, alpha_max)
+        ctx.views, ctx.tiles, ctx.dilation = views, tiles, dilation
         ctx.save_for_backward(*splats, table, index, transmittance, last)
         radii = half.amax(-1).view(len(views.sizes), len(gaussians))
         ctx.mark_non_differentiable(radii)
@@ -165,7 +164,7 @@ class _Draw(torch.autograd.Function):
     @once_differentiable
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
         kernels, of_splats = load_triton_kernels()
-        views, tiles, (dilation, alpha_max) = ctx.views, ctx.tiles, ctx.numbers
+        views, tiles, dilation = ctx.views, ctx.tiles, ctx.dilation
         *splats, table, index, transmittance, last = ctx.saved_tensors
         means, quats, log_scales, logits, sh = splats
         count, coefficients, colors = len(means), sh.shape[1], ctx.needs_input_grad[-1]
@@ -181,7 +180,7 @@ class _Draw(torch.autograd.Function):
             with torch.cuda.device_of(table):
                 kernels.blend_tile_backward[(views.tiles,)](
                     table, tiles.owners, tiles.slots, tiles.starts, views.frames, transmittance, last,
-                    *d_outputs, d_pairs, len(views.sizes), alpha_max,
+                    *d_outputs, d_pairs, len(views.sizes), ALPHA_MAX,
                     num_warps=BACKWARD_WARPS, enable_fp_fusion=True,
                 )  # fmt: skip
                 if len(table):
@@ -192,17 +191,15 @@ class _Draw(torch.autograd.Function):
                     COEFFICIENTS=coefficients, PADDED=1 << (coefficients - 1).bit_length(), COLORS=colors,
                     num_warps=PROJECT_WARPS,
                 )  # fmt: skip
-        by_offsets = d_offsets if ctx.needs_input_grad[4] else None
-        return None, None, None, None, by_offsets, *found, d_sh if colors else None
+        by_offsets = d_offsets if ctx.needs_input_grad[2] else None
+        return None, None, by_offsets, *found, d_sh if colors else None
 
 
 def rasterize_triton(
     gaussians: Gaussians,
-    pinholes: Sequence[Pinhole],
+    cameras: Sequence[Camera],
     backgrounds: Sequence[Tensor | None],
     screen_offsets: Tensor | None,
-    near: float,
-    alpha_max: float,
 ) -> list[Render]:
     """Render views with Triton. Arguments as in `studio.rasterizer.rasterize_views`, already validated.
 
@@ -210,10 +207,10 @@ def rasterize_triton(
     """
     kernels, _ = load_triton_kernels()
     renders: list[Render] = []
-    for first in range(0, len(pinholes), _VIEWS_AT_ONCE):
-        views = Views.of(pinholes[first : first + _VIEWS_AT_ONCE], kernels.TILE, gaussians.means.device)
+    for first in range(0, len(cameras), _VIEWS_AT_ONCE):
+        views = Views.of(cameras[first : first + _VIEWS_AT_ONCE], kernels.TILE, gaussians.means.device)
         splats = (tensor for _, tensor in gaussians.items())
-        drawn = _Draw.apply(views, gaussians.dilation, near, alpha_max, screen_offsets, *splats)
+        drawn = _Draw.apply(views, gaussians.dilation, screen_offsets, *splats)
         renders += _pictures(views, backgrounds[first : first + _VIEWS_AT_ONCE], *drawn)
     return renders
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -22,6 +21,8 @@ pixel regardless of rounding, as in 3DGS.
 """
 
 ALPHA_MAX = 0.99  # upper clamp of alpha in 3DGS
+
+NEAR = 0.01  # near plane, world units: splats whose mean is closer along the viewing axis are not drawn
 
 FIELD = 2.0
 """The projection of a splat is linearized at its mean, with |x / z| and |y / z| clamped to this value.
@@ -56,50 +57,27 @@ class Render:
     __repr__ = short_repr
 
 
-@dataclass(frozen=True)
-class Pinhole:
-    """A validated pinhole camera as plain numbers, as the kernels expect it."""
+def check_pinhole(camera: Camera) -> None:
+    """StudioError (`camera.distortion`, `camera.skew`) for a camera that splats cannot be drawn for."""
+    if not camera.is_pinhole:
+        problem = f"camera '{camera.name}' has lens distortion, which the rasterizer does not support"
+        fix = "Undistort the images and use camera.undistorted()"
+        raise StudioError("camera.distortion", problem, fix=fix, camera=camera.name)
+    if abs(camera.K[0, 1]) > 1e-9 * camera.fx:
+        problem = f"camera '{camera.name}' has skew {camera.K[0, 1]:g}, which the rasterizer does not support"
+        raise StudioError("camera.skew", problem, value=float(camera.K[0, 1]), camera=camera.name)
 
-    width: int  # width, height: image size, pixels
-    height: int
-    fx: float  # fx, fy, cx, cy: pixels; the principal point may be outside the image
-    fy: float
-    cx: float
-    cy: float
-    rotation: np.ndarray  # (3, 3) float64, of world_to_camera
-    translation: np.ndarray  # (3,) float64, of world_to_camera
-    center: np.ndarray  # (3,) float64, camera center in world coordinates
-    # min and max x / z, min and max y / z for the linearization of the projection
-    limits: tuple[float, float, float, float]
 
-    @classmethod
-    def of(cls, camera: Camera) -> Pinhole:
-        if not camera.is_pinhole:
-            problem = f"camera '{camera.name}' has lens distortion, which the rasterizer does not support"
-            fix = "Undistort the images and use camera.undistorted()"
-            raise StudioError("camera.distortion", problem, fix=fix, camera=camera.name)
-        if abs(camera.K[0, 1]) > 1e-9 * camera.fx:
-            problem = f"camera '{camera.name}' has skew {camera.K[0, 1]:g}, which the rasterizer does not support"
-            raise StudioError("camera.skew", problem, value=float(camera.K[0, 1]), camera=camera.name)
-        margin_x = FIELD_MARGIN * 0.5 * camera.width / camera.fx
-        margin_y = FIELD_MARGIN * 0.5 * camera.height / camera.fy
-        return cls(
-            width=camera.width,
-            height=camera.height,
-            fx=camera.fx,
-            fy=camera.fy,
-            cx=camera.cx,
-            cy=camera.cy,
-            rotation=camera.rotation,
-            translation=camera.translation,
-            center=camera.center,
-            limits=(
-                min(-FIELD, -camera.cx / camera.fx - margin_x),
-                max(FIELD, (camera.width - camera.cx) / camera.fx + margin_x),
-                min(-FIELD, -camera.cy / camera.fy - margin_y),
-                max(FIELD, (camera.height - camera.cy) / camera.fy + margin_y),
-            ),
-        )
+def field_limits(camera: Camera) -> tuple[float, float, float, float]:
+    """Least and greatest x / z, and y / z, at which the projection is linearized; see `FIELD`."""
+    margin_x = FIELD_MARGIN * 0.5 * camera.width / camera.fx
+    margin_y = FIELD_MARGIN * 0.5 * camera.height / camera.fy
+    return (
+        min(-FIELD, -camera.cx / camera.fx - margin_x),
+        max(FIELD, (camera.width - camera.cx) / camera.fx + margin_x),
+        min(-FIELD, -camera.cy / camera.fy - margin_y),
+        max(FIELD, (camera.height - camera.cy) / camera.fy + margin_y),
+    )
 
 
 def mean_depth(weighted: Tensor, alpha: Tensor) -> Tensor:

@@ -12,7 +12,7 @@ from studio.cameras import Camera
 from studio.gaussians import Gaussians
 from studio.rasterizer import rasterize, set_kernel_threads
 from studio.rasterizer.reference import project, visible_radii
-from studio.rasterizer.types import ALPHA_MIN, TRANSMITTANCE_MIN, Pinhole
+from studio.rasterizer.types import ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN
 
 
 def make_camera(
@@ -58,27 +58,26 @@ def make_splats(
     ).map(lambda tensor: tensor.float().double())
 
 
-def sturdy_pixels(splats: Gaussians, camera: Camera, alpha_max: float = 0.99, near: float = 0.01) -> Tensor:
+def sturdy_pixels(splats: Gaussians, camera: Camera) -> Tensor:
     """(H, W) True where no threshold of the definition is within float32 rounding.
 
     The image is discontinuous where the alpha of a splat crosses 1/255, where transmittance crosses 1e-4, and where two
-    splats of equal depth swap; the gradient also where alpha crosses `alpha_max`. A float32 backend may take the other
+    splats of equal depth swap; the gradient also where alpha crosses `ALPHA_MAX`. A float32 backend may take the other
     branch there.
     """
-    pinhole = Pinhole.of(camera)
     splats = splats.detach().to(torch.float64)
-    half, depths, _ = visible_radii(splats, pinhole, None, near)
+    half, depths = visible_radii(splats, camera, None)
     index = torch.nonzero(half[:, 0] > 0)[:, 0]
     index = index[torch.argsort(depths[index], stable=True)]
-    means2d, cov2d, det, depths, _ = project(splats[index], pinhole)
+    means2d, cov2d, det, depths, _ = project(splats[index], camera)
     ys, xs = torch.meshgrid(torch.arange(camera.height) + 0.5, torch.arange(camera.width) + 0.5, indexing="ij")
     dx, dy = xs.reshape(-1, 1) - means2d[:, 0], ys.reshape(-1, 1) - means2d[:, 1]
     sigma = (cov2d[:, 2] * dx * dx - 2 * cov2d[:, 1] * dx * dy + cov2d[:, 0] * dy * dy) / (2 * det)
     alpha = splats.opacities[index] * torch.exp(-sigma)
-    drawn = torch.where(alpha >= ALPHA_MIN, alpha.clamp_max(alpha_max), 0.0)
+    drawn = torch.where(alpha >= ALPHA_MIN, alpha.clamp_max(ALPHA_MAX), 0.0)
     transmittance = torch.cumprod(1 - drawn, dim=1)
     matters = torch.cat([torch.ones_like(transmittance[:, :1]), transmittance[:, :-1]], 1) > 0.99 * TRANSMITTANCE_MIN
-    at_threshold = ((alpha / ALPHA_MIN - 1).abs() < 1e-4) | ((alpha / alpha_max - 1).abs() < 1e-4)
+    at_threshold = ((alpha / ALPHA_MIN - 1).abs() < 1e-4) | ((alpha / ALPHA_MAX - 1).abs() < 1e-4)
     sturdy = ~(at_threshold & matters).any(1)
     sturdy &= ((transmittance / TRANSMITTANCE_MIN - 1).abs() > 1e-3).all(1)
     close = (depths[1:] - depths[:-1]).abs() < 2e-6 * depths[1:]
@@ -108,7 +107,6 @@ def draw(
     *,
     weight: Tensor | None = None,
     outputs: tuple[str, ...] = ("image", "alpha", "depth"),
-    alpha_max: float = 0.99,
     device: str = "cpu",
     picture: bool = False,
 ) -> Drawn:
@@ -121,7 +119,7 @@ def draw(
         rows = torch.linspace(0.1, 1.0, camera.height, dtype=dtype, device=device)
         background = rows[:, None, None] * background.repeat(camera.width, 1)
     background.requires_grad_()
-    render = rasterize(leaves, camera, background, backend=backend, screen_offsets=offsets, alpha_max=alpha_max)
+    render = rasterize(leaves, camera, background, backend=backend, screen_offsets=offsets)
     generator = torch.Generator().manual_seed(1)
     loss = render.image.sum() * 0
     for name in ("image", "alpha", "depth"):

@@ -18,9 +18,6 @@ from tests.support.errors import refuses
         ({"backend": "metal"}, "unknown_backend", {"value": "metal"}),
         ({"background": torch.zeros(4)}, "wrong_shape", {"argument": "background", "value": (4,)}),
         ({"screen_offsets": torch.zeros(4, 2)}, "wrong_shape", {"value": (4, 2), "expected": (5, 2)}),
-        ({"near": 0.0}, "invalid_argument", {"argument": "near", "value": 0.0}),
-        ({"near": float("nan")}, "invalid_argument", {"argument": "near"}),
-        ({"alpha_max": 1.5}, "invalid_argument", {"argument": "alpha_max", "value": 1.5}),
         ({"screen_offsets": torch.zeros(5, 2).half()}, "mixed_tensors", {"argument": "screen_offsets"}),
     ],
 )
