@@ -1,5 +1,7 @@
 """Canvas: text, lines and images drawn into a NumPy array, for what has no widget in the toolkit."""
 
+from __future__ import annotations
+
 import importlib.util
 import re
 from collections.abc import Sequence
@@ -112,6 +114,13 @@ class Canvas:
     def __init__(self, width: float, height: float, color: RGB = GROUND) -> None:
         self.pixels = np.empty((max(int(height), 1), max(int(width), 1), 3), np.uint8)
         self.pixels[:] = color
+
+    @classmethod
+    def of(cls, pixels: np.ndarray) -> Canvas:
+        """Draw into an image of one's own."""
+        canvas = cls(1, 1)
+        canvas.pixels = pixels
+        return canvas
 
     @property
     def width(self) -> int:

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from gui.drawing.canvas import Canvas
-from gui.drawing.painter import draw_points
-from gui.drawing.palette import DIM, GROUND
+from gui.drawing.palette import DIM
+from gui.models.scene.contents import SceneContents, cloud
 from gui.models.scene.orbit import OrbitCamera
+from gui.models.scene.render import draw_contents
 from gui.models.take.workspace import Workspace, modified
 from gui.pages.stage_view import OrbitView, Size
 from gui.widgets.raycast import RaycastMesh
@@ -21,6 +21,7 @@ from studio.camera_files import read_rig
 from studio.counts import counted
 from studio.errors import StudioError
 from studio.own_frame import in_own_frame
+from studio.similarity import Similarity
 
 
 class InitializeView(OrbitView):
@@ -33,7 +34,7 @@ class InitializeView(OrbitView):
         self._read_of: Hashable = None
         self._rig_of: Hashable = None
         self._mesh: RaycastMesh | None = None
-        self._points = np.zeros((0, 3)), np.zeros((0, 3))
+        self._points = cloud(np.zeros((0, 3)), np.zeros((0, 3)))
 
     def _folder(self) -> Path | None:
         """Folder of the current frame's group."""
@@ -56,19 +57,14 @@ class InitializeView(OrbitView):
             raise StudioError("take.not_initialized", "no mesh and no points for this group yet", fix="Run Initialize.")
         self._read(take, folder)
         view = (self.orbit or self.home or OrbitCamera()).camera(*size)
-        points, colors = self._points
         assert self._mesh is not None
-        if self.mode == "mesh":
-            canvas = Canvas(1, 1)
-            canvas.pixels = np.ascontiguousarray(self._mesh.seen(view)[0])
-        else:
-            canvas = Canvas(*size, GROUND)
-            draw_points(canvas, view, points, (np.clip(colors, 0, 1) * 255).astype(np.uint8), 2)
+        mesh = SceneContents(surfaces=[(self._mesh, Similarity())])
+        canvas = draw_contents(mesh if self.mode == "mesh" else SceneContents(points=[self._points]), view)
         path = folder / "report.json"
         keyframe = read_model(path, InitialPointsReport).keyframe if path.is_file() else "?"
         small = round(0.9 * self.em)
         group = int(folder.name.removeprefix("group_"))
-        words = f"group {group}, frame {keyframe}: {counted(len(points), 'point')}"
+        words = f"group {group}, frame {keyframe}: {counted(len(self._points[0]), 'point')}"
         words += f" on {counted(self._mesh.faces, 'triangle')}"
         canvas.text(self.em, 0.7 * self.em, words, small, DIM)
         return canvas.pixels
@@ -78,7 +74,7 @@ class InitializeView(OrbitView):
         if stamp == self._read_of:
             return
         rig_of = (take.rig, modified(take.rig))
-        self._points = read_points(folder / "points.ply")
+        self._points = cloud(*read_points(folder / "points.ply"))
         self._mesh = RaycastMesh(folder / "mesh.ply")
         if rig_of != self._rig_of:  # of another take, or calibrated again: where up is has changed
             self.home, self._rig_of = _home(take, self._points[0]), rig_of

@@ -174,8 +174,7 @@ def rectangle(x: float, y: float, width: float, height: float) -> np.ndarray:
 
 def waiting(pixels: np.ndarray, words: str, em: float) -> np.ndarray:
     """A dimmed copy of the image on screen, for as long as it is not what was chosen, with a word why."""
-    canvas = Canvas(1, 1)
-    canvas.pixels = (0.3 * pixels + 0.7 * np.array(GROUND)).astype(np.uint8)
+    canvas = Canvas.of((0.3 * pixels + 0.7 * np.array(GROUND)).astype(np.uint8))
     if words:
         canvas.text(canvas.width / 2, canvas.height / 2 - 0.6 * em, words, round(em), TEXT, align="middle")
     return canvas.pixels

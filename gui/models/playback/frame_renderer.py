@@ -249,8 +249,7 @@ def ring(image: np.ndarray, box: Box, camera: Camera, place: tuple[float, float,
     x, y = pixels[0]
     if depth[0] <= 0 or not (0 <= x <= box.width and 0 <= y <= box.height):
         return
-    canvas = Canvas(1, 1)
-    canvas.pixels = image
+    canvas = Canvas.of(image)
     for radius, color in ((size + 2, BLACK), (size - 2, BLACK), (size, BAD)):
         canvas.dot(box.x + x, box.y + y, radius, color, filled=False)
 
@@ -263,8 +262,7 @@ def faded(
     if seen >= 1:
         return image
     weight, color = FAINTEST + (1 - FAINTEST) * seen, 255 * np.asarray(background, np.float32)
-    canvas = Canvas(1, 1)
-    canvas.pixels = (color + (image - color) * weight + 0.5).astype(np.uint8)
+    canvas = Canvas.of((color + (image - color) * weight + 0.5).astype(np.uint8))
     if seen <= 0.5:
         compare.label(canvas, 12, 12, "Not filmed from here", size=text)
     return canvas.pixels

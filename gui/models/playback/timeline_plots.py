@@ -183,8 +183,7 @@ class TimelinePlots:
         self, base: np.ndarray, frame: int | None, plots: Sequence[Plot], hover: int | None = None
     ) -> np.ndarray:
         """A copy of `base` with track, playhead and the frame's values, and those of the frame under the pointer."""
-        canvas = Canvas(1, 1)
-        canvas.pixels = base.copy()
+        canvas = Canvas.of(base.copy())
         timeline = self.timeline
         track = timeline.picture(frame)
         marks = base[self._track :, self.left :]

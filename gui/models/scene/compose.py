@@ -58,7 +58,9 @@ class Surfaces:
         self.pixels = np.zeros((height, width, 3), np.uint8)
         self.depth = np.full((height, width), np.inf, np.float32)
 
-    def add(self, patch: Patch) -> None:
+    def add(self, patch: Patch | None) -> None:
+        if patch is None:
+            return
         depth, pixels = self.depth[patch.rows, patch.columns], self.pixels[patch.rows, patch.columns]
         nearer = patch.where & (patch.depth < depth)
         pixels[nearer], depth[nearer] = patch.pixels[nearer], patch.depth[nearer]

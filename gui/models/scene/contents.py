@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
-from gui.drawing.palette import AXES, FAIR, LINE, RGB
+from gui.drawing.palette import AXES, LINE, RGB
 from gui.models.stages import Inputs
 from pipelines.share.cast_frames import CastFrames
 from pipelines.takes.take import Take
@@ -21,8 +21,6 @@ SHOWN_AT_FIRST = frozenset({"splats", "cameras", "grid", "axes", "volume"})
 
 FRUSTUM = 0.16  # length of the frusta, relative to the median distance of the cameras from the performer
 GRID_CELLS = 5  # cells of the grid on each side of its middle
-
-BOX_EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if (a ^ b) in (1, 2, 4)]
 
 
 class Surface(Protocol):
@@ -81,17 +79,24 @@ class Lines:
         return cls(array, np.tile(np.array(color, np.uint8), (len(array), 1)), width)
 
 
+Cloud = tuple[np.ndarray, np.ndarray, int]  # points (N, 3), colors (N, 3) uint8, and a radius, pixels
+
+
+def cloud(points: np.ndarray, colors: np.ndarray) -> Cloud:
+    """Points (N, 3) with colors (N, 3) in 0 to 1."""
+    return points, (np.clip(colors, 0, 1) * 255).astype(np.uint8), 2
+
+
 @dataclass(frozen=True, eq=False)
 class SceneContents:
-    """See the module. World coordinates; `length` is that of frusta; (N, 3) points have (N, 3) uint8 colors; surfaces
-    are meshes and the ground, and where they are."""
+    """See the module. World coordinates; `length` is that of frusta; surfaces are meshes and the ground, and where they
+    are."""
 
-    cameras: tuple[SceneCamera, ...] = ()
+    cameras: Sequence[SceneCamera] = ()
     length: float = 1.0
-    points: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
-    colors: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), np.uint8))
+    points: Sequence[Cloud] = ()
     surfaces: Sequence[tuple[Surface, Similarity]] = ()
-    lines: tuple[Lines, ...] = ()
+    lines: Sequence[Lines] = ()
     words: str = ""
 
     def seen_from(self, eye: np.ndarray) -> SceneContents:
@@ -135,7 +140,7 @@ def axis_lines(origin: np.ndarray, directions: np.ndarray, length: float) -> Lin
     return Lines(ends, np.array(AXES, np.uint8), 3.0)
 
 
-def box_lines(low: np.ndarray, high: np.ndarray) -> Lines:
-    """The edges of a box with edges along the axes of the world, from corner `low` (3,) to `high` (3,)."""
-    corners = np.array([[(high if at >> axis & 1 else low)[axis] for axis in range(3)] for at in range(8)])
-    return Lines.of([(corners[a], corners[b]) for a, b in BOX_EDGES], FAIR, 1.5)
+def box_lines(corners: np.ndarray, color: RGB, width: float) -> Lines:
+    """The edges of a box with corners (8, 3), in the order of `CropBox.corners`."""
+    edges = [(a, b) for a in range(8) for b in range(a + 1, 8) if (a ^ b) in (1, 2, 4)]
+    return Lines.of(corners[np.array(edges)], color, width)

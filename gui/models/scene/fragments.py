@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 
 import cv2
 import numpy as np
 
-from gui.drawing.painter import NEAR
 from gui.models.scene.contents import Lines
 from studio.cameras import Camera
+
+NEAR = 1e-3  # least depth that is drawn, world units
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,13 +42,13 @@ class Fragments:
 
 
 def point_fragments(camera: Camera, points: np.ndarray, colors: np.ndarray, radius: int = 1) -> Fragments:
-    """Squares of 2 * radius - 1 pixels around points (N, 3) with colors (N, 3) uint8."""
+    """Points (N, 3) with colors (N, 3) uint8, 2 * radius - 1 pixels wide; round if that is more than 3."""
     pixels, depth = camera.project(points)
     good = (depth > NEAR) & (np.abs(pixels) < 1e6).all(axis=1)
     place, depth, colors = np.floor(pixels[good]).astype(np.int64), depth[good], colors[good]
     found = []
-    for dy in range(1 - radius, radius):
-        for dx in range(1 - radius, radius):
+    for dx, dy in product(range(1 - radius, radius), repeat=2):
+        if dx * dx + dy * dy <= (radius - 0.5) ** 2:
             x, y = place[:, 0] + dx, place[:, 1] + dy
             inside = (x >= 0) & (y >= 0) & (x < camera.width) & (y < camera.height)
             cover = np.ones(int(inside.sum()))

@@ -8,7 +8,7 @@ from typing import TypeVar, cast
 import cv2
 import numpy as np
 
-from gui.drawing.palette import HELD_OUT, RGB
+from gui.drawing.palette import FAIR, HELD_OUT, RGB
 from gui.models.scene import contents as scene
 from gui.models.scene.contents import Lines, SceneCamera, SceneContents, SceneWanted, Surface
 from gui.models.scene.handles import up_of
@@ -82,11 +82,10 @@ class SceneReader:
                 words.append(f"grid {step * edits.similarity.scale:g}")
             if "axes" in wanted.parts:
                 back = edits.similarity.inverse
-                ahead = back.directions(np.eye(3))
-                ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
-                lines.append(scene.axis_lines(back.points(np.zeros(3)), ahead, 0.25 * reach))
+                lines.append(scene.axis_lines(back.points(np.zeros(3)), back.directions(np.eye(3)), 0.25 * reach))
             if "volume" in wanted.parts and len(points[0]):
-                lines.append(scene.box_lines(low, high))
+                corners = np.where(np.arange(8)[:, None] >> np.arange(3) & 1, high, low)
+                lines.append(scene.box_lines(corners, FAIR, 1.5))
                 size = " x ".join(f"{side:.3g}" for side in (high - low) * edits.similarity.scale)
                 words.append(f"visual hull {size}")
         else:
@@ -98,10 +97,9 @@ class SceneReader:
         return SceneContents(
             cameras=cameras,
             length=length,
-            points=sparse[0],
-            colors=(np.clip(sparse[1], 0, 1) * 255).astype(np.uint8),
+            points=[scene.cloud(*sparse)],
             surfaces=[(one, at) for one, at in surfaces if one is not None],
-            lines=tuple(lines),
+            lines=lines,
             words="   ".join(words),
         )
 

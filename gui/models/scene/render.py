@@ -1,4 +1,4 @@
-"""SceneRenderer: the scene's image, composed from the rasterizer's splats and everything else."""
+"""The scene's image, composed from the rasterizer's splats and everything else."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -7,11 +7,10 @@ import numpy as np
 
 from gui.drawing import compare
 from gui.drawing.canvas import Canvas
-from gui.drawing.painter import NEAR, frustum
-from gui.drawing.palette import TEXT
+from gui.drawing.palette import GROUND, TEXT
 from gui.models.scene.compose import Color, SplatLayer, Surfaces, compose, draw_layer
 from gui.models.scene.contents import Lines, SceneContents, SceneWanted, Surface
-from gui.models.scene.fragments import Fragments, Patch, image_on_quad, line_fragments, point_fragments
+from gui.models.scene.fragments import NEAR, Fragments, Patch, image_on_quad, line_fragments, point_fragments
 from gui.models.scene.gizmo import draw_gizmo
 from gui.models.scene.reader import SceneReader
 from studio.cameras import Camera
@@ -19,6 +18,9 @@ from studio.errors import StudioError
 from studio.gaussians import Gaussians
 
 Place = tuple[str, np.ndarray]
+
+BACKGROUND: Color = (GROUND[0] / 255, GROUND[1] / 255, GROUND[2] / 255)
+EDGES = np.array([(0, 1), (0, 2), (0, 3), (0, 4), (1, 2), (2, 3), (3, 4), (4, 1)])  # between points of `frustum`
 
 
 def no_mesh(path: Path) -> Surface:
@@ -39,19 +41,7 @@ class SceneRenderer:
         front last. Raises StudioError: a damaged file."""
         contents = self.reader.read(wanted, frame).seen_from(view.center)
         splats = draw_layer(gaussians, view) if "splats" in wanted.parts else None
-        surfaces = Surfaces(view.width, view.height)
-        for surface, place in contents.surfaces:
-            pixels, depth = surface.seen(place.inverse.camera(view))
-            surfaces.add(Patch(slice(None), slice(None), np.isfinite(depth), pixels, depth * place.scale))
-        for one in contents.cameras:
-            if one.image is not None:
-                found = image_on_quad(view, frustum(one.camera, contents.length)[1], one.image)
-                if found is not None:
-                    surfaces.add(found)
-        parts = [line_fragments(view, lines) for lines in (*contents.lines, frusta_lines(contents))]
-        parts.append(point_fragments(view, contents.points, contents.colors, 2))
-        canvas = Canvas(1, 1)
-        canvas.pixels = compose(background, splats, surfaces, Fragments.join(parts))
+        canvas = draw_contents(contents, view, splats, background)
         self._names(canvas, view, contents, splats, wanted.em)
         ends = draw_gizmo(canvas, view, wanted.em)
         if contents.words:
@@ -74,13 +64,34 @@ class SceneRenderer:
                 canvas.text(float(x), float(y) + 4, one.camera.name, round(0.8 * em), TEXT, align="middle")
 
 
+def draw_contents(
+    contents: SceneContents, view: Camera, splats: SplatLayer | None = None, background: Color = BACKGROUND
+) -> Canvas:
+    """The image of the contents, and of splats among them if they are given."""
+    surfaces = Surfaces(view.width, view.height)
+    for surface, place in contents.surfaces:
+        pixels, depth = surface.seen(place.inverse.camera(view))
+        surfaces.add(Patch(slice(None), slice(None), np.isfinite(depth), pixels, depth * place.scale))
+    for one in contents.cameras:
+        if one.image is not None:
+            surfaces.add(image_on_quad(view, frustum(one.camera, contents.length)[1:], one.image))
+    parts = [line_fragments(view, lines) for lines in (*contents.lines, frusta_lines(contents))]
+    parts += [point_fragments(view, *points) for points in contents.points]
+    return Canvas.of(compose(background, splats, surfaces, Fragments.join(parts)))
+
+
+def frustum(camera: Camera, length: float) -> np.ndarray:
+    """(5, 3): the optical center and the image's corners at a distance, in world coordinates."""
+    image = np.array([[0, 0], [camera.width, 0], [camera.width, camera.height], [0, camera.height]], float)
+    rays = np.column_stack([(image[:, 0] - camera.cx) / camera.fx, (image[:, 1] - camera.cy) / camera.fy, np.ones(4)])
+    return np.vstack([camera.center, camera.center + (rays * length) @ camera.rotation])
+
+
 def frusta_lines(contents: SceneContents) -> Lines:
     ends, colors = [], []
     for one in contents.cameras:
-        center, corners = frustum(one.camera, contents.length)
-        for number in range(4):
-            ends += [(center, corners[number]), (corners[number], corners[(number + 1) % 4])]
-            colors += [one.color] * 2
+        ends.append(frustum(one.camera, contents.length)[EDGES])
+        colors += [one.color] * 8
     return Lines(np.array(ends, np.float64).reshape(-1, 2, 3), np.array(colors, np.uint8).reshape(-1, 3), 1.6)
 
 
@@ -88,8 +99,7 @@ def frusta_places(contents: SceneContents, view: Camera) -> list[tuple[str, np.n
     """Name and (5, 2) pixels of each camera's frustum, those in front last; without those partly behind the viewer."""
     found: list[tuple[float, str, np.ndarray]] = []
     for one in contents.cameras:
-        center, corners = frustum(one.camera, contents.length)
-        pixels, depth = view.project(np.vstack([center[None], corners]))
+        pixels, depth = view.project(frustum(one.camera, contents.length))
         if (depth > NEAR).all():
             found.append((float(depth.mean()), one.camera.name, pixels))
     return [(name, pixels) for _, name, pixels in sorted(found, key=lambda item: -item[0])]

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gui.drawing.canvas import Canvas
-from gui.drawing.painter import NEAR, draw_points
 from gui.drawing.palette import BAD, FAIR, GOOD, GROUND, RGB
+from gui.models.scene.contents import Cloud
 from gui.models.take.inspector import Block
-from studio.cameras import Camera, Rig
+from studio.cameras import Rig
 from studio.coverage import FADE, LARGEST_GAPS, ViewRange, facing_cameras, gaps, view_range
 
 FEW_CAMERAS = (
@@ -59,20 +58,17 @@ class RigCoverage:
             rig.up / np.linalg.norm(rig.up),
         )
 
-    def draw(self, canvas: Canvas, view: Camera, dot: float) -> None:
-        """Draw the directions as dots of a radius in pixels on a sphere, and the surface's points in it."""
+    def seen_from(self, eye: np.ndarray, dot: int) -> list[Cloud]:
+        """The directions as dots of a radius on a sphere, smaller and dark on its far side, and the surface's points in
+        it."""
         towards = _sphere(600)
         towards = towards[towards @ self.up > _LOWEST]
         places = self.range.center + self.radius * towards
         colors = _COLORS[np.digitize(self.range.angles(towards), (self.range.angle, self.range.angle + FADE))]
-        pixels, depth = view.project(places)
-        near = ((view.center - places) * towards).sum(1) > 0
-        for at in np.flatnonzero(~near & (depth > NEAR)):
-            canvas.dot(pixels[at, 0], pixels[at, 1], 0.6 * dot, _rgb(0.3 * colors[at] + 0.7 * np.array(GROUND)))
-        if len(self.points):
-            draw_points(canvas, view, self.points, _COLORS[np.digitize(-self.facing, (-2.5, -1.5))], 2)
-        for at in np.flatnonzero(near & (depth > NEAR)):
-            canvas.dot(pixels[at, 0], pixels[at, 1], dot, _rgb(colors[at]))
+        near = ((eye - places) * towards).sum(1) > 0
+        dark = (0.3 * colors[~near] + 0.7 * np.array(GROUND)).astype(np.uint8)
+        surface = (self.points, _COLORS[np.digitize(-self.facing, (-2.5, -1.5))], 2)
+        return [(places[~near], dark, max(dot - 1, 1)), surface, (places[near], colors[near], dot)]
 
     @property
     def legend(self) -> tuple[tuple[str, RGB], ...]:
@@ -110,8 +106,3 @@ def _sphere(count: int) -> np.ndarray:
     z, turn = 1 - 2 * number / count, np.pi * (1 + 5**0.5) * number
     flat = np.sqrt(1 - z**2)
     return np.column_stack([flat * np.cos(turn), flat * np.sin(turn), z])
-
-
-def _rgb(color: np.ndarray) -> RGB:
-    red, green, blue = (int(value) for value in color)
-    return red, green, blue

@@ -8,12 +8,12 @@ import numpy as np
 
 from gui.drawing.canvas import Canvas, line_height, text_width
 from gui.drawing.labels import draw_labels
-from gui.drawing.painter import NEAR, draw_frustum, draw_line, draw_points, frustum
 from gui.drawing.palette import BAD, DIM, FAIR, GOOD, GROUND, HELD_OUT, LINE, RAISED, RGB, SECOND, TEXT
 from gui.models.held_out import held_out_cameras, held_out_first
-from gui.models.scene.contents import frustum_length
+from gui.models.scene.contents import Cloud, Lines, SceneCamera, SceneContents, cloud, frustum_length
 from gui.models.scene.orbit import OrbitCamera
 from gui.models.scene.reader import MOST_THUMBNAILS, SmallImages, small_image
+from gui.models.scene.render import draw_contents, frusta_places
 from gui.models.take.inspector import Block
 from gui.models.take.page_words import in_page_words
 from gui.models.take.workspace import Workspace, modified
@@ -58,7 +58,7 @@ class CalibrateView(OrbitView):
         self._read_of: Hashable = None
         self._rig: Rig | None = None
         self._checked = CheckedCameras(None, None, None)
-        self._points: tuple[np.ndarray, np.ndarray] | None = None
+        self._points: list[Cloud] = []
         self._thumbnails: SmallImages = MemoryCache(MOST_THUMBNAILS)
         self._coverage: RigCoverage | None = None
         self._coverage_of: Hashable = None
@@ -110,9 +110,9 @@ class CalibrateView(OrbitView):
             return
         self._rig = in_own_frame(read_rig(take.rig))
         self._checked = checked_cameras(take)
-        self._points = None
+        self._points = []
         if take.calibration_points.is_file():
-            self._points = read_sparse_points(take.calibration_points, take.rig)
+            self._points.append(cloud(*read_sparse_points(take.calibration_points, take.rig)))
         self._thumbnails.clear()
         self.home = _overview(self._rig)
         self._read_of = stamp
@@ -171,57 +171,37 @@ class CalibrateView(OrbitView):
     def _scene(self, size: Size) -> np.ndarray:
         assert self._rig is not None
         assert self.home is not None
-        orbit = self.orbit or self.home
-        view = orbit.camera(*size)
-        canvas = Canvas(*size, GROUND)
+        view = (self.orbit or self.home).camera(*size)
         covered = self._coverage if self.mode == "coverage" else None
-        if covered is not None:
-            covered.draw(canvas, view, 0.16 * self.em)
-        else:
-            self._floor(canvas, view, self.home)
-        if self._points is not None and covered is None:
-            points, colors = self._points
-            draw_points(canvas, view, points, (np.clip(colors, 0, 1) * 255).astype(np.uint8), 2)
-        length = frustum_length(self._rig, self.home.target)
-        far_first = sorted(self._rig, key=lambda camera: -float(np.linalg.norm(camera.center - orbit.eye)))
-        small = round(0.85 * self.em)
-        places = []
         context = self.workspace.context
         held_out = held_out_cameras(context)
-        for camera in far_first:
+        cameras = []
+        for camera in self._rig:
             color = self._state(camera.name)[1] if covered is None else SECOND
             if camera.name in held_out:
                 color = HELD_OUT
             if camera.name == self.camera:
                 color = TEXT
-            center, corners = frustum(camera, length)
-            pixels, depth = view.project(np.vstack([center[None], corners]))
-            if (depth > NEAR).all():
-                places.append((camera.name, pixels))
-            picture = None
+            image = None
             if covered is None and context is not None:
-                picture = self._thumbnails.get_or_make(
-                    (camera.name, self.frame), lambda key: small_image(context, *key)
-                )
-            draw_frustum(canvas, view, camera, length, color, picture, 2)
-        self.places = places
+                image = self._thumbnails.get_or_make((camera.name, self.frame), lambda key: small_image(context, *key))
+            cameras.append(SceneCamera(camera, color, image))
+        length = frustum_length(self._rig, self.home.target)
+        if covered is not None:
+            contents = SceneContents(cameras, length, covered.seen_from(view.center, round(0.2 * self.em)))
+        else:
+            contents = SceneContents(cameras, length, self._points, lines=[_floor(self.home)])
+        canvas = draw_contents(contents, view)
+        self.places = frusta_places(contents, view)
+        small = round(0.85 * self.em)
         # the chosen one first, then those in front: where there is no room for all names, these have theirs
-        nearest = places[::-1]
+        nearest = self.places[::-1]
         named = sorted(nearest, key=lambda place: place[0] != self.camera)
         figures = {name: self._figures(name) if covered is None else None for name, _ in named}
         words = [name if one is None else f"{name}  {one.mean:.2f} px" for name, one in figures.items()]
         draw_labels(canvas, words, [corners for _, corners in named], small)
         self._legend(canvas, small, covered, bool(held_out))
         return canvas.pixels
-
-    def _floor(self, canvas: Canvas, view: Camera, home: OrbitCamera) -> None:
-        """Draw a ring around the target, so that rotation is visible."""
-        first, second = home.basis()
-        radius = 0.25 * home.distance
-        for step in range(24):
-            angles = np.array([step, step + 1]) * np.pi / 12
-            ends = [home.target + radius * (np.cos(angle) * first + np.sin(angle) * second) for angle in angles]
-            draw_line(canvas, view, ends[0], ends[1], LINE)
 
     def _legend(self, canvas: Canvas, small: int, covered: RigCoverage | None, held_out: bool) -> None:
         if covered is not None:
@@ -371,6 +351,13 @@ class CalibrateView(OrbitView):
             super().wheel(x, y, notches)
         else:
             self._first_row = min(max(self._first_row - round(3 * notches), 0), self._last_first_row)
+
+
+def _floor(home: OrbitCamera) -> Lines:
+    """A ring around the target, so that rotation is visible."""
+    turns = np.linspace(0, 2 * np.pi, 25)[:, None]
+    ring = home.target + 0.25 * home.distance * (np.column_stack([np.cos(turns), np.sin(turns)]) @ home.basis())
+    return Lines.of(np.stack([ring[:-1], ring[1:]], axis=1), LINE)
 
 
 def _overview(rig: Rig) -> OrbitCamera:

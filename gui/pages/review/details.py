@@ -1,12 +1,9 @@
 """The tool Detail: balls around face and hands, which training gives more splats."""
 
-from itertools import pairwise
-
 import numpy as np
 
-from gui.drawing.canvas import Canvas
-from gui.drawing.painter import draw_line
-from gui.drawing.palette import ACCENT, DIM
+from gui.drawing.palette import RGB
+from gui.models.scene.contents import Lines
 from gui.models.scene.handles import Handle, picked
 from pipelines.takes.edited import followed
 from pipelines.takes.take import Take
@@ -44,15 +41,14 @@ def resized(edits: EditList, handle: Handle, distance: float) -> EditList:
     return edits.with_(details=(*edits.details[:number], new, *edits.details[number + 1 :]))
 
 
-def draw_detail(canvas: Canvas, view: Camera, mark: DetailMark, frame: int, active: bool) -> None:
-    """Draw the outline of a ball, over everything."""
+def detail_lines(mark: DetailMark, frame: int, eye: np.ndarray, color: RGB) -> Lines:
+    """The outline of a ball, as seen from a point."""
     center = mark.at(frame)
-    toward = view.center - center
+    toward = eye - center
     across = np.cross(toward, np.eye(3)[np.abs(toward).argmin()])
     down = np.cross(toward, across)
     turns = np.linspace(0, 2 * np.pi, _CIRCLE + 1)[:, None]
     points = center + mark.radius * (
         np.cos(turns) * across / np.linalg.norm(across) + np.sin(turns) * down / np.linalg.norm(down)
     )
-    for start, end in pairwise(points):
-        draw_line(canvas, view, start, end, ACCENT if active else DIM, 2)
+    return Lines.of(np.stack([points[:-1], points[1:]], axis=1), color, 2.0)

@@ -2,20 +2,17 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 import torch
 
 from gui.drawing.canvas import Canvas
-from gui.drawing.painter import draw_line, draw_points
-from gui.drawing.palette import ACCENT, AXES, BAD, DIM, FAIR, GROUND, TEXT
+from gui.drawing.palette import ACCENT, AXES, BAD, FAIR, GROUND, TEXT
 from gui.models.scene.compose import Color, SplatLayer, blend
-from gui.models.scene.contents import BOX_EDGES, Lines
-from gui.models.scene.fragments import Fragments, line_fragments
+from gui.models.scene.contents import Lines
+from gui.models.scene.fragments import Fragments, line_fragments, point_fragments
 from gui.models.scene.handles import Handle
 from studio.cameras import Camera
-from studio.edits.edit_list import CropBox, EditList, Ground
 from studio.gaussians import SH_C0, Gaussians
 
 MANY = 3000  # selected splats from which on their dots are small
@@ -42,13 +39,6 @@ def colored(gaussians: Gaussians, removed: np.ndarray, selected: np.ndarray, sho
     return found if show_removed else found[torch.from_numpy(~removed)]
 
 
-def draw_selected(canvas: Canvas, view: Camera, means: np.ndarray) -> None:
-    """Draw dots at selected splats (N, 3): many are too faint, or behind others, to be seen."""
-    if len(means):
-        colors = np.tile(np.array(FAIR, np.uint8), (len(means), 1))
-        draw_points(canvas, view, means.astype(np.float64), colors, 2 if len(means) < MANY else 1)
-
-
 def over(splats: SplatLayer, background: Color) -> np.ndarray:
     """(H, W, 3) uint8: splats before a background, RGB in 0 to 1."""
     image = splats.image + (1 - splats.alpha[..., None]) * np.array(background, np.float32)
@@ -56,35 +46,20 @@ def over(splats: SplatLayer, background: Color) -> np.ndarray:
     return found
 
 
-def draw_lines(canvas: Canvas, view: Camera, lines: Lines, splats: SplatLayer) -> None:
-    """Draw lines on the image of the splats; what these hide is drawn faintly."""
-    found = line_fragments(view, lines)
+def draw_lines(
+    canvas: Canvas, view: Camera, splats: SplatLayer, within: Sequence[Lines], over: Sequence[Lines], dots: np.ndarray
+) -> None:
+    """Draw on the image of the splats: lines `within` them, faintly where they are hidden, and lines over them; and
+    dots at selected splats (N, 3): many are too faint, or behind others, to be seen."""
+    found = Fragments.join([line_fragments(view, lines) for lines in within])
     hidden = (splats.alpha.reshape(-1)[found.pixels] > OPAQUE) & (splats.depth.reshape(-1)[found.pixels] < found.depth)
-    cover = np.where(hidden, HIDDEN, 1.0) * found.cover
+    parts = [replace(found, cover=np.where(hidden, HIDDEN, 1.0) * found.cover)]
+    parts += [line_fragments(view, lines) for lines in over]
+    colors = np.tile(np.array(FAIR, np.uint8), (len(dots), 1))
+    parts.append(point_fragments(view, dots.astype(np.float64), colors, 2 if len(dots) < MANY else 1))
     image = canvas.pixels.reshape(-1, 3).astype(np.float32) / 255
-    blend(image, Fragments(found.pixels, found.depth, cover, found.colors))
+    blend(image, Fragments.join(parts))
     canvas.pixels[:] = (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8).reshape(canvas.pixels.shape)
-
-
-def box_lines(box: CropBox, active: bool) -> Lines:
-    corners = box.corners
-    ends = [(corners[start], corners[end]) for start, end in BOX_EDGES]
-    return Lines.of(ends, ACCENT if active else DIM, 2.0 if active else 1.0)
-
-
-def ground_lines(ground: Ground, around: np.ndarray, reach: float, active: bool) -> Lines:
-    """A grid on the plane, `reach` to each side of the point below `around` (3,)."""
-    normal = ground.unit
-    middle = around + (ground.height - around @ normal) * normal
-    first = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
-    first /= np.linalg.norm(first)
-    second = np.cross(normal, first)
-    ends = [
-        (middle + step * one - reach * other, middle + step * one + reach * other)
-        for step in np.linspace(-reach, reach, 9)
-        for one, other in ((first, second), (second, first))
-    ]
-    return Lines.of(ends, ACCENT if active else DIM)
 
 
 def _seen(view: Camera, *points: Sequence[float] | np.ndarray) -> list[list[float]]:
@@ -102,30 +77,22 @@ def draw_handles(canvas: Canvas, view: Camera, handles: Sequence[Handle], held: 
             canvas.dot(x, y, 5.5, ACCENT)
 
 
-def draw_world(canvas: Canvas, view: Camera, edits: EditList, length: float) -> None:
-    """Draw the axes of the placed world at its origin; x red, y green, z blue."""
-    world = edits.similarity
-    back = world.inverse
-    origin = back.points(np.zeros(3))
-    for axis, color in enumerate(AXES):
-        end = origin + length * back.directions(np.eye(3)[axis])
-        draw_line(canvas, view, origin, end, color, 3)
+def draw_names(canvas: Canvas, view: Camera, axes: Lines) -> None:
+    """Write the names of three axes at their ends."""
+    for name, color, (_, end) in zip("xyz", AXES, axes.ends, strict=True):
         for x, y in _seen(view, end):
-            canvas.text(x + 5, y - 8, "xyz"[axis], 15, color)
+            canvas.text(x + 5, y - 8, name, 15, color)
 
 
 def draw_clicks(canvas: Canvas, view: Camera, points: Sequence[tuple[float, ...]]) -> None:
-    """Draw picked points (3,), connected."""
-    for start, end in pairwise(points):
-        draw_line(canvas, view, np.array(start), np.array(end), FAIR, 2)
+    """Draw dots at picked points (3,)."""
     for x, y in _seen(view, *points):
         canvas.dot(x, y, 6, FAIR)
 
 
 def with_circle(pixels: np.ndarray, x: float, y: float, radius: float) -> np.ndarray:
     """A copy of an image with the outline of the brush, bright on dark so that it is seen on everything."""
-    canvas = Canvas(1, 1)
-    canvas.pixels = pixels.copy()
+    canvas = Canvas.of(pixels.copy())
     canvas.dot(x, y, radius + 1, GROUND, filled=False)
     canvas.dot(x, y, radius, TEXT, filled=False)
     return canvas.pixels

@@ -4,16 +4,18 @@ from bisect import bisect_right
 from collections.abc import Hashable
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
+from itertools import pairwise
 
 import numpy as np
 
 from gui.drawing import compare
 from gui.drawing.canvas import Canvas, wrapped
-from gui.drawing.palette import FAIR, TEXT
+from gui.drawing.palette import ACCENT, DIM, FAIR, TEXT
 from gui.models.history import Change
 from gui.models.loop import Signal
 from gui.models.playback.viewpoint import BACKGROUNDS
 from gui.models.scene.compose import SplatLayer, draw_layer
+from gui.models.scene.contents import Lines, axis_lines, box_lines, grid_lines
 from gui.models.scene.handles import (
     Handle,
     crop_handles,
@@ -28,7 +30,7 @@ from gui.models.scene.handles import (
 from gui.models.scene.orbit import OrbitCamera
 from gui.models.take.workspace import Workspace
 from gui.pages.review import picture
-from gui.pages.review.details import detail_handles, draw_detail, marked, resized
+from gui.pages.review.details import detail_handles, detail_lines, marked, resized
 from gui.pages.review.frame import EditedFrame
 from gui.pages.review.histogram import HistogramPlace, draw_histogram
 from gui.pages.review.picture import Stroke
@@ -454,12 +456,10 @@ class EditView(OrbitView):
         sums = {"removed": removed, "selected": selected, "back": back}
         self.counts = found.counts | {name: int(one.sum()) for name, one in sums.items()}
         view = state.orbit.camera(*size)
-        canvas = Canvas(1, 1)
         shown = picture.colored(edited.gaussians, removed, selected, state.show_removed)
         splats = draw_layer(shown, view)
-        canvas.pixels = picture.over(splats, BACKGROUNDS[state.background])
-        picture.draw_selected(canvas, view, edited.paths.means[edited.at][selected])
-        self._draw_over(canvas, view, state, splats)
+        canvas = Canvas.of(picture.over(splats, BACKGROUNDS[state.background]))
+        self._draw_over(canvas, view, state, splats, edited.paths.means[edited.at][selected])
         if state.tool == "floaters":
             limits = (state.pending or state.edits).floaters
             kept = ~(found.crop | found.ground | found.regions)
@@ -486,19 +486,25 @@ class EditView(OrbitView):
         for number, line in enumerate(lines):
             compare.label(canvas, 0.6 * state.em, (2.5 + 1.6 * number) * state.em, line, color=color, size=size)
 
-    def _draw_over(self, canvas: Canvas, view: Camera, state: _State, splats: SplatLayer) -> None:
-        edits = state.pending or state.edits
+    def _draw_over(self, canvas: Canvas, view: Camera, state: _State, splats: SplatLayer, selected: np.ndarray) -> None:
+        edits, back = state.pending or state.edits, (state.pending or state.edits).similarity.inverse
         seen = self._seen if len(self._seen) else np.zeros((1, 3))
         middle, reach = np.median(seen, axis=0), float(np.linalg.norm(np.ptp(seen, axis=0))) or 1.0
+        colors = {state.tool: ACCENT}  # of what the tool changes
+        within = []
         if edits.ground is not None:
-            lines = picture.ground_lines(edits.ground, middle, 0.6 * reach, state.tool == "ground")
-            picture.draw_lines(canvas, view, lines, splats)
+            grid, _ = grid_lines(middle, edits.ground.unit, edits.ground.height, 0.6 * reach)
+            within.append(Lines.of(grid.ends, colors.get("ground", DIM)))
         if edits.crop is not None:
-            picture.draw_lines(canvas, view, picture.box_lines(edits.crop, state.tool == "crop"), splats)
-        for mark in edits.details:
-            draw_detail(canvas, view, mark, self._edited.paths.frames[self._edited.at], state.tool == "detail")
-        if edits.world is not None or state.tool in ("origin", "up", "scale"):
-            picture.draw_world(canvas, view, edits, 0.25 * reach)
+            within.append(box_lines(edits.crop.corners, colors.get("crop", DIM), 2.0 if state.tool == "crop" else 1.0))
+        frame, color = self._edited.paths.frames[self._edited.at], colors.get("detail", DIM)
+        over = [detail_lines(mark, frame, view.center, color) for mark in edits.details]
+        over.append(Lines.of(np.array(list(pairwise(state.clicks))), FAIR, 2.0))
+        axes = axis_lines(back.points(np.zeros(3)), back.directions(np.eye(3)), 0.25 * reach)
+        shows_axes = edits.world is not None or state.tool in ("origin", "up", "scale")
+        picture.draw_lines(canvas, view, splats, within, [*over, axes] if shows_axes else over, selected)
+        if shows_axes:
+            picture.draw_names(canvas, view, axes)
         picture.draw_clicks(canvas, view, state.clicks)
         picture.draw_handles(canvas, view, self.handles(edits), state.held)
         if state.stroke is not None:
