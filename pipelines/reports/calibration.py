@@ -13,7 +13,7 @@ from studio.json_types import JsonData
 
 _SPARSE = 0.4  # smallest fraction of the image with observations; elsewhere lens distortion is extrapolated
 _UNSURE = 0.02  # largest 1-sigma camera position uncertainty, as a fraction of the distance to the points
-_FAR_OFF = 5  # largest error of a measured point, in units of the accuracy of measured positions
+_FAR_OFF = 0.05  # largest error of a measured point in meters: five standard deviations
 _NEAR, _FAR = 0.05, 100  # plausible camera distances in meters
 
 
@@ -49,14 +49,13 @@ def write_calibration_page(take: Take) -> None:
 
 
 def calibration_figures(report: CalibrationReport) -> dict[str, JsonData]:
-    """Figures for an event: reprojection errors over all cameras and the mean of each, pixels; cameras without a pose,
-    with the reason; and the share of matches that agree, if it was measured."""
+    """Figures for an event: reprojection errors over all cameras and the mean of each, pixels; and the share of
+    matches that agree, if it was measured."""
     errors, ratio = report.reprojection, report.match_inlier_ratio
     return {
         **{f"reprojection_{name}": getattr(errors, name) for name in ("mean", "median", "p95")},
         "points": report.points,
         "cameras": {name: camera.mean for name, camera in report.cameras.items()},
-        "unregistered": report.unregistered,
         **({} if ratio is None else {"match_inlier_ratio": ratio}),
     }
 
@@ -125,9 +124,6 @@ def calibration_warnings(report: CalibrationReport) -> list[Message]:
             "unreliable elsewhere"
         )
         found.append(Message("calibration.low_coverage", problem, fields={"cameras": sparse}))
-    for name, reason in report.unregistered.items():
-        problem = f"camera '{name}' was not registered: {reason}"
-        found.append(Message("calibration.unregistered", problem, fields={"camera": name, "reason": reason}))
     return found
 
 
@@ -159,8 +155,7 @@ def tie_warnings(report: CalibrationReport) -> list[Message]:
         fields = {"point": mark.point, "camera": mark.camera}
         found.append(Message("tie_points.rejected", problem, value=mark.error, fix="Check this mark.", fields=fields))
     off = {name: point.off for name, point in report.tie_points.items() if point.off is not None}
-    limit = _FAR_OFF * (report.world_accuracy or 0.0)
-    far = sorted((name for name in off if off[name] > limit), key=lambda name: -off[name])
+    far = sorted((name for name in off if off[name] > _FAR_OFF), key=lambda name: -off[name])
     if far:
         named = ", ".join(f"'{name}' ({off[name]:.3g} m)" for name in far[:3]) + (", ..." if len(far) > 3 else "")
         problem = f"measured positions disagree with the marks: {named}"

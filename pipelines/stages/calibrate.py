@@ -232,9 +232,7 @@ def _from_footage(inputs: Inputs, reporter: StageReporter) -> tuple[Rig, Calibra
     if few := _lacking(result.report):
         reporter.log(few)
     rig, points = result.rig, result.points
-    report = result.report.model_copy(
-        update={"source": "footage", "frame": frames[0], "frames": frames, "verdict": verdict, **of_target}
-    )
+    report = result.report.model_copy(update={"source": "footage", "frames": frames, "verdict": verdict, **of_target})
     if section.floor:
         world, found = floor_world(rig, points)
         rig, points = world.rig(rig), world.points(points)

@@ -25,15 +25,9 @@ class CameraReport(ErrorStatistics):
     """Reprojection errors and image coverage of one camera."""
 
     observations: int
-    """Number of observations."""
-    coverage: float
-    """Fraction of the cells of a 4x4 grid over the image with at least one observation, 0 to 1."""
-    coverage_map: list[list[int]]
-    """Observations in each cell of an 8x8 grid over the image, row by row."""
-    focal: float
-    """Horizontal focal length in pixels."""
-    distortion: list[float]
-    """OpenCV distortion coefficients."""
+    coverage: float  # fraction of the cells of a 4x4 grid over the image with at least one observation, 0 to 1
+    coverage_map: list[list[int]]  # observations in each cell of an 8x8 grid over the image, row by row
+    focal: float  # horizontal focal length in pixels
     usual_focal: float | None = None
     """Median focal length of the cameras with the same image size, set only if this camera's is far from it."""
 
@@ -42,80 +36,59 @@ class Neighbor(_Model):
     """The nearest other camera."""
 
     name: str
-    distance: float
-    """Distance between the centers in world units."""
-    angle: float
-    """Angle between the two cameras in degrees, as seen from the point that the rig looks at."""
+    distance: float  # distance between the centers in world units
+    angle: float  # angle between the two cameras in degrees, as seen from the point that the rig looks at
 
 
 class RigGeometry(_Model):
     """Arrangement of the cameras."""
 
-    radius: float
-    """Mean distance of the cameras from the point that they look at, in world units."""
-    neighbors: dict[str, Neighbor]
-    """Camera name to its nearest other camera."""
-    triangulation_angle: float = 0.0
-    """Median over all points of the widest angle between two of their rays, in degrees."""
+    radius: float  # mean distance of the cameras from the point that they look at, in world units
+    neighbors: dict[str, Neighbor]  # camera name to its nearest other camera
+    triangulation_angle: float = 0.0  # median over all points of the widest angle between two of their rays, in degrees
 
 
 class SharedIntrinsicsReport(_Model):
     """Whether shared intrinsics fit a set of cameras as well as separate ones."""
 
-    images: list[str]
-    """Camera names."""
-    shared: bool
-    """Whether these cameras share their intrinsics in the result."""
-    misfit: float
-    """Increase of the misfit per parameter removed by sharing; 1 is expected by chance."""
+    images: list[str]  # camera names
+    shared: bool  # whether they are shared in the result
+    misfit: float  # increase of the misfit per parameter removed by sharing; 1 is expected by chance
 
 
 class CameraMotion(_Model):
     """Difference of a camera's pose from that in an earlier solution."""
 
-    center: float
-    """Distance between the centers, in units of the earlier solution."""
-    degrees: float
-    """Angle between the orientations, in degrees."""
+    center: float  # distance between the centers, in units of the earlier solution
+    degrees: float  # angle between the orientations, in degrees
 
 
 class TargetReport(_Model):
     """Statistics of a calibration from a target."""
 
     sync_frames: int
-    """Sync frames used."""
-    views: int
-    """Observations of the target used."""
-    corners: int
-    """Corners in these observations."""
-    views_left_out: int
-    """Observations rejected as outliers."""
-    corners_left_out: int
-    """Corners rejected as outliers."""
+    views: int  # observations of the target used
+    corners: int  # corners in these observations
+    views_left_out: int  # observations rejected as outliers
     shared: dict[str, int]
     """Two camera names ("cam0 cam1") to the number of sync frames in which both see the target."""
     scale_bias: float | None = None
     """Relative error of distances between triangulated corners (0.001 is 1 mm per meter)."""
-    corner_error_mm: float | None = None
-    """RMS distance of the triangulated corners from the target, in millimeters."""
+    corner_error_mm: float | None = None  # RMS distance of the triangulated corners from the target, in millimeters
 
 
 class IntrinsicsReport(ErrorStatistics):
     """Reprojection errors of one camera's intrinsics calibration."""
 
-    views: int
-    """Images of the target used."""
+    views: int  # images of the target used
 
 
 class TiePointReport(_Model):
     """Statistics of one tie point."""
 
-    error: float | None
-    """Mean reprojection error in pixels; None without marks."""
-    cameras: int
-    """Number of cameras with a mark."""
-    off: float | None = None
-    """Distance from its measured position in meters, if it has one."""
+    error: float | None  # mean reprojection error in pixels; None without marks
+    cameras: int  # number of cameras with a mark
+    off: float | None = None  # distance from its measured position in meters, if it has one
 
 
 class RejectedMark(_Model):
@@ -123,67 +96,49 @@ class RejectedMark(_Model):
 
     point: str
     camera: str
-    error: float | None
-    """Reprojection error in pixels; None if the point is behind the camera."""
+    error: float | None  # reprojection error in pixels; None if the point is behind the camera
 
 
 class FloorReport(_Model):
     """The floor plane with which the world was aligned."""
 
-    tilt: float
-    """Angle by which the up direction changed, in degrees."""
-    height: float
-    """Height by which the origin was raised, in world units."""
-    share: float
-    """Fraction of the points on the floor, 0 to 1."""
+    tilt: float  # angle by which the up direction changed, in degrees
+    height: float  # height by which the origin was raised, in world units
+    share: float  # fraction of the points on the floor, 0 to 1
 
 
 class SolutionReport(_Model):
     """How a solution was found, and what determines it."""
 
-    mapper: str | None = None
-    """The attempt that found the solution: incremental, lenient, global, known poses."""
-    features: dict[str, int] = {}
-    """Features per camera."""
-    matches: dict[str, int] = {}
-    """Verified matches per camera."""
-    match_inlier_ratio: float | None = None
-    """Fraction of the verified matches that agree with the solution, 0 to 1."""
-    agree: dict[str, float] = {}
-    """The same per camera, if its matches were counted."""
-    uncertain_degrees: dict[str, float] = {}
-    """1-sigma uncertainty of each camera's orientation, in degrees."""
+    mapper: str | None = None  # the attempt that found the solution: incremental, lenient, global, known poses
+    features: dict[str, int] = {}  # features per camera
+    matches: dict[str, int] = {}  # verified matches per camera
+    match_inlier_ratio: float | None = None  # fraction of the verified matches that agree with the solution, 0 to 1
+    agree: dict[str, float] = {}  # the same per camera, if its matches were counted
+    uncertain_degrees: dict[str, float] = {}  # 1-sigma uncertainty of each camera's orientation, in degrees
     uncertain: dict[str, float] = {}
     """1-sigma uncertainty of each camera's position, as a fraction of the distance to the points."""
     sharing: list[SharedIntrinsicsReport] = []
     recentered: bool = False
     """Whether principal points were estimated; otherwise they are in the middle of the images or known."""
-    aspect: float = 1.0
-    """Height of a pixel divided by its width, of all cameras; 1 unless estimated."""
+    aspect: float = 1.0  # height of a pixel divided by its width, of all cameras; 1 unless estimated
 
 
 class CalibrationReport(SolutionReport):
     """Report of a calibration: errors, the arrangement of cameras and points, and what each method adds."""
 
-    reprojection: ErrorStatistics
-    """Errors over all observations."""
+    reprojection: ErrorStatistics  # errors over all observations
     points: int
     observations: int
-    mean_track_length: float
-    """Mean number of cameras that observe a point."""
-    tracks: dict[str, int]
-    """Track length to number of points."""
+    mean_track_length: float  # mean number of cameras that observe a point
+    tracks: dict[str, int]  # track length to number of points
     geometry: RigGeometry
     cameras: dict[str, CameraReport]
-    unregistered: dict[str, str] = {}
-    """Cameras without a pose, with the reason."""
 
     # structure from motion
-    sync_frames: int | None = None
-    """Images per camera."""
+    sync_frames: int | None = None  # images per camera
     moved: dict[str, CameraMotion] = {}
-    seconds: float | None = None
-    """Run time in seconds."""
+    seconds: float | None = None  # run time in seconds
 
     # calibration target
     target: TargetReport | None = None
@@ -191,24 +146,14 @@ class CalibrationReport(SolutionReport):
     # tie points
     tie_points: dict[str, TiePointReport] = {}
     left_out: list[RejectedMark] = []
-    world_accuracy: float | None = None
-    """Standard deviation of measured positions, in meters."""
-    known_intrinsics: list[str] = []
-    """Cameras with given intrinsics."""
-    metric: bool | None = None
-    """Whether world units are meters."""
+    known_intrinsics: list[str] = []  # cameras with given intrinsics
+    metric: bool | None = None  # whether world units are meters
 
     # added by the calibrate stage
     verdict: RigVerdict | None = None
     """What matches between the images, found without the cameras, say about them; None if they were not asked."""
-    source: str | None = None
-    """footage, board or tie points."""
-    file: str | None = None
-    """The tie point file."""
-    frame: int | None = None
-    """First of the frames."""
-    frames: list[int] = []
-    """Frames that the images are from."""
-    intrinsics: dict[str, IntrinsicsReport] = {}
-    """Cameras with intrinsics from images of a calibration target."""
+    source: str | None = None  # footage, board or tie points
+    file: str | None = None  # the tie point file
+    frames: list[int] = []  # frames that the images are from
+    intrinsics: dict[str, IntrinsicsReport] = {}  # cameras with intrinsics from images of a calibration target
     floor: FloorReport | None = None

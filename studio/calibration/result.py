@@ -69,7 +69,6 @@ def reprojection_report(
             coverage=round(image_coverage(seen[:, 1:], size), 3),
             coverage_map=_counts(seen[:, 1:], size, 8).tolist(),
             focal=round(camera.fx, 2),
-            distortion=[round(float(value), 6) for value in camera.distortion],
         )
     errors = np.concatenate(every) if every else np.zeros(0)
     return CalibrationReport(

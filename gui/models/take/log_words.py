@@ -32,7 +32,7 @@ def _calibrate(figures: Figures) -> list[str]:
         figures.pop(name, None) for name in ("reprojection_mean", "reprojection_p95", "match_inlier_ratio")
     )
     figures.pop("reprojection_median", None)
-    cameras, lost = (figures.pop(name, None) for name in ("cameras", "unregistered"))
+    cameras = figures.pop("cameras", None)
     error = f"mean reprojection error {mean:.2f} px" if isinstance(mean, int | float) else ""
     spread = f" (95% below {p95:.2f} px)" if error and isinstance(p95, int | float) else ""
     return [
@@ -40,7 +40,6 @@ def _calibrate(figures: Figures) -> list[str]:
         error + spread,
         _count(figures.pop("points", None), "point"),
         f"{ratio:.0%} of the matches agree" if isinstance(ratio, int | float) else "",
-        f"not registered: {', '.join(lost)}" if isinstance(lost, Mapping) and lost else "",
     ]
 
 

@@ -250,8 +250,7 @@ class CalibrateView(OrbitView):
         cameras, names = self._cameras, [camera.name for camera in self._cameras]
         order = self._sorting.order(names, columns)
         self._text = table_text(names, columns, order)
-        unregistered = report.unregistered if isinstance(report, CalibrationReport) else {}
-        room = max(3, int((size[1] - y) / step) - len(unregistered) - 1)
+        room = max(3, int((size[1] - y) / step) - 1)
         self._last_first_row = max(0, len(order) - room)
         if self.camera != self._shown_camera:  # chosen elsewhere: its row is shown
             self._shown_camera = self.camera
@@ -274,10 +273,6 @@ class CalibrateView(OrbitView):
         if self._last_first_row:
             shown = f"{first + 1} to {min(first + room, len(order))} of {len(order)}; the wheel shows the others"
             canvas.text(1.7 * em, y, shown, normal, DIM)
-            y += step
-        for name, reason in unregistered.items():
-            canvas.text(em, y, f"{name}: not registered: {reason}", normal, BAD, width=wide)
-            y += step
         return canvas.pixels
 
     def _heading(self, canvas: Canvas, ends: dict[str, float], y: float, size: int) -> list[tuple[str, np.ndarray]]:

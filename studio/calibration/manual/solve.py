@@ -13,7 +13,7 @@ import numpy as np
 from studio.calibration.alignment import align_points, scale_to_distance, upright
 from studio.calibration.checks import check_intrinsics_size
 from studio.calibration.manual.bootstrap import LEAST_KNOWN, LEAST_SHARED, Observations, TieRig, initial_rigs
-from studio.calibration.manual.bundle_adjustment import MARK, WORLD, adjust
+from studio.calibration.manual.bundle_adjustment import MARK, adjust
 from studio.calibration.manual.covariance import check_handedness, check_plausible, spread_of_positions, uncertainty
 from studio.calibration.manual.file import TiePoint
 from studio.calibration.report import RejectedMark, TiePointReport
@@ -54,7 +54,7 @@ def calibrate_from_tie_points(
     Returns:
         cameras and triangulated points. With three measured positions that are not collinear, world coordinates are
         those of the measurements; otherwise they are those of `alignment.upright`. The report contains `tie_points`,
-        `left_out`, `uncertain`, `world_accuracy`, `known_intrinsics`, `metric` and `unregistered` (empty).
+        `left_out`, `uncertain`, `known_intrinsics` and `metric`.
 
     Raises:
         StudioError: there are no marks (tie_points.none) or one is outside its image (tie_points.outside), a camera
@@ -265,9 +265,7 @@ def _result(
         points3d,
         by_camera,
         tie_points=_figures(cameras, points3d, by_camera, [observations.points[k] for k in kept], world),
-        world_accuracy=WORLD,
         metric=bool(metric or distance is not None),
-        unregistered={},
         **more,
     )
     return CalibrationResult(cameras, points3d, np.full((len(points3d), 3), 255, np.uint8), report)

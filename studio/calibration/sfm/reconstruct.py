@@ -153,7 +153,7 @@ def _read(folder: Path, names: Sequence[str]) -> CalibrationResult:
     rig = Rig(found)
     observations = {name: seen[seen[:, 0] == number][:, 1:] for number, name in enumerate(names) if name in known}
     more = dict(told) | {"aspect": round(told.aspect, 6)}
-    report = reprojection_report(rig, points, observations, unregistered={}, **more)
+    report = reprojection_report(rig, points, observations, **more)
     return CalibrationResult(rig, points, colors, _with_usual_focal(report, rig))
 
 

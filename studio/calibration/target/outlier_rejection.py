@@ -16,8 +16,8 @@ mean that the target moved and the cameras are not exactly synchronized."""
 
 def refine_without_outliers(
     state: TargetRig, target: CalibrationTarget, model: str, *, principal_point: bool, threads: int
-) -> tuple[TargetRig, int]:
-    """Alternate bundle adjustment and outlier rejection; returns the rig and the number of rejected corners.
+) -> TargetRig:
+    """Alternate bundle adjustment and outlier rejection.
 
     A camera that is not exactly synchronized sees a moving target at a different position, so its whole observation is
     wrong even if it is sharp. The threshold is therefore derived from the error of each observation at its own best
@@ -44,9 +44,7 @@ def refine_without_outliers(
         counts.append({key: len(view.ids) for key, view in kept.items()})
         if widening == 1.0 and len(counts) > 1 and counts[-1] == counts[-2]:
             break
-    state = refine(state, target, model, principal_point=principal_point, threads=threads)
-    corners = sum(len(view.ids) for view in everything.values()) - sum(len(view.ids) for view in state.views.values())
-    return state, corners
+    return refine(state, target, model, principal_point=principal_point, threads=threads)
 
 
 def _sync_frames(views: Mapping[tuple[int, str], TargetObservation]) -> list[int]:

@@ -97,7 +97,7 @@ def calibrate_intrinsics(
             raise StudioError(
                 "target.no_fit", problem, value=len(seen), fix=fix, camera=name, setting="calibrate.board"
             )
-        state, _ = refine_without_outliers(
+        state = refine_without_outliers(
             state, target, settings.camera_model, principal_point=principal_point, threads=threads
         )
         cameras[name] = state.cameras[name]
@@ -157,7 +157,7 @@ def calibrate_from_target(
     progress(len(sizes), 2 * len(sizes) + 3)
     state = chain_poses(intrinsics, target, views)
     progress(2 * len(sizes), 2 * len(sizes) + 3)
-    state, dropped = refine_without_outliers(
+    state = refine_without_outliers(
         state, target, settings.camera_model, principal_point=all(principal_points.values()), threads=threads
     )
     progress(2 * len(sizes) + 2, 2 * len(sizes) + 3)
@@ -166,7 +166,6 @@ def calibrate_from_target(
         views=len(state.views),
         corners=sum(len(view.ids) for view in state.views.values()),
         views_left_out=len(views) - len(state.views),
-        corners_left_out=dropped,
         shared={" ".join(pair): len(both) for pair, both in shared_sync_frames(state.cameras, state.views).items()},
         **scale_check(state, target),
     )
@@ -209,7 +208,7 @@ def _result(
     renumber[seen] = np.arange(len(seen))
     for rows in observations.values():
         rows[:, 0] = renumber[rows[:, 0].astype(int)]
-    report = reprojection_report(rig, points[seen], observations, target=figures, unregistered={}, metric=True)
+    report = reprojection_report(rig, points[seen], observations, target=figures, metric=True)
     return CalibrationResult(rig, points[seen], np.full((len(seen), 3), 255, np.uint8), report)
 
 

@@ -29,7 +29,6 @@ NO_SETTING = {
     "bake.live_failed",  # retried automatically
     "calibration.low_coverage",  # film the board, or the set, in more of the image
     "calibration.poor_cameras",  # they moved, or are out of focus
-    "calibration.unregistered",  # too few matches: film more of the set
     "cluster.busy",  # other programs have its nodes
     "cluster.worker_lost",  # restarted automatically
     "evaluation.not_visible",  # of one frame
