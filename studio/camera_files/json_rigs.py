@@ -22,7 +22,7 @@ from studio.camera_files.keyed import KeyedForm, ignored_in_file, is_camera, key
 from studio.cameras import Rig
 from studio.errors import StudioError
 from studio.json_types import JsonObject
-from studio.validation import array, missing_key, number, whole
+from studio.validation import array, missing_key
 
 _PANOPTIC = KeyedForm(unit=0.01, harmless=("calibDataSource",))
 _CORNER = "Principal points are taken relative to the image corner."
@@ -114,12 +114,9 @@ def _of_3dgs(folder: Path, entries: list[JsonObject]) -> Rig:
                 raise missing_key(key, name)
         turn = matrix(entry["rotation"], (3,), 3, "rotation", name)
         pose = np.column_stack([turn, array(entry["position"], "position", name).reshape(3)])
-        middle = {"cx": whole(entry, "width", name) / 2, "cy": whole(entry, "height", name) / 2}
-        for key in middle:
-            middle[key] = number(entry, key, name, middle[key])
         rest = {key: value for key, value in entry.items() if key not in ("position", "rotation", "img_name")}
-        converted.append((name, {**rest, **middle, "world_to_camera": rigid_inverse(pose).tolist()}))
+        converted.append((name, {**rest, "world_to_camera": rigid_inverse(pose).tolist()}))
     if not any("cx" in entry for entry in entries):
         notes.append("3DGS's cameras.json has no principal points: they are taken to be the image centers.")
-    rig = keyed_rig(folder, converted, KeyedForm(corner=True))
+    rig = keyed_rig(folder, converted, KeyedForm(corner=True, centered=True))
     return replace(rig, notes=(*notes, *rig.notes[1:]))

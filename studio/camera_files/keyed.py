@@ -26,6 +26,8 @@ KEYS = {
     "fy": ("fy", "fly", "focaly"),
     "cx": ("cx", "ppx", "principalx"),
     "cy": ("cy", "ppy", "principaly"),
+    "angle_x": ("cameraanglex",),
+    "angle_y": ("cameraangley",),
     "distortion": (
         "distortioncoefficients", "distortioncoeffs", "distortioncoeff", "distortionvector", "distortions",
         "distortion", "distcoefficients", "distcoeffs", "distcoeff", "distcoefs", "distcoef", "dist", "d", "kc",
@@ -84,6 +86,7 @@ class KeyedForm:
     """How a program writes a camera."""
 
     corner: bool = False  # whether the pixel origin is the image corner, not the center of the first pixel as in OpenCV
+    centered: bool = False  # whether the principal point is the image center, and pixels are square, unless given
     unit: float = 1.0  # length of its unit in the rig's unit
     harmless: Collection[str] = ()  # keys, in addition to `HARMLESS`, that do not change how a camera projects
     spelling: Callable[[str, str], str] = normal_key  # (key, camera) -> the key as in `KEYS`
@@ -154,7 +157,7 @@ def keyed_rig(folder: Path, entries: Sequence[tuple[str, Mapping[str, Any]]], fo
     for name in names:
         if names.count(name) > 1:
             raise duplicate_name(name)
-    cameras = [(name, _camera(folder, name, values, form, found)) for name, values in entries]
+    cameras = [(name, keyed_camera(folder, name, values, form, found)) for name, values in entries]
     without = [name for name, camera in cameras if camera is None]
     if len(without) == len(cameras):
         raise no_cameras("no camera has a pose (rotation and translation)")
@@ -163,17 +166,18 @@ def keyed_rig(folder: Path, entries: Sequence[tuple[str, Mapping[str, Any]]], fo
     return Rig(tuple(camera for _, camera in cameras if camera is not None), found.notes, tuple(without))
 
 
-def _camera(folder: Path, name: str, values: Mapping[str, Any], form: KeyedForm, found: Found) -> Camera | None:
+def keyed_camera(folder: Path, name: str, values: Mapping[str, Any], form: KeyedForm, found: Found) -> Camera | None:
+    """The camera that `values` describe, as in `keyed_rig`; None if it has no pose."""
     given = _known(name, values, form, found)
     _check_model(name, given)
     pose = _pose(name, given, form.unit)
     if pose is None:
         return None
-    K = _K(name, given)
-    if not form.corner:
-        K[:2, 2] += 0.5
     distortion = _distortion(name, given)
     width, height = _size(name, given) or (form.size_of(name) if form.size_of else size_nearby(folder, name, name))
+    K = _K(name, given, width, height, form.centered)
+    if not form.corner:
+        K[:2, 2] += 0.5
     (found.straight if distortion is None else found.bent).append(name)
     coefficients = np.zeros(0) if distortion is None or not distortion.any() else distortion
     return Camera(name, width, height, K, pose, coefficients)
@@ -197,7 +201,7 @@ def _known(name: str, values: Mapping[str, Any], form: KeyedForm, found: Found) 
             given[canonical] = own
     harmless = {normal_key(key) for key in form.harmless}
     unknown = {key: values[key] for spelling, keys in by_spelling.items() if spelling not in harmless for key in keys}
-    found.check_unknown(name, unknown, _missing(given))
+    found.check_unknown(name, unknown, _missing(given, form.centered))
     return given
 
 
@@ -210,24 +214,21 @@ _NEEDED: tuple[tuple[str, tuple[set[str], ...]], ...] = (
 """What a camera needs, and the sets of canonical keys of which one gives it."""
 
 
-def _missing(given: _Given) -> str:
+def _missing(given: _Given, centered: bool) -> str:
     """What a camera needs and does not have; "" if it has everything."""
-    return " and no ".join(what for what, ways in _NEEDED if not any(way <= given.keys() for way in ways))
+    known = set(given)
+    if centered:
+        known |= {"K"} if known & {"fx", "angle_x"} else set()
+        known |= {"size"} if not known & {"width", "height"} else set()  # from the footage
+    return " and no ".join(what for what, ways in _NEEDED if not any(way <= known for way in ways))
 
 
 def _is_empty(value: Any) -> bool:
     return value is None or (isinstance(value, str) and value in ("", "null")) or value in ([], {}, [[]])
 
 
-def check_model(camera: str, key: str, model: object) -> None:
-    """Check a lens model's name against `MODELS`. Raises StudioError (camera.lens_model)."""
-    if normal_key(str(model)) not in MODELS:
-        problem = f"'{key}' is {model!r}; only pinhole cameras with OpenCV's distortion are supported"
-        fix = "Undistort the images to a pinhole camera first."
-        raise camera_error("camera.lens_model", camera, problem, value=model, fix=fix, key=key)
-
-
 def _check_model(name: str, given: _Given) -> None:
+    """Check the name of the lens model against `MODELS`. Raises StudioError (camera.lens_model)."""
     for key, value in given.get("fisheye", ()):
         if value in (False, 0, "false", "False"):
             continue
@@ -235,8 +236,11 @@ def _check_model(name: str, given: _Given) -> None:
             raise fisheye(name)
     models = given.get("model", [])
     models += [pair for pair in given.get("type", ()) if _NOT_PINHOLE.search(normal_key(str(pair[1])))]
-    for key, value in models:
-        check_model(name, key, value)
+    for key, model in models:
+        if normal_key(str(model)) not in MODELS:
+            problem = f"'{key}' is {model!r}; only pinhole cameras with OpenCV's distortion are supported"
+            fix = "Undistort the images to a pinhole camera first."
+            raise camera_error("camera.lens_model", name, problem, value=model, fix=fix, key=key)
 
 
 def agreeing(name: str, parsed: Sequence[tuple[str, np.ndarray]]) -> np.ndarray:
@@ -274,28 +278,46 @@ def _arrays(
     return found
 
 
-def _K(name: str, given: _Given) -> np.ndarray:
-    matrices = _arrays(name, given, "K", ((3, 3),))
-    if any(key in given for key in ("fx", "fy", "cx", "cy")):
-        fx, fy, cx, cy = (_scalar(name, given, key) for key in ("fx", "fy", "cx", "cy"))
-        matrices.append(("fx", np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])))
-    if not matrices:
-        raise missing_key("K", name)
-    return agreeing(name, matrices).copy()
+def _K(name: str, given: _Given, width: int, height: int, centered: bool) -> np.ndarray:
+    """(3, 3) with the pixel origin of the file. Values under several keys must agree."""
+    parts = {key: _scalars(name, given, key) for key in ("fx", "fy", "cx", "cy")}
+    for angle, focal, side in (("angle_x", "fx", width), ("angle_y", "fy", height)):
+        for key, radians in _scalars(name, given, angle):
+            if not 0 < radians < np.pi:
+                problem = f"'{key}' is {radians:g}, expected a value between 0 and pi"
+                fix = "Correct it in the camera file; angles are in radians."
+                raise camera_error("camera.field_of_view", name, problem, value=radians, fix=fix, key=key)
+            parts[focal].append((key, 0.5 * side / float(np.tan(0.5 * radians))))
+    matrices = [(key, value[:3, :3]) for key, value in _arrays(name, given, "K", ((3, 3), (3, 4), (4, 4)))]
+    if matrices:
+        K = agreeing(name, matrices).copy()
+        for part, value in zip(parts.values(), (K[0, 0], K[1, 1], K[0, 2], K[1, 2]), strict=True):
+            _agreeing_scalar(name, [(matrices[0][0], float(value)), *part])
+        return K
+    if centered:
+        parts["fy"] = parts["fy"] or parts["fx"]
+        parts["cx"], parts["cy"] = parts["cx"] or [("", width / 2)], parts["cy"] or [("", height / 2)]
+    missing = [key for key, part in parts.items() if not part]
+    if missing:
+        raise missing_key("K" if len(missing) == len(parts) else missing[0], name)
+    fx, fy, cx, cy = (_agreeing_scalar(name, part) for part in parts.values())
+    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
 
 
-def _scalar(name: str, given: _Given, canonical: str) -> float:
-    if canonical not in given:
-        raise missing_key(canonical, name)
-    parsed = [(key, np.array([number({key: value}, key, name)])) for key, value in given[canonical]]
-    return float(agreeing(name, parsed)[0])
+def _scalars(name: str, given: _Given, canonical: str) -> list[tuple[str, float]]:
+    """The finite numbers under a canonical key, by the keys of the file."""
+    return [(key, number({key: value}, key, name)) for key, value in given.get(canonical, ())]
+
+
+def _agreeing_scalar(name: str, parsed: Sequence[tuple[str, float]]) -> float:
+    return float(agreeing(name, [(key, np.array([value])) for key, value in parsed])[0])
 
 
 def _distortion(name: str, given: _Given) -> np.ndarray | None:
     """OpenCV's coefficients; None without a key for them."""
     lists = [(key, value.ravel()) for key, value in _arrays(name, given, "distortion")]
     if any(term in given for term in TERMS):
-        terms = np.array([_scalar(name, given, term) if term in given else 0.0 for term in TERMS])
+        terms = np.array([_agreeing_scalar(name, _scalars(name, given, term) or [("", 0.0)]) for term in TERMS])
         count = 8 if terms[5:].any() else 5 if terms[4] else 4
         lists.append((next(term for term in TERMS if term in given), terms[:count]))
     return agreeing(name, lists) if lists else None

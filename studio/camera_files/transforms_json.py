@@ -20,30 +20,23 @@ import numpy as np
 
 from studio.camera_files.common import (
     camera_names,
-    check_pose,
     fisheye,
-    matrix,
     no_cameras,
     read_json,
     rigid_inverse,
     write_atomic,
     wrong_shape,
 )
-from studio.camera_files.keyed import TERMS, Found, agreeing, check_model
+from studio.camera_files.keyed import TERMS, Found, KeyedForm, keyed_camera, normal_key
+from studio.camera_files.nearby import size_nearby
 from studio.cameras import OPENGL_AXES, Camera, Rig
-from studio.capture.images import image_header
 from studio.capture.patterns import without_extension
 from studio.counts import listed
 from studio.errors import StudioError, naming
 from studio.json_types import JsonObject
-from studio.validation import array, camera_error, missing_key, number
+from studio.validation import array, camera_error, missing_key
 
-_SUFFIXES = ("", ".png", ".jpg", ".jpeg", ".webp", ".exr")
 _SPLIT = re.compile(r"transforms_(train|val|test)\.json")
-_KNOWN = frozenset({
-    "fl_x", "fl_y", "cx", "cy", "w", "h", "width", "height", "camera_angle_x", "camera_angle_y", "intrinsic_matrix",
-    "K", "camera_model", "is_fisheye", "distortion_params", "transform_matrix", "file_path", "from_na",
-}) | set(TERMS)  # fmt: skip
 _SAME = (  # keys of the same value: one in an entry replaces all of them beside `frames`
     {"fl_x", "fl_y", "camera_angle_x", "camera_angle_y"},
     {"intrinsic_matrix", "K"},
@@ -52,106 +45,15 @@ _SAME = (  # keys of the same value: one in an entry replaces all of them beside
     {"distortion_params", *TERMS},
 )
 _HARMLESS = frozenset({
-    "frames", "aabb_scale", "aabb", "scale", "offset", "n_frames", "applied_transform", "applied_scale",
-    "orientation_override", "up", "ply_file_path", "colmap_im_id", "sharpness", "time", "mask_path",
-    "depth_file_path", "depth_path", "normal_path", "semantic_path", "alpha_path", "camera_id", "cam_id",
-    "frame_id", "image_id", "timestamp", "rotation", "near", "far", "bounds", "train_filenames", "val_filenames",
-    "test_filenames", "integer_depth_scale", "enable_depth_loading", "depth_unit_scale_factor", "render_aabb",
-    "white_transparent", "black_transparent", "n_extra_learnable_dims", "sharpen", "envmap", "registration_matrix",
-    "camera_label", "semantics", "panoptic_classes", "trajectory",
+    "file_path", "from_na", "aabb_scale", "aabb", "scale", "offset", "applied_transform", "applied_scale",
+    "orientation_override", "up", "ply_file_path", "colmap_im_id", "sharpness", "mask_path", "depth_file_path",
+    "depth_path", "normal_path", "semantic_path", "alpha_path", "frame_id", "image_id", "timestamp", "train_filenames",
+    "val_filenames", "test_filenames", "integer_depth_scale", "enable_depth_loading", "depth_unit_scale_factor",
+    "render_aabb", "white_transparent", "black_transparent", "n_extra_learnable_dims", "sharpen", "envmap",
+    "registration_matrix", "camera_label", "semantics", "panoptic_classes", "trajectory",
 })  # fmt: skip
-"""Keys that do not change how a camera projects; `rotation` is the step between views of Blender's synthetic scenes."""
-
-
-_Given = list[tuple[str, float]]  # keys and the value that each gives
-
-
-def _image_size(path: Path, file: str) -> tuple[int, int] | None:
-    """Width and height of an image next to the JSON file; None if it is missing or unreadable."""
-    for suffix in _SUFFIXES:
-        candidate = path.parent / (file + suffix)
-        if candidate.is_file():
-            try:
-                return image_header(candidate)[:2]
-            except StudioError as error:
-                if error.code.startswith("storage."):
-                    raise
-                return None
-    return None
-
-
-def _size(values: JsonObject, path: Path, file: str, camera: str) -> tuple[int, int]:
-    sides = []
-    for keys in (("w", "width"), ("h", "height")):
-        given = [(key, np.array([number(values, key, camera)])) for key in keys if values.get(key) is not None]
-        if given:
-            sides.append(round(float(agreeing(camera, given)[0])))
-    if len(sides) == 2:
-        return sides[0], sides[1]
-    found = _image_size(path, file)
-    if found is None:
-        problem = f"the file does not contain 'w' and 'h', and there is no image '{file}' next to it"
-        fix = "Add 'w' and 'h', or put the images next to the file."
-        raise camera_error("camera.size_unknown", camera, problem, value=file, fix=fix)
-    return found
-
-
-def _intrinsics(values: JsonObject, width: int, height: int, camera: str) -> np.ndarray:
-    """K (3, 3). Values under several keys must agree."""
-    fx = _focal(values, "fl_x", "camera_angle_x", width, camera)
-    fy = _focal(values, "fl_y", "camera_angle_y", height, camera)
-    cx: _Given = [("cx", number(values, "cx", camera))] if "cx" in values else []
-    cy: _Given = [("cy", number(values, "cy", camera))] if "cy" in values else []
-    K = None
-    for key in ("intrinsic_matrix", "K"):
-        if key in values:
-            rows = values[key]
-            columns = len(rows[0]) if isinstance(rows, list) and rows and isinstance(rows[0], list) else 3
-            K = matrix(rows, (3, 4), 4 if columns == 4 else 3, key, camera)[:3, :3]
-            for value, given in ((K[0, 0], fx), (K[1, 1], fy), (K[0, 2], cx), (K[1, 2], cy)):
-                given.append((key, float(value)))
-    if not fx:
-        raise missing_key("fl_x", camera)
-    wanted = (fx, fy or fx, cx or [("w", width / 2)], cy or [("h", height / 2)])
-    x, y, u, v = (float(agreeing(camera, [(key, np.array([value])) for key, value in given])[0]) for given in wanted)
-    return np.array([[x, 0, u], [0, y, v], [0, 0, 1]]) if K is None else K
-
-
-def _focal(values: JsonObject, key: str, angle: str, side: int, camera: str) -> _Given:
-    found = [(key, number(values, key, camera))] if key in values else []
-    if angle in values:
-        radians = number(values, angle, camera)
-        if not 0 < radians < np.pi:
-            problem = f"'{angle}' is {radians:g}, expected a value between 0 and pi"
-            fix = "Correct it in the camera file; angles are in radians."
-            raise camera_error("camera.field_of_view", camera, problem, value=radians, fix=fix, key=angle)
-        found.append((angle, 0.5 * side / float(np.tan(0.5 * radians))))
-    return found
-
-
-def _distortion(values: JsonObject, camera: str, found: Found) -> np.ndarray:
-    model = str(values.get("camera_model", "OPENCV"))
-    check_model(camera, "camera_model", model)
-    if values.get("is_fisheye"):
-        raise fisheye(camera)
-    terms = np.array([number(values, key, camera, 0.0) for key in TERMS])
-    bent = any(key in values for key in TERMS)
-    if "distortion_params" in values:  # nerfstudio: k1 k2 k3 k4 p1 p2
-        given = array(values["distortion_params"], "distortion_params", camera)
-        if given.shape != (6,):
-            raise wrong_shape("distortion_params", camera, given.shape, ((6,),))
-        k1, k2, k3, k4, p1, p2 = given
-        given = np.array([k1, k2, p1, p2, k3, k4, 0.0, 0.0])
-        first = next((key for key in TERMS if key in values), "")
-        terms = agreeing(camera, [("distortion_params", given), *([(first, terms)] if first else [])])
-        bent = True
-    if terms[5:].any() and model.upper() != "FULL_OPENCV":  # k4 is a fisheye lens's in instant-ngp
-        raise fisheye(camera)
-    (found.bent if bent else found.straight).append(camera)
-    missing = "" if bent else "lens distortion"
-    found.check_unknown(camera, {key: values[key] for key in values.keys() - _KNOWN - _HARMLESS}, missing)
-    count = 8 if terms[5:].any() else 5 if terms[4] else 4
-    return terms[:count] if terms.any() else np.zeros(0)
+"""Keys, in addition to those of other files, that do not change how a camera projects."""
+_SPELLINGS = {"transformmatrix": "cameratoworld", "distortionparams": "distortion"}
 
 
 def rig_from_transforms(path: Path, values: JsonObject) -> Rig:
@@ -207,22 +109,34 @@ def _overridden(files: Mapping[Path, JsonObject]) -> tuple[str, ...]:
         key
         for values in files.values()
         for frame in values["frames"]
-        for key in _KNOWN & frame.keys() & values.keys()
+        for key in (frame.keys() & values.keys()) - _HARMLESS
         if frame[key] != values[key]
     }
     return (f"Entries have their own {listed(sorted(map(repr, keys)))}; those beside 'frames' differ.",) if keys else ()
 
 
 def _camera(name: str, path: Path, file_path: str, values: JsonObject, found: Found) -> Camera:
-    if "transform_matrix" not in values:
+    form = KeyedForm(
+        corner=True,
+        centered=True,
+        harmless=_HARMLESS,
+        spelling=lambda key, camera: _SPELLINGS.get(normal_key(key), normal_key(key)),
+        size_of=lambda camera: size_nearby(path.parent, file_path, camera),
+    )
+    known = {key: value for key, value in values.items() if key != "rotation"}  # between views of Blender's scenes
+    if "distortion_params" in values:  # nerfstudio: k1 k2 k3 k4 p1 p2
+        terms = array(values["distortion_params"], "distortion_params", name)
+        if terms.shape != (6,):
+            raise wrong_shape("distortion_params", name, terms.shape, ((6,),))
+        known["distortion_params"] = [*terms[[0, 1, 4, 5, 2]], *([terms[3], 0, 0] if terms[3] else [])]
+    camera = keyed_camera(path.parent, name, known, form, found)
+    if camera is None:
         raise missing_key("transform_matrix", name)
-    pose = matrix(values["transform_matrix"], (3, 4), 4, "transform_matrix", name)
-    check_pose(pose, "transform_matrix", name)
-    if not values.get("from_na"):
-        pose = pose @ OPENGL_AXES
-    width, height = _size(values, path, file_path, name)
-    K = _intrinsics(values, width, height, name)
-    return Camera(name, width, height, K, rigid_inverse(pose), _distortion(values, name, found))
+    if camera.distortion[5:].any() and str(values.get("camera_model")).upper() != "FULL_OPENCV":
+        raise fisheye(name)  # k4 is a fisheye lens's in instant-ngp
+    if values.get("from_na"):
+        return camera
+    return replace(camera, world_to_camera=OPENGL_AXES @ camera.world_to_camera)
 
 
 def _fingerprint(camera: Camera) -> bytes:

@@ -135,9 +135,10 @@ def test_names_of_the_distortion(tmp_path: Path, key: str) -> None:
 
 
 MEANING = {
-    "R": "rotation", "t": "translation", "T": "translation", "matrix": "K", "camera_matrix": "K",
+    "R": "rotation", "t": "translation", "T": "translation", "matrix": "K", "camera_matrix": "K", "fl_x": "fx",
     "distortions": "distortion", "distCoeff": "distortion", "dist": "distortion",
-    "image_width": "width", "image_height": "height", "distCoef": "distortion", "distortion_coefficients": "distortion",
+    "image_width": "width", "image_height": "height", "w": "width", "h": "height", "distCoef": "distortion",
+    "distortion_coefficients": "distortion",
 }  # fmt: skip
 """Errors about missing keys use these names."""
 
@@ -197,7 +198,8 @@ def test_unknown_keys_are_named_in_the_notes(tmp_path: Path) -> None:
         ("transforms", "camera.lens_model",
          [{"camera_model": "EQUIRECTANGULAR"}, {"camera_model": "FISHEYE624"}, {"camera_model": "ORTHOPHOTO"},
           {"is_fisheye": True}, {"k4": 0.1}]),
-        ("transforms", "camera.unknown_key", [{"dist": [0.1, 0, 0, 0]}, {"lens_shift": 3}]),
+        ("transforms", "camera.unknown_key", [{"lens_shift": 3}]),
+        ("transforms", "camera.conflict", [{"dist": [0.1, 0, 0, 0]}]),
     ],
 )  # fmt: skip
 def test_other_lenses_units_and_contradictions_are_refused(tmp_path, form, code, changes) -> None:
@@ -207,7 +209,7 @@ def test_other_lenses_units_and_contradictions_are_refused(tmp_path, form, code,
             read_rig(path)
 
 
-@pytest.mark.parametrize("change", [{"ftheta_p0": 0.1}, {"latlong": True}, {"dist": [0.1, 0, 0, 0]}])
+@pytest.mark.parametrize("change", [{"ftheta_p0": 0.1}, {"latlong": True}])
 def test_unknown_keys_where_no_distortion_is_given_are_refused(tmp_path: Path, change: JsonObject) -> None:
     path = transforms(tmp_path, lambda values: {key: values[key] for key in values if key[0] not in "kp"} | change)
     with refuses("camera.unknown_key", file=path, camera="cam0"):

@@ -384,8 +384,9 @@ TOML, YML, CSV = written("Calib.toml", BENT), written("intri.yml", BENT), writte
         (CSV, "fx,", "gx,", "camera_file.missing_column", {"key": "fx"}),
         (CSV, "cam01", "cam00", "camera.duplicate_name", {"camera": "cam00"}),
         (CSV, ",640,", ",many,", "camera.not_a_number", {"camera": "cam00", "key": "w", "value": "many"}),
-        *((written("transforms.json", BENT), f'"{key}"', '"_x"', "camera.missing_key", {"key": key})
-          for key in ("transform_matrix", "fl_x", "file_path")),
+        (written("transforms.json", BENT), '"file_path"', '"_x"', "camera.missing_key", {"key": "file_path"}),
+        *((written("transforms.json", BENT), f'"{key}"', '"_x"', "camera.unknown_key", {"camera": "cam00", "key": "_x"})
+          for key in ("transform_matrix", "fl_x")),
         *((qualisys_file, key, "_x", "camera.missing_key", {"key": key})
           for key in ("transform", "focalLengthV", "r23")),
         *((make, "cam01", "cam00", "camera.duplicate_name", {"value": "cam00"})
