@@ -59,7 +59,7 @@ def problem(model: Any, job: SfmJob, centers: bool) -> tuple[Any, Any]:
     for image_id in model.reg_image_ids():
         config.add_image(image_id)
     for index, one in enumerate(job.intrinsics):
-        if one.known and job.fix_intrinsics:
+        if one.fixed:
             config.set_constant_cam_intrinsics(index + 1)
     return options, config
 

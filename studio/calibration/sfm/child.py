@@ -8,27 +8,20 @@ import sys
 import tempfile
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
-from studio.errors import StudioError
-
-
-@dataclass(frozen=True)
-class WorkerProgress:
-    """One line of progress. `step`: name of the step in progress."""
-
-    step: str
-    done: int = 0
-    total: int = 0
+from studio.errors import Message, StudioError
 
 
-def run_reporting(module: str, arguments: Sequence[str], on_progress: Callable[[WorkerProgress | None], None]) -> None:
+def run_reporting(module: str, arguments: Sequence[str], on_progress: Callable[[str, int, int], None]) -> None:
     """Run `python -m module arguments` to completion and pass on the progress that it prints as JSON lines.
 
     Args:
         module: the module to run, with this interpreter and import path.
-        on_progress: called with each line, and with None every 0.2 s without one. If it raises (for example
-            `Cancelled`), the child is killed before the exception passes on.
+        on_progress: called with `step`, `done` and `total` of each line, and with "", 0 and 0 every 0.2 s without one.
+            If it raises (for example `Cancelled`), the child is killed before the exception passes on.
+
+    Raises:
+        StudioError: as printed by the child (`error`, the fields of its message), or calibration.worker_died.
     """
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     with (
@@ -51,13 +44,13 @@ def run_reporting(module: str, arguments: Sequence[str], on_progress: Callable[[
 
         thread = threading.Thread(target=pump, daemon=True)
         thread.start()
-        finished, failure = False, ""
+        failure = None
         try:
             while True:
                 try:
                     line = lines.get(timeout=0.2)
                 except queue.Empty:
-                    on_progress(None)
+                    on_progress("", 0, 0)
                     continue
                 if line is None:
                     break
@@ -65,14 +58,10 @@ def run_reporting(module: str, arguments: Sequence[str], on_progress: Callable[[
                     values = json.loads(line)
                 except (ValueError, RecursionError):
                     continue  # native code also prints
-                if not isinstance(values, dict):
-                    continue
-                if values.get("finished"):
-                    finished = True
-                elif "error" in values:
-                    failure = str(values["error"])
-                elif "step" in values:
-                    on_progress(WorkerProgress(str(values["step"]), values.get("done", 0), values.get("total", 0)))
+                if isinstance(values, dict) and "error" in values:
+                    failure = Message(**values["error"])
+                elif isinstance(values, dict):
+                    on_progress(values["step"], values["done"], values["total"])
             child.wait()
         finally:
             if child.poll() is None:
@@ -80,9 +69,9 @@ def run_reporting(module: str, arguments: Sequence[str], on_progress: Callable[[
             thread.join(timeout=2)
         errors.seek(max(0, errors.seek(0, os.SEEK_END) - 65_536))
         last = [line.strip() for line in errors.read().decode("utf-8", "replace").splitlines()[-3:]]
-    if failure:
-        raise StudioError("calibration.worker_failed", f"Structure from motion failed: {failure}", value=failure)
-    if not finished or child.returncode != 0:
+    if failure is not None:
+        raise StudioError.of(failure)
+    if child.returncode != 0:
         tail = " / ".join(filter(None, last))
         problem = (
             f"Structure from motion ended unexpectedly with exit code {child.returncode}: {tail or 'no error output'}"

@@ -18,6 +18,7 @@ import numpy as np
 from studio.calibration.sfm.job import SfmJob
 from studio.calibration.sfm.pairs import FEW, largest, worthwhile
 
+_MAX_IMAGE_SIZE = 2400  # longer side in pixels; larger images are downscaled for feature detection
 _out_lock = threading.Lock()
 
 
@@ -134,7 +135,7 @@ def _extract(path: Path, folder: Path, job: SfmJob) -> None:
     options = pycolmap.FeatureExtractionOptions()
     options.num_threads = job.threads
     options.use_gpu = False
-    options.max_image_size = job.max_image_size
+    options.max_image_size = _MAX_IMAGE_SIZE
     options.sift.max_num_features = job.max_features
     names = [file_name(number, sync_frame) for number in range(len(job.names)) for sync_frame in range(job.sync_frames)]
     images, cpu, count = folder / "images", pycolmap.Device.cpu, "SELECT COUNT(*) FROM keypoints"

@@ -15,7 +15,6 @@ from studio.errors import StudioError
 from studio.json_types import JsonObject
 
 MAX_FEATURES = 8192  # per image
-MAX_IMAGE_SIZE = 2400  # longer side in pixels; larger images are downscaled for feature detection
 _FOCAL_FACTOR = 1.2  # initial focal length where none is known, as a multiple of the longer side
 _SIMPLER = dict.fromkeys(("RADIAL", "OPENCV", "FULL_OPENCV"), "SIMPLE_RADIAL")
 """Camera models used during mapping; the remaining terms are estimated afterwards."""
@@ -33,7 +32,8 @@ class SfmCamera(_Model):
     height: int
     params: tuple[float, ...]  # parameters of the model, pixels
     prior: bool = False  # whether the focal length is known at least approximately
-    known: bool = False  # whether the intrinsics are known and fixed
+    known: bool = False  # whether the intrinsics are known
+    fixed: bool = False  # whether they are kept
     becomes: str | None = None  # camera model of the result, for estimated intrinsics
 
 
@@ -50,12 +50,10 @@ class SfmJob(_Model):
     """World-to-camera matrices (3, 4) of all cameras from an earlier solution, or empty."""
     fix_poses: bool = False
     max_features: int = MAX_FEATURES
-    max_image_size: int = MAX_IMAGE_SIZE
     attempts: tuple[str, ...] = ("incremental", "lenient", "global")
     """Ways of mapping, tried in this order until all cameras are registered."""
     seed: int = 0
     threads: int = 1
-    fix_intrinsics: bool = True
     find_shared: bool = False  # whether to test if cameras share intrinsics
 
 
@@ -111,7 +109,15 @@ def sfm_job(
         if name in known:
             check_intrinsics_size(known[name], (width, height))
             model, parameters = camera_model(known[name])
-            own = SfmCamera(model=model, width=width, height=height, params=tuple(parameters), prior=True, known=True)
+            own = SfmCamera(
+                model=model,
+                width=width,
+                height=height,
+                params=tuple(parameters),
+                prior=True,
+                known=True,
+                fixed=settings.known != "initial_intrinsics",
+            )
         else:
             if (settings.shared_intrinsics or name in groups) and key in shared:
                 intrinsics_of.append(shared[key])
@@ -144,7 +150,6 @@ def sfm_job(
         max_features=MAX_FEATURES,
         seed=seed,
         threads=threads or os.cpu_count() or 1,
-        fix_intrinsics=settings.known != "initial_intrinsics",
         find_shared=settings.shared_intrinsics is None and not settings.intrinsics_groups,
     )
 

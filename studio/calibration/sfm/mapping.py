@@ -132,14 +132,14 @@ class Mapper:
         better = pycolmap.Reconstruction(model)
         for number in range(_POLISHINGS):
             width = _CAUCHY * noise(better)
-            self._adjust(better, width=width)
+            self._adjust(better, width)
             say(step="adjusting", done=number + 1, total=total)
         if len(self.broken_intrinsics(better)) > len(self.broken_intrinsics(model)):
             better = model
         if self.job.find_shared:
 
             def adjust(other: Any) -> None:
-                self._adjust(other, width=width)
+                self._adjust(other, width)
 
             if joint:
                 own = {image: self.job.intrinsics_of[image - 1] + 1 for image in camera_of_image(better)}
@@ -156,10 +156,10 @@ class Mapper:
         if not richer:
             return model
         model = with_richer_intrinsics(model, richer)
-        self._adjust(model, width=_CAUCHY * noise(model))
+        self._adjust(model)
         model = self._completed(model)
         for _ in range(_POLISHINGS):
-            self._adjust(model, width=_CAUCHY * noise(model))
+            self._adjust(model)
         return model
 
     def _recentered(self, model: Any) -> Any:
@@ -172,7 +172,7 @@ class Mapper:
         width = _CAUCHY * noise(model)
         free = pycolmap.Reconstruction(model)
         for _ in range(_POLISHINGS):
-            self._adjust(free, width=width, centers=True)
+            self._adjust(free, width, centers=True)
         self.recentered = misfit_growth(model, free, width, 2 * len(free.cameras)) >= LIMIT
         return free if self.recentered else model
 
@@ -181,9 +181,7 @@ class Mapper:
         if self.job.poses or any(one.becomes not in _ONE_FOCAL_LENGTH for one in self.job.intrinsics):
             return model
         width = _CAUCHY * noise(model)
-        ratio, growth = pixel_aspect(
-            model, width, lambda other: self._adjust(other, width=width, centers=self.recentered, keep=True)
-        )
+        ratio, growth = pixel_aspect(model, width, lambda other: self._adjust(other, width, keep=True))
         if growth < ASPECT_LIMIT:
             return model
         self.aspect = ratio
@@ -192,7 +190,7 @@ class Mapper:
                 stretched_keypoints(database, ratio)
         model = stretched(model, ratio)
         for _ in range(_POLISHINGS):
-            self._adjust(model, width=_CAUCHY * noise(model), centers=self.recentered)
+            self._adjust(model)
         return model
 
     def _matched_again(self, model: Any) -> Any:
@@ -215,7 +213,7 @@ class Mapper:
                 for _ in range(_POLISHINGS):
                     for key in [k for k, point in better.points3D.items() if point.track.length() < _AGREEING]:
                         better.delete_point3D(key)
-                    self._adjust(better, width=_CAUCHY * noise(better), centers=self.recentered)
+                    self._adjust(better)
         finally:
             self.database.unlink(missing_ok=True)
             self.database = first
@@ -288,7 +286,7 @@ class Mapper:
 
     def _guess_focal_lengths(self) -> None:
         """Initialize unknown focal lengths with estimates from pairs of images."""
-        free = [i + 1 for i, one in enumerate(self.job.intrinsics) if not one.known and not one.prior]
+        free = [i + 1 for i, one in enumerate(self.job.intrinsics) if not one.prior]
         if free and not self.job.poses:
             guess_focal_lengths(self.database, self.folder, free, self.job.seed)
 
@@ -299,7 +297,7 @@ class Mapper:
         if not ratios:
             return set()
         middle = float(np.median(list(ratios.values())))
-        free = {i + 1 for i, one in enumerate(self.job.intrinsics) if not (one.known and self.job.fix_intrinsics)}
+        free = {i + 1 for i, one in enumerate(self.job.intrinsics) if not one.fixed}
         return {key - 1 for key, ratio in ratios.items() if key in free and not 0.3 < ratio / middle < 3.0}
 
     def with_fixed_focal_lengths(self, models: list[Any], broken: set[int], attempt: str) -> list[Any]:
@@ -329,7 +327,7 @@ class Mapper:
         import pycolmap
 
         free = pycolmap.Reconstruction(model)
-        self._adjust(free, last=True)
+        adjust(free, self.job)
         return model if self.broken_intrinsics(free) else free
 
     def _attempt(self, attempt: str) -> list[Any]:
@@ -351,8 +349,7 @@ class Mapper:
         options.min_model_size = 2
         options.max_num_models = 4
         options.ba_refine_principal_point = False
-        known = {i + 1 for i, one in enumerate(self.job.intrinsics) if one.known}
-        options.constant_cameras = self.held | (known if self.job.fix_intrinsics else set())
+        options.constant_cameras = self.held | {i + 1 for i, one in enumerate(self.job.intrinsics) if one.fixed}
         return options
 
     def incremental(self, lenient: bool) -> list[Any]:
@@ -395,7 +392,7 @@ class Mapper:
         options.num_threads = self.job.threads
         options.random_seed = self.job.seed
         options.min_model_size = 2
-        if self.job.fix_intrinsics and any(one.known for one in self.job.intrinsics):
+        if any(one.fixed for one in self.job.intrinsics):
             # the global mapper cannot fix some intrinsics and refine others
             options.mapper.bundle_adjustment.refine_focal_length = False
             options.mapper.bundle_adjustment.refine_extra_params = False
@@ -424,9 +421,11 @@ class Mapper:
             options.triangulation.merge_max_reproj_error = (20.0, 8.0, 4.0)[number]
             options.mapper.filter_max_reproj_error = (20.0, 8.0, 4.0)[number]
             model = self._triangulated(model, again=True, options=options)
-            self._adjust(model, last=number == rounds - 1)
+            adjust(model, self.job, last=number == rounds - 1)
         say(step="mapping", done=rounds, total=rounds)
         return model
 
-    def _adjust(self, model: Any, **options: Any) -> None:
-        adjust(model, self.job, **options)
+    def _adjust(self, model: Any, width: float | None = None, centers: bool = False, keep: bool = False) -> None:
+        """Adjust under a robust loss whose width follows from the noise, if it is not given."""
+        width = width or _CAUCHY * noise(model)
+        adjust(model, self.job, width=width, centers=centers or self.recentered, keep=keep)

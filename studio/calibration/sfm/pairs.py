@@ -14,20 +14,13 @@ _ENOUGH = 6  # minimum number of verified preview matches that makes a pair wort
 _AT_LEAST = 8  # each camera keeps this many of its best partners, regardless of how few matches they have
 
 
-def worthwhile(
-    matches: dict[tuple[int, int], int], count: int, *, enough: int = _ENOUGH, at_least: int = _AT_LEAST
-) -> list[tuple[int, int]]:
-    """Sorted pairs with enough matches, and the best pairs of each camera.
-
-    Args:
-        matches: number of verified matches per pair (smaller number first); pairs without any may be missing.
-        enough: minimum number of matches that makes a pair worth matching.
-        at_least: partners that each camera keeps, excluding those without any match.
-    """
-    kept = {pair for pair, number in matches.items() if number >= enough}
+def worthwhile(matches: dict[tuple[int, int], int], count: int) -> list[tuple[int, int]]:
+    """Sorted pairs with enough matches, and the best pairs with any of each of `count` cameras. `matches`: number of
+    verified matches per pair (smaller number first); pairs without any may be missing."""
+    kept = {pair for pair, number in matches.items() if number >= _ENOUGH}
     for camera in range(count):
         own = [pair for pair, number in matches.items() if camera in pair and number > 0]
-        kept |= set(sorted(own, key=lambda pair: (-matches[pair], pair))[:at_least])
+        kept |= set(sorted(own, key=lambda pair: (-matches[pair], pair))[:_AT_LEAST])
     return sorted(kept)
 
 

@@ -11,7 +11,7 @@ from studio.calibration.alignment import align_rigs, compare_rigs, scale_to_dist
 from studio.calibration.report import CalibrationReport, CameraMotion
 from studio.calibration.result import CalibrationResult, reprojection_report
 from studio.calibration.settings import CalibrateSettings
-from studio.calibration.sfm.child import WorkerProgress, run_reporting
+from studio.calibration.sfm.child import run_reporting
 from studio.calibration.sfm.images import Pictures, write_pictures
 from studio.calibration.sfm.job import SfmSolution, sfm_job
 from studio.cameras import Camera, Rig
@@ -93,13 +93,14 @@ def calibrate_from_images(
     path = workdir / "job.json"
     path.write_text(job.model_dump_json(), encoding="utf-8")
 
-    at = {"done": 5}
+    percent = 5
 
-    def relay(line: WorkerProgress | None) -> None:
-        if line is not None:
-            low, high = _STEPS.get(line.step, (90, 98))
-            at["done"] = max(at["done"], low + round((high - low) * line.done / max(line.total, 1)))
-        progress(at["done"], 100)
+    def relay(step: str, done: int, total: int) -> None:
+        nonlocal percent
+        if step:
+            low, high = _STEPS[step]
+            percent = max(percent, low + round((high - low) * done / max(total, 1)))
+        progress(percent, 100)
 
     run_reporting("studio.calibration.sfm.worker", [str(path)], relay)
     result = _read(workdir, names)

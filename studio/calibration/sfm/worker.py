@@ -1,15 +1,16 @@
 """Structure from motion in a child process: `python -m studio.calibration.sfm.worker JOB.json`.
 
 COLMAP calls cannot be interrupted, and a crash in native code would end the calling process, so they run in this one.
-Progress is printed as JSON lines `{"step", "done", "total"}`; the last line is `{"finished": true}` or
-`{"error": "..."}`. The process ends when its standard input closes or its parent dies. Input in the work folder:
-`images/`, `masks/` (numbered) and `job.json`; output: `database.db`, `solution.json` and `points.npz`.
+Progress is printed as JSON lines `{"step", "done", "total"}`, an error as `{"error": {...}}`, the fields of its
+`Message`. The process ends when its standard input closes or its parent dies. Input in the work folder: `images/`,
+`masks/` (numbered) and `job.json`; output: `database.db`, `solution.json` and `points.npz`.
 """
 
 import os
 import signal
 import sys
 import threading
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from studio.calibration.sfm.shared_intrinsics import LIMIT, in_given_pixels, squ
 from studio.calibration.sfm.uncertainty import uncertainties
 from studio.calibration.sfm.verdict import match_inlier_ratio, match_inlier_ratios
 from studio.cameras import Camera
+from studio.errors import Message, StudioError
 from studio.process import claim_stdout
 
 
@@ -125,10 +127,14 @@ def main() -> int:
     path = Path(sys.argv[1])
     try:
         run(path.parent, SfmJob.model_validate_json(path.read_text(encoding="utf-8")))
-    except Exception as error:
-        say(error=f"{type(error).__name__}: {error}")
+    except StudioError as error:  # a camera that was solved is invalid
+        fix = "Use more frames (calibrate.frame_count), a board or marked points."
+        say(error=asdict(replace(error.message, fix=fix)))
         return 1
-    say(finished=True)
+    except Exception as error:
+        text = f"{type(error).__name__}: {error}"
+        say(error=asdict(Message("calibration.worker_failed", f"Structure from motion failed: {text}", value=text)))
+        return 1
     return 0
 
 

@@ -1,5 +1,6 @@
 """Work in a child process: progress arrives, it can be stopped, and crashes are reported."""
 
+import json
 import os
 import subprocess
 import sys
@@ -10,7 +11,7 @@ from typing import Any
 import psutil
 import pytest
 
-from studio.calibration.sfm.child import WorkerProgress, run_reporting
+from studio.calibration.sfm.child import run_reporting
 from studio.errors import Cancelled
 from tests.support.errors import refuses
 
@@ -19,7 +20,7 @@ from tests.support.errors import refuses
 def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     """A function that runs code as the work of a child."""
 
-    def run(code: str, on_line: Callable[..., None] = lambda line: None, *arguments: str) -> None:
+    def run(code: str, on_line: Callable[..., None] = lambda *line: None, *arguments: str) -> None:
         (tmp_path / "some_work.py").write_text(code)
         monkeypatch.syspath_prepend(str(tmp_path))
         run_reporting("some_work", list(arguments), on_line)
@@ -28,14 +29,16 @@ def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 def test_lines_arrive_and_noise_does_not(work: Any) -> None:
-    lines: list[WorkerProgress | None] = []
-    work('print(\'{"step": "a", "done": 1, "total": 2}\\nnoise\\n[1]\\n{"finished": true}\')', lines.append)
-    assert [line for line in lines if line] == [WorkerProgress("a", 1, 2)]
+    lines: list[tuple[str, int, int]] = []
+    code = 'print(\'{"step": "a", "done": 1, "total": 2}\\nnoise\\n[1]\')'
+    work(code, lambda step, done, total: lines.append((step, done, total)))
+    assert [line for line in lines if line[0]] == [("a", 1, 2)]
 
 
 def test_errors_and_crashes_of_native_code_are_reported(work: Any) -> None:
-    with refuses("calibration.worker_failed", value="ValueError: no"):
-        work('print(\'{"error": "ValueError: no"}\'); raise SystemExit(1)')
+    error = {"code": "camera.focal_length", "problem": "no", "value": -1.0, "fields": {"camera": "cam1"}}
+    with refuses("camera.focal_length", value=-1.0, camera="cam1"):
+        work(f"print({json.dumps({'error': error})!r}); raise SystemExit(1)")
     with refuses("calibration.worker_died", exit_code=-11, stderr="last words"):
         work('import os, sys, signal; print("last words", file=sys.stderr, flush=True)\nos.kill(os.getpid(), 11)')
 
@@ -44,7 +47,7 @@ def test_stopped_at_once_though_the_child_prints_nothing(work: Any, tmp_path: Pa
     code = "import os, pathlib, sys, time\npathlib.Path(sys.argv[1]).write_text(str(os.getpid()))\ntime.sleep(1e6)"
     pid_file = tmp_path / "pid"
 
-    def stop(line: WorkerProgress | None) -> None:
+    def stop(*line: object) -> None:
         if pid_file.exists() and pid_file.read_text():
             raise Cancelled
 

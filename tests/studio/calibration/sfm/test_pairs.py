@@ -1,5 +1,6 @@
 """Selection of the pairs to match: those that overlap."""
 
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +15,9 @@ from tests.studio.calibration.sfm.jobs import job_of
 
 
 def test_enough_matches_or_the_best_there_are() -> None:
-    matches = {(0, 1): 40, (0, 2): 6, (0, 3): 5, (1, 3): 2, (2, 3): 0}
-    assert worthwhile(matches, 4, enough=6, at_least=0) == [(0, 1), (0, 2)]
-    # camera 3 keeps its best partner; pairs without matches do not count
-    assert worthwhile(matches, 4, enough=6, at_least=1) == [(0, 1), (0, 2), (0, 3)]
-    assert worthwhile({(0, 1): 1}, 3, enough=6, at_least=5) == [(0, 1)]
+    # each camera has 8 partners with 7 matches, but camera 10, with fewer; camera 11 has none
+    matches = dict.fromkeys(combinations(range(10), 2), 7) | {(n, 10): n % 10 for n in range(10)} | {(10, 11): 0}
+    assert set(worthwhile(matches, 12)) == {pair for pair in matches if pair not in ((0, 10), (1, 10), (10, 11))}
 
 
 def picture(scene: np.ndarray, shift: int) -> np.ndarray:
@@ -39,7 +38,7 @@ def test_the_preview_separates_images_without_overlap(tmp_path: Path, monkeypatc
         for number in range(3):
             name = file_name(3 * wall + number, 0)
             cv2.imwrite(str(tmp_path / "images" / name), picture(scene, 12 * number))
-    job = job_of(6, focal=336.0, size=(280, 210), max_features=800, max_image_size=280)
+    job = job_of(6, focal=336.0, size=(280, 210), max_features=800)
     asked: list[set[str]] = []
     real = pycolmap.match_image_pairs
 
