@@ -37,7 +37,6 @@ VARIANTS = (  # the paper's ablations (section 6 and its figure on group size), 
 OPTIONS = (  # variants beyond the paper; measured only if named
     Variant("fixed-positions", "means are not fine-tuned", {"train.finetune_means": False}),
     Variant("paper-entropy", "residual entropy loss with the paper's weight", {"train.entropy_weight": 1e-4}),
-    Variant("mcmc", "splats relocated instead of cloned and split", {"train.strategy": "mcmc"}),
     Variant("no-dropout", "no dropout", {"train.dropout": 0.0}),
 )
 

@@ -16,7 +16,6 @@ from studio.training.densify import DensityControl
 from studio.training.details import detail_weights
 from studio.training.pruning import prune_rounds, pruned_in_round
 from studio.training.refine import Refinement
-from studio.training.relocate import Relocation
 from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
 from studio.training.step import Checkpoint, CheckpointFn, SnapshotFn, Stepper, part_of, regularized
@@ -136,9 +135,7 @@ class _Run:
         self.refinement = Refinement(self._stepper, settings)
         start = initial_gaussians(points, colors, settings.sh_degree, settings.dilation)
         self.optimizer = SplatOptimizer(start, settings.rates, self._extent)
-        self._density: DensityControl | Relocation = DensityControl(self._stepper, self._extent, settings)
-        if settings.strategy == "mcmc":
-            self._density = Relocation(settings, self._details)
+        self._density = DensityControl(self._stepper, self._extent, settings)
         self.done = 0
         self._rounds = prune_rounds(settings, min(len(start), settings.max_splats))
         self._pruned = 0

@@ -121,10 +121,6 @@ class TrainSettings(Settings):
     keyframe_iterations: Annotated[int, Heading("Keyframe")] = Field(default=12_000, ge=1)
     """Training steps of the keyframe before pruning."""
 
-    strategy: Literal["default", "mcmc"] = "default"
-    """Densification strategy. default: split splats where several views agree that the image is wrong. mcmc: relocate
-    dead splats and copy live ones (Kheradmand et al. 2024)."""
-
     densify_from: int = Field(default=500, ge=0)
     """Densification starts after this step."""
 

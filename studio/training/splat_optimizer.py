@@ -51,12 +51,6 @@ class SplatOptimizer:
                 ratio = MEANS_FINAL_RATE / self._rates.means
                 group.rate = self._rates.means * self._extent * ratio ** min(1.0, fraction)
 
-    @property
-    def means_rate(self) -> float:
-        """Learning rate of the means in the next step, world units; 0 if they are frozen."""
-        rates = [group.rate for group in self._adam.groups if group.name == "means"]
-        return rates[0] if rates else 0.0
-
     def step(self) -> None:
         """Take one Adam step and clear the gradients."""
         self._adam.step()
@@ -93,20 +87,6 @@ class SplatOptimizer:
                 key: torch.cat([value, torch.zeros_like(values[name])]) for key, value in self._moments(name).items()
             }
             self._replace(name, torch.cat([self._leaves[name], values[name]]), moments)
-
-    @torch.no_grad()
-    def overwrite(self, index: Tensor, new: Gaussians) -> None:
-        """Replace the splats at `index` and reset their Adam moments. Repeated indices must have equal values."""
-        for name, value in _by_leaf(new).items():
-            if name in self._leaves:
-                leaf = self._leaves[name]
-                moments = {key: moment.index_fill(0, index, 0.0) for key, moment in self._moments(name).items()}
-                self._replace(name, leaf.detach().index_copy(0, index, value), moments)
-
-    @torch.no_grad()
-    def shift_means(self, offsets: Tensor) -> None:
-        """Add (N, 3) offsets in world units to the means; Adam moments are unchanged."""
-        self._leaves["means"].add_(offsets)
 
     def state(self) -> dict[str, Tensor]:
         """All values and Adam moments by name, for `restore`."""

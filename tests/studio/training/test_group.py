@@ -154,14 +154,13 @@ def test_invalid_input(before: list[TrainingView]) -> None:
         TrainSettings(sh_degree=7)
 
 
-@pytest.mark.parametrize("strategy", ["default", "mcmc"])
-def test_a_keyframe_resumes_from_each_checkpoint_bit_for_bit(before, strategy, monkeypatch):
+def test_a_keyframe_resumes_from_each_checkpoint_bit_for_bit(before, monkeypatch):
     monkeypatch.setattr("studio.training.densify.RESET_EVERY", 8)
     monkeypatch.setattr("studio.training.settings.CHECKPOINT_EVERY", 1)
     points, colors, kept = noisy_points(), torch.full((300, 3), 0.5), Checkpoints()
     chosen = {"keyframe_iterations": 20, "densify_from": 3, "densify_until": 16, "densify_every": 5, "max_splats": 200}
     chosen |= {"densify_max_splats": 400, "prune_finetune_iterations": 4, "sh_degree": 1, "sh_degree_every": 6}
-    settings = SETTINGS.replace(strategy=strategy, **chosen)
+    settings = SETTINGS.replace(**chosen)
     unbroken = train_keyframe(before, points, colors, settings, seed=5, checkpoint=kept)
     assert max(kept) == 20 + 4 * int(kept[20]["rounds"])
     for step in (4, 12, 20, 23, 24, max(kept)):
