@@ -111,7 +111,7 @@ class RunState:
         elif isinstance(event, Metrics):
             if event.stage in ("train", "bake", "initialize"):
                 self.results += 1
-            if event.stage != "evaluate" or event.frame is not None:  # its summary is that of StageFinished
+            if event.group is not None:  # figures of a whole stage are those of StageFinished
                 self._say(metrics_words(event))
         elif isinstance(event, GroupState):
             self.lanes.setdefault(event.stage, {})[event.group] = event
