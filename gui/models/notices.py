@@ -1,5 +1,7 @@
 """Notices: what the window reports without stopping the user's work."""
 
+from __future__ import annotations
+
 import math
 import time
 from collections.abc import Callable, Iterator
@@ -22,13 +24,23 @@ class Notice:
     """A message, maybe of several lines, and the file or folder written, if any. A success of its topic removes it."""
 
     text: str
-    bad: bool = False
-    path: Path | None = None
-    topic: str = ""
+    bad: bool
+    path: Path | None
+    topic: str
+    until: float  # when it goes, by the clock of `Notices`
 
     @property
     def line(self) -> str:
         return " ".join(self.text.split())
+
+    def replaces(self, other: Notice) -> bool:
+        """Whether an earlier notice goes: a failure replaces the same one, and that its action is in progress; remarks,
+        and what was written, replace each other."""
+        if self.bad and other.bad:
+            return self.text == other.text
+        if self.bad:
+            return other.path is None and other.topic == self.topic != ""
+        return not other.bad and (self.path is None) == (other.path is None)
 
 
 class Notices:
@@ -37,41 +49,22 @@ class Notices:
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         self._now = now
-        self._passing: Notice | None = None
-        self._written: Notice | None = None
-        self._until: dict[bool, float] = {}  # of what was written (True) and of remarks
-        self._failures: list[Notice] = []
-        self._covered = False  # a failure came after what was written
-        self._newest: Notice | None = None
+        self._all: list[Notice] = []  # the newest last, also those that are not shown any more
 
     def show(
         self, text: str, bad: bool = False, path: Path | None = None, topic: str = "", stays: bool = False
     ) -> None:
-        """Show a notice; see `Notice`. A remark replaces an earlier remark, and what was written what was written
-        before. What was written stays until it is dismissed if `stays`."""
-        notice = self._newest = Notice(text.strip(), bad, path, topic)
-        if bad:
-            self._failures = [one for one in self._failures if one.text != notice.text][1 - MOST_FAILURES :]
-            self._failures.append(notice)
-            self._covered = True
-            if self._passing is not None and topic and self._passing.topic == topic:
-                self._passing = None  # what was in progress has failed
-            return
-        written = path is not None
-        if written:
-            self._written, self._covered = notice, False
-        else:
-            self._passing = notice
-        shown = max(SHOWN_SECONDS, SECONDS_PER_LETTER * len(notice.text))
-        self._until[written] = math.inf if written and stays else self._now() + shown
+        """Show a notice; see `Notice`. What was written stays until it is dismissed if `stays`."""
+        shown = max(SHOWN_SECONDS, SECONDS_PER_LETTER * len(text))
+        until = math.inf if bad or (stays and path is not None) else self._now() + shown
+        notice = Notice(text.strip(), bad, path, topic, until)
+        before = [one for one in self._all if not notice.replaces(one)]
+        dropped = [one for one in before if one.bad][: 1 - MOST_FAILURES] if bad else []
+        self._all = [*(one for one in before if one not in dropped), notice]
 
     def clear(self, topic: str) -> None:
         """Remove the failures and remarks of a topic. What was written before stays as long as it would."""
-        left = [one for one in self._failures if one.topic != topic]
-        self._covered &= left[-1:] == self._failures[-1:]
-        self._failures = left
-        if self._passing is not None and self._passing.topic == topic:
-            self._passing = None
+        self._all = [one for one in self._all if one.topic != topic or one.path is not None]
 
     def outcome(self, topic: str, problem: str) -> bool:
         """Show a failure, or remove those of the topic if there is none (""); returns whether there is none."""
@@ -94,45 +87,34 @@ class Notices:
     def dismiss(self) -> bool:
         """Remove the notice over the view; returns whether there was one."""
         card = self.card
-        if card is None:
-            return False
-        if card.bad:
-            self._failures.remove(card)
-            self._covered = False
-        else:
-            self._written = None
-        return True
+        if card is not None:
+            self._all.remove(card)
+        return card is not None
 
     @property
-    def passing(self) -> Notice | None:
-        """The remark that is shown; None if there is none."""
-        return self._passing if self._now() < self._until.get(False, 0.0) else None
+    def _shown(self) -> list[Notice]:
+        return [one for one in self._all if self._now() < one.until]
 
     @property
-    def written(self) -> Notice | None:
-        """What was written lately; None if nothing was."""
-        return self._written if self._now() < self._until.get(True, 0.0) else None
+    def _cards(self) -> list[Notice]:
+        return [one for one in self._shown if one.bad or one.path is not None]
 
     @property
     def card(self) -> Notice | None:
         """What is shown over the view, with buttons; None if nothing is."""
-        failure = self._failures[-1] if self._failures else None
-        return failure if failure is not None and self._covered else self.written or failure
+        return next(reversed(self._cards), None)
 
     @property
     def more(self) -> int:
         """Number of notices behind the one over the view."""
-        return max(len(self._failures) + (self.written is not None) - 1, 0)
+        return max(len(self._cards) - 1, 0)
 
     @property
     def line(self) -> str:
         """What is shown in the status line; "" if nothing is."""
-        passing = self.passing
-        return passing.line if passing is not None else ""
+        return next((one.line for one in self._shown if not one.bad and one.path is None), "")
 
     @property
     def text(self) -> str:
         """The newest notice that is shown, in one line; "" if there is none."""
-        passing, card = self.passing, self.card
-        shown = card if card is not None and card is self._newest else passing or card
-        return shown.line if shown is not None else ""
+        return next((one.line for one in reversed(self._shown)), "")
