@@ -54,7 +54,7 @@ def state_of(window: Shell) -> JsonObject:
         "alone": views.capture.camera,
         "menu_camera": window.camera_menu.camera,
         "places": _places(window),  # of what shows a camera, and of the ends of the scene's axes; those in front last
-        "shown": player.picture.frame if player.picture else None,  # frame of the newest image
+        "shown": player.picture.request.frame if player.picture else None,  # frame of the newest image
         "settled": views.settled,
         "pictures": window.pictures,  # number of images shown so far
         "plots": [plot.title for plot in window.timeline.plots],

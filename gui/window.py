@@ -289,8 +289,12 @@ class MainWindow(Shell):
                 self._redraws.pause = 0.0
         due = not pausing and self._redraws.due()
         if due:
-            shown = self.player.picture.frame if self.player.picture is not None and self.views.shows_player else None
-            self.numbers = [shown, self.inspector.frame, self.timeline.frame]
+            picture = self.player.picture if self.views.shows_player else None
+            self.numbers = [
+                picture.request.frame if picture is not None else None,
+                self.inspector.frame,
+                self.timeline.frame,
+            ]
             self._guard.drawn()
             unsettled = [picture.settle() for picture in self._pictures]
             if any(unsettled):

@@ -38,8 +38,8 @@ class OutputActions:
         if picture is None:
             window.notices.show("No image to save yet.")
             return
-        number = window.player.transport.number(picture.frame)
-        name = f"{picture.mode.replace(' ', '_')}_{picture.source}_{number:06d}.png"
+        number = window.player.transport.number(picture.request.frame)
+        name = f"{picture.request.mode.replace(' ', '_')}_{picture.request.what}_{number:06d}.png"
         opened = window.player.opened
         folder = opened.take.root.parent if opened is not None and opened.take is not None else Path.home()
 

@@ -50,7 +50,7 @@ while shown < frames:
     transport.step(1 if transport.frame < transport.last else -transport.last)
     before = window.pictures
     # a sharper picture of the previous frame may come first
-    until(lambda: window.pictures > before and window.player.picture.frame == transport.frame, window)
+    until(lambda: window.pictures > before and window.player.picture.request.frame == transport.frame, window)
     shown += 1
     if shown % (frames // 4) == 0:
         report["played"].append(memory())

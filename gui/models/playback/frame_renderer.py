@@ -13,13 +13,14 @@ from gui.drawing.canvas import Canvas
 from gui.drawing.compare import Box
 from gui.drawing.palette import BAD, BLACK
 from gui.models.playback.image_zoom import ImageZoom
-from gui.models.playback.other_source import OTHERS, OtherSource, shown_beside
+from gui.models.playback.other_source import OtherSource, shown_beside
 from gui.models.playback.sources import FrameSource
-from gui.models.scene.contents import SceneWanted
+from gui.models.scene.contents import Color, SceneRequest
 from gui.models.scene.orbit import OrbitCamera
-from gui.models.scene.render import Place, SceneRenderer
-from gui.models.stages import Inputs, performer_over
-from studio.cameras import Camera, Rig
+from gui.models.scene.reader import SceneReader
+from gui.models.scene.render import Place, render_scene
+from gui.models.stages import performer_over
+from studio.cameras import Camera
 from studio.coverage import ViewRange
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
@@ -29,37 +30,25 @@ KEPT_PICTURES = 9
 
 FAINTEST = 0.1  # how much of the image is left where nothing was filmed
 
-Color = tuple[float, float, float]
 DrawFn = Callable[[Gaussians, Camera, Color], np.ndarray]
 
 
-@dataclass(frozen=True, eq=False)
-class RenderRequest:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RenderRequest(SceneRequest):
     """What to render."""
 
     sources: dict[str, FrameSource]
-    frame: int  # counted from 0
-    number: int | None  # of the frame in the footage; None if that is not known: they are counted from 0, too
     mode: str  # one of `compare.MODES`
     what: str  # "footage", "trained", "decoded" or "other"; a comparison compares it with `reference`
     reference: str
     orbit: OrbitCamera
-    camera: str  # name of the capture camera; "" for the free view
-    image_zoom: ImageZoom  # visible part of its image
+    home: OrbitCamera  # the initial free view: side by side, it is reduced so that the narrow images contain `points`
+    image_zoom: ImageZoom  # visible part of the capture camera's image
     size: tuple[int, int]
-    background: Color  # RGB in 0 to 1
     wipe: float  # position of the wipe, 0 to 1
-    context: Inputs | None  # the take, for footage; None for a bare stream
-    rig: Rig | None  # the capture cameras, used if the footage cannot be opened
-    # (N, 3) points of the performer, and the initial free view: side by side, the free view is reduced so that the
-    # narrow images contain the performer
-    points: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
-    home: OrbitCamera = field(default_factory=OrbitCamera)
-    scene: SceneWanted | None = None  # what mode "scene" shows
-    em: float = 16.0
-    shape: float = 1.0  # width by height of the performer, which images side by side are arranged for
+    shape: float  # width by height of the performer, which images side by side are arranged for
     # the point of the world that the frame's mark is about; None for none
-    place: tuple[float, float, float] | None = None
+    place: tuple[float, float, float] | None
 
     @property
     def text(self) -> int:
@@ -88,11 +77,10 @@ class RenderRequest:
     @property
     def key(self) -> tuple[object, ...]:
         """Equal keys of two requests mean equal images."""
-        sources = [id(self.sources.get(name)) for name in ("trained", "decoded", *OTHERS)]
+        same = [id(one) for one in (self.orbit, self.context, self.rig, self.points, *self.sources.values())]
         return (
-            id(self.orbit), self.scene and self.scene.key, id(self.context), sources, self.frame, self.number,
-            self.mode, self.what, self.reference, self.camera, self.image_zoom, self.size, self.background, self.wipe,
-            self.place,
+            same, self.frame, self.number, self.group, self.mode, self.what, self.reference, self.camera, self.parts,
+            self.still, self.em, self.image_zoom, self.size, self.background, self.wipe, self.place,
         )  # fmt: skip
 
 
@@ -101,15 +89,10 @@ class Picture:
     """A rendered image."""
 
     image: np.ndarray  # (H, W, 3) uint8 RGB
-    frame: int  # counted from 0
-    source: str  # "decoded", "trained" or "footage"
+    request: RenderRequest
     splats: int  # number of Gaussians drawn; 0 for footage
     draw_seconds: float  # total time to render the Gaussians of all parts
-    mode: str = "single"
-    # rectangle of the (left) image in the image; the wipe moves within it
-    box: Box = field(default_factory=lambda: Box(0, 0, 1, 1))
-    camera: str = ""  # the capture camera; "" for the free view
-    label: tuple[object, ...] = ()  # `RenderRequest.label`
+    box: Box  # rectangle of the (left) image in the image; the wipe moves within it
     # cameras, ends: of a scene: name and (N, 2) pixels of frusta and of the ends of the view axes
     cameras: tuple[Place, ...] = ()
     ends: tuple[Place, ...] = ()
@@ -120,7 +103,6 @@ class _Part:
     image: np.ndarray
     splats: int
     draw_seconds: float
-    holder: object  # kept alive with the part, so that its id stays unique
 
 
 @dataclass
@@ -128,15 +110,15 @@ class FrameRenderer:
     """Renders requests; caches the last few parts, so that moving the wipe renders nothing again."""
 
     draw: DrawFn
-    scene: SceneRenderer = field(default_factory=SceneRenderer)
+    reader: SceneReader
     _kept: MemoryCache[tuple[object, ...], _Part] = field(default_factory=lambda: MemoryCache(KEPT_PICTURES))
     _reduced_of: tuple[object, float] = (None, 1.0)
 
     def __call__(self, request: RenderRequest) -> Picture:
         """Render the image. Raises StudioError: a missing or damaged frame or image."""
         capture = capture_camera(request)
-        if request.scene is not None:
-            return self._scene(request, request.scene, capture)
+        if request.mode == "scene":
+            return self._scene(request, capture)
         names = request.names
         apart = request.mode == "side by side"
         where = compare.boxes(request.size, len(names) if apart else 1, request.shape)
@@ -160,53 +142,36 @@ class FrameRenderer:
             image = image.copy()
             for box in where:
                 ring(image, box, self._camera(request, box, capture), request.place, request.text)
-        return Picture(
-            image, request.frame, request.what, parts[-1].splats, sum(part.draw_seconds for part in parts),
-            request.mode, where[0], request.camera, request.label,
-        )  # fmt: skip
+        seconds = sum(part.draw_seconds for part in parts)
+        return Picture(image, request, parts[-1].splats, seconds, where[0])
 
-    def _scene(self, request: RenderRequest, wanted: SceneWanted, capture: Camera | None) -> Picture:
-        source = request.sources.get(request.what)
-        if source is None:
-            raise StudioError("playback.no_source", f"no {request.what} frames yet", value=request.what)
-        gaussians = source.gaussians(request.frame)
+    def _scene(self, request: RenderRequest, capture: Camera | None) -> Picture:
+        gaussians = _source(request, request.what).gaussians(request.frame)
         start = time.perf_counter()
-        width, height = request.size
-        view = request.orbit.camera(width, height)
-        if capture is not None:
-            view = request.image_zoom.camera(capture, width, height)
-        image, cameras, ends = self.scene(gaussians, view, wanted, request.frame, request.background)
-        return Picture(
-            image, request.frame, request.what, len(gaussians), time.perf_counter() - start,
-            request.mode, Box(0, 0, width, height), request.camera, request.label, cameras, ends,
-        )  # fmt: skip
+        box = Box(0, 0, *request.size)
+        image, cameras, ends = render_scene(self.reader, gaussians, self._camera(request, box, capture), request)
+        return Picture(image, request, len(gaussians), time.perf_counter() - start, box, cameras, ends)
 
     def _part(self, request: RenderRequest, name: str, box: Box, capture: Camera | None) -> _Part:
-        source = request.sources.get(name)
+        source = request.context if name == "footage" else _source(request, name)
         seen_by: object = (request.camera, request.image_zoom) if capture is not None else request.orbit.key
-        holder = request.context if name == "footage" else source
-        key = (name, id(holder), request.frame, request.number, seen_by, request.background, box.width, box.height)
-        pictures = self._kept  # `forget` replaces them, on another thread
-        kept = pictures.get(key)
-        if kept is None:
-            if name == "footage":
-                image = footage_image(request, box.width, box.height)
-                kept = _Part(image, 0, 0.0, holder)
-            elif source is None:
-                raise StudioError("playback.no_source", f"no {name} frames yet", value=name)
-            else:
-                gaussians = source.gaussians(request.frame)
-                start = time.perf_counter()
-                camera = self._camera(request, box, capture)
-                image = self.draw(gaussians, camera, request.background)
-                if capture is not None:
-                    request.image_zoom.mask_outside(image, capture)
-                else:
-                    covered = getattr(source, "view_range", None)
-                    image = faded(image, covered, camera, request.background, request.text)
-                kept = _Part(image, len(gaussians), time.perf_counter() - start, holder)
-            pictures.put(key, kept)
-        return kept
+        key = (name, source, request.frame, request.number, seen_by, request.background, box.width, box.height)
+        # `forget` replaces the cache, on another thread
+        return self._kept.get_or_make(key, lambda _: self._drawn(request, name, box, capture))
+
+    def _drawn(self, request: RenderRequest, name: str, box: Box, capture: Camera | None) -> _Part:
+        if name == "footage":
+            return _Part(footage_image(request, box.width, box.height), 0, 0.0)
+        source = _source(request, name)
+        gaussians = source.gaussians(request.frame)
+        start = time.perf_counter()
+        camera = self._camera(request, box, capture)
+        image = self.draw(gaussians, camera, request.background)
+        if capture is not None:
+            request.image_zoom.mask_outside(image, capture)
+        else:
+            image = faded(image, getattr(source, "view_range", None), camera, request.background, request.text)
+        return _Part(image, len(gaussians), time.perf_counter() - start)
 
     def _camera(self, request: RenderRequest, box: Box, capture: Camera | None) -> Camera:
         if capture is not None:
@@ -225,7 +190,13 @@ class FrameRenderer:
     def forget(self) -> None:
         """Empty the cache: something else was opened, or files have changed."""
         self._kept = MemoryCache(KEPT_PICTURES)
-        self.scene.reader.forget()
+        self.reader.forget()
+
+
+def _source(request: RenderRequest, name: str) -> FrameSource:
+    if name not in request.sources:
+        raise StudioError("playback.no_source", f"no {name} frames yet", value=name)
+    return request.sources[name]
 
 
 def capture_camera(request: RenderRequest) -> Camera | None:

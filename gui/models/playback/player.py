@@ -17,9 +17,10 @@ from gui.models.playback.stream_source import LeftOut, StreamSource
 from gui.models.playback.transport import Transport
 from gui.models.playback.viewpoint import BACKGROUNDS, NOTHING_OPEN, Rest, Viewpoint
 from gui.models.scene.compose import draw
-from gui.models.scene.contents import SceneWanted, Surface
+from gui.models.scene.contents import Surface
 from gui.models.scene.orbit import OrbitCamera
-from gui.models.scene.render import Place, SceneRenderer, no_mesh
+from gui.models.scene.reader import SceneReader
+from gui.models.scene.render import Place
 from gui.models.worker import Done, LatestWorker
 from pipelines.share.cast_frames import CastFrames
 from pipelines.takes.videos import FALLBACK_FPS
@@ -41,12 +42,12 @@ class PlayerPresenter(Viewpoint):
         draw_function: DrawFn = draw,
         now: Callable[[], float] = time.monotonic,
         output: Callable[[], SoundDevice] = SoundDevice,
-        read_mesh: Callable[[Path], Surface] = no_mesh,
+        read_mesh: Callable[[Path], Surface | None] = lambda path: None,
     ) -> None:
         super().__init__()
         self._now = now
         self._output = output
-        self._renderer = FrameRenderer(draw_function, SceneRenderer(read_mesh))
+        self._renderer = FrameRenderer(draw_function, SceneReader(read_mesh))
         self._worker: LatestWorker[RenderRequest, Picture] = LatestWorker(self._renderer, "v3studio viewport")
         self._asked: RenderRequest | None = None
         self._wanted = "decoded"  # what was chosen, also while there is no such source, as during a bake
@@ -255,7 +256,7 @@ class PlayerPresenter(Viewpoint):
 
     def wipe_at(self, x: float) -> bool:
         """Whether a column of the image is on the wipe's line, within 14 pixels."""
-        if self.mode != "wipe" or self.picture is None or self.picture.mode != "wipe":
+        if self.mode != "wipe" or self.picture is None or self.picture.request.mode != "wipe":
             return False
         return abs(x - (self.picture.box.x + self.wipe * self.picture.box.width)) < 14
 
@@ -289,29 +290,17 @@ class PlayerPresenter(Viewpoint):
 
     def _request(self) -> RenderRequest | None:
         """What is wanted now; None if there is nothing to show."""
-        if self.opened is None or self.source is None:
+        opened, frame = self.opened, self.transport.frame
+        if opened is None or self.source is None:
             return None
         return RenderRequest(
-            self.opened.sources, self.transport.frame, self._number, self.mode, self.what, self.reference, self.orbit,
-            self.camera, self.image_zoom, self.size, BACKGROUNDS[self.background], self.wipe, self.context,
-            self.opened.rig, self.points, self.home, self._scene(), self.em,
-            self.shape if self.mode == "side by side" else 1.0, self.places.get(self.transport.frame),
-        )  # fmt: skip
-
-    @property
-    def _number(self) -> int | None:
-        """Number of the current frame in the footage; None if it is not known."""
-        return self.transport.number(self.transport.frame) if self.transport.numbers.known else None
-
-    def _scene(self) -> SceneWanted | None:
-        """What the scene shows; None if it is not on screen."""
-        opened = self.opened
-        if self.mode != "scene" or opened is None:
-            return None
-        group = opened.group(self.transport.frame, self.filmed_groups)
-        return SceneWanted(
-            opened.take, self.context, opened.rig, self.camera, group, self.scene_parts, opened.up, self.points,
-            self.still, self.em, self.held_out, self._number, opened.cast,
+            take=opened.take, context=self.context, rig=opened.rig, cast=opened.cast, sources=opened.sources,
+            frame=frame, number=self.transport.number(frame) if self.transport.numbers.known else None,
+            group=opened.group(frame, self.filmed_groups), place=self.places.get(frame),
+            mode=self.mode, what=self.what, reference=self.reference, camera=self.camera, parts=self.scene_parts,
+            orbit=self.orbit, home=self.home, image_zoom=self.image_zoom, up=opened.up, points=self.points,
+            size=self.size, shape=self.shape if self.mode == "side by side" else 1.0, wipe=self.wipe,
+            background=BACKGROUNDS[self.background], still=self.still, em=self.em,
         )  # fmt: skip
 
     @property
@@ -347,15 +336,15 @@ class PlayerPresenter(Viewpoint):
     def current(self) -> bool:
         """Whether the newest image has the wanted sources, comparison and camera, and when paused the wanted frame."""
         request = self._request()
-        if self.picture is None or request is None or self.picture.label != request.label:
+        if self.picture is None or request is None or self.picture.request.label != request.label:
             return False
-        return self.transport.playing or self.picture.frame == request.frame
+        return self.transport.playing or self.picture.request.frame == request.frame
 
     @property
     def frame(self) -> int:
         """The frame that the window's numbers and plots refer to: during playback that of the newest image."""
         if self.on_screen and self.transport.playing and self.picture is not None and self.current:
-            return min(self.picture.frame, self.transport.last)
+            return min(self.picture.request.frame, self.transport.last)
         return self.transport.frame
 
     @property

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from gui.models.scene.fragments import Fragments, Patch
+from gui.models.scene.contents import Color
+from gui.models.scene.fragments import Patch
 from studio.cameras import Camera
 from studio.gaussians import Gaussians
 from studio.rasterizer import preferred_device, rasterize
@@ -17,8 +18,6 @@ from studio.rasterizer import preferred_device, rasterize
 MOST_PER_PIXEL = 8  # fragments that are blended in a pixel: the nearest ones
 SLACK = 1.002  # relative depth by which lines may lie behind a surface and still be drawn: edges of a surface lie on it
 FAINT = 0.02  # opacity of splats below which their depth does not count
-
-Color = tuple[float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +29,7 @@ class SplatLayer:
     depth: np.ndarray
 
 
-def draw(gaussians: Gaussians, camera: Camera, background: tuple[float, float, float]) -> np.ndarray:
+def draw(gaussians: Gaussians, camera: Camera, background: Color) -> np.ndarray:
     """Render on the GPU if there is one: (height, width, 3) uint8 RGB, C order. Raises StudioError, see `rasterize`."""
     device = preferred_device()
     with torch.no_grad():
@@ -66,8 +65,8 @@ class Surfaces:
         pixels[nearer], depth[nearer] = patch.pixels[nearer], patch.depth[nearer]
 
 
-def compose(background: Color, splats: SplatLayer | None, surfaces: Surfaces, fragments: Fragments) -> np.ndarray:
-    """The image, (H, W, 3) uint8. `fragments`: of lines and points."""
+def compose(background: Color, splats: SplatLayer | None, surfaces: Surfaces, fragments: np.ndarray) -> np.ndarray:
+    """The image, (H, W, 3) uint8. `fragments`: (F,) `FRAGMENT` of lines and points."""
     height, width = surfaces.depth.shape
     solid_depth = surfaces.depth.reshape(-1)
     solid = surfaces.pixels.reshape(-1, 3).astype(np.float32) / 255
@@ -78,8 +77,8 @@ def compose(background: Color, splats: SplatLayer | None, surfaces: Surfaces, fr
     image = np.tile(np.array(background, np.float32), (height * width, 1))
     there = np.isfinite(solid_depth)
     image[there] = solid[there]
-    fragments = fragments[fragments.depth <= solid_depth[fragments.pixels] * SLACK]
-    behind = fragments.depth >= splat_depth[fragments.pixels]
+    fragments = fragments[fragments["depth"] <= solid_depth[fragments["pixel"]] * SLACK]
+    behind = fragments["depth"] >= splat_depth[fragments["pixel"]]
     if splats is None:
         blend(image, fragments)
     else:
@@ -88,21 +87,21 @@ def compose(background: Color, splats: SplatLayer | None, surfaces: Surfaces, fr
         front = solid_depth < splat_depth
         image[front & there] = solid[front & there]
         # lines on a surface in front of the splats were covered by it
-        on_front = behind & (front & there)[fragments.pixels]
+        on_front = behind & (front & there)[fragments["pixel"]]
         blend(image, fragments[~behind | on_front])
     out: np.ndarray = (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8)
     return out.reshape(height, width, 3)
 
 
-def blend(image: np.ndarray, fragments: Fragments) -> None:
-    """Blend over an (H * W, 3) float32 image in 0 to 1, in place, far ones first."""
+def blend(image: np.ndarray, fragments: np.ndarray) -> None:
+    """Blend (F,) `FRAGMENT` over an (H * W, 3) float32 image in 0 to 1, in place, far ones first."""
     if not len(fragments):
         return
-    order = np.lexsort((fragments.depth, fragments.pixels))
-    pixels = fragments.pixels[order]
+    fragments = fragments[np.lexsort((fragments["depth"], fragments["pixel"]))]
+    pixels = fragments["pixel"]
     starts = np.flatnonzero(np.r_[True, pixels[1:] != pixels[:-1]])
     rank = np.arange(len(pixels)) - np.repeat(starts, np.diff(np.r_[starts, len(pixels)]))
     for number in range(min(int(rank.max()), MOST_PER_PIXEL - 1), -1, -1):  # in a round, each pixel occurs once
-        which = order[rank == number]
-        at, cover = fragments.pixels[which], fragments.cover[which, None].astype(np.float32)
-        image[at] += (fragments.colors[which].astype(np.float32) / 255 - image[at]) * cover
+        which = fragments[rank == number]
+        at, cover = which["pixel"], which["cover"][:, None].astype(np.float32)
+        image[at] += (which["color"].astype(np.float32) / 255 - image[at]) * cover

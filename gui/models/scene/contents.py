@@ -22,6 +22,8 @@ SHOWN_AT_FIRST = frozenset({"splats", "cameras", "grid", "axes", "volume"})
 FRUSTUM = 0.16  # length of the frusta, relative to the median distance of the cameras from the performer
 GRID_CELLS = 5  # cells of the grid on each side of its middle
 
+Color = tuple[float, float, float]
+
 
 class Surface(Protocol):
     """A triangle mesh."""
@@ -31,29 +33,24 @@ class Surface(Protocol):
         ...
 
 
-@dataclass(frozen=True, eq=False)
-class SceneWanted:
-    """What to show."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SceneRequest:
+    """A frame, and what to show of it."""
 
-    take: Take | None
-    context: Inputs | None
+    take: Take | None  # None for a bare stream
+    context: Inputs | None  # the take with its footage; None if there is none, or its settings cannot be read
     rig: Rig | None
-    camera: str  # the capture camera that one looks through; "" for the free view
+    frame: int  # counted from 0
+    number: int | None  # of the frame in the footage; None if that is not known: they are counted from 0, too
     group: int  # the frame's group
+    camera: str  # name of the capture camera that one looks through; "" for the free view
+    background: Color  # RGB in 0 to 1
     parts: frozenset[str]  # of `PARTS`
     up: np.ndarray
-    points: np.ndarray
+    points: np.ndarray  # (N, 3) points of the performer
     still: bool  # whether the view rests: time for full resolution, and for the frame's images on the frusta
     em: float
-    not_trained_on: tuple[str, ...] = ()
-    number: int | None = None
-    cast: CastFrames | None = None  # with models and a ground; None for none
-
-    @property
-    def key(self) -> tuple[object, ...]:
-        """Equal keys mean equal images, if the frame and the view are equal."""
-        same = (id(self.rig), id(self.context), id(self.points))
-        return (*same, self.camera, self.group, self.parts, self.still, self.em)
+    cast: CastFrames | None  # with models and a ground; None for none
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,35 +14,19 @@ from studio.cameras import Camera
 NEAR = 1e-3  # least depth that is drawn, world units
 
 
-@dataclass(frozen=True, eq=False)
-class Fragments:
-    """What covers pixels (F,), row * width + column, in any order, with depths in world units; some repeat."""
-
-    pixels: np.ndarray
-    depth: np.ndarray
-    cover: np.ndarray
-    colors: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.pixels)
-
-    def __getitem__(self, which: np.ndarray) -> Fragments:
-        return Fragments(self.pixels[which], self.depth[which], self.cover[which], self.colors[which])
-
-    @classmethod
-    def join(cls, parts: list[Fragments]) -> Fragments:
-        if not parts:
-            return cls(np.zeros(0, np.int64), np.zeros(0), np.zeros(0), np.zeros((0, 3), np.uint8))
-        return cls(
-            np.concatenate([part.pixels for part in parts]),
-            np.concatenate([part.depth for part in parts]),
-            np.concatenate([part.cover for part in parts]),
-            np.concatenate([part.colors for part in parts]),
-        )
+FRAGMENT = np.dtype([("pixel", np.int64), ("depth", float), ("cover", float), ("color", np.uint8, 3)], align=True)
+"""What covers a pixel, row * width + column, at a depth in world units. Fragments are in any order; pixels repeat."""
 
 
-def point_fragments(camera: Camera, points: np.ndarray, colors: np.ndarray, radius: int = 1) -> Fragments:
-    """Points (N, 3) with colors (N, 3) uint8, 2 * radius - 1 pixels wide; round if that is more than 3."""
+def fragments(pixel: np.ndarray, depth: np.ndarray, cover: np.ndarray | float, color: np.ndarray) -> np.ndarray:
+    """(F,) `FRAGMENT`."""
+    found = np.empty(len(pixel), FRAGMENT)
+    found["pixel"], found["depth"], found["cover"], found["color"] = pixel, depth, cover, color
+    return found
+
+
+def point_fragments(camera: Camera, points: np.ndarray, colors: np.ndarray, radius: int) -> np.ndarray:
+    """(F,) `FRAGMENT`: points (N, 3), colors (N, 3) uint8, 2 * radius - 1 pixels wide; round if more than 3."""
     pixels, depth = camera.project(points)
     good = (depth > NEAR) & (np.abs(pixels) < 1e6).all(axis=1)
     place, depth, colors = np.floor(pixels[good]).astype(np.int64), depth[good], colors[good]
@@ -51,13 +35,12 @@ def point_fragments(camera: Camera, points: np.ndarray, colors: np.ndarray, radi
         if dx * dx + dy * dy <= (radius - 0.5) ** 2:
             x, y = place[:, 0] + dx, place[:, 1] + dy
             inside = (x >= 0) & (y >= 0) & (x < camera.width) & (y < camera.height)
-            cover = np.ones(int(inside.sum()))
-            found.append(Fragments((y * camera.width + x)[inside], depth[inside], cover, colors[inside]))
-    return Fragments.join(found)
+            found.append(fragments((y * camera.width + x)[inside], depth[inside], 1.0, colors[inside]))
+    return np.concatenate(found)
 
 
-def line_fragments(camera: Camera, lines: Lines) -> Fragments:
-    """Antialiased lines, seen by a pinhole camera."""
+def line_fragments(camera: Camera, lines: Lines) -> np.ndarray:
+    """(F,) `FRAGMENT`: antialiased lines, seen by a pinhole camera."""
     ends = lines.ends @ camera.rotation.T + camera.translation
     ends, kept = _in_front(ends)
     colors = lines.colors[kept]
@@ -72,7 +55,7 @@ def line_fragments(camera: Camera, lines: Lines) -> Fragments:
     for one in (False, True):
         which = steep == one
         found.append(_spans(camera, pixels[which], inverse[which], colors[which], lines.width, one))
-    return Fragments.join(found)
+    return np.concatenate(found)
 
 
 def _in_front(ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -110,7 +93,7 @@ def _in_picture(
 
 def _spans(
     camera: Camera, pixels: np.ndarray, inverse: np.ndarray, colors: np.ndarray, width: float, steep: bool
-) -> Fragments:
+) -> np.ndarray:
     """The pixels of lines that go along x, or along y (`steep`)."""
     along, across = (1, 0) if steep else (0, 1)
     backwards = pixels[:, 0, along] > pixels[:, 1, along]
@@ -133,8 +116,8 @@ def _spans(
         cover = np.clip(0.5 * width + 0.5 - np.abs(side + 0.5 - minor) * tilt[line], 0, 1)
         good = (cover > 0) & (at >= 0) & (side >= 0) & (at < limits[0]) & (side < limits[1])
         row, column = (at, side) if steep else (side, at)
-        found.append(Fragments((row * camera.width + column)[good], depth[good], cover[good], colors[line[good]]))
-    return Fragments.join(found)
+        found.append(fragments((row * camera.width + column)[good], depth[good], cover[good], colors[line[good]]))
+    return np.concatenate(found)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,13 +9,14 @@ import cv2
 import numpy as np
 
 from gui.drawing.palette import FAIR, HELD_OUT, RGB
+from gui.models.held_out import held_out_cameras
 from gui.models.scene import contents as scene
-from gui.models.scene.contents import Lines, SceneCamera, SceneContents, SceneWanted, Surface
+from gui.models.scene.contents import Lines, SceneCamera, SceneContents, SceneRequest, Surface
 from gui.models.scene.handles import up_of
 from gui.models.stages import Inputs
 from pipelines.takes.edits import read_edits
 from pipelines.takes.point_files import read_points, read_sparse_points
-from studio.cameras import Camera, Rig
+from studio.cameras import Rig
 from studio.counts import counted
 from studio.edits.edit_list import EditList
 from studio.errors import StudioError
@@ -36,15 +37,14 @@ Content = TypeVar("Content")
 class SceneReader:
     """See the module. `read_mesh`: reads a mesh file."""
 
-    def __init__(self, read_mesh: Callable[[Path], Surface]) -> None:
-        self._read_mesh: Callable[[Path], Surface | None] = read_mesh
+    def __init__(self, read_mesh: Callable[[Path], Surface | None]) -> None:
+        self._read_mesh = read_mesh
         self._files: MemoryCache[tuple[Path, int], object] = MemoryCache(9)
-        self._undistorted: tuple[Rig | None, list[Camera]] = (None, [])
         self._images: SmallImages = MemoryCache(MOST_THUMBNAILS)
         self._last: dict[str, np.ndarray | None] = {}
         self._context: object = None
 
-    def read(self, wanted: SceneWanted, frame: int) -> SceneContents:
+    def read(self, wanted: SceneRequest) -> SceneContents:
         """What to show beside the splats. Raises StudioError: a damaged file."""
         edits = EditList()
         points: Points = np.zeros((0, 3)), np.zeros((0, 3))
@@ -62,7 +62,7 @@ class SceneReader:
                 surfaces.append((self._file(folder / "mesh.ply", self._read_mesh, None), Similarity()))
         if wanted.cast is not None:
             surfaces = [(self._file(path, self._read_mesh, None), place) for path, place in wanted.cast.models]
-            surfaces.append((wanted.cast.ground(frame), Similarity()))
+            surfaces.append((wanted.cast.ground(wanted.frame), Similarity()))
         body = points[0] if len(points[0]) else wanted.points
         lines: list[Lines] = []
         if len(body):
@@ -93,7 +93,7 @@ class SceneReader:
         cameras: tuple[SceneCamera, ...] = ()
         length = 1.0
         if wanted.rig is not None and "cameras" in wanted.parts:
-            cameras, length = self._cameras(wanted, frame), scene.frustum_length(wanted.rig, middle)
+            cameras, length = self._cameras(wanted, wanted.rig), scene.frustum_length(wanted.rig, middle)
         return SceneContents(
             cameras=cameras,
             length=length,
@@ -109,34 +109,33 @@ class SceneReader:
             return missing
         return cast(Content, self._files.get_or_make((path, path.stat().st_mtime_ns), lambda _: read(path)))
 
-    def _cameras(self, wanted: SceneWanted, frame: int) -> tuple[SceneCamera, ...]:
-        assert wanted.rig is not None
-        if self._undistorted[0] is not wanted.rig:
-            self._undistorted = (wanted.rig, [camera.undistorted() for camera in wanted.rig])
+    def _cameras(self, wanted: SceneRequest, rig: Rig) -> tuple[SceneCamera, ...]:
         if self._context is not wanted.context:
             self._context = wanted.context
             self._images.clear()
             self._last.clear()
-        found = []
-        for camera in self._undistorted[1]:
-            if camera.name == wanted.camera:
-                continue  # one looks through it
-            color = HELD_OUT if camera.name in wanted.not_trained_on else OTHERS
-            found.append(SceneCamera(camera, color, self._image(wanted, camera.name, frame)))
-        return tuple(found)
+        held_out = held_out_cameras(wanted.context)
+        return tuple(
+            SceneCamera(
+                camera.undistorted(),
+                HELD_OUT if camera.name in held_out else OTHERS,
+                self._image(wanted, camera.name),
+            )
+            for camera in rig
+            if camera.name != wanted.camera  # one looks through it
+        )
 
-    def _image(self, wanted: SceneWanted, name: str, frame: int) -> np.ndarray | None:
+    def _image(self, wanted: SceneRequest, name: str) -> np.ndarray | None:
         """The camera's image of the frame; until the view rests, the last one that was read."""
-        if wanted.context is not None and (wanted.still or (name, frame) in self._images):
-            read = partial(small_image, wanted.context, number=wanted.number)
-            self._last[name] = self._images.get_or_make((name, frame), lambda key: read(*key))
+        context, key = wanted.context, (name, wanted.frame)
+        if context is not None and (wanted.still or key in self._images):
+            self._last[name] = self._images.get_or_make(key, lambda key: small_image(context, *key, wanted.number))
         return self._last.get(name)
 
     def forget(self) -> None:
         self._files.clear()
         self._images.clear()
         self._last.clear()
-        self._undistorted = (None, [])
 
 
 def small_image(context: Inputs, camera: str, frame: int, number: int | None = None) -> np.ndarray | None:

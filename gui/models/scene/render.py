@@ -1,20 +1,16 @@
 """The scene's image, composed from the rasterizer's splats and everything else."""
 
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 
 from gui.drawing import compare
 from gui.drawing.canvas import Canvas
 from gui.drawing.palette import GROUND, TEXT
-from gui.models.scene.compose import Color, SplatLayer, Surfaces, compose, draw_layer
-from gui.models.scene.contents import Lines, SceneContents, SceneWanted, Surface
-from gui.models.scene.fragments import NEAR, Fragments, Patch, image_on_quad, line_fragments, point_fragments
+from gui.models.scene.compose import SplatLayer, Surfaces, compose, draw_layer
+from gui.models.scene.contents import Color, Lines, SceneContents, SceneRequest
+from gui.models.scene.fragments import NEAR, Patch, image_on_quad, line_fragments, point_fragments
 from gui.models.scene.gizmo import draw_gizmo
 from gui.models.scene.reader import SceneReader
 from studio.cameras import Camera
-from studio.errors import StudioError
 from studio.gaussians import Gaussians
 
 Place = tuple[str, np.ndarray]
@@ -23,45 +19,33 @@ BACKGROUND: Color = (GROUND[0] / 255, GROUND[1] / 255, GROUND[2] / 255)
 EDGES = np.array([(0, 1), (0, 2), (0, 3), (0, 4), (1, 2), (2, 3), (3, 4), (4, 1)])  # between points of `frustum`
 
 
-def no_mesh(path: Path) -> Surface:
-    """Where meshes cannot be rendered. Raises StudioError."""
-    raise StudioError("mesh.unreadable", "meshes cannot be shown here", file=path)
+def render_scene(
+    reader: SceneReader, gaussians: Gaussians, view: Camera, request: SceneRequest
+) -> tuple[np.ndarray, tuple[Place, ...], tuple[Place, ...]]:
+    """The image of the scene, and name and pixels of frusta and of axes, those in front last. Raises StudioError: a
+    damaged file."""
+    contents, em = reader.read(request).seen_from(view.center), request.em
+    splats = draw_layer(gaussians, view) if "splats" in request.parts else None
+    canvas = draw_contents(contents, view, splats, request.background)
+    _write_names(canvas, view, contents, splats, em)
+    ends = draw_gizmo(canvas, view, em)
+    if contents.words:
+        compare.label(canvas, 0.6 * em, 0.6 * em, contents.words, size=round(0.85 * em))
+    return canvas.pixels, tuple(frusta_places(contents, view)), tuple(ends)
 
 
-class SceneRenderer:
-    """See the module. `read_mesh`: reads a mesh file."""
-
-    def __init__(self, read_mesh: Callable[[Path], Surface] = no_mesh) -> None:
-        self.reader = SceneReader(read_mesh)
-
-    def __call__(
-        self, gaussians: Gaussians, view: Camera, wanted: SceneWanted, frame: int, background: Color
-    ) -> tuple[np.ndarray, tuple[Place, ...], tuple[Place, ...]]:
-        """Render a frame (counted from 0) of the scene: the image, and name and pixels of frusta and of axes, those in
-        front last. Raises StudioError: a damaged file."""
-        contents = self.reader.read(wanted, frame).seen_from(view.center)
-        splats = draw_layer(gaussians, view) if "splats" in wanted.parts else None
-        canvas = draw_contents(contents, view, splats, background)
-        self._names(canvas, view, contents, splats, wanted.em)
-        ends = draw_gizmo(canvas, view, wanted.em)
-        if contents.words:
-            compare.label(canvas, 0.6 * wanted.em, 0.6 * wanted.em, contents.words, size=round(0.85 * wanted.em))
-        return canvas.pixels, tuple(frusta_places(contents, view)), tuple(ends)
-
-    def _names(
-        self, canvas: Canvas, view: Camera, contents: SceneContents, splats: SplatLayer | None, em: float
-    ) -> None:
-        """Write the cameras' names, except behind the splats."""
-        if not contents.cameras:
-            return
-        pixels, depth = view.project(np.array([one.camera.center for one in contents.cameras]))
-        for one, (x, y), away in zip(contents.cameras, pixels, depth, strict=True):
-            if away <= NEAR or not (0 <= x < view.width and 0 <= y < view.height):
-                continue
-            row, column = int(y), int(x)
-            hidden = splats is not None and splats.alpha[row, column] > 0.5 and splats.depth[row, column] < away
-            if not hidden:
-                canvas.text(float(x), float(y) + 4, one.camera.name, round(0.8 * em), TEXT, align="middle")
+def _write_names(canvas: Canvas, view: Camera, contents: SceneContents, splats: SplatLayer | None, em: float) -> None:
+    """Write the cameras' names, except behind the splats."""
+    if not contents.cameras:
+        return
+    pixels, depth = view.project(np.array([one.camera.center for one in contents.cameras]))
+    for one, (x, y), away in zip(contents.cameras, pixels, depth, strict=True):
+        if away <= NEAR or not (0 <= x < view.width and 0 <= y < view.height):
+            continue
+        row, column = int(y), int(x)
+        hidden = splats is not None and splats.alpha[row, column] > 0.5 and splats.depth[row, column] < away
+        if not hidden:
+            canvas.text(float(x), float(y) + 4, one.camera.name, round(0.8 * em), TEXT, align="middle")
 
 
 def draw_contents(
@@ -77,7 +61,7 @@ def draw_contents(
             surfaces.add(image_on_quad(view, frustum(one.camera, contents.length)[1:], one.image))
     parts = [line_fragments(view, lines) for lines in (*contents.lines, frusta_lines(contents))]
     parts += [point_fragments(view, *points) for points in contents.points]
-    return Canvas.of(compose(background, splats, surfaces, Fragments.join(parts)))
+    return Canvas.of(compose(background, splats, surfaces, np.concatenate(parts)))
 
 
 def frustum(camera: Camera, length: float) -> np.ndarray:

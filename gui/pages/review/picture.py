@@ -8,9 +8,9 @@ import torch
 
 from gui.drawing.canvas import Canvas
 from gui.drawing.palette import ACCENT, AXES, BAD, FAIR, GROUND, TEXT
-from gui.models.scene.compose import Color, SplatLayer, blend
-from gui.models.scene.contents import Lines
-from gui.models.scene.fragments import Fragments, line_fragments, point_fragments
+from gui.models.scene.compose import SplatLayer, blend
+from gui.models.scene.contents import Color, Lines
+from gui.models.scene.fragments import FRAGMENT, line_fragments, point_fragments
 from gui.models.scene.handles import Handle
 from studio.cameras import Camera
 from studio.gaussians import SH_C0, Gaussians
@@ -51,14 +51,15 @@ def draw_lines(
 ) -> None:
     """Draw on the image of the splats: lines `within` them, faintly where they are hidden, and lines over them; and
     dots at selected splats (N, 3): many are too faint, or behind others, to be seen."""
-    found = Fragments.join([line_fragments(view, lines) for lines in within])
-    hidden = (splats.alpha.reshape(-1)[found.pixels] > OPAQUE) & (splats.depth.reshape(-1)[found.pixels] < found.depth)
-    parts = [replace(found, cover=np.where(hidden, HIDDEN, 1.0) * found.cover)]
-    parts += [line_fragments(view, lines) for lines in over]
+    found = np.concatenate([np.empty(0, FRAGMENT), *(line_fragments(view, lines) for lines in within)])
+    at, depth = found["pixel"], found["depth"]
+    hidden = (splats.alpha.reshape(-1)[at] > OPAQUE) & (splats.depth.reshape(-1)[at] < depth)
+    found["cover"][hidden] *= HIDDEN
+    parts = [found, *(line_fragments(view, lines) for lines in over)]
     colors = np.tile(np.array(FAIR, np.uint8), (len(dots), 1))
     parts.append(point_fragments(view, dots.astype(np.float64), colors, 2 if len(dots) < MANY else 1))
     image = canvas.pixels.reshape(-1, 3).astype(np.float32) / 255
-    blend(image, Fragments.join(parts))
+    blend(image, np.concatenate(parts))
     canvas.pixels[:] = (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8).reshape(canvas.pixels.shape)
 
 

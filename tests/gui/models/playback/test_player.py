@@ -81,7 +81,7 @@ def test_a_take_shows_decoded_and_trained(player: PlayerPresenter, stream_folder
     player.transport.seek(9)
     assert player.choose("trained")
     settle(player)
-    assert (player.picture.source, player.picture.frame, player.picture.splats) == ("trained", 9, 50)
+    assert (player.picture.request.what, player.picture.request.frame, player.picture.splats) == ("trained", 9, 50)
     assert player.transport.group_starts == (0, 8)
     refused = heard(player.refused)
     assert not player.choose("footage")  # no footage is known
@@ -104,7 +104,7 @@ def test_frames_that_are_trained_meanwhile_show_up(player: PlayerPresenter, tmp_
     assert player.refresh()
     assert (player.transport.frame_count, player.transport.frame, player.transport.group_starts) == (9, 2, (0, 8))
     settle(player)
-    assert player.picture.frame == 2
+    assert player.picture.request.frame == 2
 
 
 def test_worker_drops_what_is_overtaken_and_reports_errors() -> None:

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 from gui.models.scene.compose import MOST_PER_PIXEL, SplatLayer, Surfaces, compose
-from gui.models.scene.fragments import Fragments, Patch
+from gui.models.scene.fragments import Patch
+from gui.models.scene.fragments import fragments as made
 
 BACKGROUND = (0.2, 0.4, 0.6)
 
 
-def fragments(*items: tuple[int, float, float, int]) -> Fragments:
+def fragments(*items: tuple[int, float, float, int]) -> np.ndarray:
     """Of (pixel, depth, cover, gray)."""
     array = np.array(items, float).reshape(-1, 4)
-    gray = np.repeat(array[:, 3:], 3, axis=1).astype(np.uint8)
-    return Fragments(array[:, 0].astype(np.int64), array[:, 1], array[:, 2], gray)
+    return made(*array[:, :3].T, array[:, 3:])
 
 
 def splats(alpha: float, depth: float, level: float = 0.5) -> SplatLayer:
@@ -31,7 +31,7 @@ def surface(depth: float | None, level: int = 0) -> Surfaces:
     return found
 
 
-def red(layer: SplatLayer | None, solid: Surfaces, parts: Fragments) -> float:
+def red(layer: SplatLayer | None, solid: Surfaces, parts: np.ndarray) -> float:
     """The first channel, 0 to 1."""
     return float(compose(BACKGROUND, layer, solid, parts)[0, 0, 0]) / 255
 

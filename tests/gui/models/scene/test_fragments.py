@@ -24,19 +24,19 @@ def test_a_lines_pixels_lie_on_it_at_its_depth() -> None:
     ends = np.array([[[-0.9, -0.3, -0.8], [0.8, 0.4, 0.7]], [[0.1, -0.5, 0.6], [-0.1, 0.5, -0.6]]])
     for one in ends:
         found = line_fragments(view, Lines.of([one], (9, 8, 7), 2.0))
-        strong = found[found.cover > 0.6]
+        strong = found[found["cover"] > 0.6]
         assert len(strong) > 40
-        places = np.column_stack([strong.pixels % 120, strong.pixels // 120]) + 0.5
+        places = np.column_stack([strong["pixel"] % 120, strong["pixel"] // 120]) + 0.5
         # points along the line, densely: the nearest one to each pixel
         along = one[0] + np.linspace(0, 1, 4001)[:, None] * (one[1] - one[0])
         pixels, depth = view.project(along)
         apart = np.linalg.norm(places[:, None] - pixels[None], axis=2)
         assert apart.min(axis=1).max() < 1.0
-        assert np.abs(depth[apart.argmin(axis=1)] / strong.depth - 1).max() < 0.01
+        assert np.abs(depth[apart.argmin(axis=1)] / strong["depth"] - 1).max() < 0.01
         # as much ink as a band of that width
         length = np.linalg.norm(pixels[-1] - pixels[0])
-        assert abs(found.cover.sum() / (2.0 * length) - 1) < 0.06
-        assert (found.colors == (9, 8, 7)).all()
+        assert abs(found["cover"].sum() / (2.0 * length) - 1) < 0.06
+        assert (found["color"] == (9, 8, 7)).all()
 
 
 def test_an_image_on_a_quad_has_the_depth_of_its_plane() -> None:

@@ -20,7 +20,7 @@ def test_up_to_four_are_side_by_side_and_a_key_goes_back_and_forth(
     player.choose_mode("side by side")
     settle(player)
     assert 2 * player.picture.box.width <= 256
-    assert player.picture.label[1] == ("decoded", "other", "other 2", "other 3")
+    assert player.picture.request.names == ("decoded", "other", "other 2", "other 3")
     assert player.exchange()
     assert (player.mode, player.what) == ("single", OTHER)
     assert player.exchange()
