@@ -16,14 +16,7 @@ from pathlib import Path
 from typing import TextIO
 
 from pipelines.commands import completion
-from pipelines.commands.common.arguments import (
-    CommandParser,
-    WordPairs,
-    WrongUsage,
-    long_settings_as_set,
-    nearest,
-    overrides,
-)
+from pipelines.commands.common.arguments import CommandParser, WrongUsage, long_settings_as_set, nearest, overrides
 from pipelines.events import Finished, as_message
 from pipelines.events.cancellation import EXIT_CANCELLED
 from pipelines.stages import STAGE_NAMES
@@ -44,11 +37,11 @@ GROUPS = {  # commands, in the order of `v3studio --help`
 
 _MODULES = (
     "run", "status", "estimate", "queue", "work", "edit", "check", "open_window", "play", "serve", "share",
-    "export", "import_splats", "compare", "ablate", "config", "init", "board",
+    "export", "import_splats", "compare", "ablate", "config", "init", "board", "bakes", "models",
 )  # fmt: skip
 """Of `pipelines.commands`, which register the commands."""
 
-_OF_PAIRS = ("bakes", "models")  # those of commands of two words
+_ABOUT = "Turn synchronized multi-camera footage of a performer into a streamable Gaussian video."
 
 _EXAMPLES = """Examples:
     v3studio run footage/first --take takes/first
@@ -107,16 +100,14 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     parser, commands = make_parser()
     pair = " ".join(arguments[:2])
     if pair in commands:  # `bake list`, beside `bake TAKE`
-        named = parser = commands[pair]
-        arguments = arguments[2:]
-    else:  # errors in the arguments of a command show the usage of that command
-        first = arguments[0] if arguments else ""
-        named = commands.get(first, parser)
-        if first not in commands and (begun := [name for name in commands if name.startswith(f"{first} ")]):
-            parser.error(f"there is no command '{first}'; there is {' and '.join(begun)}")
+        arguments = [pair, *arguments[2:]]
+    first = arguments[0] if arguments else ""
+    seconds = [name.removeprefix(f"{first} ") for name in commands if name.startswith(f"{first} ")]
+    if first not in commands and seconds:
+        parser.error(f"there is no command '{first}'; there is {' and '.join(f'{first} {name}' for name in seconds)}")
+    named = commands.get(first, parser)  # errors in the arguments of a command show the usage of that command
     known, unknown = parser.parse_known_args(long_settings_as_set(arguments, named))
     if unknown:
-        seconds = [name.removeprefix(f"{arguments[0]} ") for name in commands if name.startswith(f"{arguments[0]} ")]
         given = [word if word in arguments else word.replace("--set=", "--", 1) for word in unknown]
         named.refuse(given, nearest(arguments[1], seconds) if seconds else "")
     return known
@@ -187,28 +178,22 @@ def make_parser() -> tuple[CommandParser, dict[str, CommandParser]]:
     """The parser, and those of the commands by name."""
     from pipelines.version import program_version
 
-    parser = _MainParser(
-        prog="v3studio",
-        description="Turn synchronized multi-camera footage of a performer into a streamable Gaussian video.",
-        allow_abbrev=False,
-    )
+    parser = CommandParser(prog="v3studio", usage="%(prog)s [-h] [--version] COMMAND ...", epilog=_EXAMPLES)
     parser.add_argument("--version", action="version", version=f"v3studio {program_version()}")
-    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND", parser_class=CommandParser)
-    pairs = WordPairs()
-    parser.summaries = lambda: {
-        **{action.dest: str(action.help) for action in commands._choices_actions},
-        **pairs.summaries,
-    }
+    hidden = argparse.SUPPRESS  # the description lists the commands
+    commands = parser.add_subparsers(required=True, metavar="COMMAND", help=hidden, prog=parser.prog)
     for name in _MODULES:
         import_module(f"pipelines.commands.{name}").register(commands)
-    for name in _OF_PAIRS:
-        import_module(f"pipelines.commands.{name}").register(pairs)
-    completion.register(commands, make_parser)
-    named = {**commands.choices, **pairs.parsers}
-    for name, command in named.items():
+    completion.register(commands, parser)
+    for name, command in commands.choices.items():
         if name != "open":  # becomes another program
             _add_json(command)
-    return parser, named
+    summaries = {action.dest: action.help for action in commands._choices_actions}
+    groups = [
+        [f"{title}:", *(f"    {name:<12} {summaries[name]}" for name in names)] for title, names in GROUPS.items()
+    ]
+    parser.description = "\n\n".join([_ABOUT, *map("\n".join, groups)])
+    return parser, dict(commands.choices)
 
 
 def _add_json(command: argparse.ArgumentParser) -> None:
@@ -219,21 +204,6 @@ def _add_json(command: argparse.ArgumentParser) -> None:
                 _add_json(kind)
             return
     command.add_argument("--json", action="store_true", help="print events as JSON lines; the last one has the result")
-
-
-class _MainParser(CommandParser):
-    """Lists commands by group in its help."""
-
-    summaries: Callable[[], dict[str, str]]  # returns a line about each command
-
-    def format_help(self) -> str:
-        """Called by argparse."""
-        summaries = self.summaries()
-        lines = ["usage: v3studio [--help] [--version] COMMAND ...", "", str(self.description), ""]
-        for title, names in GROUPS.items():
-            lines += [f"{title}:", *(f"    {name:<12} {summaries[name]}" for name in names), ""]
-        lines += ["Options:", "    -h, --help  show this help", "    --version   show the version", "", _EXAMPLES]
-        return "\n".join(lines)
 
 
 if __name__ == "__main__":

@@ -24,17 +24,12 @@ def commands_page() -> str:
 
     os.environ["COLUMNS"] = _WIDTH
     parser, commands = make_parser()
-    summaries = {
-        action.dest: action.help or ""
-        for group in parser._actions
-        if isinstance(group, argparse._SubParsersAction)
-        for action in group._choices_actions
-    }
-    summaries = {name: summaries.get(name, command.description or "") for name, command in commands.items()}
+    (group,) = (action for action in parser._actions if isinstance(action, argparse._SubParsersAction))
+    summaries = {action.dest: action.help or "" for action in group._choices_actions}
     rows = [(f"[`{name}`](#{name.replace(' ', '-')})", escaped(text)) for name, text in summaries.items()]
     lines = [INTRODUCTION, *table(("Command", "What it does"), *rows), ""]
     for name, command in commands.items():
-        lines += _command(name, command, summaries.get(name, ""))
+        lines += _command(name, command, summaries[name])
     lines += ["## v3studio-gui", "", "```text", _gui_help(), "```", ""]
     return "\n".join(lines)
 

@@ -1,7 +1,6 @@
 """`v3studio completion`: scripts with which shells complete commands, options and file names."""
 
 import argparse
-from collections.abc import Callable
 from typing import Any
 
 from pipelines.commands.common.arguments import CommandParser, add_command, print_text
@@ -13,18 +12,22 @@ _NOTE = """To use it:
 _WITHOUT_FILES = (int, float)
 
 
-def register(commands: Any, parser: Callable[[], tuple[CommandParser, dict[str, CommandParser]]]) -> None:
-    """Add the command. `parser`: makes the parser of the command line, and those of its commands."""
+def register(commands: Any, parser: CommandParser) -> None:
+    """Add the command. `parser`: of the command line; `commands` become its commands."""
 
     def complete(arguments: argparse.Namespace) -> None:
         import shtab
 
-        main, named = parser()
-        for one in named.values():
+        commands.help = None  # shtab leaves out what help does
+        # shells complete single words
+        commands._choices_actions[:] = [action for action in commands._choices_actions if " " not in action.dest]
+        for name, one in list(commands.choices.items()):
+            if " " in name:
+                del commands.choices[name]
             for action in one.arguments:
                 if action.choices is None and action.nargs != 0 and action.type not in _WITHOUT_FILES:
-                    action.complete = shtab.FILE  # type: ignore[attr-defined]
-        arguments.result = {"script": shtab.complete(main, shell=arguments.shell)}
+                    action.complete = shtab.FILE
+        arguments.result = {"script": shtab.complete(parser, shell=arguments.shell)}
         print_text(arguments, arguments.result["script"])
 
     text = "print a script that completes commands, options and file names in a shell"

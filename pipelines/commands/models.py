@@ -7,10 +7,10 @@ from typing import Any
 from pipelines.commands.common.arguments import add_command
 
 
-def register(pairs: Any) -> None:
-    add_command(pairs, "models list", "list the matting models that can be downloaded", _list)
+def register(commands: Any) -> None:
+    add_command(commands, "models list", "list the matting models that can be downloaded", _list)
     more = "It is checked, and the settings that use it are printed."
-    get = add_command(pairs, "models get", "download a matting model for masks", _get, more)
+    get = add_command(commands, "models get", "download a matting model for masks", _get, more)
     get.add_argument("name", metavar="NAME", help="name of the model")
     get.add_argument("--out", type=Path, default=Path(), metavar="FOLDER", help="where to write it (default: .)")
     get.add_argument("--package", type=Path, metavar="FILE", help="the package, if it has been downloaded before")

@@ -69,20 +69,6 @@ class CommandParser(argparse.ArgumentParser):
             raise argparse.ArgumentError(action, f"invalid choice: '{value}'{near}")
 
 
-class WordPairs:
-    """Commands of two words, the first of which is a command of its own that takes arguments, as `bake`."""
-
-    def __init__(self) -> None:
-        self.parsers: dict[str, CommandParser] = {}
-        self.summaries: dict[str, str] = {}
-
-    def add_parser(self, words: str, help: str, **options: Any) -> CommandParser:
-        """As argparse's subparsers."""
-        self.summaries[words] = help
-        parser = self.parsers[words] = CommandParser(prog=f"v3studio {words}", **options)
-        return parser
-
-
 def add_command(
     commands: Any,
     name: str,
