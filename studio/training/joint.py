@@ -16,12 +16,13 @@ from studio.gaussians import Gaussians
 from studio.progress import ProgressFn, no_progress
 from studio.rasterizer.contribution import contribution
 from studio.training.details import detail_weights
-from studio.training.group_run import GroupRun
+from studio.training.group_run import Leaves, train_group
 from studio.training.interframe import performer_box
 from studio.training.keyframe import scene_extent
 from studio.training.refine import Refinement
-from studio.training.settings import MEANS_FINETUNE_RATE, TrainSettings
-from studio.training.step import Checkpoint, CheckpointFn
+from studio.training.settings import MEANS_FINETUNE_RATE, LearningRates, TrainSettings
+from studio.training.splat_optimizer import joined_sh
+from studio.training.step import Checkpoint, CheckpointFn, Stepper
 from studio.training.unseen import settled_colors
 from studio.training.views import TrainingView
 
@@ -74,20 +75,45 @@ def train_jointly(
         settings: see `TrainSettings`; `joint_iterations` steps per frame.
         keyframe_off: see `train_interframe`.
         seed: equal seeds and inputs give equal splats, bit for bit.
-        progress, checkpoint, resume: see `GroupRun.train`.
+        progress, checkpoint, resume: see `train_group`.
 
     Returns:
         Detached splats of each frame, `splats_needed` in their order. Those of a part of the group (`parts_of`) have
-        the same scales, opacities and colors.
+        the same scales, opacities and colors, settled by the cameras of the frame in its middle.
 
     Raises:
         StudioError: `training.diverged`.
         Cancelled: raised by `progress`.
     """
     kept = splats_needed(frames, views)
-    run = _Run([frame[kept] for frame in frames], views, settings, keyframe_off, seed)
-    run.train(progress, checkpoint, resume)
-    return run.result()
+    frames = [frame[kept] for frame in frames]
+    parts, extent = parts_of(len(frames)), scene_extent(torch.stack(performer_box(frames[0].means)))
+
+    def gaussians(leaves: Leaves, frame: int) -> Gaussians:
+        own, part = (leaves[f"means.{frame}"], leaves[f"quats.{frame}"]), f".{parts[frame]}"
+        shared = leaves[f"log_scales{part}"], leaves[f"logit_opacities{part}"], joined_sh(leaves, part)
+        return Gaussians(*own, *shared, frames[0].dilation)
+
+    def loss(photometric: Tensor, splats: Gaussians, leaves: Leaves, frame: int) -> Tensor:
+        around = leaves.get(f"means.{frame - 1}"), leaves.get(f"means.{frame + 1}")
+        if around[0] is None or around[1] is None:
+            return photometric
+        bend = around[0].detach() - 2 * splats.means + around[1].detach()
+        return photometric + _SMOOTHNESS / extent * bend.abs().sum(-1).mean()
+
+    generator = torch.Generator().manual_seed(seed)
+    steppers = [Stepper(seen, settings, generator) for seen in views]
+    for one, stepper in zip(frames, steppers, strict=True):
+        Refinement(stepper, settings, keyframe_off or 0.0).begin(one.detach())
+    start, steps = _start(frames, parts, settings.rates, extent), joint_steps(settings, len(frames))
+    leaves = train_group(steppers, start, gaussians, loss, steps, "joint", progress, checkpoint, resume)
+    found: list[Gaussians] = []
+    for part in sorted(set(parts)):
+        same = [frame for frame, own in enumerate(parts) if own == part]
+        middle = same[len(same) // 2]
+        sh = settled_colors(gaussians(leaves, middle).detach(), [view.camera for view in views[middle]])
+        found += [replace(gaussians(leaves, frame).detach().clone(), sh=sh.clone()) for frame in same]
+    return found
 
 
 def splats_needed(frames: Sequence[Gaussians], views: Sequence[Sequence[TrainingView]]) -> Tensor:
@@ -100,61 +126,22 @@ def splats_needed(frames: Sequence[Gaussians], views: Sequence[Sequence[Training
     return order[values.cumsum(0) >= _LEFT_OUT * values.sum()].sort().values
 
 
-class _Run(GroupRun):
-    """Leaves: what the frames of a part share as "sh_dc.1"; means and quats of a frame as "means.3"."""
-
-    def __init__(
-        self,
-        frames: Sequence[Gaussians],
-        views: Sequence[Sequence[TrainingView]],
-        settings: TrainSettings,
-        keyframe_off: float | None,
-        seed: int,
-    ) -> None:
-        self._dilation = frames[0].dilation
-        self._extent = scene_extent(torch.stack(performer_box(frames[0].means)))
-        rates = settings.rates
-        self._parts = parts_of(len(frames))
-        found = {}
-        for part in sorted(set(self._parts)):
-            same = [frame for frame, own in zip(frames, self._parts, strict=True) if own == part]
-            sh = _mean(same, "sh")
-            found[f"log_scales.{part}"] = (_mean(same, "log_scales"), rates.scale)
-            found[f"logit_opacities.{part}"] = (_mean(same, "logit_opacities"), rates.opacity)
-            found[f"sh_dc.{part}"] = (sh[:, :1], rates.sh_dc)
-            found[f"sh_rest.{part}"] = (sh[:, 1:], rates.sh_rest)
-        for number, frame in enumerate(frames):
-            found[f"means.{number}"] = (frame.means, MEANS_FINETUNE_RATE * self._extent)
-            found[f"quats.{number}"] = (frame.unit_quats, rates.rotation)
-        super().__init__(views, settings, found, joint_steps(settings, len(frames)), seed)
-        for frame, stepper in zip(frames, self.steppers, strict=True):
-            Refinement(stepper, settings, keyframe_off or 0.0).begin(frame.detach())
-
-    def gaussians(self, frame: int) -> Gaussians:
-        leaves, part = self.leaves, self._parts[frame]
-        sh = leaves[f"sh_dc.{part}"]
-        if f"sh_rest.{part}" in leaves:
-            sh = torch.cat([sh, leaves[f"sh_rest.{part}"]], dim=1)
-        own = leaves[f"means.{frame}"], leaves[f"quats.{frame}"]
-        return Gaussians(*own, leaves[f"log_scales.{part}"], leaves[f"logit_opacities.{part}"], sh, self._dilation)
-
-    def loss(self, photometric: Tensor, gaussians: Gaussians, frame: int) -> Tensor:
-        around = self.leaves.get(f"means.{frame - 1}"), self.leaves.get(f"means.{frame + 1}")
-        if around[0] is None or around[1] is None:
-            return photometric
-        bend = around[0].detach() - 2 * gaussians.means + around[1].detach()
-        return photometric + _SMOOTHNESS / self._extent * bend.abs().sum(-1).mean()
-
-    def result(self) -> list[Gaussians]:
-        """The frames, detached, with settled colors: those of the frame in the middle of a part."""
-        found: list[Gaussians] = []
-        for part in sorted(set(self._parts)):
-            same = [frame for frame, own in enumerate(self._parts) if own == part]
-            middle = same[len(same) // 2]
-            cameras = [view.camera for view in self.steppers[middle].views]
-            sh = settled_colors(self.gaussians(middle).detach(), cameras)
-            found += [replace(self.gaussians(frame).detach().clone(), sh=sh.clone()) for frame in same]
-        return found
+def _start(
+    frames: Sequence[Gaussians], parts: Sequence[int], rates: LearningRates, extent: float
+) -> dict[str, tuple[Tensor, float]]:
+    """What is trained: what the frames of a part share as "sh_dc.1", means and quats of a frame as "means.3"."""
+    found = {}
+    for part in sorted(set(parts)):
+        same = [frame for frame, own in zip(frames, parts, strict=True) if own == part]
+        sh = _mean(same, "sh")
+        found[f"log_scales.{part}"] = (_mean(same, "log_scales"), rates.scale)
+        found[f"logit_opacities.{part}"] = (_mean(same, "logit_opacities"), rates.opacity)
+        found[f"sh_dc.{part}"] = (sh[:, :1], rates.sh_dc)
+        found[f"sh_rest.{part}"] = (sh[:, 1:], rates.sh_rest)
+    for number, frame in enumerate(frames):
+        found[f"means.{number}"] = (frame.means, MEANS_FINETUNE_RATE * extent)
+        found[f"quats.{number}"] = (frame.unit_quats, rates.rotation)
+    return found
 
 
 def _mean(frames: Sequence[Gaussians], name: str) -> Tensor:

@@ -18,11 +18,12 @@ from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.progress import ProgressFn, no_progress
 from studio.torch_rotations import quat_multiply
-from studio.training.group_run import GroupRun
+from studio.training.group_run import Leaves, train_group
 from studio.training.interframe import performer_box
 from studio.training.keyframe import scene_extent
 from studio.training.settings import MEANS_FINETUNE_RATE, TrainSettings
-from studio.training.step import Checkpoint, CheckpointFn, regularized
+from studio.training.splat_optimizer import joined_sh
+from studio.training.step import Checkpoint, CheckpointFn, Stepper, regularized
 from studio.training.views import TrainingView
 
 
@@ -115,59 +116,35 @@ def train_offsets(
         views: training views of each of these frames.
         kept: (M,) int64 indices of the splats to keep, ascending.
         seed: equal seeds and inputs give equal offsets, bit for bit.
-        progress, checkpoint, resume: see `GroupRun.train`.
+        progress, checkpoint, resume: see `train_group`.
 
     Raises:
         StudioError: `training.diverged`, `training.no_views`, `training.offsets_mismatch`.
     """
-    run = _Run(frames, views, SplatOffsets.zeros(kept, sh_degree), settings, iterations, seed)
-    run.train(progress, checkpoint, resume)
-    return run.result()
+    start = SplatOffsets.zeros(kept, sh_degree)
+    selected = [start.selected(frame) for frame in frames]
+    extent = scene_extent(torch.stack(performer_box(selected[0].means)))
+    rates = settings.rates
+    trained = {
+        "means": (start.means, MEANS_FINETUNE_RATE * extent),
+        "rotation": (start.rotation, rates.rotation),
+        "log_scales": (start.log_scales, rates.scale),
+        "logit_opacities": (start.logit_opacities, rates.opacity),
+        "sh_dc": (start.sh[:, :1], rates.sh_dc),
+        "sh_rest": (start.sh[:, 1:], rates.sh_rest),
+    }
 
+    def offsets(leaves: Leaves) -> SplatOffsets:
+        parts = {name: leaves[name] for name in ("means", "rotation", "log_scales", "logit_opacities")}
+        return SplatOffsets(kept, **parts, sh=joined_sh(leaves))
 
-class _Run(GroupRun):
-    """Offsets as leaves, the same for all frames."""
+    def gaussians(leaves: Leaves, frame: int) -> Gaussians:
+        return offsets(leaves).applied(selected[frame])
 
-    phase = "fine-tuning"
+    def loss(photometric: Tensor, splats: Gaussians, leaves: Leaves, frame: int) -> Tensor:
+        return regularized(photometric, splats, settings, extent)
 
-    def __init__(
-        self,
-        frames: Sequence[Gaussians],
-        views: Sequence[Sequence[TrainingView]],
-        start: SplatOffsets,
-        settings: TrainSettings,
-        iterations: int,
-        seed: int,
-    ) -> None:
-        self._settings, self._kept = settings, start.kept
-        self._selected = [start.selected(frame) for frame in frames]
-        self._extent = scene_extent(torch.stack(performer_box(self._selected[0].means)))
-        rates = settings.rates
-        found = {
-            "means": (start.means, MEANS_FINETUNE_RATE * self._extent),
-            "rotation": (start.rotation, rates.rotation),
-            "log_scales": (start.log_scales, rates.scale),
-            "logit_opacities": (start.logit_opacities, rates.opacity),
-            "sh_dc": (start.sh[:, :1], rates.sh_dc),
-            "sh_rest": (start.sh[:, 1:], rates.sh_rest),
-        }
-        super().__init__(views, settings, found, iterations, seed)
-
-    def _offsets(self) -> SplatOffsets:
-        leaves = self.leaves
-        sh = leaves["sh_dc"]
-        if "sh_rest" in leaves:
-            sh = torch.cat([sh, leaves["sh_rest"]], dim=1)
-        return SplatOffsets(
-            self._kept, leaves["means"], leaves["rotation"], leaves["log_scales"], leaves["logit_opacities"], sh
-        )
-
-    def gaussians(self, frame: int) -> Gaussians:
-        return self._offsets().applied(self._selected[frame])
-
-    def loss(self, photometric: Tensor, gaussians: Gaussians, frame: int) -> Tensor:
-        return regularized(photometric, gaussians, self._settings, self._extent)
-
-    def result(self) -> SplatOffsets:
-        """The offsets, detached, on the CPU."""
-        return SplatOffsets(*(value.detach().cpu().clone() for value in vars(self._offsets()).values()))
+    generator = torch.Generator().manual_seed(seed)
+    steppers = [Stepper(seen, settings, generator) for seen in views]
+    leaves = train_group(steppers, trained, gaussians, loss, iterations, "fine-tuning", progress, checkpoint, resume)
+    return SplatOffsets(*(value.detach().cpu().clone() for value in vars(offsets(leaves)).values()))

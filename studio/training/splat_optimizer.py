@@ -1,5 +1,7 @@
 """Adam over the attributes of splats whose number changes during training."""
 
+from collections.abc import Mapping
+
 import torch
 from torch import Tensor
 
@@ -38,11 +40,8 @@ class SplatOptimizer:
     @property
     def gaussians(self) -> Gaussians:
         """The current splats; gradients propagate to the leaf tensors."""
-        sh = self._leaves["sh_dc"]
-        if "sh_rest" in self._leaves:
-            sh = torch.cat([sh, self._leaves["sh_rest"]], dim=1)
         parts = {name: self._leaves[name] for name in ("means", "quats", "log_scales", "logit_opacities")}
-        return Gaussians(**parts, sh=sh, dilation=self._dilation)
+        return Gaussians(**parts, sh=joined_sh(self._leaves), dilation=self._dilation)
 
     def set_means_progress(self, fraction: float) -> None:
         """Set the exponentially decayed rate of the means; `fraction` is 0 at the first step and 1 at the last."""
@@ -113,6 +112,12 @@ class SplatOptimizer:
         limit = torch.logit(torch.tensor(opacity)).item()
         moments = {key: torch.zeros_like(value) for key, value in self._moments("logit_opacities").items()}
         self._replace("logit_opacities", self._leaves["logit_opacities"].clamp(max=limit), moments)
+
+
+def joined_sh(leaves: Mapping[str, Tensor], part: str = "") -> Tensor:
+    """Spherical harmonics from the leaves `sh_dc` and `sh_rest` (none at degree 0); `part` ends their names."""
+    rest = leaves.get(f"sh_rest{part}")
+    return leaves[f"sh_dc{part}"] if rest is None else torch.cat([leaves[f"sh_dc{part}"], rest], dim=1)
 
 
 def _by_leaf(gaussians: Gaussians) -> dict[str, Tensor]:

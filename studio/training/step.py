@@ -74,7 +74,7 @@ class Stepper:
         if not views:
             fix = "Remove at least one camera from capture.held_out"
             raise StudioError("training.no_views", "there are no training views", fix=fix, setting="capture.held_out")
-        self.views, self._settings, self._generator = views, settings, generator
+        self.views, self._settings, self.generator = views, settings, generator
         self._left: list[int] = []  # indices of the views of this epoch that have not been rendered, in order
         self._backgrounds = backgrounds(settings.background, generator, views[0].device)
         self.chroma_shift: float | None = None
@@ -82,27 +82,30 @@ class Stepper:
 
     def _next(self) -> tuple[TrainingView, Tensor]:
         if not self._left:
-            self._left = torch.randperm(len(self.views), generator=self._generator).tolist()
+            self._left = torch.randperm(len(self.views), generator=self.generator).tolist()
         return self.views[self._left.pop(0)], next(self._backgrounds)
 
     def __call__(self, gaussians: Gaussians, dropout: bool = False) -> Step:
         """Render the next view and compare it with the footage; with `dropout`, a random subset of the splats."""
-        view, background = self._next()
+        seen = self._next()
         if dropout and self._settings.dropout:
-            logits = drop_splats(gaussians.logit_opacities, self._settings.dropout, draw_seed(self._generator))
+            logits = drop_splats(gaussians.logit_opacities, self._settings.dropout, draw_seed(self.generator))
             gaussians = replace(gaussians, logit_opacities=logits)
         screen_offsets = None
         if self.moved is not None:
-            gaussians, screen_offsets = self.moved(gaussians, view)
-        target, behind = view.over(background)
-        render = rasterize(gaussians, view.camera, behind, screen_offsets=screen_offsets)
-        return self._step(gaussians, view, background, target, behind, render)
+            gaussians, screen_offsets = self.moved(gaussians, seen[0])
+        return self._steps(gaussians, [seen], screen_offsets)[0]
 
     def several(self, gaussians: Gaussians, count: int) -> list[Step]:
         """The same as `count` calls with these splats, which are rendered in one call of the rasterizer."""
-        seen = [self._next() for _ in range(count)]
+        return self._steps(gaussians, [self._next() for _ in range(count)])
+
+    def _steps(
+        self, gaussians: Gaussians, seen: list[tuple[TrainingView, Tensor]], screen_offsets: Tensor | None = None
+    ) -> list[Step]:
         over = [view.over(background) for view, background in seen]
-        renders = rasterize_views(gaussians, [view.camera for view, _ in seen], [behind for _, behind in over])
+        cameras, behind = [view.camera for view, _ in seen], [behind for _, behind in over]
+        renders = rasterize_views(gaussians, cameras, behind, screen_offsets=screen_offsets)
         drawn = zip(seen, over, renders, strict=True)
         return [self._step(gaussians, *one, *images, render) for one, images, render in drawn]
 
