@@ -1,8 +1,7 @@
 """Training of the frames after the keyframe: motion, then fine-tuning (paper sections 4.1 and 4.2)."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -25,6 +24,8 @@ from studio.training.views import TrainingView
 _ENTROPY_RATE = 0.01
 _BOX_QUANTILE = 1e-3
 _LAST_RATE = 0.05
+
+AfterStep = Callable[[int, Gaussians, Mapping[str, float]], None]  # called with step, splats and figures
 
 
 def interframe_steps(settings: TrainSettings, first: bool = False) -> int:
@@ -72,26 +73,21 @@ def train_interframe(
     first = before_previous is None
     motion_steps, steps = settings.motion_steps(first), interframe_steps(settings, first)
 
-    def report(step: int, phase: str) -> ProgressFn:
-        def inner(done: int, total: int, **figures: Any) -> None:
-            progress(step + done, steps, phase=phase, **figures)
+    def after(phase: str, before: int) -> AfterStep:
+        def inner(iteration: int, gaussians: Gaussians, figures: Mapping[str, float]) -> None:
+            step = before + iteration
+            progress(step, steps, phase=phase, **figures)
+            if snapshot is not None and step % snapshot_every == 0:
+                snapshot(step, gaussians.detach())
 
         return inner
-
-    def snapshot_at(step: int, gaussians: Gaussians) -> None:
-        if snapshot is not None and step % snapshot_every == 0:
-            snapshot(step, gaussians.detach())
-
-    def snapshot_later(step: int, gaussians: Gaussians) -> None:
-        snapshot_at(motion_steps + step, gaussians)
 
     previous = previous.detach()
     warped = previous
     if motion_steps:
         start = predicted_means(previous, before_previous, third_last, settings.motion_acceleration)
-        warped = _move(previous, start, views, settings, motion_steps, generator, report(0, "motion"), snapshot_at)
-    tuning = report(motion_steps, "fine-tune")
-    return _fine_tune(previous, warped, views, settings, keyframe_off, generator, tuning, snapshot_later)
+        warped = _move(previous, start, views, settings, motion_steps, generator, after("motion", 0))
+    return _fine_tune(previous, warped, views, settings, keyframe_off, generator, after("fine-tune", motion_steps))
 
 
 def _move(
@@ -101,8 +97,7 @@ def _move(
     settings: TrainSettings,
     iterations: int,
     generator: torch.Generator,
-    progress: ProgressFn,
-    snapshot: SnapshotFn,
+    after: AfterStep,
 ) -> Gaussians:
     """Stage 1: train the motion field, which adds to the (N, 3) predicted means `start`. Only the means change."""
     low, high = performer_box(previous.means)
@@ -120,8 +115,7 @@ def _move(
             group.rate = rate * rate_factor((iteration - 1) / iterations)
         optimizer.step()
         optimizer.zero_grad()
-        progress(iteration, 0, **steps[-1].figures(iteration, "motion", len(previous)))
-        snapshot(iteration, moved)
+        after(iteration, moved, steps[-1].figures(iteration, "motion", len(previous)))
     with torch.no_grad():
         return replace(previous, means=start + field(corners)).clone()
 
@@ -142,8 +136,7 @@ def _fine_tune(
     settings: TrainSettings,
     keyframe_off: float | None,
     generator: torch.Generator,
-    progress: ProgressFn,
-    snapshot: SnapshotFn,
+    after: AfterStep,
 ) -> Gaussians:
     """Stage 2, equation 13: train the other attributes, with entropy and temporal losses against frame t-1."""
     extent = scene_extent(torch.stack(performer_box(warped.means)))
@@ -171,8 +164,8 @@ def _fine_tune(
         optimizer.step()
         entropy_adam.step()
         entropy_adam.zero_grad()
-        progress(iteration, 0, **step.figures(iteration, "fine-tuning", len(previous)), **figures)
-        snapshot(iteration, optimizer.gaussians)
+        figures |= step.figures(iteration, "fine-tuning", len(previous))
+        after(iteration, optimizer.gaussians, figures)
     return optimizer.gaussians.clone()
 
 
