@@ -19,7 +19,6 @@ import struct
 import zipfile
 import zlib
 from pathlib import Path
-from typing import TypeAlias
 
 import numpy as np
 
@@ -54,7 +53,7 @@ _LARGEST_COMPONENT = 252  # alpha of a quaternion is this plus the index of the 
 def is_sog_meta(path: Path) -> bool:
     """Whether a `meta.json` seems to belong to a SOG data set; True if it cannot be parsed."""
     try:
-        meta = _parsed(FolderParts(path))
+        meta = _parsed(path)
     except StudioError:
         return True
     return "means" in meta and "quats" in meta
@@ -62,18 +61,17 @@ def is_sog_meta(path: Path) -> bool:
 
 def size(path: Path) -> tuple[int, int]:
     """Number of splats and SH degree from `meta.json`. Raises StudioError as `read`, for `meta.json`."""
-    meta = _Meta(_parts(path))
+    meta = _Meta(path)
     return meta.count, meta.degree
 
 
 def read(path: Path, note: Note) -> Gaussians:
     """Read a SOG data set. `path`: a .sog file, or a meta.json with its images beside it."""
-    parts = _parts(path)
-    meta = _Meta(parts)
+    meta = _Meta(path)
 
     def pixels(section: str, index: int = 0) -> np.ndarray:
         """(count, 4) uint8."""
-        return read_pixels(parts, meta.file(section, index), meta.count).reshape(-1, 4)[: meta.count]
+        return _read_pixels(path, meta.file(section, index), meta.count).reshape(-1, 4)[: meta.count]
 
     low, high = (pixels("means", index)[:, :3].astype(np.float64) for index in range(2))
     least, most = meta.numbers("means", "mins", 3), meta.numbers("means", "maxs", 3)
@@ -83,11 +81,11 @@ def read(path: Path, note: Note) -> Gaussians:
     colors = pixels("sh0")
     sh = meta.numbers("sh0", "codebook", _CODES)[colors[:, :3]][:, None]
     if meta.degree:
-        sh = np.concatenate([sh, _harmonics(parts, meta, pixels("shN", 1))], axis=1)
+        sh = np.concatenate([sh, _harmonics(path, meta, pixels("shN", 1))], axis=1)
     return from_arrays(
         {
             "means": means,
-            "quats": _quats(parts, meta, pixels("quats")),
+            "quats": _quats(path, meta, pixels("quats")),
             "log_scales": meta.numbers("scales", "codebook", _CODES)[pixels("scales")[:, :3]],
             "logit_opacities": logits(colors[:, 3] / 255),
             "sh": sh,
@@ -95,26 +93,21 @@ def read(path: Path, note: Note) -> Gaussians:
     )
 
 
-def _parts(path: Path) -> Parts:
-    return FolderParts(path) if path.name.lower() == META else ArchiveParts(path)
-
-
-def _parsed(parts: Parts) -> JsonObject:
+def _parsed(path: Path) -> JsonObject:
     try:
-        values = parse_json(parts.read(META))
+        values = parse_json(_part(path, META))
     except TextError as error:
-        raise damaged("splat_file.sog_meta", f"{META} is not JSON ({error})", parts.path(META), name=META) from None
+        raise damaged("splat_file.sog_meta", f"{META} is not JSON ({error})", path, name=META) from None
     if not isinstance(values, dict):
-        raise damaged("splat_file.sog_meta", f"{META} is not an object", parts.path(META), name=META)
+        raise damaged("splat_file.sog_meta", f"{META} is not an object", path, name=META)
     return values
 
 
 class _Meta:
     """`meta.json`, with version, number of splats and SH degree validated; the rest is when it is asked for."""
 
-    def __init__(self, parts: Parts) -> None:
-        self._path = parts.path(META)
-        self._values = _parsed(parts)
+    def __init__(self, path: Path) -> None:
+        self._path, self._values = path, _parsed(path)
         version = self._values.get("version")
         if version != _VERSION:
             problem = "SOG of the first version (without 'version')" if version is None else f"SOG version {version!r}"
@@ -173,29 +166,29 @@ class _Meta:
         return numbers
 
 
-def _quats(parts: Parts, meta: _Meta, pixels: np.ndarray) -> np.ndarray:
+def _quats(path: Path, meta: _Meta, pixels: np.ndarray) -> np.ndarray:
     """(N, 4) wxyz; the component that is not stored is positive."""
     largest = pixels[:, 3].astype(np.int64) - _LARGEST_COMPONENT
     if (largest < 0).any():
         splat = int((largest < 0).argmax())
         name = meta.file("quats", 0)
         problem = f"{name}: alpha of splat {splat} is {pixels[splat, 3]}; rotations have 252 to 255"
-        raise damaged("splat_file.sog_image", problem, parts.path(name), int(pixels[splat, 3]), name=name)
+        raise damaged("splat_file.sog_image", problem, _place(path, name), int(pixels[splat, 3]), name=name)
     stored = (pixels[:, :3] / 255 * 2 - 1) / 2**0.5
     return quats_of_three(stored, largest)
 
 
-def _harmonics(parts: Parts, meta: _Meta, pixels: np.ndarray) -> np.ndarray:
+def _harmonics(path: Path, meta: _Meta, pixels: np.ndarray) -> np.ndarray:
     """(N, K - 1, 3): each splat's entry of the palette."""
     rest = (meta.degree + 1) ** 2 - 1
     name = meta.file("shN", 0)
     rows = -(-meta.entries // _ENTRIES_PER_ROW)
-    palette = read_pixels(parts, name, rows * _ENTRIES_PER_ROW * rest)
+    palette = _read_pixels(path, name, rows * _ENTRIES_PER_ROW * rest)
     if palette.shape[1] != _ENTRIES_PER_ROW * rest:
         problem = (
             f"{name}: {palette.shape[1]} pixels wide; a palette of degree {meta.degree} has {_ENTRIES_PER_ROW * rest}"
         )
-        raise damaged("splat_file.sog_image", problem, parts.path(name), palette.shape[1], name=name)
+        raise damaged("splat_file.sog_image", problem, _place(path, name), palette.shape[1], name=name)
     labels = pixels[:, :2].astype(np.int64) @ [1, 256]
     if labels.max() >= meta.entries:
         raise meta.invalid("shN.count", f"is {meta.entries}, but a splat has entry {labels.max()}")
@@ -203,69 +196,50 @@ def _harmonics(parts: Parts, meta: _Meta, pixels: np.ndarray) -> np.ndarray:
     return meta.numbers("shN", "codebook", _CODES)[codes]
 
 
-class FolderParts:
-    """The files of one data set, beside a `meta.json`."""
-
-    def __init__(self, meta: Path) -> None:
-        self._folder = meta.parent
-        self._meta = meta
-
-    def path(self, name: str) -> Path:
-        """The file, for messages."""
-        return self._meta if name == META else self._folder / name
-
-    def read(self, name: str) -> bytes:
-        """A file's content. Raises StudioError: it is missing, damaged or too large."""
-        path = self.path(name)
-        if path.is_file():
-            _check_size(path, name, path.stat().st_size)
-        return read_bytes(path)
+def _place(path: Path, name: str) -> Path:
+    """The file that has a part of a data set, for messages. `path`: as for `read`."""
+    return path if path.name.lower() != META or name == META else path.parent / name
 
 
-class ArchiveParts:
-    """Members of a ZIP archive."""
-
-    def __init__(self, archive: Path) -> None:
-        self._archive = archive
-        # decided here, since zipfile searches the whole file for an archive
-        with opening(archive), archive.open("rb") as file:
-            start = file.read(2)
-        if start != b"PK":
-            raise damaged("splat_file.unreadable", "not a SOG bundle (ZIP)", archive)
-
-    def path(self, name: str) -> Path:
-        return self._archive
-
-    def read(self, name: str) -> bytes:
-        """A member's content."""
-        try:
-            with zipfile.ZipFile(self._archive) as archive:
-                info = archive.getinfo(name)
-                if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-                    raise zipfile.BadZipFile(f"{name} is compressed by method {info.compress_type}")
-                _check_size(self._archive, name, info.file_size)
-                check_expansion(self._archive, info.file_size, info.compress_size)
-                with archive.open(info) as member:
-                    return member.read(info.file_size)
-        except KeyError:
-            raise damaged(
-                "splat_file.sog_part_missing", f"the SOG bundle has no {name}", self._archive, name=name
-            ) from None
-        except (zipfile.BadZipFile, zlib.error, OSError, EOFError, ValueError, RuntimeError, struct.error) as error:
-            raise damaged("splat_file.unreadable", f"the SOG bundle is damaged ({error})", self._archive) from None
+def _part(path: Path, name: str) -> bytes:
+    """A part of a data set. StudioError: it is missing, damaged or too large."""
+    if path.name.lower() != META:
+        return _member(path, name)
+    place = _place(path, name)
+    if place.is_file():
+        _check_size(place, name, place.stat().st_size)
+    return read_bytes(place)
 
 
-Parts: TypeAlias = FolderParts | ArchiveParts
+def _member(path: Path, name: str) -> bytes:
+    # decided here, since zipfile searches the whole file for an archive
+    with opening(path), path.open("rb") as file:
+        start = file.read(2)
+    if start != b"PK":
+        raise damaged("splat_file.unreadable", "not a SOG bundle (ZIP)", path)
+    try:
+        with zipfile.ZipFile(path) as archive:
+            info = archive.getinfo(name)
+            if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+                raise zipfile.BadZipFile(f"{name} is compressed by method {info.compress_type}")
+            _check_size(path, name, info.file_size)
+            check_expansion(path, info.file_size, info.compress_size)
+            with archive.open(info) as member:
+                return member.read(info.file_size)
+    except KeyError:
+        raise damaged("splat_file.sog_part_missing", f"the SOG bundle has no {name}", path, name=name) from None
+    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, ValueError, RuntimeError, struct.error) as error:
+        raise damaged("splat_file.unreadable", f"the SOG bundle is damaged ({error})", path) from None
 
 
-def read_pixels(parts: Parts, name: str, least: int) -> np.ndarray:
+def _read_pixels(path: Path, name: str, least: int) -> np.ndarray:
     """(height, width, 4) uint8 RGBA of a lossless WebP or PNG image with at least so many pixels."""
     from PIL import Image
 
-    data = parts.read(name)
+    data = _part(path, name)
 
     def invalid(problem: str, value: object = None) -> StudioError:
-        return damaged("splat_file.sog_image", f"{name}: {problem}", parts.path(name), value, name=name)
+        return damaged("splat_file.sog_image", f"{name}: {problem}", _place(path, name), value, name=name)
 
     size = _image_size(data)
     if size is None:
