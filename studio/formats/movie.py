@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
 
@@ -66,7 +68,7 @@ def render_movie(
     background = torch.tensor(video.background, dtype=torch.float32, device=device)
     shown, gaussians = -1, None
     sound, _ = movie_sound(video, frame, seconds, fps)
-    with new_file(path) as temporary, _Encoder(temporary, first.width, first.height, fps, crf, sound) as encoder:
+    with new_file(path) as temporary, _encoder(temporary, first.width, first.height, fps, crf, sound) as add:
         for index in range(count):
             progress(index, count)
             time = index / fps
@@ -75,56 +77,44 @@ def render_movie(
                 shown, gaussians = wanted, video.read(wanted).to(device)
             with torch.no_grad():
                 image = rasterize(gaussians, camera(time), background).image
-            encoder.add((image.clamp(0, 1) * 255 + 0.5).to(torch.uint8).cpu().numpy())
+            add((image.clamp(0, 1) * 255 + 0.5).to(torch.uint8).cpu().numpy())
         progress(count, count)
     return count
 
 
-class _Encoder:
-    """Encodes 8-bit RGB images as H.264, BT.709, limited range. Use it as a context manager."""
+@contextmanager
+def _encoder(
+    path: Path, width: int, height: int, fps: float, crf: int, sound: MovieSound | None
+) -> Iterator[Callable[[np.ndarray], None]]:
+    """What encodes the next image, (H, W, 3) uint8 RGB, as H.264, BT.709, limited range, with its sound."""
+    import av
 
-    def __init__(
-        self, path: Path, width: int, height: int, fps: float, crf: int, sound: MovieSound | None = None
-    ) -> None:
-        import av
-
-        self._av = av
-        self._out = av.open(str(path), "w", format="mp4", options={"movflags": "+faststart"})
-        self._rate = Fraction(fps).limit_denominator(1001)
-        stream = self._out.add_stream("libx264", rate=self._rate)
+    with av.open(str(path), "w", format="mp4", options={"movflags": "+faststart"}) as out:
+        rate = Fraction(fps).limit_denominator(1001)
+        stream = out.add_stream("libx264", rate=rate)
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
         context = stream.codec_context
         context.color_range = _MPEG_RANGE
         context.colorspace = context.color_primaries = context.color_trc = _BT709
         context.options = {"crf": str(crf), "preset": "medium"}
-        self._stream = stream
-        self._pictures = 0
-        self._sound = sound
-        self._audio = None if sound is None else SoundEncoder(self._out, sound.sample_rate, sound.channels)
+        audio = None if sound is None else SoundEncoder(out, sound.sample_rate, sound.channels)
+        pictures = itertools.count(1)
 
-    def add(self, picture: np.ndarray) -> None:
-        """Encode the next image, (H, W, 3) uint8."""
-        frame = self._av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")
-        frame = frame.reformat(
-            format="yuv420p", dst_colorspace="ITU709", src_color_range="JPEG", dst_color_range="MPEG"
-        )
-        frame.pts = None
-        for packet in self._stream.encode(frame):
-            self._out.mux(packet)
-        self._pictures += 1
-        if self._sound is not None and self._audio is not None:
-            self._audio.add(self._sound.until(self._pictures / self._rate))
+        def add(picture: np.ndarray) -> None:
+            frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24").reformat(
+                format="yuv420p", dst_colorspace="ITU709", src_color_range="JPEG", dst_color_range="MPEG"
+            )
+            frame.pts = None
+            for packet in stream.encode(frame):
+                out.mux(packet)
+            if sound is not None and audio is not None:
+                audio.add(sound.until(next(pictures) / rate))
 
-    def __enter__(self) -> _Encoder:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
-        if kind is None:
-            for packet in self._stream.encode():
-                self._out.mux(packet)
-            if self._audio is not None:
-                self._audio.close()
-        self._out.close()
+        yield add
+        for packet in stream.encode():
+            out.mux(packet)
+        if audio is not None:
+            audio.close()
 
 
 class MovieSound:
