@@ -9,8 +9,9 @@ import numpy as np
 import torch
 
 from studio.bounded_files import read_bounded
-from studio.errors import StudioError
+from studio.errors import StudioError, naming
 from studio.gaussians import Gaussians
+from studio.rasterizer import check_finite
 
 Note = Callable[[str], None]
 """Takes what a reader ignored or assumed, as one sentence that is the same for each frame of a sequence."""
@@ -87,17 +88,11 @@ def to_arrays(path: Path, gaussians: Gaussians) -> dict[str, np.ndarray]:
     """The attributes as float32 arrays, with unit quaternions."""
     if len(gaussians) == 0:
         raise StudioError("splat_file.no_splats", "there are no splats to write", file=path)
-    arrays = {name: tensor.float().numpy() for name, tensor in gaussians.on_cpu().items()}
-    for name, values in arrays.items():
-        if not np.isfinite(values).all():
-            problem = f"a value in {name} is not finite"
-            raise StudioError("gaussians.not_finite", problem, file=path, fix="Train the frame again.", attribute=name)
-    norms = np.linalg.norm(arrays["quats"], axis=1, keepdims=True)
-    if (norms == 0).any():
-        problem = f"splat {int(np.argmin(norms))} has a zero quaternion"
-        fix = "Train the frame again."
-        raise StudioError("gaussians.zero_quaternion", problem, file=path, fix=fix, splat=int(np.argmin(norms)))
-    return {**arrays, "quats": arrays["quats"] / norms}
+    single = gaussians.to(torch.float32)
+    with naming(path):
+        check_finite(single)
+    arrays = {name: tensor.numpy() for name, tensor in single.on_cpu().items()}
+    return {**arrays, "quats": arrays["quats"] / np.linalg.norm(arrays["quats"], axis=1, keepdims=True)}
 
 
 def from_arrays(arrays: Mapping[str, np.ndarray], dtype: type[np.floating[Any]] = np.float32) -> Gaussians:
