@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
-from itertools import pairwise, product
+from itertools import pairwise
 
 import numpy as np
 
@@ -20,7 +20,6 @@ DISTANCE = 0.02  # default of `Floaters.distance`, of the diagonal of the perfor
 
 _SEEN = 0.05  # opacity of splats that span the performer's box
 _STRAY = 0.01  # share of splats that may lie outside of that box, on each side of each axis
-_HALF = tuple(step for step in product((-1, 0, 1), repeat=3) if step > (0, 0, 0))  # one of each two opposite neighbors
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,27 +147,26 @@ def clusters(means: np.ndarray, distance: float) -> np.ndarray:
     """(N,) number of each splat's cluster, from means (N, 3) and the spacing of a grid in world units: splats in the
     same or in touching cells are in one cluster. So splats closer than the spacing always are, and ones farther apart
     than 3.5 times that are not neighbors."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     if not len(means):
         return np.zeros(0, np.int64)
     cells = np.floor((means.astype(np.float64) - means.min(axis=0)) / distance)
-    cells = np.minimum(cells, 2**20 - 3).astype(np.int64) + 1  # farther ones count as one far cell
-    width = np.array([2**42, 2**21, 1])
-    keys, own = np.unique(cells @ width, return_inverse=True)
-    starts, ends = [], []
-    for step in _HALF:
-        wanted = keys + np.array(step) @ width
-        place = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
-        found = np.flatnonzero(keys[place] == wanted)
-        starts.append(found)
-        ends.append(place[found])
-    start, end = np.concatenate(starts), np.concatenate(ends)
-    graph = coo_array((np.ones(len(start), bool), (start, end)), shape=(len(keys), len(keys)))
-    _, labels = connected_components(graph, directed=False)
-    numbers: np.ndarray = labels[own.reshape(-1)]
-    return numbers
+    _, own, parts = connected_cells(cells, 1.8)  # the diagonal is 1.73
+    found: np.ndarray = parts[own]
+    return found
+
+
+def connected_cells(cells: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Connect cells (N, 3) of a grid, whole numbers, with all cells up to `reach` away: (M,) indices of different ones;
+    which of these each of the N is; and (M,) numbers of the parts that they form."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    near = np.minimum(cells - cells.min(axis=0), 2**20 - 1).astype(np.int64)  # farther ones count as one far cell
+    _, first, own = np.unique(near @ np.array([2**42, 2**21, 1]), return_index=True, return_inverse=True)
+    start, end = cKDTree(near[first]).query_pairs(reach, output_type="ndarray").T
+    graph = coo_array((np.ones(len(start), bool), (start, end)), shape=(len(first), len(first)))
+    return first, own.reshape(-1), connected_components(graph, directed=False)[1]
 
 
 def _loose(floaters: Floaters, means: np.ndarray, opacities: np.ndarray) -> np.ndarray:

@@ -8,10 +8,9 @@ from collections.abc import Sequence
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from studio.edits.selection import connected_cells
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 
@@ -38,17 +37,15 @@ def separated(splats: Gaussians, count: int) -> np.ndarray | None:
     low, high = np.quantile(solid, (0.02, 0.98), axis=0)
     for gap in _GAPS:
         size = max(gap * float(np.linalg.norm(high - low)) / _CELLS, 1e-12)
-        cells, numbers = np.unique(np.floor(solid / size), axis=0, return_counts=True)
-        pairs = cKDTree(cells).query_pairs(_CELLS, output_type="ndarray")
-        links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(cells), len(cells)))
-        parts = connected_components(links, directed=False)[1]
-        sizes = np.bincount(parts, numbers)
+        cells = np.floor(solid / size)
+        first, own, parts = connected_cells(cells, _CELLS)
+        sizes = np.bincount(parts[own])
         ranked = np.argsort(-sizes, kind="stable")
         least, rest = sizes[ranked[:count]].min(), sizes[ranked[count:]].max(initial=0)
         if len(sizes) >= count and least >= _LEAST / count**2 * len(solid) and rest < _REST * least:
             large = np.sort(ranked[:count])
             kept = np.isin(parts, large)
-            nearest = cKDTree(cells[kept] + 0.5).query(means / size)[1]
+            nearest = cKDTree(cells[first][kept] + 0.5).query(means / size)[1]
             return np.searchsorted(large, parts[kept][nearest])
     return None
 

@@ -43,15 +43,10 @@ class Hull:
 
     def bounds(self) -> Bounds | None:
         """Bounds of the voxels that may be inside, plus one voxel; None if there are none."""
-        near = self.field > -self.voxel
-        low, high = np.zeros(3), np.zeros(3)
-        for axis in range(3):
-            index = np.flatnonzero(near.any(axis=tuple(other for other in range(3) if other != axis)))
-            if len(index) == 0:
-                return None
-            low[2 - axis] = self.origin[2 - axis] + self.voxel * (index[0] - 1)
-            high[2 - axis] = self.origin[2 - axis] + self.voxel * (index[-1] + 1)
-        return low, high
+        near = np.argwhere(self.field > -self.voxel)[:, ::-1]
+        if len(near) == 0:
+            return None
+        return self.origin + self.voxel * (near.min(axis=0) - 1), self.origin + self.voxel * (near.max(axis=0) + 1)
 
     def points(self, index: np.ndarray) -> np.ndarray:
         """World positions (N, 3) float64 of the voxels with flat indices (N,)."""
