@@ -1,6 +1,6 @@
 """Typed events that commands emit, as JSON lines with `--json`; beside them, cancellation and a clock of work time.
 
-The command line shows them as progress bars; the window reads the lines. `parse_event` is the inverse of `to_json`.
+The command line shows them as progress bars; the window reads the lines. `read_line` is the inverse of `to_json`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any, ClassVar, Self, TypeAlias, get_args
 
-from studio.bounded_files import parse_json
 from studio.errors import Message, StudioError
 from studio.json_types import JsonData, JsonObject
 
@@ -214,20 +213,10 @@ def as_message(error: BaseException) -> Message:
     return Message("program.bug", f"{type(error).__name__}: {error}", fields={"exception": type(error).__name__})
 
 
-def parse_event(line: str) -> Event:
-    """Parse one line of `--json` output or of a take's events.jsonl.
-
-    Unknown fields are ignored, so that an old window can follow a newer run.
-    """
-    try:
-        return _event_of(parse_json(line))
-    except ValueError:
-        raise StudioError("event.invalid", f"not an event: {line[:200]!r}", value=line[:200]) from None
-
-
 def read_line(line: bytes | str) -> tuple[Event | None, str]:
     """Split a line of another process's output, with or without its newline, into an event and the text around it.
-    Never raises: native libraries print between events or in front of one, without a newline or not in UTF-8."""
+    Never raises: native libraries print between events or in front of one, without a newline or not in UTF-8. Unknown
+    fields are ignored, so that an old window can follow a newer run."""
     text = line.decode("utf-8", "replace") if isinstance(line, bytes) else line
     start = text.find(_START)
     event = None

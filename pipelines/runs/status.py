@@ -5,13 +5,12 @@ import socket
 from dataclasses import asdict, dataclass, replace
 
 from pipelines.config import Config
-from pipelines.events import Event, Progress, RunStarted, StageStarted, parse_event
+from pipelines.events import Progress, RunStarted, StageStarted, read_line
 from pipelines.reports.tables import escaped, table_of
 from pipelines.reports.terminal import console, duration
 from pipelines.runs.runner import status
 from pipelines.takes.stage_files import checked_cameras
 from pipelines.takes.take import Take
-from studio.errors import StudioError
 from studio.json_types import JsonData
 
 
@@ -36,28 +35,20 @@ def running(take: Take) -> Running | None:
     host = holder.get("host")
     elsewhere = str(host) if host not in (None, socket.gethostname()) else None
     found = Running(pid if isinstance(pid, int) else None, str(holder.get("command", "v3studio")), elsewhere)
-    begun = started = progress = None
+    begun = started = progress = ""
     with contextlib.suppress(OSError), take.log.open(encoding="utf-8", errors="replace") as log:
         for line in log:  # the log of a long run has megabytes, of which few lines matter
             if f'"{RunStarted.kind}"' in line:
                 begun = line
             elif f'"{StageStarted.kind}"' in line:
-                started, progress = line, None
+                started, progress = line, ""
             elif f'"{Progress.kind}"' in line:
                 progress = line
-    run, stage, last = (_parsed(line) for line in (begun, started, progress))
+    run, stage, last = (read_line(line)[0] for line in (begun, started, progress))  # one may be incomplete
     # commands other than runs do not write a log: it is then of an earlier run
     if not isinstance(run, RunStarted) or run.pid != found.pid or not isinstance(stage, StageStarted):
         return found
     return replace(found, stage=stage.stage, reason=stage.reason, progress=last if isinstance(last, Progress) else None)
-
-
-def _parsed(line: str | None) -> Event | None:
-    """None for no line, and for one that is still being written."""
-    try:
-        return None if line is None else parse_event(line)
-    except StudioError:
-        return None
 
 
 def progress(take: Take) -> tuple[str, str, float | None]:

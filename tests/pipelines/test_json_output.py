@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from pipelines.cli import make_parser
-from pipelines.events import Log, Progress, StageFinished, parse_event
+from pipelines.events import Log, Progress, StageFinished, read_line
 from tests.support.tiny_capture import ROOT
 from tests.support.warm_python import warm_python
 
@@ -65,7 +65,8 @@ def test_a_run_whose_stage_prints_gives_events_only(copied: Path) -> None:
     command = [sys.executable, "-c", program(NOISY_STAGE), "bake", copied / "take", "--force", "--json"]
     done = subprocess.run(command, capture_output=True, cwd=ROOT, timeout=280, check=False)
     assert done.returncode == 0, done.stderr
-    events = [parse_event(line) for line in done.stdout.decode().splitlines()]
+    events, texts = zip(*map(read_line, done.stdout.decode().splitlines()), strict=True)
+    assert not any(texts)
     assert any(isinstance(event, StageFinished) for event in events)
     assert events[-1].result["stages"]["bake"]["bytes_per_frame"] > 0
     assert events[-1].result["stages"]["evaluate"]["psnr_decoded"] > 10
@@ -101,7 +102,8 @@ def test_every_command_with_json_prints_json_only(
     words = (word.format(**places) for word in COMMANDS[name])
     done = warm_python().run(("-c", program(NOISY_COMMAND), *words), cwd=ROOT)
     assert done.returncode == 0, done.stderr
-    *events, last = [parse_event(line) for line in done.stdout.decode().splitlines()]
+    (*events, last), texts = zip(*map(read_line, done.stdout.decode().splitlines()), strict=True)
+    assert not any(texts)
     assert all(isinstance(event, Progress | Log) for event in events)
     assert last.outcome == "done"
     assert last.result
@@ -190,7 +192,7 @@ FAILURES = {
 def test_a_command_that_fails_ends_with_its_result(name: str, here: Callable) -> None:
     words, code, error = FAILURES[name]
     (line,) = here(*words).fails(code=code).stdout.splitlines()
-    event = parse_event(line)
+    event, _ = read_line(line)
     assert (event.outcome, event.result) == ("failed", {})
     assert event.code.startswith(error)
     assert event.message

@@ -9,7 +9,6 @@ from pathlib import Path
 import cv2
 import pytest
 
-from pipelines.events import parse_event
 from studio.yaml_text import dump_yaml, parse_yaml
 from tests.support.tiny_capture import ROOT, Done
 from tests.support.warm_python import warm_python
@@ -52,9 +51,8 @@ def place(finished: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "réglages 影.yaml").write_text(dump_yaml(settings), encoding="utf-8")
     # relative, from the project's folder, as people type it
     done = in_c("run", "réglages 影.yaml", "--take", TAKE, "--json", cwd=folder).ok()
-    events = [parse_event(line) for line in done.stdout.splitlines()]
-    assert events[0].take == str(folder / TAKE)
-    assert events[-1].outcome == "done"
+    assert done.events[0].take == str(folder / TAKE)
+    assert done.events[-1].outcome == "done"
     return folder
 
 

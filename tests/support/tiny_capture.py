@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from pipelines.config import Config, load_config, parse_override
-from pipelines.events import Event, Finished, parse_event
+from pipelines.events import Event, Finished
 from pipelines.takes.take import Take
 from tests.support.events import events_in
 from tests.support.rigs import on_circle, pose
@@ -106,7 +106,7 @@ class Done(NamedTuple):
     @property
     def result(self) -> Any:
         """With --json: that of the last event."""
-        last = parse_event(self.stdout.splitlines()[-1])
+        last = self.events[-1]
         assert isinstance(last, Finished)
         return last.result
 

@@ -13,7 +13,7 @@ import pytest
 
 from pipelines.batch.queue_file import QueuedTake, QueueFile
 from pipelines.batch.run_queue import run_queue
-from pipelines.events import Event, Finished, RunStarted, parse_event
+from pipelines.events import Event, Finished, RunStarted
 from pipelines.takes.take import Take
 from studio.errors import StudioError
 from tests.support.errors import refuses
@@ -221,10 +221,9 @@ def test_the_commands(copied: Path, tmp_path: Path, here: Callable[..., Any]) ->
     add(settings).fails("--take takes/first", code=2)
     assert "queue run` starts it" in here("queue", "list", *option).stdout
     done = v3studio("queue", "run", "--json", *option)
-    events = [parse_event(line) for line in done.stdout.splitlines()]
     assert done.fails().result == {"done": 1, "failed": 1}
-    assert sum(isinstance(event, Finished) for event in events) == 1, "not those of the takes"
-    assert any(isinstance(event, RunStarted) for event in events)
+    assert sum(isinstance(event, Finished) for event in done.events) == 1, "not those of the takes"
+    assert any(isinstance(event, RunStarted) for event in done.events)
     takes = here("queue", "list", "--json", *option).result["takes"]
     assert [entry["state"] for entry in takes] == ["failed", "done"]
     assert "nothing" in takes[0]["message"]
