@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pipelines.commands.common.arguments import add_command, invalid_option
-from pipelines.commands.share import add_view_option
+from pipelines.commands.share import add_first_options, page_text
 from pipelines.events import Serving as ServingEvent
 from studio.errors import StudioError
 
@@ -33,7 +33,7 @@ def register(commands: Any) -> None:
         "take. A take that is being trained with --live is served from its first group on. Press Ctrl-C to stop."
     )
     serve = add_command(commands, "serve", "serve streams and the browser player", _serve, more)
-    serve.add_argument("folder", metavar="DIR", help="folder of a stream or a take, or a folder of several")
+    serve.add_argument("source", metavar="DIR", help="folder of a stream or a take, or a folder of several")
     serve.add_argument(
         "--host", default="127.0.0.1", help="address to bind to; 0.0.0.0 for other machines (default: %(default)s)"
     )
@@ -46,16 +46,7 @@ def register(commands: Any) -> None:
     )
     serve.add_argument("--certificate", type=Path, metavar="FILE", help="certificate in PEM format; implies --https")
     serve.add_argument("--key", type=Path, metavar="FILE", help="its private key, if it is not in the same file")
-    serve.add_argument(
-        "--title", metavar="TEXT", help="title of the page (default: the stream's, else its name); for one stream"
-    )
-    serve.add_argument(
-        "--intro",
-        type=Path,
-        metavar="FILE",
-        help="camera path that the pages play until the viewer takes over, as for `v3studio share`",
-    )
-    add_view_option(serve)
+    add_first_options(serve)
     serve.add_argument(
         "--review",
         action="store_true",
@@ -92,14 +83,12 @@ def register(commands: Any) -> None:
 def _serve(arguments: argparse.Namespace) -> int:
     from pipelines.events.cancellation import EXIT_CANCELLED
     from pipelines.share.certificates import load_certificate
-    from pipelines.share.page import PageText, read_intro, read_view
     from pipelines.share.player_files import read_player
     from pipelines.share.served import wait_for_first_group
     from pipelines.share.serving import Serving
 
-    wait_for_first_group(arguments.folder)
-    intro = None if arguments.intro is None else read_intro(arguments.intro, str(arguments.folder))
-    view = None if arguments.view is None else read_view(arguments.view)
+    wait_for_first_group(arguments.source)
+    text = page_text(arguments)
     player = certificate = None
     try:
         player = read_player()
@@ -111,7 +100,7 @@ def _serve(arguments: argparse.Namespace) -> int:
         fix = "Specify the certificate that belongs to the key."
         raise invalid_option("--key", "--key needs --certificate", fix, arguments.key)
     serving = Serving(
-        arguments.folder,
+        arguments.source,
         arguments.host,
         arguments.port,
         player,
@@ -121,7 +110,7 @@ def _serve(arguments: argparse.Namespace) -> int:
         review=arguments.review,
         allow_hosts=arguments.allow_host,
         allow_origins=arguments.allow_origin,
-        text=PageText(title=arguments.title, intro=intro, view=view),
+        text=text,
     )
     server = serving.server
     with contextlib.closing(serving):

@@ -53,25 +53,24 @@ def register(commands: Any) -> None:
 
 
 def _add_page_options(share: argparse.ArgumentParser) -> None:
-    """What the page says of the stream, as options; `_page_text` reads them."""
-    share.add_argument("--title", metavar="TEXT", help="title of the page (default: the stream's, else its name)")
+    add_first_options(share)
     share.add_argument("--credits", metavar="TEXT", help='credits line; example: "Jane Doe, Studio X"')
     share.add_argument("--license", metavar="TEXT", help='license of the footage; example: "CC BY 4.0"')
     share.add_argument("--description", metavar="TEXT", help="description for screen readers and link previews")
-    share.add_argument(
-        "--intro",
-        type=Path,
-        metavar="FILE",
-        help="camera path that the page plays until the viewer takes over: a file as for `v3studio export --path`",
-    )
-    add_view_option(share)
     share.add_argument(
         "--address", metavar="URL", help="future address of the page, which link previews need to show the poster"
     )
 
 
-def add_view_option(command: argparse.ArgumentParser) -> None:
-    """The first view, for `share`, `publish` and `serve`."""
+def add_first_options(command: argparse.ArgumentParser) -> None:
+    """With what a page begins, for `share`, `publish` and `serve`; `page_text` reads it."""
+    command.add_argument("--title", metavar="TEXT", help="title of the page (default: the stream's, else its name)")
+    command.add_argument(
+        "--intro",
+        type=Path,
+        metavar="FILE",
+        help="camera path that the page plays until the viewer takes over: a file as for `v3studio export --path`",
+    )
     command.add_argument(
         "--view",
         metavar="VIEW",
@@ -81,29 +80,22 @@ def add_view_option(command: argparse.ArgumentParser) -> None:
     )
 
 
-def _page_text(arguments: argparse.Namespace) -> PageText:
-    """What `_add_page_options` asked for."""
-    if arguments.address is not None:
-        parts = urlsplit(arguments.address)
-        if parts.scheme not in ("http", "https") or not parts.netloc or parts.query or parts.fragment:
-            problem = f"--address '{arguments.address}' is not the http(s):// address of a folder"
-            raise invalid_option("--address", problem, "Example: https://example.org/walk/.", arguments.address)
+def page_text(arguments: argparse.Namespace) -> PageText:
+    """What the options say of the page; not all commands have all of them."""
     from pipelines.share.page import PageText, read_intro, read_view
 
+    given = {name: getattr(arguments, name, None) for name in ("title", "credits", "license", "address", "description")}
+    if given["address"] is not None:
+        parts = urlsplit(given["address"])
+        if parts.scheme not in ("http", "https") or not parts.netloc or parts.query or parts.fragment:
+            problem = f"--address '{given['address']}' is not the http(s):// address of a folder"
+            raise invalid_option("--address", problem, "Example: https://example.org/walk/.", given["address"])
     intro = None if arguments.intro is None else read_intro(arguments.intro, arguments.source)
-    return PageText(
-        title=arguments.title,
-        credits=arguments.credits,
-        license=arguments.license,
-        address=arguments.address,
-        description=arguments.description,
-        intro=intro,
-        view=None if arguments.view is None else read_view(arguments.view),
-    )
+    return PageText(**given, intro=intro, view=None if arguments.view is None else read_view(arguments.view))
 
 
 def _share(arguments: argparse.Namespace) -> None:
-    text = _page_text(arguments)
+    text = page_text(arguments)
     from pipelines.share.sharing import share
 
     with working("share", arguments) as progress:
@@ -124,7 +116,7 @@ def _share(arguments: argparse.Namespace) -> None:
 
 
 def _publish(arguments: argparse.Namespace) -> None:
-    text = _page_text(arguments)
+    text = page_text(arguments)
     from pipelines.share.page import PAGE_NAME
     from pipelines.share.sharing import publish
     from studio.storage import is_address
