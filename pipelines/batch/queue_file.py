@@ -35,10 +35,6 @@ class QueuedTake(Result):
     started: str = ""  # of the last run; empty before the first
     finished: str = ""  # of the last run that ended
 
-    def having(self, **changes: object) -> QueuedTake:
-        """The same with other values."""
-        return QueuedTake.model_validate({**self.model_dump(exclude_unset=True), **changes})
-
 
 class Queue(Result):
     """All takes, in the order in which they are run."""
@@ -113,7 +109,7 @@ class QueueFile:
     def replace(self, number: int, **changes: object) -> None:
         """Change values of a take; nothing happens if it was removed."""
         with self._changing() as takes:
-            takes[:] = [entry.having(**changes) if entry.number == number else entry for entry in takes]
+            takes[:] = [entry.model_copy(update=changes) if entry.number == number else entry for entry in takes]
 
     def remove(self, number: int) -> QueuedTake:
         """Take an entry out of the queue; the take's folder is not touched. Raises StudioError: `queue.*`."""
@@ -146,14 +142,14 @@ class QueueFile:
                 problem = f"take {number} is {entry.state}"
                 raise StudioError("queue.not_ended", problem, value=number, fix="It needs no retry.")
             takes.remove(entry)
-            takes.append(entry.having(state="waiting", message=""))
+            takes.append(entry.model_copy(update={"state": "waiting", "message": ""}))
 
     def claim(self) -> QueuedTake | None:
         """The next take that waits, which now counts as running; None if there is none."""
         with self._changing() as takes:
             for index, entry in enumerate(takes):
                 if entry.state == "waiting":
-                    takes[index] = entry.having(state="running", started=now(), message="")
+                    takes[index] = entry.model_copy(update={"state": "running", "started": now(), "message": ""})
                     return takes[index]
         return None
 
@@ -192,7 +188,8 @@ class QueueFile:
         problem, fix = "another program works through this queue", "`v3studio queue list` shows its progress."
         with held(self._lock("run"), lambda holder: StudioError("queue.already_run", problem, file=self.path, fix=fix)):
             with self._changing() as takes:
-                takes[:] = [one.having(state="waiting") if one.state == "running" else one for one in takes]
+                waiting = {"state": "waiting"}
+                takes[:] = [one.model_copy(update=waiting) if one.state == "running" else one for one in takes]
             yield
 
     def _lock(self, name: str) -> Path:

@@ -59,7 +59,7 @@ def run_queue(
             after = {"state": state, "finished": now(), "message": message}
             queue.replace(entry.number, **after)
             done, failed = done + (code == 0), failed + (code != 0)
-            ended(entry.having(**after))
+            ended(entry.model_copy(update=after))
     return done, failed
 
 
