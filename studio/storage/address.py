@@ -51,17 +51,11 @@ def checked(path: Path | str) -> StoreAddress:
     if has_credentials(path):
         problem = f"the address ({scheme}://...) {CREDENTIALS}"
         raise StudioError("storage.credentials_in_address", problem, fix=CREDENTIALS_FIX)
-    if str(path).partition("://")[2].startswith("/"):  # pathlib would take the first folder for the bucket
-        raise _no_bucket(str(path))
-    bucket = rest.partition("/")[0]
     if scheme not in PACKAGES:
         fix = "Use s3://, gs:// or az://, or a folder."
         raise StudioError("storage.unknown_kind", f"unknown kind of address {scheme}://", file=address, fix=fix)
-    if not bucket:
-        raise _no_bucket(str(address))
+    # of s3:///folder, pathlib would take the first folder for the bucket
+    if rest.startswith("/") or not rest or str(path).partition("://")[2].startswith("/"):
+        fix = "Example: s3://bucket/folder."
+        raise StudioError("storage.no_bucket_named", "the address names no bucket", file=str(path), fix=fix)
     return address
-
-
-def _no_bucket(address: str) -> StudioError:
-    fix = "Example: s3://bucket/folder."
-    return StudioError("storage.no_bucket_named", "the address names no bucket", file=address, fix=fix)

@@ -1,7 +1,6 @@
 """Where a machine keeps what it got from object stores, and how much of it."""
 
 import fcntl
-import json
 import math
 import os
 import threading
@@ -10,7 +9,6 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
-from studio.atomic_files import write_json
 from studio.errors import StudioError
 
 DEFAULT_GIGABYTES = 100.0  # of the cache, unless V3STUDIO_CACHE_GIGABYTES says otherwise
@@ -27,14 +25,12 @@ def cache_folder() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache").expanduser().absolute() / "v3studio"
 
 
-def cache_gigabytes() -> float:
-    """V3STUDIO_CACHE_GIGABYTES, or `DEFAULT_GIGABYTES`."""
-    named = os.environ.get("V3STUDIO_CACHE_GIGABYTES")
-    if not named:
-        return DEFAULT_GIGABYTES
+def cache_limit() -> int:
+    """Bytes: V3STUDIO_CACHE_GIGABYTES, or `DEFAULT_GIGABYTES`. StudioError: `storage.cache_size`."""
+    named = os.environ.get("V3STUDIO_CACHE_GIGABYTES") or str(DEFAULT_GIGABYTES)
     with suppress(ValueError):
         if 0 < float(named) < math.inf:
-            return float(named)
+            return int(float(named) * 1e9)
     problem = f"V3STUDIO_CACHE_GIGABYTES is '{named}', which is not a number above 0"
     fix = "Set it to the size of the cache in GB, such as 100."
     raise StudioError("storage.cache_size", problem, value=named, fix=fix)
@@ -53,15 +49,9 @@ class DiskCache:
         """Where the object of this key (hexadecimal) is kept."""
         return self.folder / "objects" / key[:2] / key
 
-    def set_limit(self, gigabytes: float) -> None:
-        """How much to keep, for all processes of this machine; the last one that sets it decides."""
-        limit = {"bytes": int(gigabytes * 1e9)}
-        if self._limit() != limit["bytes"]:
-            write_json(self.folder / "limit.json", limit)
-
     def added(self, count: int) -> None:
         """Bytes were added; removes the least recently used objects if there are too many."""
-        limit = self._limit()
+        limit = cache_limit()
         with self._lock:
             if self._added is not None:
                 self._added += count
@@ -71,12 +61,6 @@ class DiskCache:
         with locked(self.folder / "evict.lock", wait=False) as mine:
             if mine:
                 self._evict(limit)
-
-    def _limit(self) -> int:
-        try:
-            return int(json.loads((self.folder / "limit.json").read_text())["bytes"])
-        except (OSError, ValueError, KeyError, TypeError):
-            return int(DEFAULT_GIGABYTES * 1e9)
 
     def _evict(self, limit: int) -> None:
         found: list[tuple[float, int, Path]] = []

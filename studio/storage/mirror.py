@@ -9,7 +9,7 @@ from pathlib import Path, PurePosixPath
 
 from studio.atomic_files import write_bytes
 from studio.errors import StudioError, show_as
-from studio.storage.cache import cache_folder, cache_gigabytes, disk_cache, locked
+from studio.storage.cache import cache_folder, cache_limit, disk_cache, locked
 from studio.storage.objects import Pointer, pointer_bytes, read_pointer
 from studio.storage.store import Entry, Store
 
@@ -33,12 +33,12 @@ def mirrored(address: str | os.PathLike[str]) -> Path:
         fix = "Correct the address, or copy the footage there."
         raise StudioError("storage.empty", "there are no objects at this address", file=store.address, fix=fix)
     cache = disk_cache(cache_folder())
+    cache_limit()  # an invalid one is reported before anything is fetched
     scheme, _, path = store.address.partition("://")
     root = cache.folder / "mirror" / scheme / path
     show_as(f"{cache.folder / 'mirror' / scheme}/", f"{scheme}://")
     try:
         with locked(cache.folder / "mirror.lock"):
-            cache.set_limit(cache_gigabytes())
             _update(root, store, entries, str(cache.folder))
     except OSError as error:
         problem = f"the cache cannot be written ({error.strerror})"
