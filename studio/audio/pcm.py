@@ -25,14 +25,8 @@ class _Part:
     whole: Pcm
     first: int
     samples: int
-
-    @property
-    def sample_rate(self) -> int:
-        return self.whole.sample_rate
-
-    @property
-    def channels(self) -> int:
-        return self.whole.channels
+    sample_rate: int
+    channels: int
 
     def read(self, first: int, count: int) -> np.ndarray:
         out = np.zeros((count, self.channels), np.float32)
@@ -45,4 +39,4 @@ class _Part:
 def part_of(whole: Pcm, start: float, seconds: float) -> Pcm:
     """The sound from `start` on, for `seconds`; both in seconds. A negative start begins with silence."""
     rate = whole.sample_rate
-    return _Part(whole, round(start * rate), round(seconds * rate))
+    return _Part(whole, round(start * rate), round(seconds * rate), rate, whole.channels)
