@@ -75,8 +75,8 @@ class AgreedMaskSource(MaskSource):
     """A `MaskSource` whose masks all cameras agree on; see the module docstring.
 
     Args:
-        inputs: the footage; with cameras.
-        cameras: of the raw frames; None before calibration: each camera's mask is then that of its plate alone.
+        inputs: the footage.
+        cameras: of the raw frames.
         plates: the empty set of each camera.
         model: its masks of people are part of the evidence; None: there is no model.
         estimated: whether the plates were estimated from the footage.
@@ -86,7 +86,7 @@ class AgreedMaskSource(MaskSource):
     def __init__(
         self,
         inputs: MaskInputs,
-        cameras: Mapping[str, Camera] | None,
+        cameras: Mapping[str, Camera],
         plates: PlateMaskSource,
         model: MattingModel | None = None,
         estimated: bool = False,
@@ -96,7 +96,7 @@ class AgreedMaskSource(MaskSource):
         common = sorted(set.intersection(*(set(source.frames) for source in inputs.sources.values())))
         spread = sorted({round(at) for at in np.linspace(0, len(common) - 1, _SET_FRAMES)}) if common else []
         self._set_frames = [common[at] for at in spread]
-        self._estimated = estimated and cameras is not None and bool(common)
+        self._estimated = estimated and bool(common)
         self._voters = frozenset(inputs.names) - frozenset(inputs.held_out)
         self._small: MemoryCache[tuple[str, int, int], np.ndarray] = MemoryCache(
             _KEPT_BYTES, lambda image: image.nbytes
@@ -108,8 +108,6 @@ class AgreedMaskSource(MaskSource):
 
     def mask(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
         """See `MaskSource`. Raises StudioError: a camera's image or plate cannot be read."""
-        if self._cameras is None:
-            return self._plates.mask(camera, frame, image)
         image = np.ascontiguousarray(image[:, :, :3])
 
         def make() -> np.ndarray:
@@ -185,7 +183,7 @@ class AgreedMaskSource(MaskSource):
         return odds if inside is None else np.where(reduced(inside.astype(np.float32), side) > 0.5, odds, -LIMIT)
 
     def agree(self, frame: int) -> dict[str, np.ndarray]:
-        """By camera: (h, w) bool, where all cameras together see the performer, at reduced size; with cameras only."""
+        """By camera: (h, w) bool, where all cameras together see the performer, at reduced size."""
 
         def small(name: str) -> Background:
             return _reduced_background(self.background(name))
@@ -204,7 +202,6 @@ class AgreedMaskSource(MaskSource):
 
     def _sized(self, images: Mapping[str, np.ndarray]) -> dict[str, Camera]:
         """The cameras of images (h, w, ...) of any size."""
-        assert self._cameras is not None
         return {name: self._cameras[name].resized(one.shape[1], one.shape[0]) for name, one in images.items()}
 
     def _vote(
@@ -318,16 +315,16 @@ def open_agreed(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | 
     assert isinstance(plates, PlateMaskSource)
     model = load_model(inputs) if inputs.spec.mask_model else None
     if inputs.cameras is None:
-        words = f"those of each camera alone until the cameras are calibrated, {phrase}"
-        return AgreedMaskSource(inputs, None, plates, model), words
-    cache = None
+        alone = PlateMaskSource(inputs, plates.background, plates.files() + (model.files() if model else []))
+        return alone, f"those of each camera alone until the cameras are calibrated, {phrase}"
+    cameras, cache = inputs.cameras(), None
     if inputs.cache_folder is not None:  # the sets do not depend on the model
-        masks = sets = _recipe(inputs, plates)
+        masks = sets = _recipe(inputs, cameras, plates)
         if model is not None:
             files = digest_files(inputs.spec.root, model.files())
             masks = _digest(sets, files, inputs.spec.model_dump_json(include=set(ModelSettings.model_fields)))
         cache = masks, sets, inputs.cache_folder
-    source = AgreedMaskSource(inputs, inputs.cameras(), plates, model, clean is None, cache)
+    source = AgreedMaskSource(inputs, cameras, plates, model, clean is None, cache)
     if model:
         phrase += " and a matting model"
     elif clean is None:
@@ -335,9 +332,8 @@ def open_agreed(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | 
     return source, f"agreed by {voters} cameras, from the {phrase}"
 
 
-def _recipe(inputs: MaskInputs, plates: PlateMaskSource) -> str:
+def _recipe(inputs: MaskInputs, cameras: Mapping[str, Camera], plates: PlateMaskSource) -> str:
     """Everything that the sets depend on."""
-    assert inputs.cameras is not None
     spec = inputs.spec
     sources = [*inputs.sources.values(), plates, *(() if inputs.garbage is None else (inputs.garbage,))]
     return _digest(
@@ -345,7 +341,7 @@ def _recipe(inputs: MaskInputs, plates: PlateMaskSource) -> str:
         digest_files(spec.root, [path for source in sources for path in source.files()]),
         spec.model_dump_json(include={*DifferenceSettings.model_fields, "offsets"}),
         spec.model_dump_json(include={"color_matrix", "transfer", "held_out"}),
-        *(f"{camera.to_dict()}" for camera in inputs.cameras().values()),
+        *(f"{camera.to_dict()}" for camera in cameras.values()),
     )
 
 
