@@ -155,7 +155,7 @@ class Scene:
         settings, coding = self.settings, PlanesCoding(self.previous)
         before = coding.coded_values(self.previous).detach()
         weights = (settings.entropy_weight, settings.temporal_weight)
-        return CodedLoss(before, coding.quantizer(before)[1], coding.attributes, coding.pixels, *weights)
+        return CodedLoss(before, coding.steps(before), coding.attributes, coding.pixels, *weights)
 
     def steps(self) -> None:
         """Measure whole steps, as `keyframe.py` and `interframe.py` run them."""

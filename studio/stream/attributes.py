@@ -68,7 +68,7 @@ QpAttribute = Literal["means_low", "opacities", "scales", "quats", "sh"]
 class Attribute:
     """One attribute of a splat."""
 
-    name: str  # also in the player's arrays
+    name: Literal["means", "quats", "scales", "opacities", "sh"]  # also in the player's arrays
     label: str
     tensor: str  # in `Gaussians`
     shape: tuple[int, ...]  # of a splat in that tensor; -1: SH coefficients
@@ -88,7 +88,7 @@ class Attribute:
     from_channels: Values = _same
 
     @property
-    def qp_name(self) -> str:
+    def qp_name(self) -> QpAttribute:
         """Its name in `attribute_qps`."""
         return "means_low" if self.name == "means" else self.name
 
@@ -131,8 +131,8 @@ ATTRIBUTES = (
 )  # fmt: skip
 """In the order of the channels, and of the values that losses act on."""
 
-BY_NAME = {attribute.name: attribute for attribute in ATTRIBUTES}
-NAMES = {
+BY_NAME: dict[str, Attribute] = {attribute.name: attribute for attribute in ATTRIBUTES}
+NAMES: dict[str, dict[str, list[str]]] = {
     "motion": {one.name: list(one.channels) for one in ATTRIBUTES},
     "planes": {name: list(BY_NAME[name].components) for name in ("means", "sh", "opacities", "scales", "quats")},
 }
@@ -147,22 +147,10 @@ def value_bounds(name: str) -> tuple[float, float]:
     return _BOUNDS.get(name, (-MAX_VALUE, MAX_VALUE))
 
 
-@dataclass(frozen=True)
-class Component:
-    """One number per splat; `name` as in manifest and file names: mean_x, sh_0_r, opacity, log_scale_0, quat_w."""
-
-    name: str
-    attribute: Attribute
-
-    @property
-    def levels(self) -> int:
-        """Largest code: 65535 or 255."""
-        return (1 << self.attribute.bits) - 1
-
-
-def components(sh_degree: int) -> tuple[Component, ...]:
-    """All components, in the order of the manifest. SH are coefficient-major."""
-    return tuple(Component(name, BY_NAME[one]) for one, names in _names("planes", sh_degree) for name in names)
+def components(sh_degree: int) -> tuple[tuple[str, Attribute], ...]:
+    """Names of all components, such as mean_x, sh_0_r, opacity, log_scale_0 and quat_w, each with its attribute, in the
+    order of the manifest. SH are coefficient-major."""
+    return tuple((name, BY_NAME[one]) for one, names in _names("planes", sh_degree) for name in names)
 
 
 def channels(sh_degree: int) -> tuple[str, ...]:

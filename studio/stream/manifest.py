@@ -317,12 +317,12 @@ class PlanesRendition(Rendition):
         side = plane_side(self.splats)
         _require(self.side == side, "plane_side", f"side is {self.side}; {self.splats} splats require {side}")
         wanted = components(self.sh_degree)
-        names = tuple(component.name for component in wanted)
+        names = tuple(name for name, _ in wanted)
         found = tuple(entry.name for entry in self.components)
         _require(found == names, "components", f"components do not match SH degree {self.sh_degree} and its order")
-        for entry, component in zip(self.components, wanted, strict=True):
+        for entry, (_, attribute) in zip(self.components, wanted, strict=True):
             parts = tuple(plane.part for plane in entry.planes)
-            allowed = (("all",),) if component.attribute.bits == 8 else (("high", "low"), ("high", "low_mirrored"))
+            allowed = (("all",),) if attribute.bits == 8 else (("high", "low"), ("high", "low_mirrored"))
             choices = " or ".join(map(str, allowed))
             _require(parts in allowed, "parts", f"{entry.name} has planes {parts}; expected {choices}")
         self._check_files()

@@ -8,7 +8,7 @@ from torch import Tensor
 from studio.gaussians import Gaussians
 from studio.rasterizer.cpu import kernel_threads
 from studio.rasterizer.kernels import kernels_for
-from studio.stream.attributes import ATTRIBUTES
+from studio.stream.attributes import BY_NAME
 from studio.stream.layout import plane_side
 from studio.stream.quantize import LEVELS_8
 
@@ -19,13 +19,13 @@ _TERMS = {"quats": "rotation", "scales": "scale", "opacities": "opacity", "sh": 
 
 def _columns(sh_degree: int) -> dict[str, slice]:
     """Columns of each term of the losses (paper, section 4.2), which count the first coefficient of SH as color."""
-    counts = {attribute.name: len(attribute.components) for attribute in ATTRIBUTES}
     found, start = {}, 0
     for name, term in _TERMS.items():
-        found[term] = slice(start, start + counts[name])
-        start += counts[name]
+        count = len(BY_NAME[name].components)
+        found[term] = slice(start, start + count)
+        start += count
     if sh_degree > 0:
-        found["sh"] = slice(start, start + counts["sh"] * ((sh_degree + 1) ** 2 - 1))
+        found["sh"] = slice(start, start + len(BY_NAME["sh"].components) * ((sh_degree + 1) ** 2 - 1))
     return found
 
 
@@ -79,13 +79,7 @@ class PlanesCoding:
             [quats * sign, gaussians.log_scales, gaussians.opacities[:, None], gaussians.sh.flatten(1)], dim=1
         )
 
-    def quantizer(self, values: Tensor) -> tuple[Tensor, Tensor]:
-        """Offset and step of each channel, both (C,) and detached, from (N, C) coded values: coded is round((value -
-        offset) / step).
-
-        Steps are at least 1e-3: a channel that is nearly constant in this frame has a larger range over the group. The
-        baker measures the range over the whole group, which is not known during training.
-        """
-        low = values.amin(0)
-        steps = ((values.amax(0) - low) / LEVELS_8).clamp_min(_MIN_STEP)
-        return low.detach(), steps.detach()
+    def steps(self, values: Tensor) -> Tensor:
+        """Step of each channel, (C,), from (N, C) coded values; at least 1e-3: a channel that is nearly constant in
+        this frame has a larger range over the group, which the baker measures, but which training does not know."""
+        return ((values.amax(0) - values.amin(0)) / LEVELS_8).clamp_min(_MIN_STEP).detach()

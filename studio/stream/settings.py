@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from studio.json_types import JsonObject
 from studio.settings import Affects, Conflict, Empty, Heading, Settings, Unbounded
-from studio.stream.attributes import ATTRIBUTES, QpAttribute
+from studio.stream.attributes import Attribute, QpAttribute
 from studio.stream.codecs import CODECS, QP_MAX, CodecName, Preset
 
 QP_KNEE = 22  # above this QP the paper keeps color, scale and rotation at it ("Compression QP Setting")
@@ -211,19 +211,10 @@ class BakeSettings(Settings):
         value, _, own = self.quality.partition(" ")
         return float(value) if own == unit else None
 
-    @property
-    def qp_overrides(self) -> dict[str, int]:
-        """`attribute_qps` by plain name."""
-        return {str(name): qp for name, qp in self.attribute_qps.items()}
-
-    def attribute_qp(self, attribute: str) -> int:
-        """QP of an attribute by its `qp_name`; 0 for the high bytes of the means ("means_high")."""
-        if attribute == "means_high":
-            return 0
-        if attribute in self.qp_overrides:
-            return self.qp_overrides[attribute]
-        held = any(one.held for one in ATTRIBUTES if one.qp_name == attribute)
-        return min(self.qp, QP_KNEE) if held else self.qp
+    def attribute_qp(self, attribute: Attribute) -> int:
+        """QP of an attribute in the profile `planes`; that of the high bytes of the means is 0."""
+        usual = min(self.qp, QP_KNEE) if attribute.held else self.qp
+        return self.attribute_qps.get(attribute.qp_name, usual)
 
     @property
     def rungs(self) -> tuple[Rung, ...]:

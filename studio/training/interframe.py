@@ -147,7 +147,7 @@ def _fine_tune(
     coding = PlanesCoding(previous)
     before = coding.coded_values(previous).detach()
     weights = settings.entropy_weight, settings.temporal_weight
-    coded = CodedLoss(before, coding.quantizer(before)[1], coding.attributes, coding.pixels, *weights)
+    coded = CodedLoss(before, coding.steps(before), coding.attributes, coding.pixels, *weights)
     entropy_adam = Adam([ParameterGroup(list(coded.parameters()), _ENTROPY_RATE)])
     for iteration in range(1, settings.finetune_iterations + 1):
         gaussians = optimizer.gaussians

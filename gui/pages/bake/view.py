@@ -19,7 +19,7 @@ from studio.errors import StudioError
 from studio.stream import StreamReader
 from studio.stream.attributes import components
 
-_ATTRIBUTES = {component.name: component.attribute for component in components(sh_degree=3)}
+_ATTRIBUTES = dict(components(sh_degree=3))
 
 
 def plane_label(component: str, part: str) -> str:
@@ -46,7 +46,7 @@ def shares(reader: StreamReader) -> dict[str, tuple[int, list[int]]]:
         for component in getattr(group, "components", ()):  # of the profile "planes"
             parts += [(plane_label(component.name, plane.part), plane.bytes, plane.qp) for plane in component.planes]
     rest = reader.played_bytes - sum(size for _, size, _ in parts)
-    parts.append((rest_words(reader.audio is not None), rest, None))
+    parts.append((rest_words(reader.manifest.audio is not None), rest, None))
     found: dict[str, tuple[int, list[int]]] = {}
     for name, size, qp in parts:
         before, qps = found.get(name, (0, []))
@@ -99,9 +99,9 @@ class BakeView(StageView):
         canvas, em = Canvas(*size, GROUND), self.em
         normal = round(em)
         step = line_height(normal) * 1.5
-        frames, rest = reader.frame_count, rest_words(reader.audio is not None)
+        frames, rest = reader.frame_count, rest_words(reader.manifest.audio is not None)
         y = em
-        per_frame = reader.bytes_per_frame
+        per_frame = reader.played_bytes / frames
         words = (
             f"{reader.played_bytes:,} bytes, {per_frame / 1000:.1f} KB per frame with {rest}, "
             f"{per_frame * reader.fps * 8 / 1e6:.2f} Mbit/s at {reader.fps:g} fps"

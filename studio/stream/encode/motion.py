@@ -153,9 +153,9 @@ class MotionBake:
         data, raw_bytes = side.to_bytes(bits)
         (folder / "motion.bin").write_bytes(data)
         self._encode(pictures, folder / "video.mp4", settings, progress, fps)
-        side_entry = SideEntry(**dict(named_by_content(folder / "motion.bin")), raw_bytes=raw_bytes)
-        facts = dict(named_by_content(folder / "video.mp4"))
-        video = VideoEntry.model_construct(**facts, qp=CODECS[settings.codec].own_qp(settings.qp), checks=())
+        side_entry = SideEntry(**named_by_content(folder / "motion.bin"), raw_bytes=raw_bytes)
+        qp, facts = CODECS[settings.codec].own_qp(settings.qp), named_by_content(folder / "video.mp4")
+        video = VideoEntry.model_construct(**facts, qp=qp, checks=())
         return MotionRendition.model_construct(
             **identity,
             splats=self._splats,
@@ -274,7 +274,7 @@ def _channel_steps(sh_degree: int, position_step: float, typical: float, setting
             base = (position_step / 2,) * 3
         elif attribute.name == "scales":
             base = tuple(step * math.sqrt(typical) for step in base)
-        qp = settings.qp_overrides.get(attribute.qp_name, settings.qp)
+        qp = settings.attribute_qps.get(attribute.qp_name, settings.qp)
         result += [step * 2.0 ** ((qp - settings.qp) / 6) for step in base] * attribute.repeats(sh_degree)
     return result
 

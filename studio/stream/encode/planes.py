@@ -9,7 +9,7 @@ import numpy as np
 
 from studio.gaussians import Gaussians
 from studio.progress import ProgressFn
-from studio.stream.attributes import Component, attribute_rows, components
+from studio.stream.attributes import Attribute, attribute_rows, components
 from studio.stream.encode.files import named_by_content
 from studio.stream.layout import component_frames, plane_side, scale_floor, to_plane, typical_size
 from studio.stream.manifest import Box, ComponentEntry, Part, PlaneEntry, PlanesRendition, point
@@ -55,8 +55,8 @@ class PlanesBake:
         encoders: list[PlaneEncoder] = []
 
         def encode(index: int, frame: np.ndarray) -> None:
-            row, component, part, _ = planes[index]
-            codes = quantize(frame[row], low[row], high[row], component.levels)
+            row, attribute, part, _ = planes[index]
+            codes = quantize(frame[row], low[row], high[row], (1 << attribute.bits) - 1)
             if part != "all":
                 codes = split_bytes(codes, mirrored=part == "low_mirrored")[0 if part == "high" else 1]
             encoders[index].add(to_plane(codes, side))
@@ -69,7 +69,7 @@ class PlanesBake:
                 progress(number + 1, len(self._frames))
         entries: dict[int, list[PlaneEntry]] = {}
         for index, (row, _, part, qp) in enumerate(planes):
-            facts = dict(named_by_content(folder / f"{index}.mp4"))
+            facts = named_by_content(folder / f"{index}.mp4")
             plane = PlaneEntry.model_construct(**facts, qp=qp, part=part, checks=())
             entries.setdefault(row, []).append(plane)
         wanted = components(keyframe.sh_degree)
@@ -83,7 +83,7 @@ class PlanesBake:
             dilation=keyframe.dilation,
             components=tuple(
                 ComponentEntry.model_construct(
-                    name=wanted[row].name, min=float(low[row]), max=float(high[row]), planes=tuple(files)
+                    name=wanted[row][0], min=float(low[row]), max=float(high[row]), planes=tuple(files)
                 )
                 for row, files in entries.items()
             ),
@@ -103,14 +103,14 @@ def _ranges(values: Iterator[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     return ends[:, 0].min(axis=0), ends[:, 1].max(axis=0)
 
 
-def _planes(sh_degree: int, settings: BakeSettings) -> list[tuple[int, Component, Part, int]]:
-    """(row of the component, component, part, QP) of each file, in the order of the manifest."""
-    result: list[tuple[int, Component, Part, int]] = []
-    for row, component in enumerate(components(sh_degree)):
-        if component.attribute.bits == 16:
-            result.append((row, component, "high", settings.attribute_qp("means_high")))
+def _planes(sh_degree: int, settings: BakeSettings) -> list[tuple[int, Attribute, Part, int]]:
+    """(row of the component, its attribute, part, QP) of each file, in the order of the manifest."""
+    result: list[tuple[int, Attribute, Part, int]] = []
+    for row, (_, attribute) in enumerate(components(sh_degree)):
+        if attribute.bits == 16:
+            result.append((row, attribute, "high", 0))
             low: Part = "low_mirrored" if settings.mirror_low_bytes else "low"
-            result.append((row, component, low, settings.attribute_qp("means_low")))
+            result.append((row, attribute, low, settings.attribute_qp(attribute)))
         else:
-            result.append((row, component, "all", settings.attribute_qp(component.attribute.qp_name)))
+            result.append((row, attribute, "all", settings.attribute_qp(attribute)))
     return result

@@ -8,9 +8,10 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from studio.atomic_files import sync, write_bytes
+from studio.bounded_files import read_bounded
 from studio.errors import StudioError
 from studio.json_types import JsonObject
-from studio.stream.encode.files import content_name
+from studio.stream.encode.files import file_facts
 from studio.stream.group_index import GroupIndex
 from studio.stream.manifest import (
     FILES,
@@ -147,11 +148,9 @@ def _pages(directory: Path, groups: Sequence[GroupEntry], sizes: Sequence[int], 
         end = _fitting(sizes, start, PAGE_BYTES)
         part = tuple(groups[start:end])
         data = Page(format=PAGE_FORMAT, groups=part).to_bytes()
-        name, digest = content_name(data, ".json")
-        _write(directory / name, data)
-        pages.append(
-            PageEntry(path=name, bytes=len(data), sha256=digest, frames=tuple(group.frame_count for group in part))
-        )
+        facts = file_facts(data, ".json")
+        _write(directory / facts["path"], data)
+        pages.append(PageEntry(**facts, frames=tuple(group.frame_count for group in part)))
         start = end
     return tuple(pages)
 
@@ -200,9 +199,7 @@ def _replace_manifest(path: Path, data: bytes, files: Iterable[str]) -> None:
 def _live_pages(path: Path) -> set[str]:
     """Pages of the live manifest that is replaced: players that follow may need them until they read the new one."""
     try:
-        with path.open("rb") as handle:
-            data = handle.read(MAX_MANIFEST_BYTES)
-        old = parse_manifest(data, str(path))
+        old = parse_manifest(read_bounded(path, MAX_MANIFEST_BYTES), str(path))
         return {page.path for page in old.pages} if old.live else set()
     except (OSError, StudioError):
         return set()

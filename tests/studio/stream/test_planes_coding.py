@@ -25,7 +25,7 @@ def test_columns_are_the_bakers_components() -> None:
     coding = PlanesCoding(replace(before, quats=signed))
     values = coding.coded_values(now).numpy().T
     baked = list(component_frames([before, now]))[1]
-    names = [component.name for component in components(1)]
+    names = [name for name, _ in components(1)]
     for attribute, prefix in (("rotation", "quat_"), ("scale", "log_scale_"), ("opacity", "opacity")):
         rows = [row for row, name in enumerate(names) if name.startswith(prefix)]
         assert np.allclose(values[coding.attributes[attribute]], baked[rows], atol=1e-6)
@@ -54,7 +54,7 @@ def test_steps_are_the_bakers() -> None:
     splats = random_gaussians(500)
     coding = PlanesCoding(splats)
     values = coding.coded_values(splats)
-    low, steps = coding.quantizer(values)
+    low, steps = values.amin(0), coding.steps(values)
     codes = torch.round((values - low) / steps)
     for column, plain in enumerate(values.numpy().T):
         lowest, highest = float(plain.min()), float(plain.max())

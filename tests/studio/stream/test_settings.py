@@ -1,17 +1,16 @@
 import pytest
 
 from studio.stream import BakeSettings
+from studio.stream.attributes import ATTRIBUTES
 from tests.support.settings import refuses_setting
-
-ATTRIBUTES = ("sh", "scales", "quats", "means_low", "opacities", "means_high")
 
 
 @pytest.mark.parametrize(
-    ("given", "qps"), [({}, [22, 22, 22, 30, 30, 0]), ({"sh": 35, "means_low": 5}, [35, 22, 22, 5, 30, 0])]
+    ("given", "qps"), [({}, [30, 22, 22, 30, 22]), ({"sh": 35, "means_low": 5}, [5, 22, 22, 30, 35])]
 )
 def test_above_22_color_scale_and_rotation_stay_unless_they_are_set(given, qps):
     settings = BakeSettings(profile="planes", quality=30, attribute_qps=given)
-    assert [settings.attribute_qp(name) for name in ATTRIBUTES] == qps
+    assert [settings.attribute_qp(attribute) for attribute in ATTRIBUTES] == qps
 
 
 @pytest.mark.parametrize(
