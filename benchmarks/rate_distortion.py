@@ -46,7 +46,7 @@ from studio.errors import StudioError
 from studio.formats.videogs import open_videogs
 from studio.gaussians import Gaussians
 from studio.playback import play_headless
-from studio.stream import BakeSettings, StreamReader, bake_group, fetch_group, write_manifest
+from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
 from studio.stream.layout import plane_side
 
 Profile = Literal["motion", "planes"]
@@ -284,7 +284,7 @@ def speed_rows(group: TakeGroup, work: Path) -> list[str]:
             opens, decodes, dequantizes, plays = [], [], [], []
             with StreamReader.open(folder) as reader:
                 for _ in range(3):
-                    files = fetch_group(reader.source, reader.groups[0])
+                    files = reader.fetch(reader.groups[0])
                     began = time.process_time()
                     decoder = reader.open_group(reader.groups[0], files)
                     opens.append(1e3 * (time.process_time() - began))

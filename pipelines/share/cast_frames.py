@@ -136,7 +136,7 @@ class CastFrames:
 
     @property
     def has_sound(self) -> bool:
-        return any(one.reader.audio is not None for one in self._streams)
+        return any(one.reader.manifest.audio is not None for one in self._streams)
 
     def sound(self) -> CastSound | None:
         """The sound of all; the caller closes it. None if there is none. Raises StudioError: `share.sample_rates`."""

@@ -94,7 +94,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> E
             executor.run(STAGE, inputs, todo, reporter)
     measured: list[MeasuredGroup] = []
     with _reader(inputs) as reader:
-        played_bytes, bytes_per_frame = reader.played_bytes, reader.bytes_per_frame
+        played_bytes, bytes_per_frame = reader.played_bytes, reader.played_bytes / reader.frame_count
         for group in groups:
             with inputs.take.group_locked(STAGE.name, group.index, reporter.check):
                 found = _measured(inputs, group)

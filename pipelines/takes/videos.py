@@ -92,7 +92,7 @@ def decoded_video(reader: StreamReader) -> SplatVideo:
         name=reader.source.name,
         fps=reader.fps,
         frame_count=reader.frame_count,
-        group_starts=reader.group_starts,
+        group_starts=reader.index.starts,
         read=reader.gaussians,
         up=None if up is None else np.array(up, np.float64),
         view=None if camera is None else camera.undistorted(),

@@ -31,7 +31,7 @@ class Follower:
     def pause(self) -> float:
         """Seconds until the next read."""
         reader = self._reader
-        return min(max(reader.frame_count / reader.fps / len(reader.group_starts), SHORTEST), LONGEST)
+        return min(max(reader.frame_count / reader.fps / len(reader.index), SHORTEST), LONGEST)
 
     def _work(self) -> None:
         while self._reader.live and not self._closed.wait(self.pause):

@@ -9,13 +9,11 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.playback.follow import Follower
 from studio.playback.pipeline import PlayedFrame, Run, raise_for_user
 from studio.playback.shared import Shared
 from studio.playback.statistics import FrameStats, PlaybackReport
-from studio.progress import ProgressFn, no_progress
 from studio.stream import Source, StreamReader
 from studio.stream.group_index import no_such_frame
 
@@ -30,8 +28,6 @@ def play_headless(
     frame_limit: int | None = None,
     on_frame: Callable[[PlayedFrame], None] | None = None,
     render: Callable[[Gaussians], object] | None = None,
-    progress: ProgressFn = no_progress,
-    adaptive: bool | None = None,
 ) -> PlaybackReport:
     """Play a stream to its end: fetch, decode and dequantize on three threads. A live stream is followed until it is
     complete.
@@ -41,11 +37,9 @@ def play_headless(
         realtime: True: play at the stream's frame rate and drop late frames, as on a screen. False: play all frames as
             fast as possible.
         start_frame: index of the first frame, 0-based.
-        frame_limit: number of frames to play; None: play to the end.
+        frame_limit: number of frames to play, at least 1; None: play to the end.
         on_frame: called with each frame, in order, on the caller's thread.
         render: renders a frame; its duration becomes the frame's `render_ms`.
-        progress: called with played and total frames.
-        adaptive: whether renditions change with network and computer, see `Shared`.
 
     Returns:
         cost of each delivered frame, number of dropped frames, duration, and skipped groups.
@@ -59,12 +53,9 @@ def play_headless(
     try:
         if not 0 <= start_frame < reader.frame_count:
             raise no_such_frame(start_frame, reader.frame_count)
-        if frame_limit is not None and frame_limit < 1:
-            problem = f"frame_limit is {frame_limit}; it must be at least 1"
-            raise StudioError("playback.invalid_frame_limit", problem, value=frame_limit)
         end = sys.maxsize if reader.live else reader.frame_count
         stop = end if frame_limit is None else min(end, start_frame + frame_limit)
-        shared = Shared(reader, adaptive)
+        shared = Shared(reader)
         stats: list[FrameStats] = []
         began = time.perf_counter()
         with _frames(shared, start_frame, realtime) as frames:
@@ -79,7 +70,6 @@ def play_headless(
                 if on_frame is not None:
                     on_frame(item)
                 stats.append(figures)
-                progress(item.frame + 1 - start_frame, min(stop, reader.frame_count) - start_frame)
                 if item.frame == stop - 1:
                     break
             seconds = time.perf_counter() - began

@@ -127,7 +127,7 @@ class Run:
     def _groups(self) -> Iterator[Span]:
         """The groups from the start frame on."""
         reader = self._shared.reader
-        starts, count = reader.group_starts, reader.frame_count
+        starts, count = reader.index.starts, reader.frame_count
         first = bisect_right(starts, self._start) - 1
         while True:
             ends = (*starts[1:], count)

@@ -11,6 +11,8 @@ import threading
 from collections import deque
 from collections.abc import Sequence
 
+_MINIMUM = 4.0  # seconds of buffer below which the smallest rendition is taken; dash.js has 10, but groups are short
+_PER_RUNG = 1.0  # seconds of buffer that each rendition adds to the target; dash.js has 2
 _SAMPLES = 5
 _SAFETY = 0.9  # share of the measured throughput that is counted on, as in dash.js
 _PROBING = 0.9  # of the target
@@ -20,26 +22,16 @@ _DROPPED_SAMPLE = 90  # frames; dash.js waits for 375, but groups of splats are 
 
 
 class RateRule:
-    """Chooses among renditions. Thread safe.
+    """Chooses among renditions with these `bandwidths`, bits per second in the order of the manifest. Thread safe.
+    `target`: seconds of buffer to fill; at that, the best rendition is taken."""
 
-    Args:
-        bandwidths: bits per second of each rendition, in the order of the manifest.
-        minimum: seconds of buffer below which the smallest rendition is taken. dash.js has 10, for segments of several
-            seconds; groups are shorter.
-        per_rung: seconds of buffer that each rendition adds to the target; dash.js has 2.
-
-    Attributes:
-        target: seconds of buffer to fill; at that, the best rendition is taken.
-    """
-
-    def __init__(self, bandwidths: Sequence[int], minimum: float = 4.0, per_rung: float = 1.0) -> None:
+    def __init__(self, bandwidths: Sequence[int]) -> None:
         # by rate, which need not be the order of the manifest
         self._order = sorted(range(len(bandwidths)), key=lambda number: bandwidths[number])
         self._rates = [float(bandwidths[number]) for number in self._order]
-        self._minimum = minimum
-        self.target = minimum + per_rung * len(bandwidths)
+        self.target = _MINIMUM + _PER_RUNG * len(bandwidths)
         self._utilities = [math.log(rate / self._rates[0]) + 1 for rate in self._rates]
-        self._gp = (self._utilities[-1] - 1) / (self.target / minimum - 1)
+        self._gp = (self._utilities[-1] - 1) / (self.target / _MINIMUM - 1)
         self._throughput: deque[tuple[int, float]] = deque(maxlen=_SAMPLES)
         self._frames = [[0, 0] for _ in bandwidths]  # shown and dropped, by rate
         self._filling = True
@@ -83,7 +75,7 @@ class RateRule:
     def _bola(self, buffered: float) -> int:
         if self._gp == 0:  # all rates are equal
             return len(self._rates) - 1
-        weight = self._minimum / self._gp
+        weight = _MINIMUM / self._gp
         scores = [
             (weight * (utility + self._gp) - buffered) / rate
             for utility, rate in zip(self._utilities, self._rates, strict=True)

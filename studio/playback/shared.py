@@ -30,17 +30,15 @@ class Span:
 
 
 class Shared:
-    """See the module docstring. Thread safe. `adaptive`: change renditions by `RateRule`, or keep the reader's; None:
-    change them if the stream comes from a web server and has several."""
+    """See the module docstring. Thread safe. `rule` changes renditions, if the stream comes from a web server and has
+    several; None: the reader's is kept."""
 
-    def __init__(self, reader: StreamReader, adaptive: bool | None = None) -> None:
+    def __init__(self, reader: StreamReader) -> None:
         self.reader = reader
-        if adaptive is None:
-            adaptive = hasattr(reader.source, "parallel")  # a network, see `Source`
         self.rule: RateRule | None = None
-        if adaptive and len(reader.renditions) > 1:
-            self.rule = RateRule([one.bandwidth for one in reader.renditions])
-        self._renditions = {one.id: number for number, one in enumerate(reader.renditions)}
+        if reader.source.parallel > 1 and len(reader.manifest.renditions) > 1:
+            self.rule = RateRule([one.bandwidth for one in reader.manifest.renditions])
+        self._renditions = {one.id: number for number, one in enumerate(reader.manifest.renditions)}
         self._files: MemoryCache[tuple[int, str], dict[str, bytes]] = MemoryCache(_CACHED_GROUPS)
         self._skipped: dict[int, SkippedGroup] = {}
         self._lock = threading.Lock()
@@ -62,7 +60,7 @@ class Shared:
         one, or if `over` returns True."""
         with self._grown:
             while not over():
-                if len(self.reader.group_starts) > groups:
+                if len(self.reader.index) > groups:
                     return True
                 if not self.reader.live or self.replaced is not None:
                     return False
@@ -74,7 +72,7 @@ class Shared:
         shown. StudioError if its page of the index is missing or damaged."""
         if self.rule is None:
             return self.reader.group(number)
-        return self.reader.group(number, self.reader.renditions[self.rule.choose(buffered)].id)
+        return self.reader.group(number, self.reader.manifest.renditions[self.rule.choose(buffered)].id)
 
     def played(self, group: Rendition, shown: int = 0, dropped: int = 0) -> None:
         """Tell the rule about frames that were shown, or were dropped since decoding was late."""

@@ -21,7 +21,6 @@ from .manifest import RenditionEntry as RenditionEntry
 from .metadata import CapturePlace as CapturePlace
 from .metadata import StreamMetadata as StreamMetadata
 from .reader import StreamReader as StreamReader
-from .reader import fetch_group as fetch_group
 from .settings import DEFAULT_LADDER as DEFAULT_LADDER
 from .settings import BakeSettings as BakeSettings
 from .settings import Rung as Rung

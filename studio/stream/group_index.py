@@ -7,7 +7,7 @@ from itertools import accumulate
 
 from studio.errors import StudioError
 from studio.memory_cache import MemoryCache
-from studio.stream.manifest import MANIFEST_NAME, GroupEntry, Manifest, PageEntry
+from studio.stream.manifest import MANIFEST_NAME, FileEntry, GroupEntry, Manifest, PageEntry
 from studio.stream.manifest_file import parse_page
 from studio.stream.sources.source import Source
 
@@ -48,6 +48,12 @@ class GroupIndex:
         """The page that has group `number`; None for a group in the manifest itself."""
         place = bisect_right(self._page_starts, number) - 1
         return self.manifest.pages[place - 1] if place else None
+
+    def files(self, number: int) -> tuple[FileEntry, ...]:
+        """What playing group `number` takes, in the order in which a player needs it: its page, and its own files in
+        all renditions."""
+        page = self.page_of(number)
+        return (*(() if page is None else (page,)), *self.group(number).files)
 
     def _read(self, place: int) -> tuple[GroupEntry, ...]:
         page, first = self.manifest.pages[place - 1], self._page_starts[place]

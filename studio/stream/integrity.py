@@ -7,7 +7,7 @@ from studio.errors import StudioError
 from studio.progress import ProgressFn, no_progress
 from studio.stream.manifest import MANIFEST_NAME, FileEntry
 from studio.stream.manifest_file import check_total
-from studio.stream.reader import StreamReader, checked_file
+from studio.stream.reader import StreamReader, fetch_files
 from studio.stream.sources.source import SourceUnavailable
 
 
@@ -40,8 +40,8 @@ def check_stream(reader: StreamReader, progress: ProgressFn = no_progress) -> St
     damage: list[StreamDamage] = []
     files: dict[str, FileEntry] = {}
     groups: dict[str, list[int]] = {}
-    if reader.audio is not None:
-        files[reader.audio.path] = reader.audio
+    if reader.manifest.audio is not None:
+        files[reader.manifest.audio.path] = reader.manifest.audio
     for entries, number in _files_by_group(reader, damage):
         for entry in entries:
             files[entry.path] = entry
@@ -54,7 +54,7 @@ def check_stream(reader: StreamReader, progress: ProgressFn = no_progress) -> St
             damage.append(StreamDamage(MANIFEST_NAME, error.problem, ()))
     for path, entry in files.items():
         try:
-            checked_file(reader.source, entry)
+            fetch_files(reader.source, (entry,))
         except SourceUnavailable:
             raise
         except StudioError as error:
@@ -68,14 +68,12 @@ def _files_by_group(reader: StreamReader, damage: list[StreamDamage]) -> Iterato
     """Files of each group and the group's number; damaged pages of the index are appended to `damage`."""
     lost: dict[str, tuple[str, list[int]]] = {}
     for number in range(len(reader.index)):
-        page = reader.index.page_of(number)
         try:
-            files = reader.index.group(number).files
+            yield reader.index.files(number), number
         except SourceUnavailable:
             raise
         except StudioError as error:
+            page = reader.index.page_of(number)
             assert page is not None  # groups in the manifest itself need no file
             lost.setdefault(page.path, (error.problem, []))[1].append(number)
-            continue
-        yield (*files, *(() if page is None else (page,))), number
     damage += [StreamDamage(path, problem, tuple(numbers)) for path, (problem, numbers) in lost.items()]

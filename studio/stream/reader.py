@@ -19,41 +19,37 @@ from studio.stream.group_index import GroupIndex
 from studio.stream.manifest import (
     MANIFEST_NAME,
     MAX_MANIFEST_BYTES,
-    AudioEntry,
     FileEntry,
     Manifest,
     Rendition,
-    RenditionEntry,
 )
 from studio.stream.manifest_file import check_growth, parse_manifest
 from studio.stream.sound import StreamSound
 from studio.stream.sources.open_source import open_source
-from studio.stream.sources.source import Source, SourceUnavailable, close_source, damaged, read_files
+from studio.stream.sources.source import Source, SourceUnavailable, damaged
 
 
-def fetch_group(source: Source, group: Rendition) -> dict[str, bytes]:
-    """Content by path of all files of a group; StudioError if one is missing or has another size or SHA-256."""
-    files = read_files(source, [(file.path, file.bytes) for file in group.files])
-    for file in group.files:
-        check_file(files[file.path], file, source)
-    return files
+def fetch_files(source: Source, files: Sequence[FileEntry]) -> dict[str, bytes]:
+    """Content by path of files of a stream; StudioError for the first that is missing or has another size or SHA-256.
+    Reads `source.parallel` files at once: over a network, most of the time of a small file is latency."""
 
+    def checked(file: FileEntry) -> bytes:
+        data, name = source.read(file.path, file.bytes), f"{source.name}/{file.path}"
+        if len(data) != file.bytes:
+            problem = f"the file has {len(data)} bytes, the manifest says {file.bytes}"
+            raise damaged("stream.wrong_size", problem, name, len(data), expected=file.bytes)
+        if hashlib.sha256(data).hexdigest() != file.sha256:
+            raise damaged("stream.wrong_checksum", "SHA-256 differs from the manifest", name)
+        return data
 
-def checked_file(source: Source, file: FileEntry) -> bytes:
-    """Content of one file of a stream, verified. Raises StudioError as `fetch_group`."""
-    data = source.read(file.path, file.bytes)
-    check_file(data, file, source)
-    return data
-
-
-def check_file(data: bytes, file: FileEntry, source: Source) -> None:
-    """Raises StudioError unless the bytes have the size and the SHA-256 of the manifest."""
-    name = f"{source.name}/{file.path}"
-    if len(data) != file.bytes:
-        problem = f"the file has {len(data)} bytes, the manifest says {file.bytes}"
-        raise damaged("stream.wrong_size", problem, name, len(data), expected=file.bytes)
-    if hashlib.sha256(data).hexdigest() != file.sha256:
-        raise damaged("stream.wrong_checksum", "SHA-256 differs from the manifest", name)
+    if min(source.parallel, len(files)) == 1:
+        return {file.path: checked(file) for file in files}
+    pool = ThreadPoolExecutor(source.parallel, thread_name_prefix="fetch")
+    try:
+        reading = [pool.submit(checked, file) for file in files]
+        return {file.path: future.result() for file, future in zip(files, reading, strict=True)}
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)  # after an error, do not wait for the other files
 
 
 class StreamReader:
@@ -94,7 +90,7 @@ class StreamReader:
             reader = cls(opened, opened.read(MANIFEST_NAME, MAX_MANIFEST_BYTES), threads, rendition)
         except BaseException:
             if opened is not source:
-                close_source(opened)
+                opened.close()
             raise
         reader._owns_source = opened is not source
         return reader
@@ -108,16 +104,6 @@ class StreamReader:
         return self.index.manifest
 
     @property
-    def renditions(self) -> tuple[RenditionEntry, ...]:
-        """Renditions to choose from, the best first."""
-        return self.manifest.renditions
-
-    @property
-    def rendition(self) -> RenditionEntry:
-        """The chosen rendition."""
-        return self.renditions[self._rendition]
-
-    @property
     def groups(self) -> Sequence[Rendition]:
         """All groups in the chosen rendition; an item may be read from the source, with the errors of `group`."""
         index, chosen = self.index, self._rendition
@@ -129,11 +115,6 @@ class StreamReader:
         return self.manifest.played_bytes(self._rendition)
 
     @property
-    def bytes_per_frame(self) -> float:
-        """`played_bytes`, divided by the number of frames."""
-        return self.played_bytes / self.frame_count
-
-    @property
     def live(self) -> bool:
         """Whether groups are still being added, so that `refresh` may find more."""
         return self.manifest.live
@@ -143,8 +124,7 @@ class StreamReader:
         StudioError as `open`, or `stream.live_changed`: the new manifest takes back what the old one published."""
         if not self.live:
             return 0
-        read = getattr(self.source, "read_changed", self.source.read)
-        data = read(MANIFEST_NAME, MAX_MANIFEST_BYTES)
+        data = self.source.read_changed(MANIFEST_NAME, MAX_MANIFEST_BYTES)
         if data is None:
             return 0
         index = self._indexed(data)
@@ -155,14 +135,15 @@ class StreamReader:
         return grown
 
     def fetch(self, group: Rendition) -> dict[str, bytes]:
-        """Content by path of all files of a group; StudioError as `fetch_group`, or `stream.replaced` (baked again)."""
+        """Content by path of all files of a group, verified; StudioError: one is missing or damaged, or the stream was
+        baked again since it was opened (`stream.replaced`)."""
         with self._reading():
-            return fetch_group(self.source, group)
+            return fetch_files(self.source, group.files)
 
     def checked(self, file: FileEntry) -> bytes:
         """Content of one file, verified. Raises StudioError as `fetch`."""
         with self._reading():
-            return checked_file(self.source, file)
+            return fetch_files(self.source, (file,))[file.path]
 
     @contextmanager
     def _reading(self) -> Iterator[None]:
@@ -196,22 +177,11 @@ class StreamReader:
 
     @property
     def files(self) -> tuple[FileEntry, ...]:
-        """All files of the stream but the manifest, of all renditions, each once; reads all pages of the index. Raises
-        StudioError: a page is missing or damaged."""
-        found = {file.path: file for file in self.manifest.fixed_files}
-        for number in range(len(self.index)):
-            found |= {file.path: file for file in self.index.group(number).files}
-        return tuple(found.values())
-
-    @property
-    def group_starts(self) -> tuple[int, ...]:
-        """First frame of each group; reads no page of the index."""
-        return self.index.starts
-
-    def choose(self, rendition: str) -> None:
-        """Read another rendition (StudioError: there is none) from the next group on; a group that is being decoded is
-        finished as it is."""
-        self._rendition = self.index.rendition_number(rendition)
+        """All files of the stream but the manifest, of all renditions, each once, in the order in which a player needs
+        them; reads all pages of the index. Raises StudioError: a page is missing or damaged."""
+        sound = () if self.manifest.audio is None else (self.manifest.audio,)
+        groups = (file for number in range(len(self.index)) for file in self.index.files(number))
+        return tuple({file.path: file for file in (*sound, *groups)}.values())
 
     def group(self, number: int, rendition: str | None = None) -> Rendition:
         """Group `number` in a rendition by id; None is the chosen one. StudioError if there is none, or its page of the
@@ -224,14 +194,9 @@ class StreamReader:
         there is no such frame, or the page is missing or damaged."""
         return self.group(self.index.group_of(frame))
 
-    @property
-    def audio(self) -> AudioEntry | None:
-        """What the manifest says of the sound; None for silent streams."""
-        return self.manifest.audio
-
     def audio_bytes(self) -> bytes:
         """The sound's file, an MP4 with one AAC track. StudioError: none (`stream.no_sound`), or it is damaged."""
-        entry = self.audio
+        entry = self.manifest.audio
         if entry is None:
             raise StudioError("stream.no_sound", "the stream has no sound", file=self.source.name)
         return self.checked(entry)
@@ -239,7 +204,7 @@ class StreamReader:
     def sound(self) -> StreamSound | None:
         """The decoded sound, for random access; the caller closes it. None for silent streams. StudioError if the file
         is missing, damaged or not what the manifest says."""
-        entry = self.audio
+        entry = self.manifest.audio
         if entry is None:
             return None
         return StreamSound(self.audio_bytes(), entry, f"{self.source.name}/{entry.path}")
@@ -255,7 +220,7 @@ class StreamReader:
         return self.manifest.fps
 
     def open_group(self, group: Rendition, files: Mapping[str, bytes] | None = None) -> GroupDecoder:
-        """A decoder at the first frame of the group, from `files` as returned by `fetch_group`, or fetched now."""
+        """A decoder at the first frame of the group, from `files` as `fetch` returns them, or fetched now."""
         files = files or self.fetch(group)
         return open_decoder(group, files, self._pool, self.source.name, self.manifest.codec.name, self._threads)
 
@@ -293,7 +258,7 @@ class StreamReader:
     def end_reads(self) -> None:
         """Abort reads from a source that `open` created; threads that wait for them get a StudioError."""
         if self._owns_source:
-            close_source(self.source)
+            self.source.close()
 
     def close(self) -> None:
         """Release decoders and threads."""

@@ -12,7 +12,7 @@ _DATE = (1980, 1, 1, 0, 0, 0)  # equal streams give equal archives
 
 def write_archive(reader: StreamReader, out: Path, progress: ProgressFn = no_progress) -> int:
     """Write a stream with all its renditions, verified, into the file `out`, which is replaced; its size in bytes."""
-    written = {MANIFEST_NAME}
+    files = reader.files
     with zipfile.ZipFile(out, "w", zipfile.ZIP_STORED) as archive:
 
         def add(name: str, data: bytes) -> None:
@@ -22,12 +22,7 @@ def write_archive(reader: StreamReader, out: Path, progress: ProgressFn = no_pro
             archive.writestr(entry, data)
 
         add(MANIFEST_NAME, reader.manifest_bytes)
-        index, first = reader.index, () if reader.audio is None else (reader.audio,)
-        for number in range(len(index)):  # in the order in which a player needs them
-            page = index.page_of(number)
-            for file in (*first, *(() if page is None else (page,)), *index.group(number).files):
-                if file.path not in written:
-                    written.add(file.path)
-                    add(file.path, reader.checked(file))
-            progress(number + 1, len(index))
+        for number, file in enumerate(files):
+            add(file.path, reader.checked(file))
+            progress(number + 1, len(files))
     return out.stat().st_size

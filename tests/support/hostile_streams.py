@@ -12,7 +12,7 @@ import zlib
 from typing import Any
 
 from studio.errors import StudioError
-from studio.stream import StreamReader
+from studio.stream import Source, StreamReader
 from tests.support.splats import assert_drawable
 
 Files = dict[str, bytes]
@@ -112,8 +112,8 @@ def mutate(files: Files, number: int) -> tuple[str, Files]:
     return kind, with_file(files, group, key, packer.compress(raw) + packer.flush(), len(raw))
 
 
-class Memory:
-    """A stream in memory, as a `studio.stream.sources.source.Source`."""
+class Memory(Source):
+    """A stream in memory."""
 
     name = "mutated"
 
@@ -121,7 +121,6 @@ class Memory:
         self._files = files
 
     def read(self, path: str, limit: int) -> bytes:
-        """See `Source.read`."""
         data = self._files.get(path)
         if data is None or len(data) > limit:
             raise StudioError("stream.file_missing", "no such file, or too long", file=path)

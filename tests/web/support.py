@@ -22,8 +22,6 @@ from studio.stream import BakeSettings, Rung, StreamReader, bake_group, bake_sou
 from studio.stream.encode import write_manifest as manifest_writer
 from studio.stream.morton import deinterleave, square_scan
 from studio.stream.motion_state import Side
-from studio.stream.reader import fetch_group
-from studio.stream.sources.open_source import open_source
 from tests.support.sounds import clicks as click_sound
 from tests.support.sounds import write_wav
 
@@ -132,7 +130,7 @@ def side_arrays(folder: Path, group_index: int) -> dict[str, Any]:
     """Contents of a group's side file as Python parses it, and the pixels of splats in its tile; JSON-ready."""
     with StreamReader.open(folder) as reader:
         group = reader.groups[group_index]
-        side = Side.parse(fetch_group(open_source(folder), group)[group.side.path], group)
+        side = Side.parse(reader.fetch(group)[group.side.path], group)
     order = np.lexsort((side.escapes.splat, side.escapes.frame))
     return {
         "cells": deinterleave(side.codes).astype(int).reshape(-1).tolist(),

@@ -91,7 +91,7 @@ def test_it_plays_with_the_click_where_it_should_be_and_the_frames_follow(soundi
     page.handle.keyboard.press("m")
     assert page.state["muted"] is muted
     with StreamReader.open(sounding) as reader:
-        data, entry = reader.audio_bytes(), reader.audio
+        data, entry = reader.audio_bytes(), reader.manifest.audio
     # The encoder's delay is skipped by the browser's decoder as by ours.
     found = page.evaluate(
         """async (text) => {

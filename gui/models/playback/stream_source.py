@@ -50,7 +50,7 @@ class StreamSource:
         self._reader = StreamReader.open(place)
         self._shared, self._metadata = Shared(self._reader), StreamMetadata.from_json(self._reader.manifest.metadata)
         self.fps, self.groups = float(self._reader.fps), self._reader.groups
-        self.has_sound = self._reader.audio is not None
+        self.has_sound = self._reader.manifest.audio is not None
         self.suggested_camera = self._metadata.suggested_camera  # the first view; None if there is none
         self._count = self._reader.frame_count
         self.first, self._back = 0, Similarity()
@@ -58,7 +58,7 @@ class StreamSource:
             found = capture_place(self._reader)
             self.first, self._back = found.first_frame, found.world.inverse
         self.frame_count = self.first + self._count
-        self.group_starts: Sequence[int] = [self.first + start for start in self._reader.group_starts]
+        self.group_starts: Sequence[int] = [self.first + start for start in self._reader.index.starts]
         self._cache = frame_cache()
         self._decoder: GroupDecoder | None = None
         self._changed = threading.Condition()

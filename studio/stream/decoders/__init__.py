@@ -18,7 +18,7 @@ def open_decoder(
 
     Args:
         group: its entry in the manifest.
-        files: content by path, from `fetch_group`.
+        files: content by path, from `StreamReader.fetch`.
         pool: threads that decode several videos in parallel; `threads` are of the decoder of a profile's single video.
         name: the stream, for messages.
         codec: as in the manifest.

@@ -14,7 +14,7 @@ from studio.stream.video import PlaneDecoder
 
 
 class PlanesDecoder(GroupDecoder):
-    """Decodes all planes of a frame in parallel. `files`: content by path, from `fetch_group`."""
+    """Decodes all planes of a frame in parallel. `files`: content by path, from `StreamReader.fetch`."""
 
     def __init__(self, group: PlanesRendition, files: Mapping[str, bytes], pool: ThreadPoolExecutor, name: str) -> None:
         super().__init__(group)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from studio.errors import StudioError, reason_of
 from studio.stream.sources.http import HttpSource
-from studio.stream.sources.source import damaged, too_long
+from studio.stream.sources.source import Source, damaged, too_long
 
 SUFFIX = ".v3s"
 MAX_ENTRIES = 1 << 20
@@ -47,7 +47,7 @@ class FileRanges:
         self._file.close()
 
 
-class ArchiveSource:
+class ArchiveSource(Source):
     """The files of a one-file stream, which is a local file, or on a web server that answers range requests. Thread
     safe; opening reads its directory. `close` closes `ranges`, too."""
 
@@ -98,7 +98,6 @@ class ArchiveSource:
         return block[begin : begin + size]
 
     def close(self) -> None:
-        """Abort reads in progress."""
         self._ranges.close()
 
     def _damaged(self, problem: str) -> StudioError:

@@ -15,15 +15,10 @@ import urllib3
 from studio.errors import StudioError
 from studio.stream.sources.http_connections import Watch, WatchedPools
 from studio.stream.sources.redirects import MOST_REDIRECTS, redirected, same_origin
-from studio.stream.sources.source import SourceUnavailable, is_address, too_long
+from studio.stream.sources.source import Source, SourceUnavailable, is_address, too_long
 
 CONNECT_SECONDS = 5.0
-STALL_SECONDS = 8.0
-"""An attempt is aborted if the server sends nothing for this long, or less than `MIN_RATE` on average over it."""
-
 MIN_RATE = 16_000  # bytes per second, far below the bit rate of any stream
-PATIENCE = 30.0  # seconds after a file's first failed attempt during which it is retried: enough to restart a server
-FIRST_PATIENCE = 3.0  # same, before the server has ever answered: a wrong URL is more likely than a slow server
 
 _CHUNK = 1 << 16
 _RETRIED = (408, 425, 429, 500, 502, 503, 504)
@@ -69,7 +64,7 @@ class _Partial:
         self.validator = None
 
 
-class HttpSource:
+class HttpSource(Source):
     """A stream below an http:// or https:// URL. Thread safe; connections are reused.
 
     Broken, stalled and refused connections and temporary status codes are retried with exponential backoff until
@@ -79,22 +74,20 @@ class HttpSource:
     Args:
         address: URL of the stream's folder or of its manifest.json. A query (?token=...) is sent with every request;
             user:password@ before the host becomes basic authentication.
-        stall, patience, first_patience: seconds, see the constants of this module.
 
     Attributes:
         name: the URL without credentials and query.
     """
 
     parallel = 6
+    # seconds; an attempt is aborted if the server sends nothing for so long, or less than `MIN_RATE` on average over it
+    stall = 8.0
+    patience = (
+        30.0  # seconds after a file's first failed attempt during which it is retried: enough to restart a server
+    )
+    first_patience = 3.0  # same, before the server has ever answered: a wrong URL is more likely than a slow server
 
-    def __init__(
-        self,
-        address: str,
-        *,
-        stall: float = STALL_SECONDS,
-        patience: float = PATIENCE,
-        first_patience: float = FIRST_PATIENCE,
-    ) -> None:
+    def __init__(self, address: str) -> None:
         try:
             parts = urlsplit(address)
             host, port = parts.hostname, parts.port
@@ -112,9 +105,6 @@ class HttpSource:
         if parts.username is not None:
             login = f"{unquote(parts.username)}:{unquote(parts.password or '')}"
             self._headers.update(urllib3.make_headers(basic_auth=login))
-        self._stall = stall
-        self._patience = patience
-        self._first_patience = min(first_patience, patience)
         self._answered = False
         self._known: dict[str, str | None] = {}  # ETags of files that `read_changed` has read
         self._closed = threading.Event()
@@ -122,7 +112,7 @@ class HttpSource:
         self._live_lock = threading.Lock()
         self._pool = WatchedPools(
             maxsize=self.parallel,
-            timeout=urllib3.Timeout(connect=CONNECT_SECONDS, read=stall),
+            timeout=urllib3.Timeout(connect=CONNECT_SECONDS, read=self.stall),
             # `read` does all retries, since it knows what has arrived, and follows redirects where that is safe.
             retries=urllib3.Retry(total=None, connect=0, read=0, status=0, other=0, redirect=0),
         )
@@ -130,19 +120,20 @@ class HttpSource:
     def read(self, path: str, limit: int) -> bytes:
         """See `Source.read`. SourceUnavailable if there is no complete answer before `patience` runs out; StudioError
         if the file is missing, access is denied, or it is longer than `limit`."""
-        url = urlunsplit(self._base._replace(path=f"{self._base.path}/{path}"))
-        partial = _Partial()
-        self._read(url, f"{self.name}/{path}", partial, limit)
-        return bytes(partial.data)
+        return self._file(path, _Partial(), limit)
 
     def read_changed(self, path: str, limit: int) -> bytes | None:
         """As `read`, but asks for the file only if it has changed since the last call (If-None-Match); None if not."""
-        url = urlunsplit(self._base._replace(path=f"{self._base.path}/{path}"))
         partial = _Partial(known=self._known.get(path))
-        self._read(url, f"{self.name}/{path}", partial, limit)
+        data = self._file(path, partial, limit)
         if partial.same:
             return None
         self._known[path] = partial.tag
+        return data
+
+    def _file(self, path: str, partial: _Partial, limit: int) -> bytes:
+        url = urlunsplit(self._base._replace(path=f"{self._base.path}/{path}"))
+        self._read(url, f"{self.name}/{path}", partial, limit)
         return bytes(partial.data)
 
     def read_at(self, offset: int, count: int) -> tuple[bytes, int]:
@@ -170,7 +161,7 @@ class HttpSource:
                     failing_since = attempt_began
                 wait = max(pause * random.uniform(0.7, 1.3), error.retry_after)
                 pause = min(2 * pause, _BACK_OFF[1])
-                patience = self._patience if self._answered else self._first_patience
+                patience = self.patience if self._answered else self.first_patience
                 if time.monotonic() + wait > failing_since + patience:
                     if self._closed.is_set():
                         continue
@@ -255,7 +246,7 @@ class HttpSource:
             if len(data) > limit:
                 raise too_long(name, limit)
             now = time.monotonic()
-            if now - window >= self._stall:
+            if now - window >= self.stall:
                 if len(data) - window_bytes < MIN_RATE * (now - window):
                     raise _Temporary("too_slow", f"the server sends less than {MIN_RATE} bytes per second")
                 window, window_bytes = now, len(data)
@@ -267,7 +258,7 @@ class HttpSource:
     @contextlib.contextmanager
     def _watched(self) -> Iterator[Watch]:
         """A deadline for every phase of an answer; `close` ends it as well."""
-        with Watch(self._stall) as watch:
+        with Watch(self.stall) as watch:
             with self._live_lock:
                 self._live.add(watch)
             try:

@@ -1,10 +1,8 @@
 """Sources of a stream's files: a folder, or a web server (`studio.stream.sources.http`)."""
 
 import os
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from studio.errors import StudioError, reason_of
 
@@ -24,24 +22,27 @@ class SourceUnavailable(StudioError):
     """The server does not answer, or not in time. The files on it may well be intact."""
 
 
-class Source(Protocol):
-    """Reads the files of one stream by their path relative to it. Thread safe.
+class Source:
+    """Reads the files of one stream by their path relative to it. Thread safe. `name`: the stream in messages, a folder
+    or a URL; `parallel`: number of files to read at once, above 1 for a network."""
 
-    Three members are optional: `parallel`, the number of files to read at once (1 if missing), `close()`, which aborts
-    reads in progress, and `read_changed(path, limit)`, which returns None if the file is the same as when it last read
-    it.
-    """
-
-    @property
-    def name(self) -> str:
-        """The stream in messages: a folder or a URL."""
+    name: str
+    parallel = 1
 
     def read(self, path: str, limit: int) -> bytes:
         """The whole file, of at most `limit` bytes. StudioError if it is missing, unreadable or longer;
         SourceUnavailable if the server cannot be reached at present."""
+        raise NotImplementedError
+
+    def read_changed(self, path: str, limit: int) -> bytes | None:
+        """As `read`; may return None if the file is the same as when this method last read it."""
+        return self.read(path, limit)
+
+    def close(self) -> None:
+        """Abort reads in progress. Later reads from a web source raise StudioError."""
 
 
-class FolderSource:
+class FolderSource(Source):
     """A stream in a folder. Symbolic links out of the folder are refused."""
 
     def __init__(self, root: Path | str) -> None:
@@ -78,24 +79,3 @@ def too_long(file: str | os.PathLike[str], limit: int, size: int | None = None) 
 def is_address(place: object) -> bool:
     """True for a string that starts with http:// or https://."""
     return isinstance(place, str) and place.lower().startswith(_WEB)
-
-
-def close_source(source: Source) -> None:
-    """Abort reads in progress. Later reads from a web source raise StudioError."""
-    close = getattr(source, "close", None)
-    if close is not None:
-        close()
-
-
-def read_files(source: Source, wanted: Sequence[tuple[str, int]]) -> dict[str, bytes]:
-    """Content by path of several files, given as (path, limit); StudioError as `Source.read`, for the first that fails.
-    Reads `source.parallel` files at once: over a network, most of the time of a small file is latency."""
-    parallel = min(int(getattr(source, "parallel", 1)), len(wanted))
-    if parallel <= 1:
-        return {path: source.read(path, limit) for path, limit in wanted}
-    pool = ThreadPoolExecutor(parallel, thread_name_prefix="fetch")
-    try:
-        reading = [pool.submit(source.read, path, limit) for path, limit in wanted]
-        return {path: future.result() for (path, _), future in zip(wanted, reading, strict=True)}
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)  # after an error, do not wait for the other files

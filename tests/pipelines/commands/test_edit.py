@@ -45,7 +45,7 @@ def test_a_take_is_trimmed_cropped_and_placed_and_as_before_when_that_is_undone(
     opened, edits = Take.open(take), read_edits(take / "edits.json")
     trained = [read_frame(opened.trained_frame(*place)) for place in ((0, 1), (0, 2), (1, 3))]
     with StreamReader.open(take / "stream") as reader:
-        assert (reader.frame_count, reader.group_starts) == (3, (0, 2))
+        assert (reader.frame_count, reader.index.starts) == (3, (0, 2))
         video, own = decoded_video(reader), trained_video(take)
         assert own.frame_count == 3
         place = StreamMetadata.from_json(reader.manifest.metadata).capture

@@ -79,6 +79,6 @@ def test_only_the_sound_is_baked_again(here, copied):
     assert "bake.short_sound" in result.stdout
     here("bake", take, "--capture.audio", "null").ok()
     with StreamReader.open(take / "stream") as reader:
-        assert reader.audio is None
+        assert reader.manifest.audio is None
     assert inodes(take) == frames
     assert not list((take / "stream" / "files").glob("*.m4a"))

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from studio.playback import play_headless
-from studio.stream import SourceUnavailable
+from studio.stream import Source, SourceUnavailable
 from tests.support.errors import refuses
 from tests.support.streams import best_of, damage, edit_manifest, opacity_file, put_file
 
@@ -78,7 +78,7 @@ def test_a_picture_that_cannot_be_decoded(stream):
     assert skipped.cause.file == str(opacity_file(stream, 0))
 
 
-class Dead:
+class Dead(Source):
     """A source whose server disappears after the second group. Only the opacities are a group's own."""
 
     name = "http://dead"

@@ -16,7 +16,7 @@ OTHER = StudioError("stream.live_changed", "This is another stream.")
 class Source:
     """A reader whose answers are given: True or False for new groups or none, or an error."""
 
-    fps, frame_count, group_starts = 25.0, 30, (0, 15)
+    fps, frame_count, index = 25.0, 30, (0, 15)
 
     def __init__(self, *answers):
         self.answers, self.live, self.asked = list(answers), True, 0

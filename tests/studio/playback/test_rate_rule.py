@@ -7,7 +7,7 @@ import pytest
 
 from studio.playback import RateRule, play_headless
 from studio.playback.shared import Shared
-from studio.stream import StreamReader
+from studio.stream import FolderSource, StreamReader
 from tests.studio.stream.conftest import turned_bodies, write_stream
 
 RATES = (8_000_000, 4_000_000, 2_000_000, 500_000)  # as in a manifest: the best first
@@ -88,12 +88,13 @@ def test_changing_renditions_neither_repeats_nor_skips_a_frame(switching, monkey
     folder, frames = switching
     turns = iter(range(10_000))
     monkeypatch.setattr(RateRule, "choose", lambda self, buffered: next(turns) % 3)
+    monkeypatch.setattr(FolderSource, "parallel", 2)
     shown = []
 
     def show(item):
         shown.append((item.frame, len(item.gaussians), float(item.gaussians.means[:, 0].mean())))
 
-    report = play_headless(folder, adaptive=True, on_frame=show)
+    report = play_headless(folder, on_frame=show)
     assert [frame for frame, _, _ in shown] == list(range(60))
     assert (report.dropped, report.skipped) == (0, ())
     sizes = [count for _, count, _ in shown]
@@ -103,13 +104,14 @@ def test_changing_renditions_neither_repeats_nor_skips_a_frame(switching, monkey
             assert abs(mean - float(frames[frame].means[:, 0].mean())) < 0.0125
 
 
-def test_the_rule_hears_of_network_and_decoder(switching):
+def test_the_rule_hears_of_network_and_decoder(switching, monkeypatch):
     folder, _ = switching
     with StreamReader.open(folder) as reader:
         assert Shared(reader).rule is None  # a folder
-        shared = Shared(reader, adaptive=True)
+        monkeypatch.setattr(FolderSource, "parallel", 2)
+        shared = Shared(reader)
         assert not shared.rule._throughput
         group = shared.choose(0, 0.0)
         shared.files(group)
         assert shared.rule._throughput
-        assert group.id == min(reader.renditions, key=lambda one: one.bandwidth).id
+        assert group.id == min(reader.manifest.renditions, key=lambda one: one.bandwidth).id

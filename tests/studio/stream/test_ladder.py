@@ -26,9 +26,9 @@ def manifest_of(folder):
 def test_every_rendition_has_all_frames(make_ladder, profile):
     folder = make_ladder((4, 3), profile=profile)
     with StreamReader.open(folder) as reader:
-        assert [one.id for one in reader.renditions] == ["qp24", "qp34", "qp34-splats50-sh0"]
-        assert [one.pruning for one in reader.renditions] == ["none", "none", "importance"]
-        best, middle, phone = reader.renditions
+        assert [one.id for one in reader.manifest.renditions] == ["qp24", "qp34", "qp34-splats50-sh0"]
+        assert [one.pruning for one in reader.manifest.renditions] == ["none", "none", "importance"]
+        best, middle, phone = reader.manifest.renditions
         assert best.bytes > middle.bytes > phone.bytes
         assert (best.splats, phone.splats, best.sh_degree, phone.sh_degree) == (120, 60, 1, 0)
         assert reader.played_bytes < reader.manifest.total_bytes
@@ -124,26 +124,11 @@ def test_level_is_that_of_the_rate_and_range_is_in_a_box(tmp_path):
     assert slow[at + 4 : at + 15] == b"nclx" + bytes([0, 1, 0, 1, 0, 1, 0x80])
 
 
-def test_renditions_change_at_the_border_of_a_group(make_ladder):
-    folder = make_ladder((4, 3, 3))
-    with StreamReader.open(folder) as reader:
-        sizes = []
-        for frame in range(10):
-            if frame == 2:
-                reader.choose("qp34-splats50-sh0")
-            if frame == 5:
-                reader.choose("qp24")
-            sizes.append(len(reader.gaussians(frame)))
-    assert sizes == [120] * 4 + [60] * 3 + [120] * 3
-
-
 def test_unknown_renditions(make_ladder):
     folder = make_ladder((2,))
     with refuses("stream.no_such_rendition", value="qp99"):
         StreamReader.open(folder, rendition="qp99")
     with StreamReader.open(folder) as reader:
-        with refuses("stream.no_such_rendition"):
-            reader.choose("qp99")
         assert reader.group(0, "qp34").splats == 120
 
 

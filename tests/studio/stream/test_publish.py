@@ -25,7 +25,7 @@ def test_what_is_there_is_not_copied_again(make_ladder, tmp_path):
     assert 0 < more.copied < first.copied
     with StreamReader.open(target) as reader:
         assert not check_stream(reader).damage
-        assert [one.id for one in reader.renditions] == ["qp24", "qp38"]
+        assert [one.id for one in reader.manifest.renditions] == ["qp24", "qp38"]
 
 
 def test_the_manifest_is_last(make_ladder, tmp_path):

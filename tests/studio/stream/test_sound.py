@@ -21,7 +21,7 @@ def stream(make_ladder):
 
 def test_sound_in_the_manifest_and_decoded(stream):
     with StreamReader.open(stream) as reader:
-        entry = reader.audio
+        entry = reader.manifest.audio
         assert (entry.codec, entry.sample_rate, entry.channels, entry.start) == ("aac", 48_000, 2, 0)
         assert entry.samples == 30 * 48_000 // 25
         assert entry.path in {file.path for file in reader.files}
@@ -63,18 +63,18 @@ def test_what_is_not_the_sound_of_the_manifest(stream):
 
 def test_damaged_files_are_found(stream):
     with StreamReader.open(stream) as reader:
-        file = stream / reader.audio.path
+        file = stream / reader.manifest.audio.path
         file.write_bytes(bytes(file.read_bytes()[:-1]) + b"x")
         for read in (reader.sound, reader.audio_bytes):
-            with refuses("stream.wrong_checksum", file=f"{stream}/{reader.audio.path}"):
+            with refuses("stream.wrong_checksum", file=f"{stream}/{reader.manifest.audio.path}"):
                 read()
         (found,) = check_stream(reader).damage
-        assert (found.file, found.groups) == (reader.audio.path, ())
+        assert (found.file, found.groups) == (reader.manifest.audio.path, ())
 
 
 def test_streams_without_sound(intact):
     with StreamReader.open(intact("motion")) as reader:
-        assert reader.audio is None
+        assert reader.manifest.audio is None
         assert reader.sound() is None
         with refuses("stream.no_sound"):
             reader.audio_bytes()

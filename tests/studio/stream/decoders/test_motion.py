@@ -10,7 +10,7 @@ import torch
 from studio.gaussians import Gaussians
 from studio.rasterizer.cpu import load_kernels
 from studio.rasterizer.kernels import definitions_only
-from studio.stream import BakeSettings, StreamReader, bake_group, fetch_group, write_manifest
+from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
 from studio.stream.decoders.motion import GroupTables
 from studio.stream.manifest import MotionRendition
 from studio.stream.motion_state import Side
@@ -36,7 +36,7 @@ def test_kernel_and_definition_agree(tmp_path: Path, degree: int) -> None:
     write_manifest(tmp_path, [entry], 30, settings)
     with StreamReader.open(tmp_path) as reader:
         group = reader.groups[0]
-        files = fetch_group(reader.source, group)
+        files = reader.fetch(group)
         assert isinstance(group, MotionRendition)
         assert len(Side.parse(files[group.side.path], group).escapes.splat) > 0, "the test needs escapes"
         decoder, tables = reader.open_group(group, files), GroupTables(group, files[group.side.path])

@@ -7,6 +7,8 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 
+from studio.stream.sources.http import HttpSource
+
 CONTENT = bytes(range(256)) * 800  # 204,800 bytes
 
 
@@ -17,6 +19,11 @@ def respond(handler: BaseHTTPRequestHandler, status: int, body: bytes = b"", **h
         handler.send_header(name.replace("_", "-"), value)
     handler.end_headers()
     handler.wfile.write(body)
+
+
+def timed(address: str, **seconds: float) -> HttpSource:
+    """A source with other limits of time."""
+    return type("Timed", (HttpSource,), seconds)(address)
 
 
 class Server:

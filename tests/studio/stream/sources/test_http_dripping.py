@@ -8,9 +8,9 @@ from contextlib import contextmanager
 import pytest
 
 from studio.errors import StudioError
-from studio.stream.sources.http import HttpSource
 from studio.stream.sources.redirects import redirected, same_origin
 from studio.stream.sources.source import SourceUnavailable
+from tests.studio.stream.sources.conftest import timed
 from tests.support.errors import refuses
 
 OK = b"HTTP/1.1 200 OK\r\n"
@@ -66,7 +66,7 @@ def dripping(first: bytes, drip: bytes) -> Iterator[int]:
 def test_every_phase_has_a_deadline(phase: str) -> None:
     stall = 3 if phase.endswith("second") else 0.3  # a busy server may pause between two drips
     with dripping(*DRIPS[phase]) as port:
-        source = HttpSource(f"http://127.0.0.1:{port}/", stall=stall, patience=0.3, first_patience=0.3)
+        source = timed(f"http://127.0.0.1:{port}/", stall=stall, patience=0.3, first_patience=0.3)
         with pytest.raises(SourceUnavailable) as caught:
             source.read("manifest.json", 100_000)
     if phase.startswith("body"):
@@ -98,7 +98,7 @@ BROKEN = {
 @pytest.mark.parametrize("answer", BROKEN)
 def test_answers_against_the_rules_are_one_short_sentence(answer: str) -> None:
     with dripping(*BROKEN[answer]) as port:
-        source = HttpSource(f"http://127.0.0.1:{port}/", stall=0.3, patience=0.3, first_patience=0.3)
+        source = timed(f"http://127.0.0.1:{port}/", stall=0.3, patience=0.3, first_patience=0.3)
         with pytest.raises(StudioError) as caught:
             source.read("manifest.json", 1000)
         assert len(str(caught.value)) < 3000
@@ -108,7 +108,7 @@ def test_answers_against_the_rules_are_one_short_sentence(answer: str) -> None:
 @pytest.mark.parametrize("phase", ["status line", "chunk size", "nothing"])
 def test_closing_ends_every_phase(phase: str) -> None:
     with dripping(*DRIPS[phase]) as port:
-        source = HttpSource(f"http://127.0.0.1:{port}/", stall=600, patience=600, first_patience=600)
+        source = timed(f"http://127.0.0.1:{port}/", stall=600, patience=600, first_patience=600)
         closing = threading.Timer(0.2, source.close)
         closing.start()
         with refuses("source.closed"):

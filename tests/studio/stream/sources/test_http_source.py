@@ -7,7 +7,7 @@ import pytest
 
 from studio.stream import SourceUnavailable, StreamReader, check_stream
 from studio.stream.sources.http import HttpSource
-from tests.studio.stream.sources.conftest import CONTENT, respond
+from tests.studio.stream.sources.conftest import CONTENT, respond, timed
 from tests.support.errors import refuses
 from tests.support.splats import same_splats
 from tests.support.streams import contents
@@ -16,7 +16,7 @@ from tests.support.streams import contents
 @pytest.fixture
 def source(server):
     """It waits for as long as a busy machine may take."""
-    source = HttpSource(server.url, stall=60, patience=60, first_patience=60)
+    source = timed(server.url, stall=60, patience=60, first_patience=60)
     yield source
     source.close()
 
@@ -107,7 +107,7 @@ def test_more_than_the_limit_without_a_length(server, source):
 
 def test_a_length_that_is_too_long_or_too_short(server, source):
     server.faults["/s/file"] = lambda handler, data: handler.answer(data, say=len(data) + 5)
-    hasty = HttpSource(server.url, stall=0.3, patience=1.5, first_patience=0.5)
+    hasty = timed(server.url, stall=0.3, patience=1.5, first_patience=0.5)
     with contextlib.closing(hasty), pytest.raises(SourceUnavailable) as caught:
         hasty.read("file", len(CONTENT) + 5)
     assert caught.value.fields["reason"] in ("connection_closed", "connection_broken", "file_changed", "read_timeout")
@@ -133,7 +133,7 @@ def test_answers_that_pass(server, status):
         respond(handler, status, Retry_After="0", Content_Length="0")
 
     server.faults["/s/file"] = later
-    with contextlib.closing(HttpSource(server.url, patience=60)) as source:
+    with contextlib.closing(timed(server.url, patience=60)) as source:
         assert source.read("file", len(CONTENT)) == CONTENT
     assert len(server.requests) == 4
 
@@ -159,7 +159,7 @@ def test_redirections_are_followed_but_not_in_circles(server, source):
 def test_nobody_there(server):
     server.close()
     with refuses("source.unavailable", reason="no_connection"):
-        HttpSource(server.url, first_patience=0.4).read("file", 10)
+        timed(server.url, first_patience=0.4).read("file", 10)
 
 
 def test_a_stream_is_the_same_as_from_its_folder(server, intact):
