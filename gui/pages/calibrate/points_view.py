@@ -43,7 +43,7 @@ class PointsView(StageView):
         self._changes = 0
         self._scroll = 0
         self._refused: tuple[Path, int] | None = None  # a damaged file is read only once
-        self._rig: tuple[float, Rig | None] = (0.0, None)
+        self._rig: tuple[object, Rig | None] = (None, None)
         self._footage: tuple[Inputs | None, tuple[str, ...]] = (None, ())
 
     # What it depends on
@@ -179,7 +179,7 @@ class PointsView(StageView):
         take, context = self.workspace.take, self.workspace.context
         if take is None or context is None or not take.rig.is_file():
             return None
-        stamp = take.rig.stat().st_mtime
+        stamp = (context, take.rig.stat().st_mtime_ns)
         if stamp != self._rig[0]:
             footage = context.footage.raw
             rig = read_rig(take.rig)
