@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from gui.models.playback.other_source import OTHERS
 from gui.models.take.exports import (
     ALL_FRAMES,
     FORMATS,
@@ -67,9 +66,8 @@ class OutputActions:
         if opened is None or not opened.sources:
             window.notices.show("Nothing to export yet.")
             return
-        own = [name for name in opened.sources if name not in OTHERS]
         first = "trained" if self._stale else DEFAULT_OF  # if it exists
-        sources = sorted(own, key=lambda name: name != first) if opened.take is not None else []
+        sources = sorted(opened.sources, key=lambda name: name != first) if opened.take is not None else []
         folder = opened.path.parent if isinstance(opened.path, Path) else Path.home()
         request = ExportRequest(kind or self._kind, str(opened.path), opened.title, folder)
         request.of = sources[0] if sources else ""

@@ -39,9 +39,9 @@ class OtherSource:
         self.frame_count, self.fps = source.frame_count, source.fps
         self.group_starts: Sequence[int] = source.group_starts
 
-    def span(self, frame_count: int, fps: float, group_starts: Sequence[int]) -> None:
-        """Set the frames of the open take or stream."""
-        self.frame_count, self.fps, self.group_starts = frame_count, fps, group_starts
+    def span(self, base: FrameSource) -> None:
+        """Take the frames of the open take or stream."""
+        self.frame_count, self.fps, self.group_starts = base.frame_count, base.fps, base.group_starts
 
     def frame_of(self, frame: int) -> int:
         """The other's frame at a frame of the open take or stream."""

@@ -11,7 +11,7 @@ from gui.drawing.compare import ALONE, MODES, WHATS
 from gui.models.playback.frame_renderer import DrawFn, FrameRenderer, Picture, RenderRequest
 from gui.models.playback.image_zoom import ImageZoom
 from gui.models.playback.other_source import OTHER, OTHERS, OtherSource
-from gui.models.playback.sources import FrameSource, Opened, first_whole, open_path, reach_of, take_contents, thinned
+from gui.models.playback.sources import Opened, first_whole, open_path, reach_of, take_contents, thinned
 from gui.models.playback.stream_audio import StreamAudio
 from gui.models.playback.stream_source import LeftOut, StreamSource
 from gui.models.playback.transport import Transport
@@ -80,9 +80,9 @@ class PlayerPresenter(Viewpoint):
 
     def adopt(self, opened: Opened, first: Gaussians | None) -> None:
         """Show the result of `load`."""
-        self._close_sources()
+        self._close_sources(*self.others)
         self._renderer.forget()
-        self.opened, self.context = opened, None
+        self.opened, self.others, self.context = opened, [], None
         self._load_sound()
         self.contents = take_contents(opened.take) if opened.take else ()
         self.mode, self.camera = "scene" if opened.cast is not None else "single", ""
@@ -99,8 +99,7 @@ class PlayerPresenter(Viewpoint):
     @property
     def other(self) -> OtherSource | None:
         """The other bake or take that comparisons are against; None if there is none."""
-        found = self.opened.sources.get(OTHER) if self.opened is not None else None
-        return found if isinstance(found, OtherSource) else None
+        return self.others[0] if self.others else None
 
     def compare_with(self, other: OtherSource | None) -> None:
         """Compare with another bake or take, in a wipe unless another comparison is on screen; None to stop. Side by
@@ -110,15 +109,15 @@ class PlayerPresenter(Viewpoint):
             if other is not None:
                 other.close()
             return
-        sources, before = self._without_others(opened)
+        before = self.others
         kept = [one for one in before if other is not None and one.label != other.label][: len(OTHERS) - 1]
-        self._span_others(sources, [*([other] if other is not None else []), *kept], opened.default)
-        opened.sources = sources
+        self.others = [*([other] if other is not None else []), *kept]
+        self._span_others()
         self._renderer.forget()
         self._asked = None
-        if self.what not in (*sources, "footage"):
+        if self.what not in (*self.sources, "footage"):
             self.what = self._wanted = opened.default.name
-        if other is None and self.mode not in ALONE and len(sources) < 2 and not self.camera:
+        if other is None and self.mode not in ALONE and len(self.sources) < 2 and not self.camera:
             self.mode = "single"
         for one in before:
             if one not in kept:
@@ -143,16 +142,16 @@ class PlayerPresenter(Viewpoint):
         self.contents = contents
         was_empty = not self.opened.sources
         opened.reach = reach_of(opened) if was_empty else self.opened.reach
-        self.opened.sources, others = self._without_others(self.opened)
-        self._span_others(opened.sources, others, opened.default)
         self._close_sources()
         self.opened = opened
+        self._span_others()
         self._load_sound()
         self._renderer.forget()
         self._asked = None
-        if self._wanted in (*opened.sources, "footage"):
+        there = (*self.sources, *(["footage"] if self.camera else []))
+        if self._wanted in there:
             self.what = self._wanted
-        elif self.what not in (*opened.sources, "footage") and opened.default is not None:
+        elif self.what not in there and opened.default is not None:
             self.what = opened.default.name
         self.span_source()
         if was_empty and first is not None:
@@ -160,20 +159,12 @@ class PlayerPresenter(Viewpoint):
         self._problem = ""
         return True
 
-    @staticmethod
-    def _without_others(opened: Opened) -> tuple[dict[str, FrameSource], list[OtherSource]]:
-        """The sources of the open take or stream, and what they are compared with."""
-        own = {name: source for name, source in opened.sources.items() if name not in OTHERS}
-        others = [opened.sources[name] for name in OTHERS if name in opened.sources]
-        return own, [one for one in others if isinstance(one, OtherSource)]
-
-    @staticmethod
-    def _span_others(sources: dict[str, FrameSource], others: Sequence[OtherSource], base: FrameSource | None) -> None:
-        """Add what is compared with to the sources, with the frames of `base`."""
+    def _span_others(self) -> None:
+        """Give what is compared with the frames of the open take or stream."""
+        base = self.opened.default if self.opened is not None else None
         if base is not None:
-            for name, other in zip(OTHERS, others, strict=False):
-                other.span(base.frame_count, base.fps, base.group_starts)
-                sources[name] = other
+            for other in self.others:
+                other.span(base)
 
     def _look_home(self, first: Gaussians | None) -> None:
         assert self.opened is not None
@@ -241,7 +232,7 @@ class PlayerPresenter(Viewpoint):
         if self.opened is None or not self.opened.sources:
             self.refused.emit(NOTHING_TO_SHOW)
             return False
-        if mode != "scene" and len(self.opened.sources) < 2 and not self.camera:
+        if mode != "scene" and len(self.sources) < 2 and not self.camera:
             why = self.why_not("footage")
             if why:
                 self.refused.emit(f"Nothing to compare with. {why}")
@@ -294,7 +285,7 @@ class PlayerPresenter(Viewpoint):
         if opened is None or self.source is None:
             return None
         return RenderRequest(
-            take=opened.take, context=self.context, rig=opened.rig, cast=opened.cast, sources=opened.sources,
+            take=opened.take, context=self.context, rig=opened.rig, cast=opened.cast, sources=self.sources,
             frame=frame, number=self.transport.number(frame) if self.transport.numbers.known else None,
             group=opened.group(frame, self.filmed_groups), place=self.places.get(frame),
             mode=self.mode, what=self.what, reference=self.reference, camera=self.camera, parts=self.scene_parts,
@@ -350,7 +341,7 @@ class PlayerPresenter(Viewpoint):
     @property
     def left_out(self) -> list[str]:
         """Messages about damaged groups that playback skipped."""
-        sources = self.opened.sources.values() if self.opened is not None else ()
+        sources = self.sources.values()
         return [str(group) for source in sources if isinstance(source, StreamSource) for group in source.skipped]
 
     def show_again(self) -> None:
@@ -358,7 +349,7 @@ class PlayerPresenter(Viewpoint):
         self._asked = None
 
     def _received(self, done: Done[RenderRequest, Picture]) -> Picture | None:
-        if self.opened is None or done.request.sources is not self.opened.sources:
+        if done.request.sources != self.sources:
             return None  # from a source that has been closed
         if isinstance(done.error, LeftOut):
             # as in video players, the last image stays on screen and playback continues
@@ -414,15 +405,14 @@ class PlayerPresenter(Viewpoint):
     def close(self) -> bool:
         """End the thread and close files. Returns whether the thread ended in time."""
         ended = self._worker.close()
-        self._close_sources()
+        self._close_sources(*self.others)
         self._renderer.forget()
         self.picture = self._asked = None
         return ended
 
-    def _close_sources(self) -> None:
+    def _close_sources(self, *others: OtherSource) -> None:
         if self.audio is not None:
             self.transport.follow(None)
             self.audio.close()
-        if self.opened is not None:
-            for source in self.opened.sources.values():
-                source.close()
+        for source in (*(self.opened.sources.values() if self.opened is not None else ()), *others):
+            source.close()

@@ -9,7 +9,7 @@ from gui.drawing.compare import ALONE, boxes
 from gui.models.held_out import held_out_cameras, held_out_first
 from gui.models.loop import Signal
 from gui.models.playback.image_zoom import ImageZoom
-from gui.models.playback.other_source import OTHER, shown_beside
+from gui.models.playback.other_source import OTHER, OTHERS, OtherSource, shown_beside
 from gui.models.playback.sources import FrameSource, Opened
 from gui.models.scene.contents import SHOWN_AT_FIRST
 from gui.models.scene.orbit import OrbitCamera
@@ -44,6 +44,7 @@ class Viewpoint:
 
     def __init__(self) -> None:
         self.opened: Opened | None = None
+        self.others: list[OtherSource] = []  # other bakes or takes that comparisons are against, the last one first
         self.context: Inputs | None = None  # the take with its footage; None for a bare stream
         self.what = "decoded"  # "footage", "trained", "decoded" or "other"
         self.mode = "single"  # one of `compare.MODES`
@@ -59,15 +60,20 @@ class Viewpoint:
         self.scene_parts = SHOWN_AT_FIRST  # what the scene shows, of `gui.models.scene.contents.PARTS`
 
     @property
-    def source(self) -> FrameSource | None:
-        """Source of the Gaussians on screen; for footage, the source it is compared with."""
-        if self.opened is None:
-            return None
-        return self.opened.sources.get(self.what) or self.opened.default
+    def sources(self) -> dict[str, FrameSource]:
+        """Those of the open take or stream, and what they are compared with, by name."""
+        return {**self.opened.sources, **dict(zip(OTHERS, self.others, strict=False))} if self.opened else {}
 
     @property
-    def source_names(self) -> list[str]:
-        return list(self.opened.sources) if self.opened else []
+    def source(self) -> FrameSource | None:
+        """Source of the Gaussians on screen; for footage, the source it is compared with."""
+        return self.sources.get(self.what) or (self.opened.default if self.opened is not None else None)
+
+    @property
+    def capture_camera(self) -> Camera | None:
+        """The capture camera that one looks through; None for the free view."""
+        rig = self.opened.rig if self.opened is not None else None
+        return rig[self.camera] if rig is not None and self.camera else None
 
     @property
     def camera_names(self) -> list[str]:
@@ -83,7 +89,7 @@ class Viewpoint:
             if self.context is None:
                 return "A stream has no footage; open its take instead."
             return "" if self.camera_names else "Footage needs cameras. Run Calibrate."
-        if what in self.opened.sources:
+        if what in self.sources:
             return ""
         if what == OTHER:
             return "No other bake or take to compare with is open. Choose one with Bake > Bakes."
@@ -92,8 +98,8 @@ class Viewpoint:
     @property
     def reference(self) -> str:
         """What a comparison compares with: another open bake or take, footage in a camera's view, the other source."""
-        if self.opened is not None and OTHER in self.opened.sources:
-            default = self.opened.default
+        default = self.opened.default if self.opened is not None else None
+        if self.others:
             return OTHER if self.what != OTHER or default is None else default.name
         if self.camera and not self.why_not("footage"):
             return "footage"
@@ -112,16 +118,17 @@ class Viewpoint:
 
     def _fit_zoom(self) -> None:
         """Keep the performer in view at the current size, until the user zooms or pans."""
-        if self._zoom_follows and self.camera and self.opened is not None and self.opened.rig is not None:
-            camera, self._fitted_size = self.opened.rig[self.camera].undistorted(), self.size
-            self.image_zoom = ImageZoom.around(self.points, camera, *self._box_size)
+        camera = self.capture_camera
+        if self._zoom_follows and camera is not None:
+            self._fitted_size = self.size
+            self.image_zoom = ImageZoom.around(self.points, camera.undistorted(), *self._box_size)
 
     @property
     def _box_size(self) -> tuple[int, int]:
         """Size of one image: the whole viewport, or a part of a side-by-side view."""
         if self.mode != "side by side":
             return self.size
-        box = boxes(self.size, len(shown_beside(self.source_names, self.camera)), self.shape)[0]
+        box = boxes(self.size, len(shown_beside(list(self.sources), self.camera)), self.shape)[0]
         return box.width, box.height
 
     @property
@@ -129,9 +136,8 @@ class Viewpoint:
         """Width by height of the performer as first seen from here, which images side by side are arranged for."""
         if self.opened is None or not len(self.points):
             return 1.0
-        view = self.home.camera(*self.size)
-        if self.camera and self.opened.rig is not None:
-            view = self.opened.rig[self.camera].undistorted()
+        camera = self.capture_camera
+        view = self.home.camera(*self.size) if camera is None else camera.undistorted()
         pixels, depth = view.project(self.points)
         if not (depth > 0).any():
             return 1.0
@@ -150,14 +156,15 @@ class Viewpoint:
 
     def look_through(self, camera: str) -> None:
         """Look through a capture camera; "" returns to the free view, from the same position."""
-        if camera and self.opened is not None and self.opened.rig is not None:
-            self.orbit = OrbitCamera.looking_through(self.opened.rig[camera], self.home.target, self.opened.up)
+        self.camera, self.image_zoom = camera, ImageZoom()
+        through = self.capture_camera
+        if through is not None:
+            self.orbit = OrbitCamera.looking_through(through, self.home.target, self.home.up)
         if not camera and self.what == "footage" and self.opened is not None and self.opened.default is not None:
             self.what = self.opened.default.name
-        self.camera, self.image_zoom = camera, ImageZoom()
         self._zoom_follows = camera != "" and self.mode not in ALONE
         self._fit_zoom()
-        if not camera and self.mode not in ALONE and len(self.source_names) < 2:
+        if not camera and self.mode not in ALONE and len(self.sources) < 2:
             self.mode = "single"
 
     def next_camera(self, direction: int = 1) -> None:
@@ -177,9 +184,10 @@ class Viewpoint:
                 self.look_through("")
             self.orbit = self.orbit.orbit(dx, dy)
             return
-        if self.camera and self.opened is not None and self.opened.rig is not None:
+        camera = self.capture_camera
+        if camera is not None:
             self._zoom_follows = False
-            self.image_zoom = self.image_zoom.moved(dx, dy, self.opened.rig[self.camera], *self._box_size)
+            self.image_zoom = self.image_zoom.moved(dx, dy, camera, *self._box_size)
             return
         self.orbit = self.orbit.pan(dx, dy, height)
 
@@ -196,8 +204,9 @@ class Viewpoint:
         if self.opened is None:
             return None
         width, height = size or self.size
-        if self.camera and self.opened.rig is not None:
-            return self.image_zoom.camera(self.opened.rig[self.camera].undistorted(), width, height)
+        camera = self.capture_camera
+        if camera is not None:
+            return self.image_zoom.camera(camera.undistorted(), width, height)
         return self.orbit.camera(width, height)
 
     def reset(self) -> None:

@@ -168,10 +168,9 @@ def run_blocks(workspace: Workspace, stage: str) -> list[Block]:
 
 def camera_rows(player: PlayerPresenter) -> list[Row]:
     """Rows about the capture camera or the free view, and the splats in the image, if it is the wanted one."""
-    rig, picture = player.opened.rig if player.opened is not None else None, player.picture
+    camera, picture = player.capture_camera, player.picture
     rows = [("camera", "free view")]
-    if player.camera and rig is not None:
-        camera = rig[player.camera]
+    if camera is not None:
         rows = [
             ("camera", camera.name + (", held out" if camera.name in player.held_out else "")),
             ("image", f"{camera.width} x {camera.height}, focal {camera.fx:.0f} px"),

@@ -73,7 +73,7 @@ def make_take(root: Path, frames: int, stream: Path | None = None) -> Take:
 def test_a_take_shows_decoded_and_trained(player: PlayerPresenter, stream_folder: Path, tmp_path: Path) -> None:
     take = make_take(tmp_path / "take", 12, stream_folder)
     player.adopt(*load(take.root))
-    assert player.source_names == ["decoded", "trained"]
+    assert list(player.sources) == ["decoded", "trained"]
     view = player.view()
     pixels, depth = view.project(player.points)
     seen = (depth > 0) & (pixels >= 0).all(axis=1) & (pixels < [view.width, view.height]).all(axis=1)

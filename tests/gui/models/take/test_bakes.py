@@ -15,8 +15,7 @@ def test_up_to_four_are_side_by_side_and_a_key_goes_back_and_forth(
 ) -> None:
     for label in ("one", "two", "one", "three", "four"):
         player.compare_with(open_other(stream_folder, label))
-    shown = [getattr(source, "label", name) for name, source in player.opened.sources.items()]
-    assert shown[-3:] == ["four", "three", "one"], "the last ones, each once"
+    assert [other.label for other in player.others] == ["four", "three", "one"], "the last ones, each once"
     player.choose_mode("side by side")
     settle(player)
     assert 2 * player.picture.box.width <= 256
