@@ -168,7 +168,7 @@ def _show_stale(window: Shell) -> None:
     workspace, label = window.workspace, (window.dialogs.widgets | window.dialogs.made).get("stale")
     if workspace.take is None or label is None:
         return
-    words = stale_words(workspace.assessment.stages.get("bake"), workspace.checked, workspace.unreadable)
+    words = stale_words(workspace.assessment.stages.get("bake"), workspace.checked, bool(workspace.problem))
     label.text = in_lines(words or "The stream is up to date.", STALE_LINES)
     label.text_color = color(FAIR if words else DIM)
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from gui.models.history import Change, History
 from pipelines.takes.frame_numbers import FrameNumbers
@@ -61,8 +62,7 @@ class PathEditor:
 
     def update(self, index: int, camera: Camera, frame: int) -> None:
         """Give a key another view and frame."""
-        key = replace(self.keys[index], camera=camera, frame=self.numbers.number(frame))
-        self._with(index, key, "a view of the camera path")
+        self._change(index, "a view of the camera path", camera=camera, frame=self.numbers.number(frame))
 
     def remove(self, index: int) -> None:
         """Remove a view; the movie begins with the first that is left."""
@@ -104,12 +104,12 @@ class PathEditor:
         """Set the frame that a view shows."""
         number = self.numbers.number(frame)
         if self.keys[index].frame != number:
-            self._with(index, replace(self.keys[index], frame=number), "the frame of a view")
+            self._change(index, "the frame of a view", frame=number)
 
     def next_easing(self, index: int) -> None:
         """Change how the camera moves on from a view, to the next of `EASINGS`."""
-        easing = EASINGS[(EASINGS.index(self.keys[index].easing) + 1) % len(EASINGS)]
-        self._with(index, replace(self.keys[index], easing=easing), "the easing of a view")
+        now = EASINGS.index(self.keys[index].easing)
+        self._change(index, "the easing of a view", easing=EASINGS[(now + 1) % len(EASINGS)])
 
     def path(self, width: int, height: int) -> CameraPath:
         """The path for a size of the movie. Raises StudioError: there are no views, or as `fitted_keys`."""
@@ -126,8 +126,8 @@ class PathEditor:
             found.append(replace(key, camera=reframed(key.camera, width, height), frame=float(frame)))
         return found
 
-    def _with(self, index: int, key: Key, words: str) -> None:
-        self._set([*self.keys[:index], key, *self.keys[index + 1 :]], words)
+    def _change(self, index: int, words: str, **values: Any) -> None:
+        self._set([*self.keys[:index], replace(self.keys[index], **values), *self.keys[index + 1 :]], words)
 
     def _set(self, keys: Sequence[Key], words: str) -> None:
         """Write other keys, and note the change for undo. Raises StudioError: the take's path is damaged; OSError."""

@@ -33,22 +33,22 @@ class History:
 
     def undo(self) -> str:
         """Reverse the last change; returns what was done or why not, as a sentence."""
-        return self._step(self.made, self.undone, "Undone", lambda change: change.undo())
+        return self._step(self.made, self.undone, "undo")
 
     def redo(self) -> str:
         """Make the last change that was undone again; returns what was done or why not, as a sentence."""
-        return self._step(self.undone, self.made, "Redone", lambda change: change.redo())
+        return self._step(self.undone, self.made, "redo")
 
     @staticmethod
-    def _step(source: list[Change], target: list[Change], word: str, act: Callable[[Change], object]) -> str:
+    def _step(source: list[Change], target: list[Change], act: str) -> str:
         if not source:
-            return f"Nothing to {'undo' if word == 'Undone' else 'redo'}."
+            return f"Nothing to {act}."
         try:
-            act(source[-1])
+            getattr(source[-1], act)()
         except StudioError as error:
             if error.code in _LASTING:
                 source.pop()
             return str(error)
         change = source.pop()
         target.append(change)
-        return f"{word}: {change.words}."
+        return f"{'Undone' if act == 'undo' else 'Redone'}: {change.words}."

@@ -208,7 +208,7 @@ def _open_take(path: Path) -> Opened:
         opened.trim = read_edits(take.edits).trim
     except StudioError as error:
         problems.append(str(error))
-    if (take.stream / "manifest.json").exists():
+    if take.has_stream:
         try:
             decoded = StreamSource(take.stream, in_take=True)
             opened.sources[decoded.name] = decoded

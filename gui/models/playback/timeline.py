@@ -101,9 +101,6 @@ class Timeline:
         for columns in (slice(0, self.span(self.kept.start)[0]), slice(self.span(self.kept.stop)[0], None)):
             pixels[:, columns] = (0.3 * pixels[:, columns] + 0.7 * np.array(BACKGROUND)).astype(np.uint8)
 
-    def group_of(self, frame: int) -> int:
-        return max(sum(1 for start in self.group_starts if start <= frame) - 1, 0)
-
     def picture(self, frame: int | None) -> np.ndarray:
         """(height, width, 3) uint8 RGB: groups in two shades, the played part, the current frame (None: empty)."""
         image = np.empty((self.height, self.width, 3), np.uint8)

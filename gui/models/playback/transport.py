@@ -17,8 +17,6 @@ class Transport:
         group_starts: Sequence[int] = (0,),
         now: Callable[[], float] = time.monotonic,
     ) -> None:
-        if frame_count < 1 or fps <= 0:
-            raise ValueError(f"Transport needs frames and a positive rate, got {frame_count} frames at {fps} fps")
         self.frame_count = frame_count
         self.fps = fps
         self.group_starts = tuple(group_starts) or (0,)
@@ -108,8 +106,6 @@ class Transport:
 
     @speed.setter
     def speed(self, value: float) -> None:
-        if value <= 0:
-            raise ValueError(f"speed must be above 0, got {value}")
         self._anchor(self.frame)
         self._speed = value
         self._lead()

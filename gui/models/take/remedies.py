@@ -1,6 +1,6 @@
 """Remedies: which setting fixes a warning, and its value where the warning knows it."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import cast
 
@@ -10,45 +10,32 @@ from gui.models.take.page_words import setting_words
 from gui.models.take.settings import setting_value, stage_of
 from pipelines.config import Config
 from pipelines.events import Notice
-from studio.json_types import JsonData
 from studio.masks.sources import SOURCES
 from studio.yaml_text import inline_yaml
 
-Value = Callable[[Mapping[str, JsonData]], JsonData]  # the value from the warning's fields; None if they do not tell it
-
-
-@dataclass(frozen=True)
-class Remedy:
-    """What to do about a warning: the setting, and its value; None if people must choose it."""
-
-    setting: str
-    value: Value | None = None
-
-
-def _told(name: str) -> Value:
-    return lambda fields: fields.get(name)
-
-
-REMEDIES: Mapping[str, Remedy] = {  # by code of the warning
-    "bake.beyond_hardware": Remedy("train.max_splats"),
-    "bake.short_sound": Remedy("capture.audio_offset"),
-    "calibration.focal_length": Remedy("calibrate.shared_intrinsics"),
-    "calibration.match_inlier_ratio": Remedy("calibrate.frame_count"),
-    "calibration.reprojection_error": Remedy("calibrate.camera_model"),
-    "calibration.weak_cameras": Remedy("calibrate.frame_count"),
-    "cluster.no_node": Remedy("run.memory_per_group"),
-    "cluster.out_of_memory": Remedy("run.memory_per_group"),
-    "coverage.gaps": Remedy("bake.view_range", lambda _fields: "none"),
-    "evaluation.no_held_out": Remedy("capture.held_out"),
-    "footage.few_frames": Remedy("calibrate.frame_count", _told("frames")),
-    "hull.mask_mismatch": Remedy("capture.mask_sensitivity"),
-    "mask.inverted": Remedy("capture.mask_labels"),
-    "rig.doubtful": Remedy("capture.cameras"),
-    "hull.outlier_mask": Remedy("capture.mask_sensitivity"),
-    "training.no_camera_color": Remedy("capture.frames"),
-    "training.no_color_chart": Remedy("train.camera_colors"),
-    "training.slow": Remedy("capture.scale", _told("suggested")),
+REMEDIES: Mapping[str, str] = {  # the setting that fixes a warning, by its code
+    "bake.beyond_hardware": "train.max_splats",
+    "bake.short_sound": "capture.audio_offset",
+    "calibration.focal_length": "calibrate.shared_intrinsics",
+    "calibration.match_inlier_ratio": "calibrate.frame_count",
+    "calibration.reprojection_error": "calibrate.camera_model",
+    "calibration.weak_cameras": "calibrate.frame_count",
+    "cluster.no_node": "run.memory_per_group",
+    "cluster.out_of_memory": "run.memory_per_group",
+    "coverage.gaps": "bake.view_range",
+    "evaluation.no_held_out": "capture.held_out",
+    "footage.few_frames": "calibrate.frame_count",
+    "hull.mask_mismatch": "capture.mask_sensitivity",
+    "mask.inverted": "capture.mask_labels",
+    "rig.doubtful": "capture.cameras",
+    "hull.outlier_mask": "capture.mask_sensitivity",
+    "training.no_camera_color": "capture.frames",
+    "training.no_color_chart": "train.camera_colors",
+    "training.slow": "capture.scale",
 }
+
+_SUGGESTED = {"footage.few_frames": "frames", "training.slow": "suggested"}
+"""The field of a warning that has the setting's value, by its code."""
 
 _DETECTED = {source.name for source in SOURCES if source.detects}
 
@@ -74,12 +61,13 @@ def fix_of(notice: Notice | None, config: Config | None) -> Fix | None:
     """The fix of a warning or an error; None if there is none, or no settings are open."""
     if notice is None or config is None:
         return None
-    remedy = REMEDIES.get(notice.code) or Remedy(str(notice.fields.get("setting", "")))
-    if remedy.setting == "capture.mask_sensitivity" and config.capture.masks not in _DETECTED:
-        remedy = Remedy("capture.masks")
-    if not stage_of(remedy.setting):
+    setting = REMEDIES.get(notice.code) or str(notice.fields.get("setting", ""))
+    if setting == "capture.mask_sensitivity" and config.capture.masks not in _DETECTED:
+        setting = "capture.masks"
+    if not stage_of(setting):
         return None
-    if remedy.value is None or (value := remedy.value(notice.fields)) is None:
-        return Fix(remedy.setting)
+    value = "none" if notice.code == "coverage.gaps" else notice.fields.get(_SUGGESTED.get(notice.code, ""))
+    if value is None:
+        return Fix(setting)
     known = cast(JsonValue, value)
-    return Fix(remedy.setting, known, sets=True, done=setting_value(config, remedy.setting) == known)
+    return Fix(setting, known, sets=True, done=setting_value(config, setting) == known)

@@ -65,7 +65,6 @@ class RunState:
     # the setting that fixes the error, by stage, where there is one
     failed_setting: dict[str, str] = field(default_factory=dict)
     outcome: str = ""  # "" during the run, then "done", "failed" or "cancelled"
-    message: str = ""
     # the log, newest last, with that of earlier runs
     lines: deque[LogLine] = field(default_factory=lambda: deque(maxlen=LOG_LINES))
     # loss, psnr, splats over the progress of training, one curve per group, since groups train in parallel
@@ -74,8 +73,6 @@ class RunState:
     # latest state by stage and group, of stages that ran on several machines
     lanes: dict[str, dict[int, GroupState]] = field(default_factory=dict)
     begun: bool = False
-    pid: int = 0
-    started: float = 0.0
     changes: int = 0  # incremented with every event
     _trained: float = 0.0
     _now: float = 0.0
@@ -96,7 +93,7 @@ class RunState:
         self.changes += 1
         self._now = event.time
         if isinstance(event, RunStarted):
-            self.planned, self.pid, self.started = event.stages, event.pid, event.time
+            self.planned = event.stages
             todo = ", ".join(map(stage_name, event.stages)) or "nothing to do, everything is up to date"
             self._say(f"Run started: {todo}")
         elif isinstance(event, StageStarted):
@@ -136,7 +133,7 @@ class RunState:
             for line in event.traceback.splitlines():
                 self._say(line, "error")
         elif isinstance(event, Finished):
-            self.outcome, self.message, self.stage, self.progress = event.outcome, event.message, "", None
+            self.outcome, self.stage, self.progress = event.outcome, "", None
             self.results += 1
             repeated = event.message in self.failed.values()
             words = {"done": "Run finished", "failed": "Run failed", "cancelled": "Run cancelled"}
@@ -150,7 +147,7 @@ class RunState:
         self._now = 0.0
         if self.stage:
             self.failed[self.stage] = message
-        self.outcome, self.message, self.stage, self.progress = "failed", message, "", None
+        self.outcome, self.stage, self.progress = "failed", "", None
         for line in tail.splitlines()[-40:]:
             self._say(line, "error")
         self._say(message, "error")

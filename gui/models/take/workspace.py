@@ -112,11 +112,6 @@ class Workspace:
             return f"Opening {self.opening} ..."
         return "No take is open. A stream has no footage."
 
-    @property
-    def unreadable(self) -> bool:
-        """Whether the take's settings or the status of its stages cannot be read."""
-        return self.take is not None and (self.context is None or self._unassessed != "")
-
     def _new_context(self, config: Config) -> Inputs:
         assert self.take is not None
         return Inputs(self.take, config, most_cached=FOOTAGE_CACHE)

@@ -20,9 +20,9 @@ SETTINGS = {field.name for stage in SECTIONS for field in fields_of(stage)}
 OF_THE_FOOTAGE = {"footage.camera_ends_early", "footage.frames_missing", "mask.empty", "mask.full"}
 """Problems that stop a stage, and that Capture lists; not warnings."""
 OTHERS = {
-    "bakes.evaluation_not_noted", "command.usage", "edits.no_take", "hull.warning", "mask.no_source", "playback.failed",
-    "program.bug", "run.cancelled", "settings.invalid", "settings.no_take", "settings.run_active", "settings.unknown",
-    "sync.offset", "sync.unknown",
+    "bakes.evaluation_not_noted", "calibration.worker_failed", "command.usage", "edits.no_take", "hull.warning",
+    "mask.no_source", "playback.failed", "program.bug", "run.cancelled", "settings.invalid", "settings.no_take",
+    "settings.run_active", "settings.unknown", "sync.offset", "sync.unknown",
 }  # fmt: skip
 """Messages of commands, of errors and of the window: no warnings of stages."""
 NO_SETTING = {
@@ -71,7 +71,7 @@ def test_every_warning_has_a_remedy_or_none_is_possible() -> None:
 
 
 def test_every_setting_that_a_message_names_exists() -> None:
-    named = {remedy.setting for remedy in REMEDIES.values()}
+    named = set(REMEDIES.values())
     named |= {setting for one in HELP.values() for setting in one.settings}
     for tree in sources():
         for node in ast.walk(tree):

@@ -50,7 +50,7 @@ def test_serving_tells_its_address_and_ends(stream_folder: Path) -> None:
 
 def test_a_stream_is_not_taken_for_up_to_date_before_it_is_checked(workspace: Workspace, take_copy: Path) -> None:
     def told() -> str:
-        return stale_words(workspace.assessment.stages.get("bake"), workspace.checked, workspace.unreadable)
+        return stale_words(workspace.assessment.stages.get("bake"), workspace.checked, bool(workspace.problem))
 
     workspace.open(Take.open(take_copy))
     assert "Checking" in told()
@@ -66,5 +66,5 @@ def test_a_stream_is_not_taken_for_up_to_date_before_it_is_checked(workspace: Wo
     assert "Checking" in told()
     wait_in_loop("the check", lambda: workspace.checked)
     (take_copy / "config.yaml").write_text("train: [")
-    wait_in_loop("the damaged file", lambda: workspace.unreadable)
+    wait_in_loop("the damaged file", lambda: workspace.problem)
     assert "cannot be read" in told()
