@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import re
+from bisect import bisect_right
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -71,14 +72,9 @@ def fitted(text: str, size: int, width: float) -> str:
     """The text, truncated with an ellipsis if it is wider than `width` pixels."""
     if text_width(text, size) <= width:
         return text
-    low, high = 0, len(text)
-    while low < high:
-        middle = (low + high + 1) // 2
-        if text_width(text[:middle].rstrip() + "…", size) <= width:
-            low = middle
-        else:
-            high = middle - 1
-    return text[:low].rstrip() + "…" if low else ""
+    lengths = range(1, len(text) + 1)
+    fits = bisect_right(lengths, width, key=lambda length: text_width(text[:length].rstrip() + "…", size))
+    return text[:fits].rstrip() + "…" if fits else ""
 
 
 def wrapped(text: str, size: int, width: float) -> list[str]:
@@ -236,13 +232,8 @@ class Canvas:
 
     def image(self, x: float, y: float, pixels: np.ndarray) -> None:
         """Draw an (h, w, 3) uint8 image, clipped to the canvas."""
-        left, top = round(x), round(y)
-        first_x, first_y = max(left, 0), max(top, 0)
-        last_x, last_y = min(left + pixels.shape[1], self.width), min(top + pixels.shape[0], self.height)
-        if last_x > first_x and last_y > first_y:
-            self.pixels[first_y:last_y, first_x:last_x] = pixels[
-                first_y - top : last_y - top, first_x - left : last_x - left
-            ]
+        there, part = self._clipped(pixels, round(x), round(y))
+        there[:] = part
 
     def fit_image(
         self, x: float, y: float, width: float, height: float, pixels: np.ndarray
@@ -255,14 +246,15 @@ class Canvas:
         self.image(left, top, small)
         return left, top, *size
 
+    def _clipped(self, image: np.ndarray, left: int, top: int) -> tuple[np.ndarray, np.ndarray]:
+        """The part of the canvas that an image covers whose upper left corner is there, and that part of the image."""
+        there = self.pixels[max(top, 0) : max(top + image.shape[0], 0), max(left, 0) : max(left + image.shape[1], 0)]
+        part = image[max(-top, 0) :, max(-left, 0) :]
+        return there, part[: there.shape[0], : there.shape[1]]
+
     def _blend(self, cover: np.ndarray, left: int, top: int, color: RGB) -> None:
-        first_x, first_y = max(left, 0), max(top, 0)
-        last_x, last_y = min(left + cover.shape[1], self.width), min(top + cover.shape[0], self.height)
-        if last_x <= first_x or last_y <= first_y:
-            return
-        part = cover[first_y - top : last_y - top, first_x - left : last_x - left, None] / np.float32(255)
-        below = self.pixels[first_y:last_y, first_x:last_x]
-        self.pixels[first_y:last_y, first_x:last_x] = np.round(below + (np.array(color, np.float32) - below) * part)
+        below, part = self._clipped(cover, left, top)
+        below[:] = np.round(below + (np.array(color, np.float32) - below) * (part[..., None] / np.float32(255)))
 
 
 def line_height(size: int) -> int:
