@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gui.drawing.canvas import Canvas, text_width
-from gui.drawing.palette import DIM, LINE, PANEL, RGB, SERIES, TEXT
+from gui.drawing.palette import DIM, LINE, PANEL, SECOND, SERIES, TEXT
 
 
 def ticks(low: float, high: float, count: int = 4) -> list[float]:
@@ -77,37 +77,30 @@ def curve(
     area: tuple[float, float, float, float],
     title: str,
     series: Sequence[tuple[Sequence[float], Sequence[float]]],
-    color: RGB,
     em: float,
-    x_limits: tuple[float, float] = (0.0, 1.0),
-    x_words: tuple[str, str] = ("", ""),
-    newest: str = "",
-    nothing: str = "no data from the last run",
+    newest: str,
+    nothing: str,
 ) -> None:
-    """Draw a line plot in x, y, width, height of the canvas: title and latest value above, ticks at the left. `color`
-    is of the value above, and of a single line; several have those of `SERIES` (`legend` names them). `x_words`: labels
-    below the left and right ends of the axis."""
+    """Draw lines over the course of a run, 0 to 1, in x, y, width, height of the canvas: title and newest value above,
+    ticks at the left. Several have the colors of `SERIES` (`legend` names them). `nothing`: said instead of none."""
     x, y, width, height = area
     size = round(0.82 * em)
     canvas.text(x, y, title, round(0.95 * em), TEXT)
-    canvas.text(x + width, y, newest, round(0.95 * em), color, align="right")
+    canvas.text(x + width, y, newest, round(0.95 * em), SECOND, align="right")
     left, top = x + 3.6 * em, y + 1.6 * em
     wide, high = width - 3.6 * em, height - 1.6 * em - 1.5 * size
     lines = [
         np.array([(a, b) for a, b in zip(xs, ys, strict=True) if math.isfinite(a) and math.isfinite(b)])
         for xs, ys in series
     ]
-    several = len(lines) > 1
-    colors = [SERIES[index % len(SERIES)] if several else color for index in range(len(lines))]
-    drawn = [(line, one) for line, one in zip(lines, colors, strict=True) if len(line)]
-    lines = [line for line, _ in drawn]
-    canvas.text(left, top + high + 3, x_words[0], size, DIM)
-    canvas.text(left + wide, top + high + 3, x_words[1], size, DIM, align="right")
-    if not lines:
+    drawn = [(line, SERIES[index % len(SERIES)]) for index, line in enumerate(lines) if len(line)]
+    canvas.text(left, top + high + 3, "0%", size, DIM)
+    canvas.text(left + wide, top + high + 3, "100%", size, DIM, align="right")
+    if not drawn:
         canvas.rect(left, top, wide, high, PANEL)
         canvas.text(left + wide / 2, top + high / 2 - size / 2, nothing, size, DIM, align="middle")
         return
-    axes = Axes(left, top, wide, high, x_limits, limits(np.concatenate(lines)[:, 1], 0.06))
+    axes = Axes(left, top, wide, high, (0.0, 1.0), limits(np.concatenate([line for line, _ in drawn])[:, 1], 0.06))
     axes.draw(canvas, size)
     for line, own in drawn:
         places = axes.places(line[:, 0], line[:, 1])

@@ -10,7 +10,7 @@ import numpy as np
 from gui.drawing.canvas import Canvas, line_height
 from gui.drawing.compare import label
 from gui.drawing.lanes import draw_lanes
-from gui.drawing.palette import DIM, GROUND, RAISED, SECOND
+from gui.drawing.palette import DIM, GROUND, RAISED
 from gui.drawing.plots import curve, legend
 from gui.models.scene.compose import draw
 from gui.models.stages import performer_over
@@ -90,7 +90,7 @@ class TrainView(StageView):
                 title += " before pruning"  # which leaves so many: densification may make more
             short = title if each > 15 * em else title.split(" of ")[0]
             series = [snapshot(line) for line in lines]
-            curve(canvas, area, short, series, SECOND, em, (0.0, 1.0), ("0%", "100%"), newest, self.nothing)
+            curve(canvas, area, short, series, em, newest, self.nothing)
         lanes = list(run.lanes.get("train", {}).values())
         if lanes:
             draw_lanes(canvas, (em, share, _LANES * canvas.width - em, canvas.height - share - em), lanes, em)

@@ -2,17 +2,17 @@ import numpy as np
 import pytest
 
 from gui.drawing.canvas import Canvas
+from gui.drawing.palette import SECOND
 from gui.drawing.plots import curve
 
-COLOR = (250, 10, 10)
 EM = 10.0
 
 
 def test_values_are_drawn_to_scale() -> None:
     """Three points, of which the middle one is at a quarter of the range: its place is between those of the others."""
     canvas = Canvas(400, 200, (0, 0, 0))
-    curve(canvas, (0, 0, 400, 200), "", [((0.0, 1.0, 2.0), (20.0, 25.0, 40.0))], COLOR, EM, (0.0, 2.0))
-    rows, columns = np.nonzero((canvas.pixels[..., 0] > 150) & (canvas.pixels[..., 1] < 100))
+    curve(canvas, (0, 0, 400, 200), "", [((0.0, 0.5, 1.0), (20.0, 25.0, 40.0))], EM, "", "")
+    rows, columns = np.nonzero((canvas.pixels == SECOND).all(axis=2))
     left, right = columns.min(), columns.max()
     bottom = rows[columns <= left + 2].mean()
     top = rows[columns >= right - 3].mean()
