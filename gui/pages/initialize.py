@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from gui.drawing.palette import DIM
-from gui.models.scene.contents import SceneContents, cloud
+from gui.models.scene.contents import Cloud, SceneContents, cloud
 from gui.models.scene.orbit import OrbitCamera
 from gui.models.scene.render import draw_contents
 from gui.models.take.workspace import Workspace, modified
@@ -20,6 +20,7 @@ from pipelines.takes.take import Take
 from studio.camera_files import read_rig
 from studio.counts import counted
 from studio.errors import StudioError
+from studio.memory_cache import MemoryCache
 from studio.own_frame import in_own_frame
 from studio.similarity import Similarity
 
@@ -31,10 +32,8 @@ class InitializeView(OrbitView):
 
     def __init__(self, workspace: Workspace) -> None:
         super().__init__(workspace)
-        self._read_of: Hashable = None
-        self._rig_of: Hashable = None
-        self._mesh: RaycastMesh | None = None
-        self._points = cloud(np.zeros((0, 3)), np.zeros((0, 3)))
+        self._groups: MemoryCache[Hashable, tuple[RaycastMesh, Cloud]] = MemoryCache(1)
+        self._homes: MemoryCache[Hashable, OrbitCamera] = MemoryCache(1)
 
     def _folder(self) -> Path | None:
         """Folder of the current frame's group."""
@@ -55,36 +54,31 @@ class InitializeView(OrbitView):
         take = self.workspace.take
         if folder is None or take is None or not (folder / "points.ply").is_file():
             raise StudioError("take.not_initialized", "no mesh and no points for this group yet", fix="Run Initialize.")
-        self._read(take, folder)
-        view = (self.orbit or self.home or OrbitCamera()).camera(*size)
-        assert self._mesh is not None
-        mesh = SceneContents(surfaces=[(self._mesh, Similarity())])
-        canvas = draw_contents(mesh if self.mode == "mesh" else SceneContents(points=[self._points]), view)
+        mesh, points = self._groups.get_or_make(_stamp(folder), lambda _: _read(folder))
+        # of another take, or calibrated again: where up is has changed
+        self.home = self._homes.get_or_make((take.rig, modified(take.rig)), lambda _: _home(take, points[0]))
+        contents = SceneContents(points=[points])
+        if self.mode == "mesh":
+            contents = SceneContents(surfaces=[(mesh, Similarity())])
+        canvas = draw_contents(contents, (self.orbit or self.home).camera(*size))
         path = folder / "report.json"
         keyframe = read_model(path, InitialPointsReport).keyframe if path.is_file() else "?"
         small = round(0.9 * self.em)
         group = int(folder.name.removeprefix("group_"))
-        words = f"group {group}, frame {keyframe}: {counted(len(self._points[0]), 'point')}"
-        words += f" on {counted(self._mesh.faces, 'triangle')}"
+        words = f"group {group}, frame {keyframe}: {counted(len(points[0]), 'point')}"
+        words += f" on {counted(mesh.faces, 'triangle')}"
         canvas.text(self.em, 0.7 * self.em, words, small, DIM)
         return canvas.pixels
-
-    def _read(self, take: Take, folder: Path) -> None:
-        stamp = _stamp(folder)
-        if stamp == self._read_of:
-            return
-        rig_of = (take.rig, modified(take.rig))
-        self._points = cloud(*read_points(folder / "points.ply"))
-        self._mesh = RaycastMesh(folder / "mesh.ply")
-        if rig_of != self._rig_of:  # of another take, or calibrated again: where up is has changed
-            self.home, self._rig_of = _home(take, self._points[0]), rig_of
-        self._read_of = stamp
 
     def close(self) -> bool:
         """See `StageView`. Open3D exits with an error if one of its meshes outlives it."""
         ended = super().close()
-        self._mesh = None
+        self._groups.clear()
         return ended
+
+
+def _read(folder: Path) -> tuple[RaycastMesh, Cloud]:
+    return RaycastMesh(folder / "mesh.ply"), cloud(*read_points(folder / "points.ply"))
 
 
 def _home(take: Take, points: np.ndarray) -> OrbitCamera:

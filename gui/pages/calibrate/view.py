@@ -52,11 +52,11 @@ class CalibrateView(OrbitView):
 
     modes = ("cameras", "coverage", "report", "points by hand")  # the last is `PointsView`'s
     sharp = True
+    _rig: Rig  # as read last
 
     def __init__(self, workspace: Workspace) -> None:
         super().__init__(workspace)
         self._read_of: Hashable = None
-        self._rig: Rig | None = None
         self._checked = CheckedCameras(None, None, None)
         self._points: list[Cloud] = []
         self._thumbnails: SmallImages = MemoryCache(MOST_THUMBNAILS)
@@ -134,7 +134,6 @@ class CalibrateView(OrbitView):
         of = (self._read_of, self._covered_by())
         if of == self._coverage_of:
             return
-        assert self._rig is not None
         assert self.home is not None
         context = self.workspace.context
         names: Sequence[str] = self._rig.names
@@ -148,7 +147,6 @@ class CalibrateView(OrbitView):
     @property
     def _cameras(self) -> list[Camera]:
         """In the order of the report."""
-        assert self._rig is not None
         return [self._rig[name] for name in held_out_first(self._rig.names, held_out_cameras(self.workspace.context))]
 
     def _figures(self, name: str) -> CameraReport | None:
@@ -169,7 +167,6 @@ class CalibrateView(OrbitView):
         return AGREES if found is not None and (found.fits, found.mask_error) != (None, None) else FEW
 
     def _scene(self, size: Size) -> np.ndarray:
-        assert self._rig is not None
         assert self.home is not None
         view = (self.orbit or self.home).camera(*size)
         covered = self._coverage if self.mode == "coverage" else None
@@ -207,7 +204,7 @@ class CalibrateView(OrbitView):
         if covered is not None:
             entries = [*covered.legend, TRAINING]
         else:
-            states = {self._state(camera.name) for camera in self._rig or ()}
+            states = {self._state(camera.name) for camera in self._rig}
             entries = [state for state in (AGREES, DISAGREES, FEW, UNKNOWN) if state in states]
         entries.append(NOT_TRAINED_ON if held_out else (NONE_HELD_OUT, GROUND))  # no dot, as it has no color
         for number, (words, color) in enumerate(entries):
@@ -218,7 +215,6 @@ class CalibrateView(OrbitView):
             canvas.text(1.7 * self.em, y, words, small, DIM)
 
     def _table(self, size: Size) -> np.ndarray:
-        assert self._rig is not None
         canvas = Canvas(*size, GROUND)
         normal, em = round(0.95 * self.em), self.em
         step = line_height(normal)

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Hashable
-from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
@@ -19,6 +18,7 @@ from pipelines.takes.stage_files import CameraColors
 from studio.cameras import CapturedView
 from studio.counts import counted
 from studio.errors import StudioError
+from studio.memory_cache import MemoryCache
 
 OFF = (
     "The colors of the cameras are not corrected. If cameras differ in exposure, white balance or model, set "
@@ -32,13 +32,7 @@ SECONDS = 0.7  # images are read for so long before what there is so far is draw
 MARGIN = 0.08  # space around the performer, as a share of its size
 
 
-@dataclass
-class _Pairs:
-    """Pictures of one fit: by camera (H, W, 3) uint8 as filmed and corrected, or why there is none."""
-
-    stamp: Hashable
-    colors: CameraColors
-    pictures: dict[str, tuple[np.ndarray, np.ndarray] | str] = field(default_factory=dict)
+_Pictures = dict[str, tuple[np.ndarray, np.ndarray] | str]  # by camera, (H, W, 3) uint8; or why there are none
 
 
 class CameraColorPairs:
@@ -47,7 +41,7 @@ class CameraColorPairs:
     def __init__(self, workspace: Workspace) -> None:
         self.workspace = workspace
         self.places: list[tuple[str, np.ndarray]] = []
-        self._pairs: _Pairs | None = None
+        self._fits: MemoryCache[Hashable, tuple[CameraColors, _Pictures]] = MemoryCache(1)
 
     @property
     def stamp(self) -> Hashable:
@@ -55,12 +49,13 @@ class CameraColorPairs:
         context = self.workspace.context
         if context is None:
             return None
-        pairs = self._pairs
-        return (*self._of(context), len(pairs.pictures) if pairs is not None else 0)
+        of = self._of(context)
+        fit = self._fits.get(of)
+        return (*of, len(fit[1]) if fit is not None else 0)
 
     def _of(self, context: Inputs) -> tuple[Hashable, ...]:
         path = context.take.camera_colors
-        return (path, modified(path), context.config.train.camera_colors, context.config.capture)
+        return (path, modified(path), context.config.train.camera_colors, context.config.capture.model_dump_json())
 
     def draw(self, size: Size, em: float) -> np.ndarray:
         """(height, width, 3) uint8. Raises StudioError: the file of the colors is damaged, or there is no footage."""
@@ -72,30 +67,25 @@ class CameraColorPairs:
             return sentence(size, OFF, em)
         if not context.take.camera_colors.is_file():
             return sentence(size, NOT_YET, em)
-        of = self._of(context)
-        if self._pairs is None or self._pairs.stamp != of:
-            self._pairs = _Pairs(of, read_model(context.take.camera_colors, CameraColors))
-        self._read(context, self._pairs)
-        return self._drawn(size, em, self._pairs)
+        path = context.take.camera_colors
+        colors, pictures = self._fits.get_or_make(self._of(context), lambda _: (read_model(path, CameraColors), {}))
+        self._read(context, colors, pictures)
+        return self._drawn(size, em, colors, pictures)
 
-    def _read(self, context: Inputs, pairs: _Pairs) -> None:
+    def _read(self, context: Inputs, colors: CameraColors, pictures: _Pictures) -> None:
         footage, frame = context.footage.calibrated, context.groups[0].keyframe
         until = time.monotonic() + SECONDS
-        for name in pairs.colors.cameras:
-            if name in pairs.pictures:
-                continue
-            if name not in footage.camera_names:
-                pairs.pictures[name] = "not in the footage"
-                continue
+        for name in [one for one in colors.cameras if one not in pictures]:
             try:
-                pairs.pictures[name] = pair(footage.view(name, frame), pairs.colors)
+                missing = name not in footage.camera_names
+                pictures[name] = "not in the footage" if missing else pair(footage.view(name, frame), colors)
             except StudioError as error:
-                pairs.pictures[name] = str(error)
+                pictures[name] = str(error)
             if time.monotonic() > until:
                 return
 
-    def _drawn(self, size: Size, em: float, pairs: _Pairs) -> np.ndarray:
-        canvas, colors = Canvas(*size, GROUND), pairs.colors
+    def _drawn(self, size: Size, em: float, colors: CameraColors, pictures: _Pictures) -> np.ndarray:
+        canvas = Canvas(*size, GROUND)
         small = round(0.85 * em)
         names = list(colors.cameras)
         words = (
@@ -103,7 +93,7 @@ class CameraColorPairs:
             "gray is, out of 255 levels."
         )
         top = 0.3 * em + canvas.lines(em, 0.5 * em, wrapped(words, small, size[0] - 2 * em), small, DIM)
-        there = [one for one in pairs.pictures.values() if not isinstance(one, str)]
+        there = [one for one in pictures.values() if not isinstance(one, str)]
         aspect = float(np.median([2 * one[0].shape[1] / one[0].shape[0] for one in there])) if there else 1.0
         width, row = grid(len(names), size[0], size[1] - top, aspect, small)
         columns = max(size[0] // width, 1)
@@ -111,7 +101,7 @@ class CameraColorPairs:
             x, y = number % columns * width, top + number // columns * row
             self.places.append((name, rectangle(x, y, width, row)))
             high = row - small - 11
-            found = pairs.pictures.get(name)
+            found = pictures.get(name)
             if found is None or isinstance(found, str):
                 canvas.rect(x + 3, y + 3, width - 6, high, RAISED)
                 if found is not None:
@@ -136,8 +126,8 @@ def pair(view: CapturedView, colors: CameraColors) -> tuple[np.ndarray, np.ndarr
     found = uncorrected(seen, torch.tensor(colors.cameras[name])).clamp(0, 1)
     corrected = (255 * found).round().byte().numpy()
     scale = min(1.0, TALLEST / height)
-    small = (max(round(scale * width), 1), max(round(scale * height), 1))
     filmed, corrected = (
-        cv2.resize(image, small, interpolation=cv2.INTER_AREA) for image in (view.image[inside], corrected)
+        cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        for image in (view.image[inside], corrected)
     )
     return filmed, corrected
