@@ -1,10 +1,8 @@
 """Size and quality at other QPs, measured on a whole group of a take."""
 
-import threading
-from collections.abc import Hashable
-
 from gui.models.stages import Inputs, Part, Trial, longest_part, measure
 from gui.models.take.workspace import Workspace
+from gui.models.worker import LatestWorker
 from pipelines.takes.frame_numbers import FrameNumbers
 from studio.errors import StudioError
 
@@ -19,13 +17,12 @@ class QpTrial:
         self.words = ""
         self.fps = 30.0
         self.changes = 0
-        self._of: Hashable = None
-        self._stop = threading.Event()
-        self._thread: threading.Thread | None = None
+        self._of: object = None
+        self._worker: LatestWorker[tuple[object, Inputs, Part], None] = LatestWorker(self._run, "v3studio trial")
 
     @property
     def running(self) -> bool:
-        return self._thread is not None and self._thread.is_alive()
+        return not self._worker.idle
 
     def start(self, workspace: Workspace, numbers: FrameNumbers) -> None:
         """Start, unless these frames and settings have been tried. Raises StudioError: `take.not_trained`."""
@@ -42,32 +39,26 @@ class QpTrial:
         )
         if of == self._of:
             return
-        self.stop()
         self._of, self.results = of, {}
         self.fps = float(context.footage.raw.fps)
         first, last = numbers.number(part.indices[0]), numbers.number(part.indices[-1])
         frames = f"frames {first} to {last}" if last > first else f"frame {first}"
         self.words = f"Group {part.index} ({frames}) baked at other QPs. PSNR: decoded against trained."
-        self._stop = threading.Event()
-        self._thread = threading.Thread(
-            target=self._run,
-            args=(Inputs(take, context.config), part, self.results, self._stop),
-            name="v3studio trial",
-            daemon=True,
-        )
-        self._thread.start()
+        self._worker.ask((of, Inputs(take, context.config), part))
 
-    def stop(self) -> None:
-        """Stop before the next QP."""
-        self._stop.set()
+    def close(self) -> None:
+        """Stop before the next QP, for which nobody waits."""
+        self._of = None
+        self._worker.close(0.0)
 
-    def _run(self, context: Inputs, part: Part, results: dict[int, Trial], stop: threading.Event) -> None:
+    def _run(self, request: tuple[object, Inputs, Part]) -> None:
+        (of, context, part), results = request, self.results
         try:
             qps = sorted({*TRIED_QPS, context.config.bake.qp})
             # the extremes and the current one first: a curve is there early
             qps.sort(key=lambda qp: (qp != context.config.bake.qp, qp not in (TRIED_QPS[0], TRIED_QPS[-1]), qp))
             for qp in qps:
-                if stop.is_set():
+                if of is not self._of:
                     return
                 settings = context.config.bake.replace(quality=qp, ladder=())
                 results[qp] = measure(context, part, settings)

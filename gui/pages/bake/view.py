@@ -162,5 +162,5 @@ class BakeView(StageView):
         return "Ctrl+C copies the table." if self.table_text else ""
 
     def close(self) -> bool:
-        self.trial.stop()
+        self.trial.close()
         return super().close()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 
@@ -16,12 +15,14 @@ from gui.models.stages import Inputs
 from gui.models.take.inspector import Block
 from gui.models.take.page_words import in_page_words
 from gui.models.take.workspace import Workspace, modified
+from gui.models.worker import LatestWorker
 from gui.pages.capture.garbage_drawing import GarbageDrawing, Polygons, draw_garbage
 from gui.pages.stage_view import Size, StageView, rectangle, sentence
 from studio.camera_files import read_rig
 from studio.cameras import Rig
 from studio.capture import Footage, check_footage, open_footage
 from studio.capture.checks import ColorDrift
+from studio.counts import counted
 from studio.errors import Cancelled, StudioError
 from studio.masks.agreement.source import AgreedMaskSource
 from studio.memory_cache import image_cache
@@ -197,8 +198,8 @@ class CaptureView(StageView):
             self.footage_check.start(context)
 
     def close(self) -> bool:
-        self.footage_check.stop()
-        return super().close()
+        ended = self.footage_check.close()
+        return super().close() and ended
 
 
 class _Reduced:
@@ -236,8 +237,7 @@ class _Reduced:
         def made(_: Hashable) -> tuple[np.ndarray]:
             whole = read()
             scale = min(1.0, widest / whole.shape[1])
-            size = max(round(whole.shape[1] * scale), 1), max(round(whole.shape[0] * scale), 1)
-            return (cv2.resize(whole, size, interpolation=cv2.INTER_AREA),)
+            return (cv2.resize(whole, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA),)
 
         return self._kept.get_or_make(key, made)[0]
 
@@ -301,25 +301,23 @@ class FootageCheck:
     def __init__(self) -> None:
         self.words = ""
         self.problems: Sequence[str] = ()
-        self._stop = threading.Event()
-        self._thread: threading.Thread | None = None
+        self._closed = False
+        self._worker: LatestWorker[Inputs, None] = LatestWorker(self._run, "v3studio check")
 
     def start(self, context: Inputs) -> None:
         """Start, unless it is running."""
-        if self._thread is not None and self._thread.is_alive():
-            return
-        self._stop.clear()
-        self.words, self.problems = "checking the footage", ()
-        self._thread = threading.Thread(target=self._run, args=(context,), name="v3studio check", daemon=True)
-        self._thread.start()
+        if self._worker.idle:
+            self.words, self.problems = "checking the footage", ()
+            self._worker.ask(context)
 
-    def stop(self) -> None:
-        """Stop at the next image."""
-        self._stop.set()
+    def close(self) -> bool:
+        """Stop at the next image. Returns whether the thread ended in time."""
+        self._closed = True
+        return self._worker.close()
 
     def _run(self, context: Inputs) -> None:
         def progress(done: int, total: int, **figures: object) -> None:
-            if self._stop.is_set():
+            if self._closed:
                 raise Cancelled
             self.words = f"checking the footage, {done} of {total} images"
 
@@ -327,13 +325,9 @@ class FootageCheck:
             footage = _footage(context, None)
             drift = ColorDrift()
             problems = [*check_footage(footage, progress, drift=drift), *drift.messages()]
-        except Cancelled:
-            self.words = "check stopped"
         except StudioError as error:
             self.words, self.problems = "check failed", (str(error),)
         else:
-            count = len(problems)
             self.problems = [str(problem) for problem in problems]
-            self.words = (
-                f"{count} problem{'s' * (count != 1)} found" if problems else "all images checked, no problems found"
-            )
+            words = "all images checked, no problems found"
+            self.words = f"{counted(len(problems), 'problem')} found" if problems else words
