@@ -100,7 +100,7 @@ class Overlays:
                 return True
             if event.key in (key.H, key.Q, key.QUESTION_MARK, key.SLASH):
                 return False
-            window.start.key(event, shift)
+            window.start.key(event)
             return True
         return False
 

@@ -74,7 +74,7 @@ def date_words(when: float | None) -> str:
 
 
 def describe(place: str, sizes: Sizes | None = None) -> Card:
-    """Read what a card shows. Of a URL nothing is fetched. `sizes`: measured lately; None to measure."""
+    """Read what a card shows. Of a URL nothing is fetched. `sizes`: as known; not measured again while it runs."""
     if is_address(place):
         return Card(place, "web", "stream on the web")
     path = Path(place)
@@ -94,7 +94,7 @@ def describe(place: str, sizes: Sizes | None = None) -> Card:
 def _take(take: Take, sizes: Sizes | None) -> Card:
     changed = _newest([take.config, take.log, take.stream / "manifest.json", take.evaluation, take.private / "stages"])
     running = take.running() is not None
-    if not running or sizes is None or sizes[1] is None:
+    if not running or sizes is None:
         stream = folder_bytes(take.stream) if take.has_stream else None
         sizes = (stream, folder_bytes(take.root))
     quality = None
@@ -131,17 +131,11 @@ def folder_bytes(path: Path) -> int:
     """Size of a file, or of all files in a folder, bytes; links are not followed."""
     if path.is_file():
         return path.stat().st_size
-    total, waiting = 0, [path]
-    while waiting:
-        try:
-            with os.scandir(waiting.pop()) as entries:
-                for entry in entries:
-                    if entry.is_dir(follow_symlinks=False):
-                        waiting.append(Path(entry.path))
-                    else:
-                        total += entry.stat(follow_symlinks=False).st_size
-        except OSError:  # it is being changed, or must not be read: the rest still counts
-            continue
+    total = 0
+    for folder, _, names in os.walk(path):
+        for name in names:
+            with contextlib.suppress(OSError):  # it is being changed: the rest still counts
+                total += os.lstat(os.path.join(folder, name)).st_size
     return total
 
 
