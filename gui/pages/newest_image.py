@@ -7,7 +7,7 @@ import numpy as np
 from gui.drawing.palette import GROUND
 from gui.pages.stage_view import waiting
 
-LOADING = "loading"  # what the empty view says until its first image is there
+LOADING = "loading"  # what the empty view says while its very first image is being rendered
 
 DIMMED_AFTER, FRAME_DIMMED_AFTER = 0.1, 0.5
 """Seconds after which an image of something else, or of another frame, is dimmed: not at every quick change."""
@@ -47,34 +47,21 @@ class NewestImage:
         if pixels is not None:
             self._shown, self._pixels, self._missing_since, self._words = wanted, pixels, None, ""
             return pixels
-        if self._pixels is None:
-            return self._empty(finished, message, size, em)
-        if wanted == self._shown and right_frame:
+        first, empty = self._pixels is None, np.full((size[1], size[0], 3), GROUND, np.uint8)
+        if first and (finished or message):  # there will be none
+            said, self._words, self._missing_since = self._words, "", None
+            return empty if said else None
+        if not first and wanted == self._shown and right_frame:
             self._missing_since = None
             return None
         now = self._updated
         if self._missing_since is None:
             self._missing_since = before if now - before >= SLOW_TICK else now
-        if now - self._missing_since < (DIMMED_AFTER if wanted != self._shown else FRAME_DIMMED_AFTER):
+        if now - self._missing_since < (DIMMED_AFTER if first or wanted != self._shown else FRAME_DIMMED_AFTER):
             return None
-        words = "not available" if finished else "rendering"
+        words = LOADING if first else "not available" if finished else "rendering"
         if words == self._words:
             return None
         self._words = words
-        last = np.full_like(self._pixels, GROUND) if message and wanted != self._shown else self._pixels
+        last = empty if self._pixels is None or (message and wanted != self._shown) else self._pixels
         return waiting(last, "" if message else words, em)
-
-    def _empty(self, finished: bool, message: str, size: tuple[int, int], em: float) -> np.ndarray | None:
-        """An empty image with a word while the very first one is being rendered; without it if there will be none."""
-        empty = np.full((size[1], size[0], 3), GROUND, np.uint8)
-        if finished or message:
-            self._missing_since = None
-            if self._words:
-                self._words = ""
-                return empty
-        elif self._missing_since is None:
-            self._missing_since = time.monotonic()
-        elif not self._words and time.monotonic() - self._missing_since >= DIMMED_AFTER:
-            self._words = LOADING
-            return waiting(empty, self._words, em)
-        return None
