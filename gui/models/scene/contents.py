@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
@@ -10,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from gui.drawing.palette import AXES, LINE, RGB
+from gui.drawing.plots import round_step
 from gui.models.stages import Inputs
 from pipelines.share.cast_frames import CastFrames
 from pipelines.takes.take import Take
@@ -108,15 +108,9 @@ def frustum_length(rig: Rig, target: np.ndarray) -> float:
     return FRUSTUM * float(np.median(distances)) if len(distances) else 1.0
 
 
-def round_step(length: float) -> float:
-    """The greatest of 1, 2 and 5 times a power of ten that is at most `length`, which is above 0."""
-    power = 10.0 ** math.floor(math.log10(length))
-    return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= length * (1 + 1e-9))
-
-
 def grid_lines(middle: np.ndarray, up: np.ndarray, height: float, reach: float) -> tuple[Lines, float]:
-    """A grid on the ground, about twice as wide as `reach`, the performer's size; and the size of a cell."""
-    step = round_step(max(2 * reach / (2 * GRID_CELLS), 1e-9))
+    """A grid on the ground, up to twice as wide as `reach`, the performer's size; and the size of a cell."""
+    step = round_step(max(0.4 * reach / GRID_CELLS, 1e-9))
     first = np.cross(up, np.eye(3)[np.abs(up).argmin()])
     first /= np.linalg.norm(first)
     second = np.cross(up, first)
