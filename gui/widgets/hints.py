@@ -1,7 +1,7 @@
 """What buttons do, shown where there is room beside them: the toolkit's own tooltips cover their neighbors."""
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 from open3d.visualization import gui
 
@@ -20,8 +20,8 @@ class Hints:
     """See the module. Where the pointer cannot be followed (`follows`), these are tooltips of the toolkit. An image,
     because the toolkit makes no label with a background less than 32 pixels high."""
 
-    def __init__(self, follows: bool, em: float, now: Callable[[], float] = time.monotonic) -> None:
-        self._follows, self._em, self._now = follows, em, now
+    def __init__(self, follows: bool, em: float) -> None:
+        self._follows, self._em = follows, em
         self._texts: list[tuple[gui.Widget, gui.Widget, str]] = []
         self._over: gui.Widget | None = None
         self._row: gui.Widget | None = None
@@ -56,9 +56,9 @@ class Hints:
             found = None
         over = found[0] if found is not None else None
         if over is not self._over:
-            self._over, self._since = over, self._now()
+            self._over, self._since = over, time.monotonic()
         self._row = found[1] if found is not None else None
-        text = found[2] if found is not None and self._now() >= self._since + DELAY else ""
+        text = found[2] if found is not None and time.monotonic() >= self._since + DELAY else ""
         if self.text == text:
             return False
         self.text, self.picture.widget.visible = text, bool(text)

@@ -37,7 +37,7 @@ class InspectorPanel:
         em: float,
         changed: Callable[[], None],
         apply_fix: Callable[[Fix], None],
-        laid_out: Callable[[], None] = lambda: None,
+        laid_out: Callable[[], None],
     ) -> None:
         self._em, self._changed, self._apply_fix, self._laid_out = em, changed, apply_fix, laid_out
         self.figures = ImagePanel(self._on_figures)

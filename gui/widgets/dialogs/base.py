@@ -33,6 +33,7 @@ class Dialogs:
 
     def __init__(self, window: gui.Window, titles: int) -> None:
         self._window, self._titles = window, titles
+        self.lay_out = window.set_needs_layout  # lays out the open dialog again
         self.shade = gui.Vert()  # makes the window darker; to be its last child and as large as it
         self.shade.background_color = gui.Color(0.0, 0.0, 0.0, SHADE)
         self.shade.visible = False
@@ -155,10 +156,6 @@ class Dialogs:
         """Where a dialog for a path begins: the last folder, the first of `others` that there is, or home."""
         last = [Path(self.last_folder)] if self.last_folder else []
         return next((path for path in (*last, *others) if path.is_dir()), Path.home())
-
-    def laid_out(self) -> None:
-        """Lay out the dialog again."""
-        self._window.set_needs_layout()
 
     def enter(self) -> None:
         """Handle the release of the Enter key (a field being edited consumes the press). Text typed just before reaches

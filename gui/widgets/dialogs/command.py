@@ -54,7 +54,7 @@ class CommandDialog:
         dialogs.widgets["list"] = picture.widget
         dialogs.pictures, dialogs.on_key, dialogs.on_press = [picture], self._key, self._press
         dialogs.focus(edit)
-        dialogs.laid_out()
+        dialogs.lay_out()
 
     def _type(self, text: str) -> None:
         self._typed = text  # shown at the next tick: the toolkit tells of typing while it draws

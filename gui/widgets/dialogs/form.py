@@ -79,13 +79,9 @@ class Form:
         """A field for a path, with a button `browse_{of}` beside it."""
         button = self._dialogs.button(f"browse_{of}", "Browse", browse)
         button.vertical_padding_em = 0  # no higher than the field: the grid lays columns out by themselves
-        self.beside(key, label, field, button)
-
-    def beside(self, key: str, label: str, field: gui.TextEdit, widget: gui.Widget) -> None:
-        """A field with another widget beside it."""
         row = gui.Horiz(round(0.4 * self._dialogs.em))
         row.add_child(field)
-        row.add_child(widget)
+        row.add_child(button)
         self.add(key, label, row)
         self.widgets[key] = field
 

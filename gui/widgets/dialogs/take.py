@@ -211,7 +211,7 @@ class NewTakeDialog:
         widgets["unmasked"].enabled = any(uses[name] == "training" for name in inspection.unmasked)
         widgets["every_frame"].enabled = new.frames != ""
         self._picture.show(self._sheet.draw())
-        dialogs.laid_out()
+        dialogs.lay_out()
         self._changed()
 
     @property
