@@ -10,7 +10,7 @@ from pipelines.outputs import check_output, replacing
 
 _NOTE = """The first variant is the full method with the settings in CONFIG; each other variant leaves out one part.
 Every variant is trained (sharing cameras, initial points and keyframes where possible), baked at several QPs, decoded
-and measured on held-out cameras. Writes ablation.json, ablation.png, ablation.html and one take per variant to DIR.
+and measured on held-out cameras. Writes ablation.json, ablation.png and one take per variant to DIR.
 The same command resumes after a cancellation. Every variant is trained in full: try a few frames first
 (--capture.frames :20).
 """
@@ -44,7 +44,7 @@ def register(commands: Any) -> None:
 
 
 def _ablate(arguments: argparse.Namespace) -> None:
-    from pipelines.ablation.report import table_rows, write_report
+    from pipelines.ablation.report import table_rows, write_plot
     from pipelines.ablation.study import ablate
     from pipelines.ablation.variants import chosen
     from pipelines.config import load_config
@@ -71,7 +71,8 @@ def _ablate(arguments: argparse.Namespace) -> None:
             return passed
 
         results = ablate(arguments.config, arguments.out, arguments.overrides, variants, qps, announced)
-    write_report(results, default, arguments.out)
+    plot = arguments.out / "ablation.png"
+    write_plot(results, plot)
     arguments.result = {"path": str(arguments.out.absolute()), **results.to_json()}
     if arguments.json:
         return
@@ -80,7 +81,7 @@ def _ablate(arguments: argparse.Namespace) -> None:
     for row in rows:
         table.add_row(*row)
     console().print(table)
-    console().print(f"plot and report: {arguments.out / 'ablation.png'}, {arguments.out / 'ablation.html'}")
+    console().print(f"plot: {plot}")
 
 
 def _is_study(out: Path) -> bool:

@@ -45,7 +45,8 @@ def test_the_full_method_is_always_first_and_names_are_checked():
 def test_command_shares_keyframes_measures_and_goes_on(project, here):
     out = project / "ablation"
     arguments = ("ablate", project / "ball.yaml", "--out", out, "--variants", "no-finetune", "--qps", "10,24,34,42")
-    here(*arguments, "--set", "capture.frames=:2").ok()
+    shown = here(*arguments, "--set", "capture.frames=:2").ok().stdout
+    assert "no fine-tuning" in shown
     results = json.loads((out / "ablation.json").read_text())
     assert [entry["name"] for entry in results["variants"]] == ["full", "no-finetune"]
     assert results["protocol"]["cameras"] == ["cam4"]
@@ -60,9 +61,6 @@ def test_command_shares_keyframes_measures_and_goes_on(project, here):
     assert frames[0][1].stat().st_mtime_ns == frames[1][1].stat().st_mtime_ns, "it was copied, not trained again"
     assert read_about(frames[0][0]).key != read_about(frames[1][0]).key
     assert cv2.imread(str(out / "ablation.png")).shape[1] > 500
-    page = (out / "ablation.html").read_text()
-    assert "Held-out cameras cam4" in page
-    assert "no fine-tuning" in page
 
     before = {path: path.stat().st_mtime_ns for path in out.rglob("frame_*")}
     again = here(*arguments, "--set", "capture.frames=:2", "--json").ok()
