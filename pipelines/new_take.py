@@ -110,11 +110,9 @@ class NewTake:
                 overrides.append((f"capture.{name}", None if value == CALIBRATE else value))
         if self.plates and not self.masks:  # else the masks are used
             overrides.append(("capture.masks", "clean_plate"))
-        if self.settings.strip():
-            path = Path(self.settings.strip()).expanduser()
-            config = for_another_take(load_config(path, overrides), path)
-            return with_values(config, PRESETS[self.preset]) if self.preset else config
-        return with_values(load_config(None, overrides), PRESETS[self.preset or preset_here()])
+        path = Path(self.settings.strip()).expanduser() if self.settings.strip() else None
+        preset = self.preset or (preset_here() if path is None else "")
+        return for_another_take(load_config(path, [*overrides, *PRESETS.get(preset, {}).items()]), path)
 
     def found(self, progress: ProgressFn | None = None) -> Found:
         """What is known about the footage, or why it cannot be read; `progress` as for `inspect`."""

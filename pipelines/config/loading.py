@@ -112,8 +112,7 @@ def _as_written(section: str, values: Any, plain: Any) -> Any:
     written = {}
     for (name, value), text in zip(values.items(), plain.values(), strict=True):
         field = field_named(Config, f"{section}.{name}")
-        is_value = isinstance(value, (int, float))
-        if (is_list_of_text(field) and isinstance(value, list)) or (_is_text(field) and is_value):
+        if is_list_of_text(field) or _is_text(field):
             written[name] = _texts(value, text)
         elif get_origin(getattr(field, "annotation", None)) is dict and isinstance(value, dict):
             written[name] = dict(zip(text, value.values(), strict=True))

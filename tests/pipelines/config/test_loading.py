@@ -198,6 +198,7 @@ def test_names_that_look_like_numbers_stay_text(tmp_path: Path) -> None:
     text = "capture: {held_out: [04, 1e4, true], cameras: '07, 08', offsets: {010: 2}, audio: 0123, fps: 25}"
     capture = load(tmp_path, text).capture
     assert capture.held_out == ("04", "1e4", "true")
+    assert load(tmp_path, "capture: {held_out: 04}").capture.held_out == ("04",)
     given = load_config(None, [("capture.held_out", [8, 18])]).capture
     assert given == CaptureSettings(held_out=(8, 18)) == CaptureSettings(held_out=("8", "18"))  # type: ignore[arg-type]
     assert capture.cameras == ("07", "08")
