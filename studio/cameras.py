@@ -13,11 +13,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol
 
 import numpy as np
 
-from studio.counts import counted
+from studio.counts import counted, short_repr
 from studio.errors import StudioError
 from studio.json_types import JsonObject
 from studio.validation import array, camera_error, check_finite, missing_key, whole
@@ -443,20 +442,23 @@ def nearest_point_to_rays(origins: np.ndarray, directions: np.ndarray, weights: 
     return point
 
 
-class ViewLike(Protocol):
-    """Input of meshing: a pinhole camera, image (H, W, 3) uint8 RGB and mask (H, W) uint8, 255 = foreground."""
+@dataclass(frozen=True, eq=False)
+class FootageView:
+    """One frame of one camera.
 
-    @property
-    def camera(self) -> Camera: ...
-    @property
-    def image(self) -> np.ndarray: ...
-    @property
-    def mask(self) -> np.ndarray: ...
+    Attributes:
+        camera: pinhole camera of the image.
+        image: (H, W, 3) uint8 RGB.
+        mask: (H, W) uint8, 255 = foreground.
+        frame: frame number.
+        plate: image of the empty set, (H, W, 3) uint8 RGB, or (H, W, 4) if the fourth channel is 0 where it is not
+            reliable; None if it is not known.
+    """
 
+    camera: Camera
+    image: np.ndarray
+    mask: np.ndarray
+    frame: int = 0
+    plate: np.ndarray | None = None
 
-class CapturedView(ViewLike, Protocol):
-    """Input of training: also the empty set, (H, W, 3) uint8 RGB; (H, W, 4) if the fourth channel is 0 where it is not
-    reliable; None if it is not known."""
-
-    @property
-    def plate(self) -> np.ndarray | None: ...
+    __repr__ = short_repr

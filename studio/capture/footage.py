@@ -8,39 +8,17 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.cameras import Camera, Rig
+from studio.cameras import Camera, FootageView, Rig
 from studio.capture.digest import digest_files
 from studio.capture.frame_sources import DecoderPool, FrameSource
 from studio.capture.settings import CaptureSettings
 from studio.capture.sound import CaptureSound
 from studio.capture.warp import Warp
 from studio.chroma import ChromaSampling
-from studio.counts import short_repr
 from studio.errors import Message, StudioError
 from studio.masks.mask_files import FileMaskSource
 from studio.masks.mask_source import GarbageMasks, MaskSource, Recolors, ShowsSet, masked_cameras
 from studio.memory_cache import ImageCache, image_cache
-
-
-@dataclass(frozen=True, eq=False)
-class FootageView:
-    """One frame of one camera.
-
-    Attributes:
-        camera: pinhole camera of the image.
-        image: (H, W, 3) uint8 RGB.
-        mask: (H, W) uint8, 255 = foreground.
-        frame: frame number.
-        plate: image of the empty set, (H, W, 3) uint8 RGB, or (H, W, 4) as in `ShowsSet`; None if it is not known.
-    """
-
-    camera: Camera
-    image: np.ndarray
-    mask: np.ndarray
-    frame: int = 0
-    plate: np.ndarray | None = None
-
-    __repr__ = short_repr
 
 
 @dataclass(eq=False, repr=False)

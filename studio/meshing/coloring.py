@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from studio.cameras import Camera, ViewLike
+from studio.cameras import Camera, FootageView
 from studio.meshing.surface import MeshViews, open3d
 from studio.progress import ProgressFn, no_progress
 
@@ -28,7 +28,7 @@ def _bilinear(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:
 def color_points(
     points: np.ndarray,
     normals: np.ndarray,
-    views: Sequence[ViewLike],
+    views: Sequence[FootageView],
     rays: MeshViews,
     *,
     best: int = 4,

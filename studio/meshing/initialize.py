@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from studio.cameras import ViewLike
+from studio.cameras import FootageView
 from studio.counts import short_repr
 from studio.errors import Message
 from studio.meshing.coloring import color_points
@@ -47,7 +47,7 @@ class InitResult:
 
 
 def initialize_points(
-    views: Sequence[ViewLike],
+    views: Sequence[FootageView],
     settings: InitializeSettings | None = None,
     *,
     seed: int = 0,

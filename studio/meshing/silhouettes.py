@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from studio.cameras import Camera, ViewLike
+from studio.cameras import Camera, FootageView
 from studio.errors import StudioError
 from studio.progress import ProgressFn, no_progress
 
@@ -103,7 +103,7 @@ class Silhouette:
 
 
 def silhouettes(
-    views: Sequence[ViewLike], *, max_pixels: float = 60e6, progress: ProgressFn = no_progress
+    views: Sequence[FootageView], *, max_pixels: float = 60e6, progress: ProgressFn = no_progress
 ) -> list[Silhouette]:
     """Signed distance maps of at least two views with pinhole cameras. Each is read once, so a lazy sequence works.
 

@@ -7,7 +7,7 @@ from typing import NoReturn
 import numpy as np
 import torch
 
-from studio.cameras import ViewLike
+from studio.cameras import FootageView
 from studio.errors import StudioError
 from studio.meshing.hull import Bounds, Hull, Tick, carve, locate, raise_disagreement
 from studio.meshing.outlier_masks import restore
@@ -36,7 +36,7 @@ class HullResult:
 
 
 def visual_hull(
-    views: Sequence[ViewLike], settings: InitializeSettings | None = None, *, progress: ProgressFn = no_progress
+    views: Sequence[FootageView], settings: InitializeSettings | None = None, *, progress: ProgressFn = no_progress
 ) -> HullResult:
     """Carve the visual hull of one frame and extract its surface, from at least two pinhole views, each read once.
 

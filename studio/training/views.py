@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from studio.cameras import Camera, CapturedView
+from studio.cameras import Camera, FootageView
 from studio.chroma import ChromaSampling
 from studio.color_fit import correct_color
 from studio.errors import StudioError
@@ -102,7 +102,7 @@ class TrainingView:
     @classmethod
     def from_view(
         cls,
-        view: CapturedView,
+        view: FootageView,
         device: torch.device | str = "cpu",
         crop_margin: float | None = None,
         use_plate: bool = True,
@@ -173,7 +173,7 @@ class TrainingView:
         return self._with(details=tuple(details), detail_boxes=detail_boxes(self.camera, details), closer=())
 
     def with_closer(
-        self, large: CapturedView, use_plate: bool = True, chroma: ChromaSampling | None = None
+        self, large: FootageView, use_plate: bool = True, chroma: ChromaSampling | None = None
     ) -> TrainingView:
         """The same view with `closer` views of its details.
 

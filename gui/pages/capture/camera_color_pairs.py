@@ -15,7 +15,7 @@ from gui.pages.capture.view import grid
 from gui.pages.stage_view import Size, rectangle, sentence
 from pipelines.takes.atomic_files import read_model
 from pipelines.takes.stage_files import CameraColors
-from studio.cameras import CapturedView
+from studio.cameras import FootageView
 from studio.counts import counted
 from studio.errors import StudioError
 from studio.memory_cache import MemoryCache
@@ -114,7 +114,7 @@ class CameraColorPairs:
         return canvas.pixels
 
 
-def pair(view: CapturedView, colors: CameraColors) -> tuple[np.ndarray, np.ndarray]:
+def pair(view: FootageView, colors: CameraColors) -> tuple[np.ndarray, np.ndarray]:
     """A camera's image and the image in the colors of the mean camera, (H, W, 3) uint8, cropped to the performer."""
     from studio.color_fit import uncorrected
     from studio.training.views import mask_box
