@@ -107,16 +107,10 @@ def floor_world(rig: Rig, points: np.ndarray) -> tuple[Similarity, FloorReport]:
     middle = on.mean(0)
     normal = np.linalg.svd(on - middle, full_matrices=False)[2][2]
     normal = normal if normal @ up > 0 else -normal
-    z = np.array([0.0, 0.0, 1.0])
-    axis = np.cross(normal, z)
-    angle = float(np.arctan2(np.linalg.norm(axis), normal @ z))
-    sine = float(np.linalg.norm(axis))
-    rotation = Rotation.from_rotvec(axis * (angle / sine) if sine > 1e-12 else np.zeros(3)).as_matrix()
-    height = float((rotation @ middle)[2])
-    figures = FloorReport(
-        tilt=round(float(np.degrees(angle)), 3), height=round(height, 6), share=round(best / len(points), 3)
-    )
-    return Similarity(1.0, rotation, np.array([0.0, 0.0, -height])), figures
+    turn = Rotation.align_vectors([[0, 0, 1]], [normal])[0]
+    height, tilt = float(turn.apply(middle)[2]), float(np.degrees(turn.magnitude()))
+    figures = FloorReport(tilt=round(tilt, 3), height=round(height, 6), share=round(best / len(points), 3))
+    return Similarity(1.0, turn.as_matrix(), np.array([0.0, 0.0, -height])), figures
 
 
 def scale_to_distance(rig: Rig, first: str, second: str, distance: float) -> Similarity:
@@ -162,10 +156,7 @@ def compare_rigs(found: Rig, reference: Rig) -> RigDifference:
     for name in names:
         a, b = aligned[name], reference[name]
         centers[name] = float(np.linalg.norm(a.center - b.center))
-        # from the sine of half the angle, which is accurate for small angles too
-        rotations[name] = float(
-            np.degrees(2 * np.arcsin(min(1.0, float(np.linalg.norm(a.rotation - b.rotation)) / 8**0.5)))
-        )
+        rotations[name] = float(np.degrees(Rotation.from_matrix(a.rotation @ b.rotation.T).magnitude()))
     middle = reference.subset(names).centers
     radius = float(np.linalg.norm(middle - middle.mean(0), axis=1).mean())
     return RigDifference(centers, rotations, radius)

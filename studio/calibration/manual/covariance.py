@@ -14,16 +14,6 @@ _FREE = 7
 _WEAKEST = 1e-12
 
 
-def spread_of_positions(points3d: np.ndarray) -> int:
-    """Dimension of points (N, 3): 0 if they coincide, 1 if they are collinear, 2 if they span a plane or space."""
-    if len(points3d) < 2:
-        return 0
-    spread = np.linalg.svd(points3d - points3d.mean(0), compute_uv=False)
-    if spread[0] < 1e-9:
-        return 0
-    return 1 if len(spread) < 2 or spread[1] <= 1e-3 * spread[0] else 2
-
-
 def check_plausible(rig: TieRig, observations: Observations) -> None:
     """Check that the result of the bundle adjustment is not degenerate."""
     errors = np.concatenate(list(rig.errors(observations).values()))

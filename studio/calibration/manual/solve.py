@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from studio.calibration.alignment import align_points, scale_to_distance, upright
-from studio.calibration.checks import check_intrinsics_size
+from studio.calibration.initial_intrinsics import initial_camera
 from studio.calibration.manual.bootstrap import LEAST_KNOWN, LEAST_SHARED, Observations, TieRig, initial_rigs
 from studio.calibration.manual.bundle_adjustment import MARK, adjust
-from studio.calibration.manual.covariance import check_handedness, check_plausible, spread_of_positions, uncertainty
+from studio.calibration.manual.covariance import check_handedness, check_plausible, uncertainty
 from studio.calibration.manual.file import TiePoint
 from studio.calibration.report import RejectedMark, TiePointReport
 from studio.calibration.result import CalibrationResult, reprojection_report
@@ -62,16 +62,16 @@ def calibrate_from_tie_points(
             (tie_points.contradiction, tie_points.behind, tie_points.inconsistent), or camera positions are not
             determined (tie_points.degenerate).
     """
-    settings, known = settings or CalibrateSettings(), dict(known or {})
+    settings, known, focal_lengths = settings or CalibrateSettings(), known or {}, focal_lengths or {}
     observations = _observations(points, sizes)
     free = [name for name in sizes if name not in known]
     groups = _groups(free, sizes, settings.shared_intrinsics)
-    guesses = _GUESSES if any(name not in (focal_lengths or {}) for name in free) else _GUESSES[:1]
+    guesses = _GUESSES if any(name not in focal_lengths for name in free) else _GUESSES[:1]
 
     def attempts() -> Iterator[TieRig]:
         for number, guess in enumerate(guesses):
             progress(number, len(guesses) + 1)
-            intrinsics = _intrinsics(sizes, known, focal_lengths or {}, guess)
+            intrinsics = {n: initial_camera(n, size, known, focal_lengths, guess) for n, size in sizes.items()}
             for start in initial_rigs(intrinsics, observations, seed):
                 if len(start.cameras) >= 2:
                     yield adjust(start, observations, groups, radial=False, steps=_ROUGH)
@@ -145,21 +145,6 @@ def _groups(free: Sequence[str], sizes: Mapping[str, tuple[int, int]], shared: b
     if shared is False:
         return [[name] for name in free]
     return [[name for name in free if sizes[name] == size] for size in dict.fromkeys(sizes[name] for name in free)]
-
-
-def _intrinsics(
-    sizes: Mapping[str, tuple[int, int]], known: Mapping[str, Camera], focal: Mapping[str, float], guess: float
-) -> dict[str, Camera]:
-    found = {}
-    for name, (width, height) in sizes.items():
-        if name in known:
-            check_intrinsics_size(known[name], (width, height))
-            found[name] = known[name]
-        else:
-            own = focal[name] if name in focal else guess * max(width, height)
-            K = np.array([[own, 0, width / 2], [0, own, height / 2], [0, 0, 1.0]])
-            found[name] = Camera(name, width, height, K, np.eye(4))
-    return found
 
 
 def _misfit(rig: TieRig, observations: Observations) -> float:
@@ -247,7 +232,9 @@ def _result(
     kept = np.flatnonzero(rig.triangulated)
     points3d, world = rig.points3d[kept], observations.world[kept]
     measured = ~np.isnan(world[:, 0])
-    metric = spread_of_positions(world[measured]) == 2
+    metric = False
+    if measured.sum() > 2:  # they must not be collinear
+        metric = np.linalg.matrix_rank(world[measured] - world[measured].mean(0), rtol=1e-3) > 1
     if metric:
         similarity = align_points(points3d[measured], world[measured])
     else:

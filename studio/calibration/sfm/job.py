@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
-from studio.calibration.checks import check_intrinsics_size
+from studio.calibration.initial_intrinsics import initial_camera
 from studio.calibration.report import SolutionReport
 from studio.calibration.settings import CalibrateSettings
 from studio.camera_files.colmap_model import camera_model, model_parameters
@@ -106,9 +106,9 @@ def sfm_job(
     for name in names:
         width, height = sizes[name]
         key = (groups.get(name, -1), width, height)
+        start = initial_camera(name, sizes[name], known, focal_lengths, _FOCAL_FACTOR)
         if name in known:
-            check_intrinsics_size(known[name], (width, height))
-            model, parameters = camera_model(known[name])
+            model, parameters = camera_model(start)
             own = SfmCamera(
                 model=model,
                 width=width,
@@ -123,9 +123,6 @@ def sfm_job(
                 intrinsics_of.append(shared[key])
                 continue
             shared[key] = len(intrinsics)
-            focal = focal_lengths.get(name, _FOCAL_FACTOR * max(width, height))
-            K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
-            start = Camera(name, width, height, K, np.eye(4))
             # distortion terms that the first few matches do not determine would distort the poses during mapping
             model = _SIMPLER.get(settings.camera_model, settings.camera_model)
             own = SfmCamera(

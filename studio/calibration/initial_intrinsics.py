@@ -1,0 +1,34 @@
+"""The intrinsics that calibration begins with."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from studio.cameras import Camera
+from studio.errors import StudioError
+
+
+def initial_camera(
+    name: str, size: tuple[int, int], known: Mapping[str, Camera], focal_lengths: Mapping[str, float], guess: float
+) -> Camera:
+    """The known camera for images of (width, height) `size`; else one without distortion at the identity pose, with its
+    focal length of `focal_lengths`, in pixels, or `guess` times the longer side. StudioError: the known intrinsics are
+    for images of another size (calibration.intrinsics_size)."""
+    width, height = size
+    if name not in known:
+        focal = focal_lengths.get(name, guess * max(size))
+        return Camera(
+            name, width, height, np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]]), np.eye(4)
+        )
+    camera = known[name]
+    if (camera.width, camera.height) != size:
+        raise StudioError(
+            "calibration.intrinsics_size",
+            f"camera '{name}': the images are {width}x{height}, but its known intrinsics are for "
+            f"{camera.width}x{camera.height}",
+            value=[camera.width, camera.height],
+            fix="Scale one of them.",
+            camera=name,
+            expected=list(size),
+        )
+    return camera
