@@ -60,13 +60,9 @@ def read_rig(path: Path | str) -> Rig:
     """Read cameras; the format is detected from the file's name and content.
 
     Args:
-        path: rig.json, a cameras.json with K, R, t or of 3DGS, a transforms.json (instant-ngp, nerfstudio, NeuS2,
-            VideoGS), a COLMAP model folder (text or binary, or any file in it), intri.yml or extri.yml (EasyMocap),
-            calibration.csv (ActorsHQ), RealityScan's CSV, a TOML of Pose2Sim or Caliscope, Metashape's XML, a Qualisys
-            .qca.txt, CamPose.inf (ReRF, NHR), calibration.json (THuman4.0, AvatarReX, multical, CMU Panoptic),
-            train_meta.json (Dynamic 3D Gaussians), calibrated_cameras_data.yml (MC-Calib), poses_bounds.npy (LLFF,
-            N3DV), annots.npy (ZJU-MoCap); a folder with exactly one of these, with *_cam.txt (MVSNet), or with one
-            folder per frame (VideoGS); or a pattern with {camera} of OpenCV's XML or YAML files, one per camera.
+        path: a file in a format of docs/reference/files.md; a folder with exactly one of these, with a COLMAP model,
+            with *_cam.txt (MVSNet), or with one folder per frame (VideoGS); or a pattern with {camera} of OpenCV's XML
+            or YAML files, one per camera.
 
     Returns:
         the rig, in the conventions of `studio.cameras` (OpenCV axes, pixel origin at the image corner); its notes say

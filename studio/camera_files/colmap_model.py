@@ -7,7 +7,7 @@ equally fast. Poses are world to camera with OpenCV axes, and the pixel origin i
 
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -86,20 +86,13 @@ def model_parameters(camera: Camera, model: str) -> list[float]:
     return base + distortion[: MODELS[model][1] - len(base)].tolist()
 
 
-@dataclass
-class _Intrinsics:
-    width: int
-    height: int
-    model: str
-    parameters: list[float]
+_Pose = tuple[str, int, list[float]]  # name of an image, id of its camera, quaternion and translation
 
 
-@dataclass
-class _Pose:
-    name: str
-    camera: int
-    quat: list[float]
-    translation: list[float]
+def _lens(key: int, model: str, width: int, height: int, parameters: Sequence[float]) -> Camera:
+    """A camera of the file, at the identity pose; its id is its name."""
+    K, distortion = intrinsics(model, parameters)
+    return Camera(str(key), width, height, K, np.eye(4), distortion)
 
 
 def read_colmap(folder: Path) -> Rig:
@@ -148,27 +141,24 @@ def _read_one(folder: Path) -> Rig | None:
     return rig
 
 
-def _rig(camera_path: Path, by_id: dict[int, _Intrinsics], poses: list[_Pose]) -> Rig:
+def _rig(camera_path: Path, by_id: dict[int, Camera], poses: list[_Pose]) -> Rig:
     if not poses:
         fix = "Run the reconstruction again."
         raise StudioError("camera_file.no_cameras", "the model has no registered images", fix=fix)
-    poses = sorted(poses, key=lambda pose: pose.name)
+    poses = sorted(poses, key=lambda pose: pose[0])
     result = []
-    for name, pose in zip(camera_names([pose.name for pose in poses]), poses, strict=True):
-        if pose.camera not in by_id:
-            problem = f"image '{pose.name}' uses camera {pose.camera}, which is not in {camera_path.name}"
+    for name, (image, key, numbers) in zip(camera_names([pose[0] for pose in poses]), poses, strict=True):
+        if key not in by_id:
+            problem = f"image '{image}' uses camera {key}, which is not in {camera_path.name}"
             fix = "Copy both files of the model again."
-            raise StudioError("camera_file.unknown_camera", problem, value=pose.camera, fix=fix, camera=name)
-        own = by_id[pose.camera]
-        with naming(camera_path):
-            K, distortion = intrinsics(own.model, own.parameters)
-        quat = np.array(pose.quat)
+            raise StudioError("camera_file.unknown_camera", problem, value=key, fix=fix, camera=name)
+        quat = np.array(numbers[:4])
         if not np.isfinite(quat).all() or np.linalg.norm(quat) < 1e-6:
-            problem = f"image '{pose.name}' has an invalid rotation quaternion {pose.quat}"
+            problem = f"image '{image}' has an invalid rotation quaternion {numbers[:4]}"
             fix = "Export the model again."
-            raise StudioError("camera.rotation", problem, value=pose.quat, fix=fix, camera=name)
-        transform = np.column_stack([quats_to_matrices(quat), pose.translation])
-        result.append(Camera(name, own.width, own.height, K, transform, distortion))
+            raise StudioError("camera.rotation", problem, value=numbers[:4], fix=fix, camera=name)
+        pose = np.column_stack([quats_to_matrices(quat), numbers[4:]])
+        result.append(replace(by_id[key], name=name, world_to_camera=pose))
     return Rig(tuple(result))
 
 
@@ -193,7 +183,7 @@ def _fields(number: int, line: str, kinds: str) -> list[float | int | str]:
     return values
 
 
-def _intrinsics_text(path: Path) -> dict[int, _Intrinsics]:
+def _intrinsics_text(path: Path) -> dict[int, Camera]:
     found = {}
     for number, line in enumerate(read_text(path).splitlines(), 1):
         if not line.strip() or line.lstrip().startswith("#"):
@@ -205,7 +195,7 @@ def _intrinsics_text(path: Path) -> dict[int, _Intrinsics]:
             problem = f"line {number} is another camera {key}"
             fix = "Export the model again."
             raise StudioError("camera_file.camera_twice", problem, value=int(key), fix=fix, line=number)
-        found[int(key)] = _Intrinsics(int(width), int(height), str(model), [float(p) for p in parameters])
+        found[int(key)] = _lens(int(key), str(model), int(width), int(height), [float(p) for p in parameters])
     return found
 
 
@@ -217,8 +207,7 @@ def _poses_text(path: Path) -> list[_Pose]:
         if not line.strip() or line.lstrip().startswith("#"):
             continue
         values = _fields(number, line, "ifffffffir")
-        q, t = [float(v) for v in values[1:5]], [float(v) for v in values[5:8]]
-        poses.append(_Pose(str(values[9]), int(values[8]), q, t))
+        poses.append((str(values[9]), int(values[8]), [float(value) for value in values[1:8]]))
         number, points = next(lines, (0, ""))
         if not _is_points(points):
             problem = f"line {number} is not a list of points (x, y, id) of the image in the line above"
@@ -271,7 +260,7 @@ class _Reader:
         return self.data[start:end].decode("utf-8", "replace")
 
 
-def _intrinsics_binary(path: Path) -> dict[int, _Intrinsics]:
+def _intrinsics_binary(path: Path) -> dict[int, Camera]:
     reader, found = _Reader(path), {}
     by_id = {model_id: (name, count) for name, (model_id, count) in MODELS.items()}
     for _ in range(int(reader.take("Q")[0])):
@@ -279,7 +268,7 @@ def _intrinsics_binary(path: Path) -> dict[int, _Intrinsics]:
         if model not in by_id:
             raise _unsupported_model(OTHER_MODELS.get(model, f"number {model}"))
         name, count = by_id[model]
-        found[key] = _Intrinsics(width, height, name, [float(p) for p in reader.take(f"{count}d")])
+        found[key] = _lens(key, name, width, height, [float(p) for p in reader.take(f"{count}d")])
     return found
 
 
@@ -289,8 +278,7 @@ def _poses_binary(path: Path) -> list[_Pose]:
         values = reader.take("i7di")
         name = reader.word()
         reader.skip(24 * int(reader.take("Q")[0]))  # x, y, point id
-        pose = [float(value) for value in values[1:8]]
-        poses.append(_Pose(name, int(values[8]), pose[:4], pose[4:]))
+        poses.append((name, int(values[8]), [float(value) for value in values[1:8]]))
     return poses
 
 
