@@ -26,6 +26,7 @@ SizeRule = Literal["auto", "stretch", "crop", "letterbox"]
 ModelKind = Literal["u2net", "birefnet", "isnet", "modnet", "selfie", "plain"]
 
 _DEFAULT = Affects("calibration_masks", "training_views", "evaluation")
+_PIXELS = Affects("cameras_from_images", "cameras_from_target", "cameras_from_points", *_DEFAULT.results)
 
 
 def import_path(source: object) -> str | None:
@@ -142,10 +143,9 @@ class DifferenceSettings(Settings):
     largest first. null: no limit (except noise)."""
 
 
-class ScreenSettings(Settings):
-    """Masks from a colored screen, and garbage masks."""
-
-    affects: ClassVar[Affects | None] = _DEFAULT
+# Fields of the last base come first.
+class CaptureSettings(DifferenceSettings, FileSettings):
+    """The footage: where its images, cameras and masks are, and which of them to use. Passed to `open_footage`."""
 
     key_color: Color | Literal["auto"] = "auto"
     """For masks from a screen: its approximate color in the footage (red, green, blue; 0 to 1), which must be
@@ -156,25 +156,6 @@ class ScreenSettings(Settings):
     elsewhere, such as garbage/{camera}.png, or a YAML file with polygons, such as garbage.yaml; take:garbage.yaml is
     what was drawn in the window. Cameras without one are not restricted. null: none. See docs/guides/masks.md."""
 
-    @field_validator("key_color", mode="wrap")
-    @classmethod
-    def _color_or_auto(cls, value: Any, check: ValidatorFunctionWrapHandler) -> Any:
-        from studio.masks.screen_color import saturated
-
-        try:
-            color = check(value)
-        except ValidationError:  # one message instead of one per alternative type
-            raise Conflict("must be auto or three numbers from 0 to 1", "Example: [0.2, 0.6, 0.3].") from None
-        if color != "auto" and not saturated(color):
-            raise Conflict("gray and black cannot be keyed", "Use a saturated color such as [0.2, 0.6, 0.3], or auto.")
-        return color
-
-
-class ModelSettings(Settings):
-    """Masks from a matting model."""
-
-    affects: ClassVar[Affects | None] = _DEFAULT
-
     mask_model: Annotated[str | None, Heading("Matting model"), Empty("none")] = None
     """Matting model for masks, as KIND:FILE; example: selfie:models/selfie.tflite. Agreed masks use it as evidence: it
     then sees each person alone. The kind (u2net, birefnet, isnet, modnet, selfie or plain) is how the model was
@@ -182,54 +163,22 @@ class ModelSettings(Settings):
     RGB from 0 to 1 at the size of the image. The file is relative to root. Input: one RGB image (1x3xHxW, float).
     Output: a mask from 0 to 1. ONNX files require onnxruntime."""
 
-    @property
-    def kind_and_file(self) -> tuple[ModelKind, str] | None:
-        """Both parts of `mask_model`."""
-        kind, _, file = (self.mask_model or "").partition(":")
-        return (cast(ModelKind, kind), file) if file else None
-
-    @field_validator("mask_model")
-    @classmethod
-    def _names_kind_and_file(cls, value: str | None) -> str | None:
-        kind, _, file = (value or "plain:-").partition(":")
-        if kind not in get_args(ModelKind) or not file:
-            raise Conflict(
-                "must be KIND:FILE", f"Kinds: {', '.join(get_args(ModelKind))}. Example: isnet:models/isnet.onnx."
-            )
-        return value
-
-
-# Fields of the last base come first.
-class CaptureSettings(ModelSettings, ScreenSettings, DifferenceSettings, FileSettings):
-    """The footage: where its images, cameras and masks are, and which of them to use. Passed to `open_footage`."""
-
     fps: Annotated[float | None, Heading("Rate and color"), Affects("manifest", "evaluation"), Empty("as filmed")] = (
         Field(default=None, gt=0, lt=10_000)
     )
     """Frame rate of the footage in frames per second. null: that of the videos; 30 for still images. The take has this
     rate divided by the step of capture.frames."""
 
-    color_matrix: Annotated[
-        Literal["auto", "bt601", "bt709"],
-        Affects("cameras_from_images", "cameras_from_target", "cameras_from_points", *_DEFAULT.results),
-    ] = "auto"
+    color_matrix: Annotated[Literal["auto", "bt601", "bt709"], _PIXELS] = "auto"
     """YUV to RGB matrix of videos. auto: the file's tag; BT.601 if untagged, as in FFmpeg."""
 
-    transfer: Annotated[
-        TransferFunction,
-        Affects("cameras_from_images", "cameras_from_target", "cameras_from_points", *_DEFAULT.results),
-    ] = "auto"
+    transfer: Annotated[TransferFunction, _PIXELS] = "auto"
     """What the values in the footage and the clean plates mean. srgb: as screens show them. linear: scene-linear light.
     slog3: Sony S-Log3. logc3: ARRI LogC3 (EI 800). The last three are converted to sRGB; light above 1 is clipped, and
     primaries are not converted. auto: EXR files are linear, everything else is srgb."""
 
     cameras: Annotated[
-        tuple[CameraName, ...],
-        Heading("Cameras"),
-        Empty("all"),
-        Affects(
-            "cameras_from_file", "cameras_from_images", "cameras_from_target", "cameras_from_points", *_DEFAULT.results
-        ),
+        tuple[CameraName, ...], Heading("Cameras"), Empty("all"), Affects("cameras_from_file", *_PIXELS.results)
     ] = ()
     """Names of the cameras to use. Empty: all."""
 
@@ -260,6 +209,35 @@ class CaptureSettings(ModelSettings, ScreenSettings, DifferenceSettings, FileSet
     """How the footage was resized if its aspect ratio differs from the calibration's. stretch: the axes were scaled
     independently. crop: the image was cropped symmetrically. letterbox: bars were added symmetrically. auto: letterbox
     if black bars are detected, otherwise an error."""
+
+    @field_validator("key_color", mode="wrap")
+    @classmethod
+    def _color_or_auto(cls, value: Any, check: ValidatorFunctionWrapHandler) -> Any:
+        from studio.masks.screen_color import saturated
+
+        try:
+            color = check(value)
+        except ValidationError:  # one message instead of one per alternative type
+            raise Conflict("must be auto or three numbers from 0 to 1", "Example: [0.2, 0.6, 0.3].") from None
+        if color != "auto" and not saturated(color):
+            raise Conflict("gray and black cannot be keyed", "Use a saturated color such as [0.2, 0.6, 0.3], or auto.")
+        return color
+
+    @property
+    def kind_and_file(self) -> tuple[ModelKind, str] | None:
+        """Both parts of `mask_model`."""
+        kind, _, file = (self.mask_model or "").partition(":")
+        return (cast(ModelKind, kind), file) if file else None
+
+    @field_validator("mask_model")
+    @classmethod
+    def _names_kind_and_file(cls, value: str | None) -> str | None:
+        kind, _, file = (value or "plain:-").partition(":")
+        if kind not in get_args(ModelKind) or not file:
+            raise Conflict(
+                "must be KIND:FILE", f"Kinds: {', '.join(get_args(ModelKind))}. Example: isnet:models/isnet.onnx."
+            )
+        return value
 
     @property
     def frame_range(self) -> tuple[int | None, int | None, int]:

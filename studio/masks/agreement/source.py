@@ -26,7 +26,7 @@ import numpy as np
 
 from studio.cameras import Camera
 from studio.capture.digest import digest_files
-from studio.capture.settings import DifferenceSettings, ModelSettings
+from studio.capture.settings import DifferenceSettings
 from studio.errors import StudioError
 from studio.masks.agreement.empty_set import cover, uncovered
 from studio.masks.agreement.evidence import LIMIT, evidence_of, smoothed
@@ -322,7 +322,7 @@ def open_agreed(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | 
         masks = sets = _recipe(inputs, cameras, plates)
         if model is not None:
             files = digest_files(inputs.spec.root, model.files())
-            masks = _digest(sets, files, inputs.spec.model_dump_json(include=set(ModelSettings.model_fields)))
+            masks = _digest(sets, files, inputs.spec.model_dump_json(include={"mask_model"}))
         cache = masks, sets, inputs.cache_folder
     source = AgreedMaskSource(inputs, cameras, plates, model, clean is None, cache)
     if model:
