@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.camera_files.common import read_csv, rigid_inverse, write_atomic
+from studio.camera_files.common import check_expressible, read_csv, rigid_inverse, write_atomic
 from studio.camera_files.keyed import NO_DISTORTION
 from studio.cameras import Camera, Rig
 from studio.validation import camera_error, number
@@ -38,10 +38,7 @@ def write_actorshq(rig: Rig, path: Path) -> None:
 
     lines = [",".join(COLUMNS)]
     for camera in rig:
-        if not camera.is_pinhole or abs(camera.K[0, 1]) > 1e-9:
-            problem = "calibration.csv cannot express lens distortion or skew"
-            fix = "Undistort the images first, or write rig.json."
-            raise camera_error("camera_file.not_expressible", camera.name, problem, fix=fix)
+        check_expressible(camera, "calibration.csv", 0)
         if "," in camera.name:
             problem = "names in calibration.csv cannot contain a comma"
             raise camera_error("camera_file.not_expressible", camera.name, problem, fix="Rename the camera.")

@@ -13,11 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from studio.bounded_files import read_bounded
-from studio.camera_files.common import camera_names, read_text, unreadable, write_atomic
+from studio.camera_files.common import camera_names, check_expressible, read_text, unreadable, write_atomic
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError, naming
 from studio.rotations import matrices_to_quats, quats_to_matrices
-from studio.validation import camera_error
 
 # name -> (id in the binary format, number of parameters)
 MODELS = {
@@ -65,14 +64,7 @@ def _unsupported_model(model: str) -> StudioError:
 
 def camera_model(camera: Camera) -> tuple[str, list[float]]:
     """COLMAP model name and parameters of a camera."""
-    if abs(camera.K[0, 1]) > 1e-9:
-        problem = "COLMAP has no camera model with skew"
-        fix = "Calibrate without skew, or write rig.json."
-        raise camera_error("camera_file.not_expressible", camera.name, problem, value=float(camera.K[0, 1]), fix=fix)
-    if np.any(camera.distortion[8:]):
-        problem = "COLMAP has no camera model with OpenCV's thin-prism terms"
-        fix = "Undistort the images first, or write rig.json."
-        raise camera_error("camera_file.not_expressible", camera.name, problem, fix=fix)
+    check_expressible(camera, "COLMAP", 8)
     model = "PINHOLE" if camera.is_pinhole else "FULL_OPENCV" if np.any(camera.distortion[4:]) else "OPENCV"
     return model, model_parameters(camera, model)
 

@@ -10,10 +10,11 @@ import numpy as np
 
 from studio.atomic_files import write_bytes
 from studio.bounded_files import TextError, parse_json, read_bounded
+from studio.cameras import Camera
 from studio.capture.patterns import without_extension
 from studio.errors import StudioError
 from studio.json_types import JsonObject
-from studio.validation import array, camera_error, check_finite
+from studio.validation import camera_error
 
 
 def read_text(path: Path) -> str:
@@ -137,16 +138,6 @@ def _heads(line: str, separator: str) -> list[str]:
     return [head.strip().lstrip("#").strip() for head in line.split(separator)]
 
 
-def matrix(value: Any, rows: tuple[int, ...], columns: int, key: str, camera: str) -> np.ndarray:
-    """A finite matrix with one of the given row counts; StudioError if it has another shape (camera.wrong_shape), or an
-    entry is not a finite number (camera.ragged, camera.not_a_number, camera.not_finite)."""
-    result = array(value, key, camera)
-    if result.ndim != 2 or result.shape[0] not in rows or result.shape[1] != columns:
-        raise wrong_shape(key, camera, result.shape, tuple((n, columns) for n in rows))
-    check_finite(result, key, camera)
-    return result
-
-
 def check_pose(pose: np.ndarray, key: str, camera: str) -> None:
     """Check the last row of a pose (3, 4) or (4, 4), which is not that of a transposed matrix."""
     if len(pose) == 4 and np.abs(pose[3] - [0, 0, 0, 1]).max() > 1e-6:
@@ -162,6 +153,19 @@ def wrong_shape(key: str, camera: str, found: tuple[int, ...], expected: tuple[t
     return camera_error(
         "camera.wrong_shape", camera, problem, value=list(found), key=key, expected=[list(shape) for shape in expected]
     )
+
+
+def check_expressible(camera: Camera, form: str, terms: int) -> None:
+    """StudioError (camera_file.not_expressible) if a camera has skew, or distortion beyond OpenCV's first `terms`."""
+    skew, count = float(camera.K[0, 1]), camera.distortion.size
+    if abs(skew) > 1e-9:
+        value, problem = skew, f"{form} cannot express skew ({skew:g})"
+    elif np.any(camera.distortion[terms:]):
+        value, problem = count, f"{form} has {terms} terms of OpenCV's lens distortion, but this camera has {count}"
+    else:
+        return
+    fix = "Undistort the images and leave out skew, or write rig.json."
+    raise camera_error("camera_file.not_expressible", camera.name, problem, value=value, fix=fix)
 
 
 def fisheye(camera: str) -> StudioError:

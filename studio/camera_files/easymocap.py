@@ -50,8 +50,7 @@ def write_easymocap(rig: Rig, folder: Path) -> None:
     intrinsics = ["%YAML:1.0", "---", "names:", *(f'   - "{camera.name}"' for camera in rig)]
     pose = list(intrinsics)
     for camera in rig:
-        coefficients = np.zeros(max(5, camera.distortion.size))
-        coefficients[: camera.distortion.size] = camera.distortion
+        coefficients = np.pad(camera.distortion, (0, max(0, 5 - camera.distortion.size)))
         intrinsics += _matrix(f"K_{camera.name}", camera.cv2_K) + _matrix(f"dist_{camera.name}", coefficients[None])
         intrinsics += [f"H_{camera.name}: {camera.height}", f"W_{camera.name}: {camera.width}"]
         pose += _matrix(f"R_{camera.name}", cv2.Rodrigues(camera.rotation)[0])

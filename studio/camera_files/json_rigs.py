@@ -17,12 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from studio.camera_files.common import camera_names, matrix, no_cameras, rigid_inverse
+from studio.camera_files.common import camera_names, no_cameras, wrong_shape
 from studio.camera_files.keyed import KeyedForm, ignored_in_file, is_camera, keyed_rig
 from studio.cameras import Rig
 from studio.errors import StudioError
 from studio.json_types import JsonObject
-from studio.validation import array, missing_key
+from studio.validation import array, check_finite, missing_key
 
 _PANOPTIC = KeyedForm(unit=0.01, harmless=("calibDataSource",))
 _CORNER = "Principal points are taken relative to the image corner."
@@ -80,9 +80,7 @@ def _of_multical(folder: Path, values: JsonObject, cameras: JsonObject) -> Rig:
     found: dict[str, np.ndarray] = {}
     relative: dict[str, tuple[str, np.ndarray]] = {}
     for key, entry in poses.items():
-        pose = np.eye(4)
-        pose[:3, :3] = matrix(_object(entry).get("R"), (3,), 3, "R", key)
-        pose[:3, 3] = array(entry.get("T"), "T", key).reshape(-1)[:3]
+        pose = _pose(_object(entry), "R", "T", key)
         name, _, base = ("", "", "") if key in cameras else key.rpartition("_to_")
         base = str(entry.get("parent") or base)
         if base and base not in cameras:
@@ -104,18 +102,28 @@ def _of_multical(folder: Path, values: JsonObject, cameras: JsonObject) -> Rig:
     return keyed_rig(folder, entries)
 
 
+def _pose(entry: JsonObject, rotation: str, translation: str, camera: str) -> np.ndarray:
+    """(4, 4) from the matrix and the vector under these keys."""
+    pose = np.eye(4)
+    for key, place in ((rotation, pose[:3, :3]), (translation, pose[:3, 3])):
+        if key not in entry:
+            raise missing_key(key, camera)
+        value = array(entry[key], key, camera)
+        if value.size != place.size:
+            raise wrong_shape(key, camera, value.shape, (place.shape,))
+        check_finite(value, key, camera)
+        place[:] = value.reshape(place.shape)
+    return pose
+
+
 def _of_3dgs(folder: Path, entries: list[JsonObject]) -> Rig:
     """3DGS's own list; values that it does not write are known or rejected as in other files."""
     notes = ["3DGS's cameras.json has no lens distortion: the images are taken as undistorted."]
     converted = []
     for name, entry in zip(camera_names([str(entry["img_name"]) for entry in entries]), entries, strict=True):
-        for key in ("position", "rotation"):
-            if key not in entry:
-                raise missing_key(key, name)
-        turn = matrix(entry["rotation"], (3,), 3, "rotation", name)
-        pose = np.column_stack([turn, array(entry["position"], "position", name).reshape(3)])
+        pose = _pose(entry, "rotation", "position", name)
         rest = {key: value for key, value in entry.items() if key not in ("position", "rotation", "img_name")}
-        converted.append((name, {**rest, "world_to_camera": rigid_inverse(pose).tolist()}))
+        converted.append((name, {**rest, "camera_to_world": pose.tolist()}))
     if not any("cx" in entry for entry in entries):
         notes.append("3DGS's cameras.json has no principal points: they are taken to be the image centers.")
     rig = keyed_rig(folder, converted, KeyedForm(corner=True, centered=True))

@@ -56,8 +56,7 @@ def write_toml(rig: Rig, path: Path) -> None:
     nested = path.name.lstrip(".").startswith("camera_array")
     lines = []
     for number, camera in enumerate(rig):
-        distortion = np.zeros(max(4, camera.distortion.size))
-        distortion[: camera.distortion.size] = camera.distortion
+        distortion = np.pad(camera.distortion, (0, max(0, 4 - camera.distortion.size)))
         lines.append(f"[cameras.{number}]" if nested else f"[{json.dumps(camera.name)}]")
         if nested:
             lines += [f"cam_id = {number}", "rotation_count = 0", "ignore = false"]

@@ -20,6 +20,7 @@ import numpy as np
 
 from studio.camera_files.common import (
     camera_names,
+    check_expressible,
     fisheye,
     no_cameras,
     read_json,
@@ -34,7 +35,7 @@ from studio.capture.patterns import without_extension
 from studio.counts import listed
 from studio.errors import StudioError, naming
 from studio.json_types import JsonObject
-from studio.validation import array, camera_error, missing_key
+from studio.validation import array, missing_key
 
 _SPLIT = re.compile(r"transforms_(train|val|test)\.json")
 _SAME = (  # keys of the same value: one in an entry replaces all of them beside `frames`
@@ -179,21 +180,7 @@ def write_transforms(rig: Rig, path: Path) -> None:
     """Write transforms.json atomically, with intrinsics per camera and at most the distortion k1 k2 p1 p2 k3."""
     frames = []
     for camera in rig:
-        if np.any(camera.distortion[5:]):
-            raise camera_error(
-                "camera_file.not_expressible",
-                camera.name,
-                f"transforms.json only supports the distortion terms k1 k2 p1 p2 k3, but "
-                f"this camera has {camera.distortion.size} terms",
-                value=camera.distortion.size,
-                fix="Undistort the images first, or write rig.json.",
-            )
-        if abs(camera.K[0, 1]) > 1e-9:
-            problem = f"transforms.json cannot express skew ({camera.K[0, 1]:g})"
-            fix = "Calibrate without skew, or write rig.json."
-            raise camera_error(
-                "camera_file.not_expressible", camera.name, problem, value=float(camera.K[0, 1]), fix=fix
-            )
+        check_expressible(camera, "transforms.json", 5)
         distortion = dict(zip(("k1", "k2", "p1", "p2", "k3"), camera.distortion[:5].tolist(), strict=False))
         frames.append(
             {
