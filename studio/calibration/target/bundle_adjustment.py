@@ -5,14 +5,13 @@ sync frame. The corners are constant points, so the result is metric and free of
 """
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from studio.calibration.target.intrinsics import reprojection
-from studio.calibration.target.pattern import CalibrationTarget, TargetObservation
+from studio.calibration.target.pattern import TargetObservation
 from studio.camera_files.colmap_model import intrinsics, model_parameters
 from studio.cameras import Camera
 from studio.errors import StudioError
@@ -27,45 +26,42 @@ class TargetRig:
     target_poses: dict[int, np.ndarray]
     views: dict[tuple[int, str], TargetObservation]
 
-    def errors(self, target: CalibrationTarget) -> dict[tuple[int, str], np.ndarray]:
+    def errors(self) -> dict[tuple[int, str], np.ndarray]:
         """Reprojection errors (M,) in pixels of each observation."""
-        found = {}
-        for (sync_frame, name), view in self.views.items():
-            pose = self.target_poses[sync_frame]
-            corners = target.corners[view.ids] @ pose[:3, :3].T + pose[:3, 3]
-            found[sync_frame, name] = np.linalg.norm(self.cameras[name].project(corners)[0] - view.pixels, axis=1)
-        return found
+        poses = {name: camera.world_to_camera for name, camera in self.cameras.items()}
+        return {
+            (at, name): view.errors(self.cameras[name], poses[name] @ self.target_poses[at])
+            for (at, name), view in self.views.items()
+        }
 
-    def consensus(
-        self, sync_frame: int, target: CalibrationTarget, poses: Mapping[tuple[int, str], np.ndarray], most: float
-    ) -> np.ndarray:
+    def consensus(self, sync_frame: int, poses: Mapping[tuple[int, str], np.ndarray], most: float) -> np.ndarray:
         """The target pose of a sync frame that fits most observations: the current pose, or that of a single camera.
-
-        `poses`: (4, 4) target to camera, of each observation alone. Of each camera, the median error in pixels counts,
-        but not more than `most`.
-        """
+        `poses`: (4, 4) target to camera, of each observation alone; `most`: see `best_pose`."""
         seen = [camera for camera in self.cameras.values() if (sync_frame, camera.name) in self.views]
         ways = [np.linalg.inv(camera.world_to_camera) @ poses[sync_frame, camera.name] for camera in seen]
         if sync_frame in self.target_poses:
             ways.insert(0, self.target_poses[sync_frame])
-        costs = []
-        for way in ways:
-            errors = (
-                reprojection(camera, camera.world_to_camera @ way, target, self.views[sync_frame, camera.name])
-                for camera in seen
-            )
-            costs.append(sum(min(most, float(np.median(error))) for error in errors))
-        return ways[int(np.argmin(costs))]
+        views = {camera.name: self.views[sync_frame, camera.name] for camera in seen}
+        return best_pose(
+            ways, lambda way: (views[one.name].errors(one, one.world_to_camera @ way) for one in seen), most
+        )
 
 
-def refine(
-    state: TargetRig, target: CalibrationTarget, model: str, *, principal_point: bool, threads: int
-) -> TargetRig:
+def best_pose(
+    candidates: Sequence[np.ndarray], errors: Callable[[np.ndarray], Iterable[np.ndarray]], most: float
+) -> np.ndarray:
+    """The pose with the smallest sum over observations of their median error in pixels, which counts `most` at most."""
+    costs = [sum(min(most, float(np.median(error))) for error in errors(pose)) for pose in candidates]
+    return candidates[int(np.argmin(costs))]
+
+
+def refine(state: TargetRig, model: str, *, principal_point: bool, threads: int) -> TargetRig:
     """Bundle adjustment of intrinsics, camera and target poses, which all need observations; robust loss.
     `threads`: 0 = all cores."""
     import pycolmap
 
     world = pycolmap.Reconstruction()
+    target = next(iter(state.views.values())).target
     names = list(state.cameras)
     rig = pycolmap.Rig(rig_id=1)
     reference = state.cameras[names[0]].world_to_camera

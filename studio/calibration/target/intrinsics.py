@@ -1,11 +1,10 @@
 """Intrinsics of one camera from images of a calibration target, and target poses."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from studio.calibration.target.pattern import CalibrationTarget, TargetObservation
+from studio.calibration.target.pattern import TargetObservation
 from studio.cameras import Camera
 from studio.errors import StudioError
 
@@ -14,13 +13,7 @@ LEAST_VIEWS = 3
 
 
 def intrinsics_from_views(
-    name: str,
-    size: tuple[int, int],
-    target: CalibrationTarget,
-    views: Sequence[TargetObservation],
-    model: str,
-    *,
-    principal_point: bool,
+    name: str, size: tuple[int, int], views: Sequence[TargetObservation], model: str, *, principal_point: bool
 ) -> Camera:
     """Initial intrinsics of a camera by Zhang's method (OpenCV), as a camera at the identity pose.
 
@@ -36,7 +29,7 @@ def intrinsics_from_views(
         fix = "Film the target longer, at different tilts, or specify known intrinsics."
         raise StudioError("target.too_few_views", problem, value=len(views), fix=fix, camera=name, expected=LEAST_VIEWS)
     chosen = _spread(views, size)
-    world = [target.corners[view.ids].astype(np.float32) for view in chosen]
+    world = [view.corners.astype(np.float32) for view in chosen]
     pixels = [(view.pixels - 0.5).astype(np.float32) for view in chosen]
     flags = {
         "SIMPLE_PINHOLE": cv2.CALIB_FIX_ASPECT_RATIO | cv2.CALIB_ZERO_TANGENT_DIST | _fix(1, 2, 3),
@@ -119,12 +112,12 @@ def _mark(view: TargetObservation, size: tuple[int, int]) -> np.ndarray:
     return np.concatenate([scaled.mean(0), np.sqrt(np.diag(spread)), [spread[0, 1] / np.sqrt(np.trace(spread) + 1e-9)]])
 
 
-def target_pose(camera: Camera, target: CalibrationTarget, view: TargetObservation) -> tuple[np.ndarray, float]:
+def target_pose(camera: Camera, view: TargetObservation) -> tuple[np.ndarray, float]:
     """(4, 4) pose, target to camera, and the RMS reprojection error in pixels. Of the two poses of a planar target
     (Collins and Bartoli 2014) it is the one with the smaller error."""
     import cv2
 
-    world = target.corners[view.ids]
+    world = view.corners
     coefficients = camera.distortion if camera.distortion.size else None
     found, turns, shifts, _ = cv2.solvePnPGeneric(
         world, (view.pixels - 0.5).reshape(-1, 1, 2), camera.cv2_K, coefficients, flags=cv2.SOLVEPNP_IPPE
@@ -135,15 +128,7 @@ def target_pose(camera: Camera, target: CalibrationTarget, view: TargetObservati
             world, (view.pixels - 0.5).reshape(-1, 1, 2), camera.cv2_K, coefficients, turns[index], shifts[index]
         )
         candidate = np.vstack([np.column_stack([cv2.Rodrigues(turn)[0], shift]), [0, 0, 0, 1]])
-        error = float(np.sqrt((reprojection(camera, candidate, target, view) ** 2).mean()))
+        error = float(np.sqrt((view.errors(camera, candidate) ** 2).mean()))
         if error < best and candidate[2, 3] > 0:
             best, pose = error, candidate
     return pose, best
-
-
-def reprojection(
-    camera: Camera, to_camera: np.ndarray, target: CalibrationTarget, view: TargetObservation
-) -> np.ndarray:
-    """(M,) reprojection errors in pixels of an observation of a target at a pose (4, 4), target to camera."""
-    pixels, _ = replace(camera, world_to_camera=to_camera).project(target.corners[view.ids])
-    return np.linalg.norm(pixels - view.pixels, axis=1)

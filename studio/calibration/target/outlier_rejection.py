@@ -6,7 +6,7 @@ import numpy as np
 
 from studio.calibration.target.bundle_adjustment import TargetRig, refine
 from studio.calibration.target.intrinsics import target_pose
-from studio.calibration.target.pattern import CalibrationTarget, TargetObservation
+from studio.calibration.target.pattern import TargetObservation
 from studio.errors import StudioError
 
 _OUTLIER = 4.0
@@ -14,25 +14,23 @@ _OUTLIER = 4.0
 mean that the target moved and the cameras are not exactly synchronized."""
 
 
-def refine_without_outliers(
-    state: TargetRig, target: CalibrationTarget, model: str, *, principal_point: bool, threads: int
-) -> TargetRig:
+def refine_without_outliers(state: TargetRig, model: str, *, principal_point: bool, threads: int) -> TargetRig:
     """Alternate bundle adjustment and outlier rejection.
 
     A camera that is not exactly synchronized sees a moving target at a different position, so its whole observation is
     wrong even if it is sharp. The threshold is therefore derived from the error of each observation at its own best
     target pose, not at the common pose: `_OUTLIER` times the median of these errors, at least 0.5 pixels.
     """
-    alone = {key: target_pose(state.cameras[key[1]], target, view) for key, view in state.views.items()}
+    alone = {key: target_pose(state.cameras[key[1]], view) for key, view in state.views.items()}
     poses = {key: pose for key, (pose, _) in alone.items()}
     limit = max(0.5, _OUTLIER * float(np.median([error for _, error in alone.values()])))
     everything = dict(state.views)
     counts: list[dict[tuple[int, str], int]] = []
     for widening in (3.0, 2.0, 1.0, 1.0, 1.0):
-        state = refine(state, target, model, principal_point=principal_point, threads=threads)
+        state = refine(state, model, principal_point=principal_point, threads=threads)
         before = TargetRig(state.cameras, state.target_poses, everything)
-        target_poses = {at: before.consensus(at, target, poses, 4 * limit) for at in _sync_frames(everything)}
-        kept = _fitting(TargetRig(state.cameras, target_poses, everything), target, widening * limit)
+        target_poses = {at: before.consensus(at, poses, 4 * limit) for at in _sync_frames(everything)}
+        kept = _fitting(TargetRig(state.cameras, target_poses, everything), widening * limit)
         if {name for _, name in kept} != set(state.cameras):
             lost = sorted(set(state.cameras) - {name for _, name in kept})
             problem = f"camera '{lost[0]}': its observations of the target are not consistent with the other cameras"
@@ -44,16 +42,16 @@ def refine_without_outliers(
         counts.append({key: len(view.ids) for key, view in kept.items()})
         if widening == 1.0 and len(counts) > 1 and counts[-1] == counts[-2]:
             break
-    return refine(state, target, model, principal_point=principal_point, threads=threads)
+    return refine(state, model, principal_point=principal_point, threads=threads)
 
 
 def _sync_frames(views: Mapping[tuple[int, str], TargetObservation]) -> list[int]:
     return sorted({sync_frame for sync_frame, _ in views})
 
 
-def _fitting(state: TargetRig, target: CalibrationTarget, limit: float) -> dict[tuple[int, str], TargetObservation]:
+def _fitting(state: TargetRig, limit: float) -> dict[tuple[int, str], TargetObservation]:
     """The observations and corners within the limit; at least the best 40% of each camera's observations."""
-    errors = state.errors(target)
+    errors = state.errors()
     middles = {key: float(np.median(error)) for key, error in errors.items()}
     allowed = {}
     for name in state.cameras:
@@ -63,7 +61,7 @@ def _fitting(state: TargetRig, target: CalibrationTarget, limit: float) -> dict[
     for key, view in state.views.items():
         if middles[key] > allowed[key[1]]:
             continue
-        slim = view.keep(errors[key] <= 2 * allowed[key[1]])
-        if len(slim.ids) >= 4 and not slim.on_one_line(target):
-            kept[key] = slim
+        good = errors[key] <= 2 * allowed[key[1]]
+        if good.sum() >= 4 and not view.target.on_one_line(view.ids[good]):
+            kept[key] = TargetObservation(view.target, view.ids[good], view.pixels[good])
     return kept

@@ -7,13 +7,15 @@ OpenCV's pixel coordinates are smaller by 0.5.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
+from studio.cameras import Camera
 from studio.settings import Conflict, Settings
 
 LEAST_CORNERS = 6  # observations with fewer corners are ignored
@@ -101,6 +103,11 @@ class CalibrationTarget(Settings):
         """(3,): the center of the target in target coordinates, meters."""
         return np.array([self.columns, self.rows, 0.0]) * self.square / 2
 
+    def on_one_line(self, ids: Sequence[int] | np.ndarray) -> bool:
+        """Whether the corners with these indices are collinear, so that they do not determine a pose."""
+        flat = self.corners[ids, :2]
+        return bool(np.linalg.matrix_rank(flat - flat.mean(0), tol=0.1 * self.square) < 2)
+
     @property
     def _dictionary(self) -> Any:
         import cv2
@@ -132,7 +139,7 @@ class CalibrationTarget(Settings):
         if self.inverted:
             gray = 255 - gray
         view = self._charuco_view(gray) if self.kind == "charuco" else self._chessboard_view(gray)
-        if view is None or len(view.ids) < LEAST_CORNERS or view.on_one_line(self):
+        if view is None or len(view.ids) < LEAST_CORNERS or self.on_one_line(view.ids):
             return None
         return view
 
@@ -140,7 +147,8 @@ class CalibrationTarget(Settings):
         corners, ids, _, _ = self._detector.detectBoard(gray)
         if ids is None or len(ids) == 0:
             return None
-        return TargetObservation(np.ravel(ids).astype(np.int64), np.asarray(corners, np.float64).reshape(-1, 2) + 0.5)
+        pixels = np.asarray(corners, np.float64).reshape(-1, 2) + 0.5
+        return TargetObservation(self, np.ravel(ids).astype(np.int64), pixels)
 
     def _chessboard_view(self, gray: np.ndarray) -> TargetObservation | None:
         import cv2
@@ -174,7 +182,7 @@ class CalibrationTarget(Settings):
             grid = grid[:, ::-1]
         if not self.is_symmetric and _is_lighter(gray, grid):
             grid = grid[::-1, ::-1]
-        return TargetObservation(np.arange(across * down), grid.reshape(-1, 2) + 0.5)
+        return TargetObservation(self, np.arange(across * down), grid.reshape(-1, 2) + 0.5)
 
 
 def _is_lighter(gray: np.ndarray, grid: np.ndarray) -> bool:
@@ -192,17 +200,18 @@ def _is_lighter(gray: np.ndarray, grid: np.ndarray) -> bool:
 
 @dataclass(frozen=True)
 class TargetObservation:
-    """The corners of a target detected in one image: (M,) int64 indices into `CalibrationTarget.corners` and (M, 2)
-    pixels, origin at the image corner."""
+    """The corners of a target detected in one image: (M,) int64 indices into `target.corners` and (M, 2) pixels, origin
+    at the image corner."""
 
+    target: CalibrationTarget
     ids: np.ndarray
     pixels: np.ndarray
 
-    def on_one_line(self, target: CalibrationTarget) -> bool:
-        """Whether the corners are collinear on the target, so that they do not determine a pose."""
-        spread = target.corners[self.ids, :2]
-        return bool(np.linalg.matrix_rank(spread - spread.mean(0), tol=0.1 * target.square) < 2)
+    @property
+    def corners(self) -> np.ndarray:
+        """(M, 3): these corners in target coordinates, meters."""
+        return self.target.corners[self.ids]
 
-    def keep(self, chosen: np.ndarray) -> TargetObservation:
-        """The corners selected by a boolean array (M,)."""
-        return TargetObservation(self.ids[chosen], self.pixels[chosen])
+    def errors(self, camera: Camera, pose: np.ndarray) -> np.ndarray:
+        """(M,) reprojection errors in pixels if the target has a (4, 4) pose, target to camera."""
+        return np.linalg.norm(replace(camera, world_to_camera=pose).project(self.corners)[0] - self.pixels, axis=1)

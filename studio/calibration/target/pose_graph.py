@@ -6,9 +6,9 @@ from itertools import combinations
 
 import numpy as np
 
-from studio.calibration.target.bundle_adjustment import TargetRig
-from studio.calibration.target.intrinsics import reprojection, target_pose
-from studio.calibration.target.pattern import CalibrationTarget, TargetObservation
+from studio.calibration.target.bundle_adjustment import TargetRig, best_pose
+from studio.calibration.target.intrinsics import target_pose
+from studio.calibration.target.pattern import TargetObservation
 from studio.cameras import Camera
 from studio.errors import StudioError
 
@@ -16,9 +16,7 @@ _WORST = 5.0  # observations with a larger RMS error at their own best target po
 _MOST = 50.0  # pixels that the median error of an observation counts at most when poses are compared
 
 
-def chain_poses(
-    intrinsics: Mapping[str, Camera], target: CalibrationTarget, views: Mapping[tuple[int, str], TargetObservation]
-) -> TargetRig:
+def chain_poses(intrinsics: Mapping[str, Camera], views: Mapping[tuple[int, str], TargetObservation]) -> TargetRig:
     """Chain relative camera poses along the pairs with the most common sync frames (maximum spanning tree).
 
     Takes cameras' intrinsics by name and observations by (sync frame, camera). The result has cameras in the
@@ -26,7 +24,7 @@ def chain_poses(
     """
     poses: dict[tuple[int, str], np.ndarray] = {}
     for key, view in views.items():
-        pose, error = target_pose(intrinsics[key[1]], target, view)
+        pose, error = target_pose(intrinsics[key[1]], view)
         if error < _WORST:
             poses[key] = pose
     kept = {key: views[key] for key in poses}
@@ -39,7 +37,7 @@ def chain_poses(
             break
         _, pair = max(ways)
         known, new = pair if pair[0] in registered else pair[::-1]
-        relative = _relative(intrinsics[new], known, target, kept, poses, links[pair])
+        relative = _relative(intrinsics[new], known, kept, poses, links[pair])
         registered[new] = relative @ registered[known]
     lost = [name for name in intrinsics if name not in registered]
     if lost:
@@ -51,7 +49,7 @@ def chain_poses(
     cameras = {name: replace(intrinsics[name], world_to_camera=registered[name]) for name in intrinsics}
     state = TargetRig(cameras, {}, kept)
     frames = sorted({sync_frame for sync_frame, _ in kept})
-    return replace(state, target_poses={at: state.consensus(at, target, poses, _MOST) for at in frames})
+    return replace(state, target_poses={at: state.consensus(at, poses, _MOST) for at in frames})
 
 
 def shared_sync_frames(names: Iterable[str], seen: Iterable[tuple[int, str]]) -> dict[tuple[str, str], list[int]]:
@@ -67,7 +65,6 @@ def shared_sync_frames(names: Iterable[str], seen: Iterable[tuple[int, str]]) ->
 def _relative(
     camera: Camera,
     other: str,
-    target: CalibrationTarget,
     views: Mapping[tuple[int, str], TargetObservation],
     poses: Mapping[tuple[int, str], np.ndarray],
     shared: list[int],
@@ -75,8 +72,6 @@ def _relative(
     """(4, 4) from another camera to this one: the candidate, one per sync frame, that fits all sync frames best."""
     trial = shared if len(shared) <= 24 else [shared[i] for i in np.linspace(0, len(shared) - 1, 24).astype(int)]
     candidates = [poses[at, camera.name] @ np.linalg.inv(poses[at, other]) for at in trial]
-    costs = []
-    for candidate in candidates:
-        errors = (reprojection(camera, candidate @ poses[at, other], target, views[at, camera.name]) for at in trial)
-        costs.append(sum(min(_MOST, float(np.median(error))) for error in errors))
-    return candidates[int(np.argmin(costs))]
+    return best_pose(
+        candidates, lambda pose: (views[at, camera.name].errors(camera, pose @ poses[at, other]) for at in trial), _MOST
+    )

@@ -87,21 +87,17 @@ def calibrate_intrinsics(
     cameras, figures = {}, {}
     for name, seen in views.items():
         principal_point = bool(seen) and _estimates_principal_point(seen, sizes[name])
-        start = intrinsics_from_views(
-            name, sizes[name], target, seen, settings.camera_model, principal_point=principal_point
-        )
-        state = chain_poses({name: start}, target, {(number, name): view for number, view in enumerate(seen)})
+        start = intrinsics_from_views(name, sizes[name], seen, settings.camera_model, principal_point=principal_point)
+        state = chain_poses({name: start}, {(number, name): view for number, view in enumerate(seen)})
         if not state.views:
             problem = f"camera '{name}': no intrinsics fit its {len(seen)} images of the target"
             fix = "Check that calibrate.board describes the target, and film it again."
             raise StudioError(
                 "target.no_fit", problem, value=len(seen), fix=fix, camera=name, setting="calibrate.board"
             )
-        state = refine_without_outliers(
-            state, target, settings.camera_model, principal_point=principal_point, threads=threads
-        )
+        state = refine_without_outliers(state, settings.camera_model, principal_point=principal_point, threads=threads)
         cameras[name] = state.cameras[name]
-        errors = np.concatenate(list(state.errors(target).values()))
+        errors = np.concatenate(list(state.errors().values()))
         figures[name] = IntrinsicsReport(**error_statistics(errors).model_dump(), views=len(state.views))
     return cameras, figures
 
@@ -152,13 +148,13 @@ def calibrate_from_target(
             raise StudioError("target.not_seen", problem, fix=fix, camera=name, setting="calibrate.board")
         principal_points[name] = _estimates_principal_point(own, size)
         intrinsics[name] = intrinsics_from_views(
-            name, size, target, own, settings.camera_model, principal_point=principal_points[name]
+            name, size, own, settings.camera_model, principal_point=principal_points[name]
         )
     progress(len(sizes), 2 * len(sizes) + 3)
-    state = chain_poses(intrinsics, target, views)
+    state = chain_poses(intrinsics, views)
     progress(2 * len(sizes), 2 * len(sizes) + 3)
     state = refine_without_outliers(
-        state, target, settings.camera_model, principal_point=all(principal_points.values()), threads=threads
+        state, settings.camera_model, principal_point=all(principal_points.values()), threads=threads
     )
     progress(2 * len(sizes) + 2, 2 * len(sizes) + 3)
     figures = TargetReport(

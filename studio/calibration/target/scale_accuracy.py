@@ -23,10 +23,10 @@ def scale_check(state: TargetRig, target: CalibrationTarget) -> dict[str, float]
         if len(several) < 4:
             continue
         ids = sorted(several)
-        measured = np.array([_triangulate(several[corner]) for corner in ids])
-        true = target.corners[ids]
-        if np.linalg.matrix_rank(true - true.mean(0), tol=0.1 * target.square) < 2:
+        if target.on_one_line(ids):
             continue
+        true = target.corners[ids]
+        measured = np.array([_triangulate(several[corner]) for corner in ids])
         fit = align_points(true, measured)
         scales.append(fit.scale)
         rest = measured - (fit.points(true) - fit.points(true).mean(0)) / fit.scale - measured.mean(0)

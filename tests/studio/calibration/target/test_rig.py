@@ -68,7 +68,7 @@ def filmed(rig: Rig, target: CalibrationTarget, sync_frames: int, noise: float, 
             pixels = pixels + rng.normal(0, noise, pixels.shape)
             inside = ((pixels > 2) & (pixels < np.array(SIZE) - 2)).all(1)
             if inside.sum() >= 12:
-                views[sync_frame, camera.name] = TargetObservation(np.flatnonzero(inside), pixels[inside])
+                views[sync_frame, camera.name] = TargetObservation(target, np.flatnonzero(inside), pixels[inside])
     return views, target_poses
 
 
@@ -202,7 +202,7 @@ def test_observations_out_of_sync_are_rejected() -> None:
             later[:3, 3] += [0.012, 0, 0.006]
             ids = views[sync_frame, "cam1"].ids
             pixels, _ = camera.project(CHARUCO.corners[ids] @ later[:3, :3].T + later[:3, 3])
-            views[sync_frame, "cam1"] = TargetObservation(ids, pixels)
+            views[sync_frame, "cam1"] = TargetObservation(CHARUCO, ids, pixels)
     result = calibrate_from_target(CHARUCO, views, dict.fromkeys(rig.names, SIZE), settings=RADIAL, threads=1)
     assert result.report.target.views_left_out == pytest.approx(8, abs=1)
     assert compare_rigs(result.rig, rig).rotation_degrees < 0.4
