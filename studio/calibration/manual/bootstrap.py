@@ -36,24 +36,25 @@ class Observations:
 
 @dataclass
 class TieRig:
-    """Registered cameras, and the positions (P, 3) of all points, NaN if not triangulated."""
+    """Registered cameras, and the positions (P, 3) of all points, NaN if not triangulated; with the marks."""
 
     cameras: dict[str, Camera]
     points3d: np.ndarray
+    observations: Observations
 
     @property
     def triangulated(self) -> np.ndarray:
         """(P,) bool: points with a position."""
         return ~np.isnan(self.points3d[:, 0])
 
-    def errors(self, observations: Observations) -> dict[str, np.ndarray]:
+    def errors(self) -> dict[str, np.ndarray]:
         """Camera name to (P,) reprojection errors in pixels: NaN without a mark, infinite behind the camera."""
         found = {}
         for name, camera in self.cameras.items():
             pixels, depth = camera.project(np.nan_to_num(self.points3d))
-            error = np.linalg.norm(pixels - observations.pixels[name], axis=1)
+            error = np.linalg.norm(pixels - self.observations.pixels[name], axis=1)
             error[depth <= 0] = np.inf
-            error[~(observations.seen(name) & self.triangulated)] = np.nan
+            error[~(self.observations.seen(name) & self.triangulated)] = np.nan
             found[name] = error
         return found
 
@@ -66,7 +67,7 @@ def initial_rigs(intrinsics: Mapping[str, Camera], observations: Observations, s
     """
     measured = observations.measured
     if any((observations.seen(name) & measured).sum() >= LEAST_KNOWN for name in intrinsics):
-        yield _grown(intrinsics, observations, TieRig({}, observations.world.copy()), seed)
+        yield _grown(intrinsics, TieRig({}, observations.world.copy(), observations), seed)
     shared = {
         pair: np.flatnonzero(observations.seen(pair[0]) & observations.seen(pair[1]))
         for pair in combinations(intrinsics, 2)
@@ -79,14 +80,14 @@ def initial_rigs(intrinsics: Mapping[str, Camera], observations: Observations, s
                 first: replace(intrinsics[first], world_to_camera=np.eye(4)),
                 second: replace(intrinsics[second], world_to_camera=relative),
             }
-            begun = TieRig(cameras, np.full_like(observations.world, np.nan))
-            yield _grown(intrinsics, observations, begun, seed)
+            yield _grown(intrinsics, TieRig(cameras, np.full_like(observations.world, np.nan), observations), seed)
 
 
-def _grown(intrinsics: Mapping[str, Camera], observations: Observations, rig: TieRig, seed: int) -> TieRig:
+def _grown(intrinsics: Mapping[str, Camera], rig: TieRig, seed: int) -> TieRig:
     """Register cameras, those with the most points first, and triangulate points until no more can be added."""
+    observations = rig.observations
     while True:
-        triangulate(observations, rig)
+        _triangulate(rig)
         known = rig.triangulated
         counts = {name: int((observations.seen(name) & known).sum()) for name in intrinsics if name not in rig.cameras}
         found = False
@@ -103,8 +104,9 @@ def _grown(intrinsics: Mapping[str, Camera], observations: Observations, rig: Ti
             return rig
 
 
-def triangulate(observations: Observations, rig: TieRig) -> None:
+def _triangulate(rig: TieRig) -> None:
     """Triangulate the points that at least two registered cameras see (linear method); changes `rig`."""
+    observations = rig.observations
     rays = {name: camera.normalized(observations.pixels[name]) for name, camera in rig.cameras.items()}
     for number in np.flatnonzero(~rig.triangulated):
         rows = []

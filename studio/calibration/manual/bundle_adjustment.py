@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from studio.calibration.manual.bootstrap import Observations, TieRig
+from studio.calibration.manual.bootstrap import TieRig
 
 _FOCAL, _RADIAL = 0.5, 0.1
 """Standard deviations of the priors on k1 and on changes of log focal length; a few points do not determine either."""
@@ -19,18 +19,11 @@ MARK, WORLD = 1.0, 0.01
 about a pixel; positions are measured with a tape measure to about a centimeter."""
 
 
-def adjust(
-    rig: TieRig,
-    observations: Observations,
-    groups: Sequence[Sequence[str]],
-    *,
-    radial: bool = True,
-    steps: int = 200,
-) -> TieRig:
+def adjust(rig: TieRig, groups: Sequence[Sequence[str]], *, radial: bool, steps: int = 200) -> TieRig:
     """The rig after bundle adjustment. `groups`: cameras with shared unknown intrinsics; others keep theirs."""
     from scipy.optimize import least_squares
 
-    problem = Problem(rig, observations, groups, radial)
+    problem = Problem(rig, groups, radial)
     solution = least_squares(
         problem.residuals,
         problem.start(),
@@ -51,8 +44,8 @@ class Problem:
     relative to its initial value and, if estimated, the first radial distortion term.
     """
 
-    def __init__(self, rig: TieRig, observations: Observations, groups: Sequence[Sequence[str]], radial: bool) -> None:
-        self.initial = rig
+    def __init__(self, rig: TieRig, groups: Sequence[Sequence[str]], radial: bool) -> None:
+        self.initial, observations = rig, rig.observations
         self.names = list(rig.cameras)
         self.terms = 2 if radial else 1
         used = [[name for name in group if name in rig.cameras] for group in groups]
@@ -106,7 +99,7 @@ class Problem:
             cameras[name] = replace(self.initial.cameras[name], world_to_camera=pose, K=K, distortion=distortion)
         points3d = np.full_like(self.initial.points3d, np.nan)
         points3d[self.triangulated] = values[self.first_point :].reshape(-1, 3)
-        return TieRig(cameras, points3d)
+        return TieRig(cameras, points3d, self.initial.observations)
 
     def _project(self, values: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
         """Pixels (N, 2) of a camera's points, and OpenCV's derivatives (2N, 10 + distortion terms)."""

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from studio.calibration.alignment import align_points
-from studio.calibration.manual.bootstrap import Observations, TieRig
+from studio.calibration.manual.bootstrap import TieRig
 from studio.calibration.manual.bundle_adjustment import WORLD, Problem
 from studio.errors import StudioError
 
@@ -14,9 +14,10 @@ _FREE = 7
 _WEAKEST = 1e-12
 
 
-def check_plausible(rig: TieRig, observations: Observations) -> None:
+def check_plausible(rig: TieRig) -> None:
     """Check that the result of the bundle adjustment is not degenerate."""
-    errors = np.concatenate(list(rig.errors(observations).values()))
+    observations = rig.observations
+    errors = np.concatenate(list(rig.errors().values()))
     behind = float(np.isinf(errors[~np.isnan(errors)]).mean()) > 0.3
     which = observations.measured & rig.triangulated
     smaller = which.sum() > 1 and np.linalg.norm(np.ptp(rig.points3d[which], 0)) < 0.2 * np.linalg.norm(
@@ -30,12 +31,12 @@ def check_plausible(rig: TieRig, observations: Observations) -> None:
         raise StudioError("tie_points.behind", problem, fix="Check the marks.")
 
 
-def check_handedness(rig: TieRig, observations: Observations) -> None:
+def check_handedness(rig: TieRig) -> None:
     """Check that the measured positions are not a mirror image of what the marks say."""
-    which = observations.measured & rig.triangulated
+    which = rig.observations.measured & rig.triangulated
     if which.sum() < 4:
         return
-    points3d, world = rig.points3d[which], observations.world[which]
+    points3d, world = rig.points3d[which], rig.observations.world[which]
     proper, mirrored = (_misfit(points3d, world * signs) for signs in ([1, 1, 1], [1, 1, -1]))
     if proper > 3 * WORLD and mirrored < proper / 4:
         problem = "the measured positions are a mirror image of what the marks say"
@@ -49,17 +50,15 @@ def _misfit(points3d: np.ndarray, world: np.ndarray) -> float:
     return float(np.sqrt((off**2).sum(axis=1).mean()))
 
 
-def uncertainty(
-    rig: TieRig, observations: Observations, groups: Sequence[Sequence[str]], *, radial: bool = True
-) -> dict[str, float]:
+def uncertainty(rig: TieRig, groups: Sequence[Sequence[str]], *, radial: bool) -> dict[str, float]:
     """1-sigma uncertainty of each camera's center, as a fraction of the mean distance between cameras and points.
 
     Computed from the Jacobian at the solution. The uncertainty is relative to the other cameras: the position,
     orientation and scale of the world as a whole are excluded.
     """
-    problem = Problem(rig, observations, groups, radial)
-    unmeasured = replace(observations, world=np.full_like(observations.world, np.nan))
-    marks = Problem(rig, unmeasured, groups, radial)
+    problem = Problem(rig, groups, radial)
+    unmeasured = replace(rig.observations, world=np.full_like(rig.observations.world, np.nan))
+    marks = Problem(replace(rig, observations=unmeasured), groups, radial)
     values = problem.start()
     points3d = rig.points3d[problem.triangulated]
     size = float(np.mean([np.linalg.norm(points3d - c.center, axis=1).mean() for c in rig.cameras.values()]))

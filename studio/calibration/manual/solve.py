@@ -74,14 +74,14 @@ def calibrate_from_tie_points(
             intrinsics = {n: initial_camera(n, size, known, focal_lengths, guess) for n, size in sizes.items()}
             for start in initial_rigs(intrinsics, observations, seed):
                 if len(start.cameras) >= 2:
-                    yield adjust(start, observations, groups, radial=False, steps=_ROUGH)
+                    yield adjust(start, groups, radial=False, steps=_ROUGH)
 
-    best = _best(attempts(), observations, _GOOD * MARK)
+    best = _best(attempts(), len(sizes))
     if best is None or len(best.cameras) < len(sizes):
         raise _unregistered(observations, sizes, best)
-    best, left_out = _adjust_without_outliers(best, observations, groups, settings)
-    check_handedness(best, observations)
-    uncertain = uncertainty(best, observations, groups, radial=settings.has_distortion)
+    best, left_out = _adjust_without_outliers(best, groups, settings)
+    check_handedness(best)
+    uncertain = uncertainty(best, groups, radial=settings.has_distortion)
     vague = [name for name in sizes if uncertain[name] > _VAGUE]
     if vague:
         problem = (
@@ -93,7 +93,6 @@ def calibrate_from_tie_points(
     progress(len(guesses) + 1, len(guesses) + 1)
     return _result(
         best,
-        observations,
         distance,
         sizes,
         left_out=left_out,
@@ -102,14 +101,14 @@ def calibrate_from_tie_points(
     )
 
 
-def _best(attempts: Iterable[TieRig], observations: Observations, good: float) -> TieRig | None:
-    """The first attempt with all cameras and a misfit below `good`; else the one with most cameras and least misfit."""
+def _best(attempts: Iterable[TieRig], count: int) -> TieRig | None:
+    """The first attempt with all cameras and a good fit; else the one with most cameras and least misfit."""
     best, rank = None, (0, -np.inf)
     for found in attempts:
-        own = (len(found.cameras), -_misfit(found, observations))
+        own = (len(found.cameras), -_misfit(found))
         if own > rank:
             best, rank = found, own
-        if rank[0] == len(observations.pixels) and -rank[1] < good:
+        if rank[0] == count and -rank[1] < _GOOD * MARK:
             break
     return best
 
@@ -147,23 +146,24 @@ def _groups(free: Sequence[str], sizes: Mapping[str, tuple[int, int]], shared: b
     return [[name for name in free if sizes[name] == size] for size in dict.fromkeys(sizes[name] for name in free)]
 
 
-def _misfit(rig: TieRig, observations: Observations) -> float:
+def _misfit(rig: TieRig) -> float:
     """Mean reprojection error in pixels, each clipped at 1% of the longer image side."""
-    errors = rig.errors(observations)
+    errors = rig.errors()
     limits = {name: 0.01 * max(camera.width, camera.height) for name, camera in rig.cameras.items()}
     every = np.concatenate([np.minimum(error[~np.isnan(error)], limits[name]) for name, error in errors.items()])
     return float(every.mean()) if len(every) else np.inf
 
 
 def _adjust_without_outliers(
-    rig: TieRig, observations: Observations, groups: list[list[str]], settings: CalibrateSettings
+    rig: TieRig, groups: list[list[str]], settings: CalibrateSettings
 ) -> tuple[TieRig, list[RejectedMark]]:
     """Bundle adjustment with outlier rejection, one mark at a time, the worst first."""
+    observations = rig.observations
     left_out: list[RejectedMark] = []
     while True:
-        rig = adjust(rig, observations, groups, radial=settings.has_distortion)
-        errors = rig.errors(observations)
-        check_plausible(rig, observations)
+        rig = adjust(rig, groups, radial=settings.has_distortion)
+        errors = rig.errors()
+        check_plausible(rig)
         usual = float(np.nanmedian(np.concatenate(list(errors.values()))))
         worst, where = 0.0, None
         for name, error in errors.items():
@@ -222,12 +222,12 @@ def _unregistered(observations: Observations, sizes: Mapping[str, tuple[int, int
 
 def _result(
     rig: TieRig,
-    observations: Observations,
     distance: tuple[str, str, float] | None,
     sizes: Mapping[str, tuple[int, int]],
     **more: Any,
 ) -> CalibrationResult:
     """In world coordinates; `more`: further fields of the report."""
+    observations = rig.observations
     cameras = Rig(tuple(rig.cameras[name] for name in sizes))
     kept = np.flatnonzero(rig.triangulated)
     points3d, world = rig.points3d[kept], observations.world[kept]

@@ -124,8 +124,8 @@ def test_the_derivatives_are_the_differences() -> None:
     pixels = {c.name: np.array([p.pixels.get(c.name, (np.nan, np.nan)) for p in points]) for c in truth}
     world = np.array([p.world or (np.nan,) * 3 for p in points])
     points3d = np.random.default_rng(1).uniform([-0.5, -0.5, 0], [0.5, 0.5, 1], (9, 3))
-    rig = TieRig({camera.name: camera for camera in truth}, points3d)
-    problem = Problem(rig, Observations([], world, pixels), [["00", "02"], ["01"]], True)
+    rig = TieRig({camera.name: camera for camera in truth}, points3d, Observations([], world, pixels))
+    problem = Problem(rig, [["00", "02"], ["01"]], True)
     start = problem.start() + 1e-3
     exact = problem.jacobian(start)
     for column in range(len(start)):
@@ -192,8 +192,8 @@ def test_points_behind_the_cameras_are_no_solution() -> None:
     turned = {c.name: replace(c, world_to_camera=np.diag([-1.0, 1, -1, 1]) @ c.world_to_camera) for c in truth}
     points3d = np.random.default_rng(2).uniform([-1, -1, 0], [1, 1, 1.6], (8, 3))
     with refuses("tie_points.behind"):
-        check_plausible(TieRig(turned, points3d), observations)
-    check_plausible(TieRig({c.name: c for c in truth}, points3d), observations)
+        check_plausible(TieRig(turned, points3d, observations))
+    check_plausible(TieRig({c.name: c for c in truth}, points3d, observations))
 
 
 def test_what_is_odd_is_warned_of() -> None:
