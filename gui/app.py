@@ -49,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def check_display() -> str:
     """Name and kind of the Vulkan device. Raises StudioError: without it or a display, Open3D aborts."""
-    from gui.platform.vulkan import vulkan_devices
+    from gui.platform.vulkan import vulkan_device
 
     if sys.platform.startswith("linux"):
         if not os.environ.get("DISPLAY") and not os.environ.get("WAYLAND_DISPLAY"):
@@ -58,8 +58,7 @@ def check_display() -> str:
         if os.environ.get("DISPLAY"):
             # GLFW would choose Wayland if both are available, but Filament draws through X11.
             os.environ["XDG_SESSION_TYPE"] = "x11"
-    device = vulkan_devices()[0]
-    return f"{device.name} ({device.kind})"
+    return vulkan_device()
 
 
 def _run(path: str | None, size: tuple[int, int], log: Path | None, device: str) -> int:

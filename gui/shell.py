@@ -173,6 +173,9 @@ class Layout:
         self._panels.window.show_menu(not on)
         self._show_panels(not on and not self._panels.start.shown)
 
+    def toggle_fullscreen(self) -> None:
+        self.set_fullscreen(not self.fullscreen)
+
     def set_start(self, on: bool) -> None:
         """Show the start page alone, or the panels."""
         panels = self._panels

@@ -1,8 +1,11 @@
 """Keys, mouse and menus of the window: what comes from the user, and what it does."""
 
+from functools import partial
+
 from open3d.visualization import gui
 
 from gui.actions.commands import Actions
+from gui.actions.menus import Item
 from gui.models.loop import LOOP
 from gui.overlays import Overlays
 from gui.platform.menu_bar import MenuBar
@@ -103,11 +106,11 @@ class UserInput:
             window.layout.set_fullscreen(False)
         window.changed()
 
-    def item_chosen(self, key: str) -> None:
+    def item_chosen(self, item: Item[Actions]) -> None:
         """An item of a menu was chosen, which closes the menu. It acts before the next tick or key: the toolkit reports
         it while it draws, and a dialog that opens then would be below its shade, which the next frame has first."""
         self._menu_bar.closed()
-        LOOP.post(self._actions.menu()[key])
+        LOOP.post(partial(self._actions.act, item))
         self._window.changed()
 
     def _watch_mouse(self) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from open3d.visualization import gui, rendering
 
 from gui.actions import menus
-from gui.actions.commands import Actions
+from gui.actions.commands import ITEMS, MENUS, Actions
 from gui.actions.help import apply_fix, show_stage_help
 from gui.actions.opening import Opening
 from gui.drawing.icons import FONT
@@ -56,7 +56,7 @@ class MainWindow(Shell):
         application = gui.Application.instance
         if application.menubar is None:
             use_icons(application, FONT)
-        menus.build(application)
+        menus.build(application, MENUS)
         super().__init__(size, device, title_font(application))
         self._software = software
         self._log = StateLog(log)
@@ -72,14 +72,15 @@ class MainWindow(Shell):
         self.actions = Actions(self)
         self.places = Opening(self, self._opening_ended)
         self._build()
-        self._user = UserInput(self, self.actions, self.overlays, MenuBar(self.em, menus.boxes(self.em)))
+        self._user = UserInput(self, self.actions, self.overlays, MenuBar(self.em, menus.boxes(MENUS, self.em)))
         self._quality = QualityFigures(self)
         self.layout.left = self.preferences.panel_width
         self.window.set_on_layout(self.layout.place)
         self.window.set_on_tick_event(self._on_tick)
         self.window.set_on_key(self._user.on_key)
         self.window.set_on_close(self.close_requests.asked)
-        menus.connect(self.window, self._user.item_chosen)
+        for number, item in enumerate(ITEMS.values(), start=1):
+            self.window.set_on_menu_item_activated(number, partial(self._user.item_chosen, item))
         self._connect()
         self.apply_preferences()
         self.actions.start.update()
@@ -244,9 +245,9 @@ class MainWindow(Shell):
         if self._rests():
             self._log.tick()
             return False
-        copied = self.actions.clipboard.poll()
-        if copied is not None:
-            self.actions.start.copied(copied)
+        pasted = self.actions.clipboard.poll()
+        if pasted is not None:
+            self.actions.start.pasted(pasted)
         changed = self.actions.path.advance()
         changed |= self.views.fit_transport()
         pixels = self.views.poll(self.viewport.picture.size, self.viewport.render_size, self.em)

@@ -27,7 +27,7 @@ from PIL import Image
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from gui.actions.menus import ITEMS
+from gui.actions.commands import ITEMS
 from tests.gui.conftest import RunningWindow
 from tests.support.x_server import x_server
 

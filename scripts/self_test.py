@@ -62,9 +62,9 @@ def check_video() -> None:
 
 def check_vulkan() -> None:
     """Create a Vulkan instance and list its devices, as the window does before it opens."""
-    from gui.platform.vulkan import vulkan_devices
+    from gui.platform.vulkan import vulkan_device
 
-    vulkan_devices()
+    vulkan_device()
 
 
 def check_kernels() -> None:

@@ -13,7 +13,7 @@ from gui.actions.cameras import CameraActions
 from gui.actions.edits import EditActions
 from gui.actions.help import show_shortcuts, show_stage_help
 from gui.actions.marks import ask_mark, go_to_next, show_marks
-from gui.actions.menus import ITEMS
+from gui.actions.menus import Item
 from gui.actions.output import OutputActions
 from gui.actions.path import PathActions
 from gui.actions.points import follow_points, point_keys
@@ -26,7 +26,6 @@ from gui.models.preferences import BACKGROUND_NAMES, PICTURE_SIZES
 from gui.models.stage_rows import TITLES
 from gui.models.take.setting_words import FOLDERS
 from gui.models.take.settings import SettingField, place_of
-from gui.models.take.shares import FORMS
 from gui.platform.clipboard import Clipboard
 from gui.shell import Shell
 from gui.widgets.dialogs.folder import ask_path
@@ -50,84 +49,38 @@ class Actions:
     """See the module. Acts through the window."""
 
     def __init__(self, window: Shell) -> None:
-        self._window = window
+        self.window = window
         follow_points(window)
         follow_sharing(window)
-        self._outputs = OutputActions(window)
+        self.outputs = OutputActions(window)
         self.cameras = CameraActions(window)
         self.queue = QueueActions(window)
         self.bakes = BakeActions(window)
         dialogs = {"cameras": self.cameras.ask, "bakes": self.bakes.show}
         window.views.dialog_wanted.connect(later(lambda name: dialogs[name]()))
         self.edits = EditActions(window)
-        self.path = PathActions(window, lambda: self._outputs.export("camera-path"))
+        self.path = PathActions(window, lambda: self.outputs.export("camera-path"))
         self.clipboard = Clipboard()
-        self.search = SearchActions(window, self.menu)
-        others = {"new": self.new_take, "open": self._ask_open, "address": self._ask_address, "queue": self.queue.show}
+        self.search = SearchActions(window, MENUS, self.act)
         self.new_take_dialog = NewTakeDialog(window.dialogs, self._create, window.changed)
-        self.start = StartActions(window, self.queue.queue, self.clipboard, others, self.new_take_dialog.show)
+        by_key, new_take = lambda key: self.act(ITEMS[key]), self.new_take_dialog.show
+        self.start = StartActions(window, self.queue.queue, self.clipboard, by_key, new_take)
 
-    def menu(self) -> dict[str, Action]:
-        """Actions by key of `ITEMS`."""
-        window = self._window
-        actions: dict[str, Action] = {
-            "new": self.new_take,
-            "open": self._ask_open,
-            "address": self._ask_address,
-            "undo": partial(self._step, window.workspace.history.undo),
-            "redo": partial(self._step, window.workspace.history.redo),
-            "edit": self.edits.show,
-            "screenshot": self._outputs.screenshot,
-            "report": self._outputs.report,
-            "preferences": self._ask_preferences,
-            "quit": window.close_requests.ask,
-            "reset": window.views.reset,
-            "scene": lambda: self._review("scene"),
-            "camera": window.player.next_camera,
-            "worst": self.cameras.show_worst,
-            "fullscreen": lambda: window.layout.set_fullscreen(not window.layout.fullscreen),
-            "figures": window.layout.toggle_figures,
-            "queue": self.queue.show,
-            "start": self.start.toggle,
-            "span": self._step_span,
-            "mark": partial(ask_mark, window),
-            "next_mark": partial(go_to_next, window, 1),
-            "previous_mark": partial(go_to_next, window, -1),
-            "marks": partial(show_marks, window),
-            "export": self._outputs.export,
-            "path": self.path.toggle,
-            "add_key": self.path.add,
-            "read_keys": self.path.ask_file,
-            "clear_keys": self.path.clear,
-            "stop_export": window.exports.stop,
-            **{f"share {form}": partial(ask_share, window, form) for form in FORMS},
-            "serve": partial(serve, window),
-            "stop_serving": window.serving.stop,
-            "stage_help": partial(show_stage_help, window),
-            "shortcuts": partial(show_shortcuts, window),
-            "about": self._about,
-            "log": window.layout.toggle_log,
-            "log_warnings": window.inspector.toggle_warnings,
-            "search": self.search.show,
-        }
-        return {key: partial(self._uncovered, act) if ITEMS[key].needs else act for key, act in actions.items()}
-
-    def _uncovered(self, action: Action) -> None:
-        """Act on the open take or stream, without the start page over it."""
-        if self._window.start.shown and not self.start.hide():
-            self._window.notices.show("Open a take or a stream first.")
+    def act(self, item: "Item[Actions]") -> None:
+        """Do what an item of the menus stands for: what needs an open take, without the start page over it."""
+        if item.needs and self.window.start.shown and not self.start.hide():
+            self.window.notices.show("Open a take or a stream first.")
         else:
-            action()
+            item.act(self)
 
     def for_key(self, event: gui.KeyEvent, again: bool = False) -> Action | None:
         """The action of a key; None if it has none, or if it is one of `SWITCHES` and is held (`again`)."""
-        window, key = self._window, gui.KeyName
+        window, key = self.window, gui.KeyName
         if again and event.key in SWITCHES:
             return None
         player, transport = window.player, window.player.transport
-        menu = self.menu()
         of_menu = {
-            getattr(key, name): menu[item.key]
+            getattr(key, name): partial(self.act, item)
             for item in ITEMS.values()
             if item.shortcut and "+" not in item.shortcut
             for name in KEYS_OF.get(item.shortcut, (item.shortcut,))
@@ -140,13 +93,13 @@ class Actions:
             key.END: lambda: transport.seek(transport.last),
             key.LEFT_BRACKET: lambda: transport.jump_group(-1),
             key.RIGHT_BRACKET: lambda: transport.jump_group(1),
-            key.ONE: lambda: self._review("footage"),
-            key.TWO: lambda: self._review("trained"),
-            key.THREE: lambda: self._review("decoded"),
-            key.FOUR: lambda: self._review("other"),
-            key.S: lambda: self._review("side by side"),
-            key.W: lambda: self._review("wipe"),
-            key.D: lambda: self._review("difference"),
+            key.ONE: lambda: self.review("footage"),
+            key.TWO: lambda: self.review("trained"),
+            key.THREE: lambda: self.review("decoded"),
+            key.FOUR: lambda: self.review("other"),
+            key.S: lambda: self.review("side by side"),
+            key.W: lambda: self.review("wipe"),
+            key.D: lambda: self.review("difference"),
             key.B: self._exchange,
             key.Z: player.zoom_to_performer,
             key.L: lambda: transport.set_loop(not transport.loop),
@@ -159,40 +112,40 @@ class Actions:
 
     def for_chord(self, event: gui.KeyEvent, shift: bool) -> Action | None:
         """The action of a key pressed with Ctrl; None if it has none."""
-        key, history = gui.KeyName, self._window.workspace.history
+        key, history = gui.KeyName, self.window.workspace.history
         if opens_list(event, shift):
             return self.search.show
         if event.key == key.Y or (event.key == key.Z and shift):
-            return partial(self._step, history.redo)
-        return partial(self._step, history.undo) if event.key == key.Z else None
+            return partial(self.step, history.redo)
+        return partial(self.step, history.undo) if event.key == key.Z else None
 
-    def _step(self, step: Callable[[], str]) -> None:
-        self._window.notices.show(step())
-        self._window.views.editor.pending = None  # what was selected belongs to other edits
+    def step(self, step: Callable[[], str]) -> None:
+        self.window.notices.show(step())
+        self.window.views.editor.pending = None  # what was selected belongs to other edits
 
-    def _review(self, choice: str) -> None:
-        views = self._window.views
+    def review(self, choice: str) -> None:
+        views = self.window.views
         came = views.stage != "review"
-        self._window.select("review")
+        self.window.select("review")
         if not (came and choice == views.player.mode):  # from elsewhere a key shows a comparison, never turns it off
             views.choose(choice)
 
     def _exchange(self) -> None:
-        self._window.select("review")
-        self._window.views.leave()
-        self._window.player.exchange()
+        self.window.select("review")
+        self.window.views.leave()
+        self.window.player.exchange()
 
     def pick(self, field: SettingField) -> None:
         """Choose the file or the folder of a setting in a dialog."""
-        window = self._window
+        window = self.window
         config = window.workspace.config
         if config is None:
             return
         title, kind = field.label[:1].upper() + field.label[1:], "folder" if field.name in FOLDERS else "file"
         ask_path(window.dialogs, title, place_of(field, config), kind, partial(window.stages.set_text, field))
 
-    def _step_span(self) -> None:
-        window = self._window
+    def step_span(self) -> None:
+        window = self.window
         if window.player.opened is not None:
             window.notices.show(window.player.transport.step_span())
 
@@ -200,7 +153,7 @@ class Actions:
 
     def run(self, stage: str, again: bool) -> None:
         """Run a stage, or check the footage."""
-        window = self._window
+        window = self.window
         if stage == "capture":
             window.views.capture.check()
             return
@@ -221,7 +174,7 @@ class Actions:
 
     def ask_about_job(self) -> None:
         """Ask what to do with the running job before closing."""
-        window = self._window
+        window = self.window
 
         def leave() -> None:
             window.wants_close = True
@@ -244,7 +197,7 @@ class Actions:
         self.new_take_dialog.show(NewTake())
 
     def _create(self, new: NewTake) -> None:
-        window = self._window
+        window = self.window
         try:
             root = new.create()
         except StudioError as error:
@@ -253,8 +206,8 @@ class Actions:
         window.dialogs.close()
         window.open(str(root))
 
-    def _ask_open(self) -> None:
-        window = self._window
+    def ask_open(self) -> None:
+        window = self.window
         opened = window.player.opened
         known = [Path(name) for name in window.preferences.recent if "://" not in name]
         if opened is not None and isinstance(opened.path, Path):
@@ -262,8 +215,8 @@ class Actions:
         start = window.dialogs.usual_folder(*(path.parent for path in known))
         ask_path(window.dialogs, "Open take, stream or cast", start, "take", window.open, endings=(".v3s", ".json"))
 
-    def _ask_address(self) -> None:
-        window = self._window
+    def ask_address(self) -> None:
+        window = self.window
         window.dialogs.line(
             "address",
             "Open stream from URL",
@@ -272,8 +225,8 @@ class Actions:
             [("open", "Open", lambda text: window.open(text.strip())), ("close", "Cancel", lambda _: None)],
         )
 
-    def _ask_preferences(self) -> None:
-        window, dialogs = self._window, self._window.dialogs
+    def ask_preferences(self) -> None:
+        window, dialogs = self.window, self.window.dialogs
         chosen = replace(window.preferences, recent=list(window.preferences.recent))
         form = Form(dialogs, chosen)
         form.choice("picture_size", "Render resolution", list(PICTURE_SIZES))
@@ -288,10 +241,80 @@ class Actions:
 
         form.show("preferences", "Preferences", [form.grid], ("save", "Save", dialogs.closing(save)), 60)
 
-    def _about(self) -> None:
+    def about(self) -> None:
         text = (
             f"V3 Studio {program_version()}\n\nFrom synchronized multi-camera footage of a performer to a "
             "streamable Gaussian video.\nGNU General Public License, version 3 or later.\n\n"
-            f"Graphics device: {self._window.device}"
+            f"Graphics device: {self.window.device}"
         )
-        self._window.dialogs.message("About", text)
+        self.window.dialogs.message("About", text)
+
+
+MENUS: dict[str, tuple[Item[Actions] | None, ...]] = {  # by title; None is a line between items
+    "File": (
+        Item("new", "New take from footage...", Actions.new_take, needs=""),
+        Item("open", "Open take, stream or cast...", Actions.ask_open, needs=""),
+        Item("address", "Open stream from URL...", Actions.ask_address, needs=""),
+        None,
+        Item("screenshot", "Save screenshot...", lambda do: do.outputs.screenshot()),
+        Item("report", "Write HTML report", lambda do: do.outputs.report(), needs="take"),
+        None,
+        Item("preferences", "Preferences...", Actions.ask_preferences, needs=""),
+        Item("quit", "Quit", lambda do: do.window.close_requests.ask(), needs=""),
+    ),
+    "Edit": (
+        Item("undo", "Undo", lambda do: do.step(do.window.workspace.history.undo), "Ctrl+Z"),
+        Item("redo", "Redo", lambda do: do.step(do.window.workspace.history.redo), "Ctrl+Shift+Z"),
+        None,
+        Item("edit", "Trim, crop, clean", lambda do: do.edits.show(), "X", needs="take"),
+    ),
+    "View": (
+        Item("reset", "Reset view", lambda do: do.window.views.reset(), "R"),
+        Item("camera", "Next capture camera", lambda do: do.window.player.next_camera(), "C"),
+        Item("span", "Select span: from here, to here, none", Actions.step_span, "T"),
+        None,
+        Item("scene", "Scene: splats, cameras, points", lambda do: do.review("scene"), "O", needs="splats"),
+        None,
+        Item("worst", "Worst frames by camera...", lambda do: do.cameras.show_worst(), needs="take"),
+        Item("queue", "Queue of takes", lambda do: do.queue.show(), "Q", needs=""),
+        None,
+        Item("start", "Start page", lambda do: do.start.toggle(), "H", needs=""),
+        Item("figures", "Inspector and log", lambda do: do.window.layout.toggle_figures(), "I"),
+        Item("log", "Job log, large", lambda do: do.window.layout.toggle_log(), "J"),
+        Item("log_warnings", "Job log: warnings only, all lines", lambda do: do.window.inspector.toggle_warnings()),
+        Item("fullscreen", "Fullscreen", lambda do: do.window.layout.toggle_fullscreen(), "F", needs=""),
+    ),
+    "Mark": (
+        Item("mark", "Mark frame...", lambda do: ask_mark(do.window), "M"),
+        Item("next_mark", "Next mark", lambda do: go_to_next(do.window, 1), ">"),
+        Item("previous_mark", "Previous mark", lambda do: go_to_next(do.window, -1), "<"),
+        Item("marks", "All marks...", lambda do: show_marks(do.window)),
+    ),
+    "Export": (
+        Item("export", "Export...", lambda do: do.outputs.export(), needs="splats"),
+        None,
+        Item("path", "Camera path editor", lambda do: do.path.toggle(), "P"),
+        Item("add_key", "Add view to camera path", lambda do: do.path.add(), "K", needs="splats"),
+        Item("read_keys", "Camera path from file...", lambda do: do.path.ask_file(), needs="splats"),
+        Item("clear_keys", "Clear camera path", lambda do: do.path.clear()),
+        None,
+        Item("stop_export", "Stop export", lambda do: do.window.exports.stop(), needs=""),
+    ),
+    "Share": (
+        Item("share folder", "Folder for a web server...", lambda do: ask_share(do.window, "folder")),
+        Item("share single-file", "Single HTML file...", lambda do: ask_share(do.window, "single-file")),
+        None,
+        Item("serve", "Serve with QR code...", lambda do: serve(do.window)),
+        Item("stop_serving", "Stop serving", lambda do: do.window.serving.stop(), needs=""),
+    ),
+    "Help": (
+        Item("stage_help", "What to look for", lambda do: show_stage_help(do.window), "F1"),
+        None,
+        Item("search", "Find a command...", lambda do: do.search.show(), "Ctrl+K", needs=""),
+        Item("shortcuts", "Shortcuts", lambda do: show_shortcuts(do.window, MENUS), "?", needs=""),
+        None,
+        Item("about", "About", Actions.about, needs=""),
+    ),
+}
+
+ITEMS = {item.key: item for items in MENUS.values() for item in items if item is not None}

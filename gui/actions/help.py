@@ -4,7 +4,7 @@ from functools import partial
 
 from open3d.visualization import gui
 
-from gui.actions.menus import MENUS
+from gui.actions.menus import Menus
 from gui.drawing.key_list import key_list
 from gui.models.stage_rows import TITLES
 from gui.models.take.page_words import setting_words
@@ -68,11 +68,11 @@ def show_stage_help(window: Shell) -> None:
     dialogs.show("help", f"{TITLES[stage]}: what to look for", [image, row], answers, 40, dialogs.close)
 
 
-def show_shortcuts(window: Shell) -> None:
+def show_shortcuts(window: Shell, menus: Menus) -> None:
     dialogs = window.dialogs
     width = min(round(SHORTCUTS_WIDTH * dialogs.em), dialogs.room)
     sections = {title: dict(keys) for title, keys in KEYS.items()}
-    for title, items in MENUS.items():
+    for title, items in menus.items():
         keys = {item.shortcut: item.words for item in items if item is not None and item.shortcut}
         sections[title] = sections.get(title, {}) | keys
     shown = {title: keys for title, keys in sections.items() if keys}

@@ -1,10 +1,11 @@
 """The list of all commands: `Ctrl+K`. Shows why some are not possible now."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from typing import Any
 
 from open3d.visualization import gui
 
-from gui.actions.menus import ITEMS, MENUS, Item
+from gui.actions.menus import Item, Menus
 from gui.models.loop import LOOP
 from gui.shell import Shell
 from gui.widgets.command_list import Command
@@ -17,11 +18,12 @@ def opens_list(event: gui.KeyEvent, shift: bool) -> bool:
 
 
 class SearchActions:
-    """See the module. `actions`: of the menus, by key."""
+    """See the module. `act`: does what an item stands for."""
 
-    def __init__(self, window: Shell, actions: Callable[[], Mapping[str, Callable[[], object]]]) -> None:
+    def __init__(self, window: Shell, menus: Menus, act: Callable[[Item[Any]], object]) -> None:
         self._window = window
-        self.dialog = CommandDialog(window.dialogs, lambda key: actions()[key]())
+        self._items = {item.key: (title, item) for title, items in menus.items() for item in items if item is not None}
+        self.dialog = CommandDialog(window.dialogs, lambda key: act(self._items[key][1]))
         self._possible: dict[int, bool] = {}
 
     def show(self) -> None:
@@ -38,9 +40,8 @@ class SearchActions:
                 self.dialog.show(
                     [
                         Command(item.key, title, item.words, item.shortcut, self.why_not(item))
-                        for title, items in MENUS.items()
-                        for item in items
-                        if item is not None and item.key != "search"
+                        for title, item in self._items.values()
+                        if item.key != "search"
                     ]
                 )
             finally:  # input must not stay kept back if that fails
@@ -50,13 +51,15 @@ class SearchActions:
     def update(self) -> bool:
         """Keep the list and the gray items of the menus up to date, before a draw; returns whether any changed."""
         bar, before = gui.Application.instance.menubar, self._possible
-        self._possible = {number: not self.why_not(item) for number, item in enumerate(ITEMS.values(), start=1)}
+        self._possible = {
+            number: not self.why_not(item) for number, (_, item) in enumerate(self._items.values(), start=1)
+        }
         changed = [number for number, on in self._possible.items() if before.get(number, True) != on]
         for number in changed:
             bar.set_enabled(number, self._possible[number])
         return self.dialog.tick() or bool(changed)
 
-    def why_not(self, item: Item) -> str:
+    def why_not(self, item: Item[Any]) -> str:
         """Why an item of the menus is not possible now; "" if it is."""
         window = self._window
         opened, history = window.player.opened, window.workspace.history

@@ -1,6 +1,6 @@
 """The start page: what its parts do, and when it is on screen."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -17,20 +17,20 @@ LOOK_EVERY = 0.25  # seconds between two looks at the files of the page
 
 
 class StartActions:
-    """See the module. `others`: what "new", "open", "address" and "queue" do. `new_take`: asks for more."""
+    """See the module. `act`: does what an item of the menus stands for, by its key. `new_take`: asks for more."""
 
     def __init__(
         self,
         window: Shell,
         queue: TakeQueue,
         clipboard: Clipboard,
-        others: Mapping[str, Callable[[], object]],
+        act: Callable[[str], object],
         new_take: Callable[[NewTake], object],
     ) -> None:
-        self._window, self._clipboard, self._others, self._new_take = window, clipboard, others, new_take
+        self._window, self._clipboard, self._act, self._new_take = window, clipboard, act, new_take
         self.page = StartPage(queue, sample_settings() is not None)
         self.page.changed.connect(window.changed)
-        self._asked = self._pasting = False
+        self._asked = False
         self._timer = LOOP.every(LOOK_EVERY, self._look)
 
     def update(self) -> None:
@@ -77,9 +77,8 @@ class StartActions:
             "start": self.page.queue.start,
             "stop": self.page.queue.stop,
             "sample": self.open_sample,
-            **self._others,
         }
-        actions[kind]()
+        actions.get(kind, lambda: self._act(kind))()
         self._timer.soon()
 
     def _remove_card(self, number: int) -> None:
@@ -114,9 +113,7 @@ class StartActions:
 
     def paste(self) -> None:
         """Open the path on the clipboard, once it is known."""
-        if self._clipboard.ask():
-            self._pasting = True
-        else:
+        if not self._clipboard.ask():
             self._window.notices.show("There is no clipboard to paste from.", bad=True, topic="open")
 
     def pasted(self, text: str) -> None:
@@ -141,12 +138,6 @@ class StartActions:
                     self._window.open(str(path))
         if problem:
             self._window.notices.show(problem, bad=True, topic="open")
-
-    def copied(self, text: str) -> None:
-        """Open what came from the clipboard, if it was asked for."""
-        if self._pasting:
-            self._pasting = False
-            self.pasted(text)
 
     def close(self) -> None:
         LOOP.stop(self._timer)

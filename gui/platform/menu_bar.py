@@ -8,7 +8,7 @@ a menu closes it if it chooses an item, which the toolkit tells, and else leaves
 from collections.abc import Sequence
 
 _TITLE_ENDS = (2.56, 5.12, 7.94, 11.06, 14.37, 17.56, 20.63)
-"""Right ends of the titles of `gui.actions.menus.MENUS` in font sizes, measured: the toolkit draws them unasked."""
+"""Right ends of the titles of `gui.actions.commands.MENUS` in font sizes, measured: the toolkit draws them unasked."""
 
 
 class MenuBar:

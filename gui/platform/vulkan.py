@@ -1,4 +1,4 @@
-"""Lists Vulkan devices through ctypes, before Open3D's GUI is used.
+"""Finds the Vulkan device through ctypes, before Open3D's GUI is used.
 
 Open3D draws with Filament on Vulkan. Without a driver it ends the process with a native abort that Python cannot
 catch. This module therefore loads the Vulkan loader, creates an instance and lists its devices (Vulkan 1.0
@@ -7,11 +7,10 @@ specification, sections 3.2, 4.1 and 5.1).
 
 import ctypes
 import ctypes.util
-from dataclasses import dataclass
 
 from studio.errors import StudioError
 
-_KINDS = {0: "other", 1: "integrated GPU", 2: "discrete GPU", 3: "virtual GPU", 4: "software"}
+_KINDS = {2: "discrete GPU", 1: "integrated GPU", 3: "virtual GPU", 0: "other", 4: "software"}  # the best one first
 _SUCCESS, _INCOMPLETE = 0, 5
 _INSTANCE_CREATE_INFO = 1
 _PROPERTIES_BYTES = 4096  # VkPhysicalDeviceProperties takes 824 on 64-bit; the rest is a margin
@@ -42,18 +41,10 @@ class _DeviceHeader(ctypes.Structure):
     )
 
 
-@dataclass(frozen=True)
-class VulkanDevice:
-    """A device listed by the loader."""
-
-    name: str
-    kind: str  # one of: discrete GPU, integrated GPU, virtual GPU, software, other
-
-
-def vulkan_devices(library: str | None = None) -> list[VulkanDevice]:
-    """All Vulkan devices of this machine, real GPUs first. `library`: name of the loader's shared library; None
-    searches for it. Raises StudioError: `gui.no_vulkan_loader`, `gui.no_vulkan_driver` or `gui.no_vulkan_device`; `fix`
-    names the packages."""
+def vulkan_device(library: str | None = None) -> str:
+    """Name of this machine's best Vulkan device, and its kind, of `_KINDS`, in parentheses. `library`: name of the
+    loader's shared library; None searches for it. Raises StudioError: `gui.no_vulkan_loader`, `gui.no_vulkan_driver` or
+    `gui.no_vulkan_device`; `fix` names the packages."""
     name = library or ctypes.util.find_library("vulkan") or "libvulkan.so.1"
     try:
         vulkan = ctypes.CDLL(name)
@@ -69,16 +60,17 @@ def vulkan_devices(library: str | None = None) -> list[VulkanDevice]:
         problem = f"the window needs Vulkan, and no driver was found (vkCreateInstance returned {status})"
         raise StudioError("gui.no_vulkan_driver", problem, value=status, fix=fix)
     try:
-        devices = _list_devices(vulkan, instance)
+        devices = _devices(vulkan, instance)
     finally:
         vulkan.vkDestroyInstance(instance, None)
     if not devices:
         raise StudioError("gui.no_vulkan_device", "the window needs Vulkan, and no device was found", fix=fix)
-    order = ["discrete GPU", "integrated GPU", "virtual GPU", "other", "software"]
-    return sorted(devices, key=lambda device: order.index(device.kind))
+    kind, name = min(devices, key=lambda device: list(_KINDS).index(device[0]))
+    return f"{name} ({_KINDS[kind]})"
 
 
-def _list_devices(vulkan: ctypes.CDLL, instance: ctypes.c_void_p) -> list[VulkanDevice]:
+def _devices(vulkan: ctypes.CDLL, instance: ctypes.c_void_p) -> list[tuple[int, str]]:
+    """Kinds and names."""
     count = ctypes.c_uint32(0)
     status = vulkan.vkEnumeratePhysicalDevices(instance, ctypes.byref(count), None)
     if status not in (_SUCCESS, _INCOMPLETE) or count.value == 0:
@@ -90,5 +82,6 @@ def _list_devices(vulkan: ctypes.CDLL, instance: ctypes.c_void_p) -> list[Vulkan
         buffer = ctypes.create_string_buffer(_PROPERTIES_BYTES)
         vulkan.vkGetPhysicalDeviceProperties(ctypes.c_void_p(handle), buffer)
         header = _DeviceHeader.from_buffer(buffer)
-        devices.append(VulkanDevice(header.deviceName.decode(errors="replace"), _KINDS.get(header.deviceType, "other")))
+        kind = header.deviceType if header.deviceType in _KINDS else 0
+        devices.append((kind, header.deviceName.decode(errors="replace")))
     return devices

@@ -16,7 +16,7 @@ import pytest
 import torch
 from PIL import Image, ImageGrab
 
-from gui.actions.menus import MENUS
+from gui.actions.commands import MENUS
 from gui.models.playback.player import PlayerPresenter
 from gui.models.playback.sources import load
 from gui.models.stage_rows import TITLES

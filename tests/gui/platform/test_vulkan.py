@@ -1,20 +1,18 @@
 import pytest
 
 from gui.app import check_display
-from gui.platform.vulkan import vulkan_devices
+from gui.platform.vulkan import vulkan_device
 from tests.support.errors import refuses
 
 
 def test_missing_loader_names_the_packages() -> None:
     with refuses("gui.no_vulkan_loader", value="libthere-is-no-such-loader.so.1") as caught:
-        vulkan_devices("libthere-is-no-such-loader.so.1")
+        vulkan_device("libthere-is-no-such-loader.so.1")
     assert "apt-get install libvulkan1 mesa-vulkan-drivers" in str(caught.value)
 
 
-def test_devices_are_listed_where_a_driver_is_installed() -> None:
-    devices = vulkan_devices()
-    assert devices
-    assert all(device.name for device in devices)
+def test_a_device_is_found_where_a_driver_is_installed() -> None:
+    assert vulkan_device().endswith(("GPU)", "(other)", "(software)"))
 
 
 def test_no_display_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
