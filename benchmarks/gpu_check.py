@@ -44,12 +44,12 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # see studio.process
 
 import torch
 from rich.console import Console
-from rich.table import Table
 from torch import Tensor
 
 from pipelines.config import Config, load_config
 from pipelines.events import Event, Metrics, StageStarted
 from pipelines.events.cancellation import Cancellation
+from pipelines.reports.tables import table_of
 from pipelines.runs.runner import run
 from pipelines.stages.inputs import Inputs
 from pipelines.takes.atomic_files import read_model
@@ -57,11 +57,10 @@ from pipelines.takes.frame_files import read_frame
 from pipelines.takes.stage_files import TrainedGroup
 from pipelines.takes.take import Take
 from studio.capture import Footage
+from studio.comparison import evaluate
 from studio.errors import Cancelled
 from studio.gaussians import Gaussians
-from studio.metrics import psnr
-from studio.rasterizer import rasterize
-from studio.training import TrainingView, interframe_steps
+from studio.training import interframe_steps
 from studio.training.coded_loss import CodedLoss
 from studio.training.hashgrid import Corners, HashGrid
 from studio.training.joint import joint_steps
@@ -201,8 +200,8 @@ class Check:
             before, after = [], []
             for frame, part in finished.items():
                 path = take.separate_frame(0, frame) if joint["seconds"] else take.trained_frame(0, frame)
-                before.append(quality(footage, frame, read_frame(path).to(self.device)))
-                after.append(quality(footage, frame, read_frame(take.trained_frame(0, frame)).to(self.device)))
+                before.append(quality(footage, frame, read_frame(path), self.device))
+                after.append(quality(footage, frame, read_frame(take.trained_frame(0, frame)), self.device))
                 steps = interframe_steps(config.train, abs(frame - group.keyframe) == 1)
                 if frame == group.keyframe:  # which is pruned in one round
                     steps = config.train.keyframe_iterations + config.train.prune_finetune_iterations
@@ -340,22 +339,16 @@ def settings(dry: bool) -> Config:
     return Config.model_validate({"capture": capture, "initialize": small, "train": TINY, "run": {"device": "cpu"}})
 
 
-def quality(footage: Footage, frame: int, splats: Gaussians) -> float:
+def quality(footage: Footage, frame: int, splats: Gaussians, device: str) -> float:
     """Mean PSNR of splats in the held-out cameras, dB."""
-    found = []
-    for name in footage.held_out_cameras:
-        view = TrainingView.from_view(footage.view(name, frame), splats.device, 0.0, use_plate=False)
-        black = torch.zeros(3, device=splats.device)
-        with torch.no_grad():
-            found.append(float(psnr(rasterize(splats, view.camera, black).image, view.over(black)[0])))
-    return statistics.mean(found)
+    found = evaluate(splats, footage, frame, cameras=footage.held_out_cameras, device=device)
+    return statistics.mean(one["psnr"] for one in found.values())
 
 
 def show(report: Report) -> None:
     """Print the report as a table."""
-    table = Table(title=f"{report['machine']['gpu'] or 'CPU'}{', dry run' if report['dry_run'] else ''}")
-    for name in ("part", "seconds", "steps", "per second", "GPU busy", "peak MiB", "PSNR", ""):
-        table.add_column(name, justify="left" if name in ("part", "") else "right")
+    table = table_of("part", "seconds", "steps", "per second", "GPU busy", "peak MiB", "PSNR", "", left=(0, 7))
+    table.title = f"{report['machine']['gpu'] or 'CPU'}{', dry run' if report['dry_run'] else ''}"
     for name, part in report["parts"].items():
         steps = part.get("steps")
         cells = [part.get(key) for key in ("gpu_busy_percent", "gpu_peak_mib", "psnr")]

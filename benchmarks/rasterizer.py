@@ -22,8 +22,8 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # see studio.process; read 
 import numpy as np
 import torch
 from rich.console import Console
-from rich.table import Table
 
+from pipelines.reports.tables import table_of
 from studio.cameras import Camera
 from studio.gaussians import Gaussians
 from studio.rasterizer import available_backends, rasterize
@@ -97,9 +97,8 @@ def both_function(splats: Gaussians, camera: Camera, backend: str = "auto") -> C
 
 
 def speed_table(repeat: int) -> None:
-    table = Table(title="CPU kernels, person-like surface, milliseconds (median)")
-    for name in ("image", "splats", "threads", "forward", "fwd + bwd", "CPU, 1 thread", "2 threads"):
-        table.add_column(name, justify="right")
+    table = table_of("image", "splats", "threads", "forward", "fwd + bwd", "CPU, 1 thread", "2 threads")
+    table.title = "CPU kernels, person-like surface, milliseconds (median)"
     for width, height in ((480, 270), (960, 540)):
         for count in (5_000, 30_000, 100_000):
             scene = person(count, width, height)
@@ -117,9 +116,8 @@ def speed_table(repeat: int) -> None:
 def reference_table(repeat: int) -> None:
     torch.set_num_threads(1)
     scene = person(5_000, 480, 270)
-    table = Table(title="Compared with the torch reference: 5k splats, 480x270, one thread, CPU ms (median, same run)")
-    for name in ("pass", "reference", "cpu kernels", "ratio"):
-        table.add_column(name, justify="right")
+    table = table_of("pass", "reference", "cpu kernels", "ratio")
+    table.title = "Compared with the torch reference: 5k splats, 480x270, one thread, CPU ms (median, same run)"
     for name, make in (("forward", forward_function), ("forward and backward", both_function)):
         _, slow = time_it(make(*scene, "reference"), max(1, repeat // 10))
         _, fast = time_it(make(*scene, "cpu"), repeat)

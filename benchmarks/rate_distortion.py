@@ -105,12 +105,8 @@ def _psnr(error: float | np.floating) -> float:
     return -10 * math.log10(max(error, 1e-12))
 
 
-@dataclass
-class TakeGroup:
-    """Frames of one group, and their numbers in the take."""
-
-    indices: tuple[int, ...]
-    frames: list[Gaussians]
+TakeGroup = dict[int, Gaussians]
+"""Frames of one group by their index in the take."""
 
 
 # ---- the released bake -----------------------------------------------------------------------------------------------
@@ -196,15 +192,15 @@ def measure_ours(groups: list[TakeGroup], views: Views, qp: int, profile: Profil
     began = time.perf_counter()
     first, entries = 0, []
     for number, group in enumerate(groups):
-        entries.append(bake_group(group.frames, folder, number, first, settings))
-        first += len(group.frames)
+        entries.append(bake_group(list(group.values()), folder, number, first, settings))
+        first += len(group)
     baked = time.perf_counter()
     write_manifest(folder, entries, 30, settings)
     opened = time.perf_counter()
     with StreamReader.open(folder) as reader:
         decoded = list(reader.iterate())
     done = time.perf_counter()
-    indices = [index for group in groups for index in group.indices]
+    indices = [index for group in groups for index in group]
     footage, own = views.measure(dict(zip(indices, decoded, strict=True)))
     size = sum(file.bytes for entry in entries for file in entry.files)
     frames = len(indices)
@@ -219,9 +215,9 @@ def measure_released(groups: list[TakeGroup], views: Views, qp: int, b_frames: b
         for group in groups:
             folder = work / "released"
             shutil.rmtree(folder, ignore_errors=True)
-            part, frames, encode_s, decode_s = bake_released(group.frames, folder, qp, b_frames, pool)
+            part, frames, encode_s, decode_s = bake_released(list(group.values()), folder, qp, b_frames, pool)
             size, encode, decode = size + part, encode + encode_s, decode + decode_s
-            decoded.update(zip(group.indices, frames, strict=True))
+            decoded.update(zip(group, frames, strict=True))
     footage, own = views.measure(decoded)
     count = len(decoded)
     return Point("released", qp, size / count / 1000, footage, own, 1e3 * encode / count, 1e3 * decode / count)
@@ -271,7 +267,7 @@ def speed_rows(group: TakeGroup, work: Path) -> list[str]:
     of two groups, from the first frame to the last."""
     rows = []
     for count in SPEED_SPLATS:
-        frames = enlarged(group.frames, count)
+        frames = enlarged(list(group.values()), count)
         for profile in OUR_QPS:
             folder = work / "speed"
             shutil.rmtree(folder, ignore_errors=True)
@@ -348,8 +344,6 @@ def comparison(curves: dict[str, list[Point]]) -> list[str]:
             value = kilobytes_at(curves[name], psnr)
             cells.append("out of range" if value is None else f"{value:.1f} KB, {value / base:.2f} of it")
         lines.append(f"| at {psnr} dB to unquantized: {base:.1f} KB | {' | '.join(cells)} |")
-    fewer = all(b.kilobytes < a.kilobytes for a in anchor for b in curves["planes"] if a.qp == b.qp)
-    lines.append(f"| fewer bytes at every QP | {'yes' if fewer else 'no'} | |")
     return lines
 
 
@@ -361,12 +355,12 @@ def load_take(path: Path, wanted: list[int] | None) -> tuple[Views, list[TakeGro
     for group in inputs.groups:
         if wanted is not None and group.index not in wanted:
             continue
-        files = [take.trained_frame(group.index, index) for index in group.indices]
-        if not all(file.is_file() for file in files):
+        files = {index: take.trained_frame(group.index, index) for index in group.indices}
+        if not all(file.is_file() for file in files.values()):
             fix = "Train it, or select other groups with --groups."
             raise StudioError("benchmark.not_trained", f"group {group.index} is not trained", file=path, fix=fix)
-        groups.append(TakeGroup(tuple(group.indices), [read_frame(file) for file in files]))
-        for index, frame in zip(group.indices, groups[-1].frames, strict=True):
+        groups.append({index: read_frame(file) for index, file in files.items()})
+        for index, frame in groups[-1].items():
             views.add(index, frame)
     return views, groups
 
@@ -380,12 +374,12 @@ def main(words: Sequence[str] | None = None) -> int:
     arguments = parser.parse_args(words)
     wanted = [int(number) for number in arguments.groups.split(",")] if arguments.groups else None
     views, groups = load_take(arguments.take, wanted)
-    frames, splats = sum(len(g.frames) for g in groups), [len(g.frames[0]) for g in groups]
+    frames, firsts = sum(map(len, groups)), [next(iter(group.values())) for group in groups]
     trained = _psnr(np.mean([error for *_, error in views.trained]))
     kind = "held-out" if views.inputs.footage.trained.held_out_cameras else "training"
     about = (
         f"groups: {len(groups)}, frames: {frames}; "
-        f"{min(splats):,} to {max(splats):,} splats, SH degree {groups[0].frames[0].sh_degree}; "
+        f"{min(map(len, firsts)):,} to {max(map(len, firsts)):,} splats, SH degree {firsts[0].sh_degree}; "
         f"{kind} cameras {', '.join(views.cameras)}, where the trained "
         f"splats have {trained:.2f} dB to the footage. {os.cpu_count()} cores, "
         f"load {os.getloadavg()[0]:.1f} while measuring."

@@ -20,9 +20,9 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 import torch
 from rich.console import Console
-from rich.table import Table
 
 from pipelines.config import load_config
+from pipelines.reports.tables import table_of
 from pipelines.stages.inputs import Inputs
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.take import Take
@@ -198,11 +198,10 @@ class Scene:
         self.pair("whole step", tune, finetune=1)
 
 
-def table_of(pairs: list[Pair]) -> Table:
-    """One row per part, and whole steps."""
-    table = Table(title="CPU time of one thread in ms, median / minimum")
-    for heading in ("step", "part", "calls", "fused", "definition", "ratio", "share of the step"):
-        table.add_column(heading, justify="left" if heading in ("step", "part") else "right")
+def show(pairs: list[Pair]) -> None:
+    """Print one row per part, and whole steps."""
+    table = table_of("step", "part", "calls", "fused", "definition", "ratio", "share of the step", left=(0, 1))
+    table.title = "CPU time of one thread in ms, median / minimum"
     whole = {step: pair.fused[0] for pair in pairs if pair.name == "whole step" for step in pair.calls}
     for step in whole:
         for pair in (pair for pair in pairs if step in pair.calls):
@@ -211,7 +210,7 @@ def table_of(pairs: list[Pair]) -> Table:
             share = f"{pair.calls[step] * pair.fused[0] / whole[step]:.0%}"
             table.add_row(step, pair.name, str(pair.calls[step]), fused, *versus, share)
         table.add_section()
-    return table
+    console.print(table)
 
 
 def main(words: Sequence[str] | None = None) -> list[Pair]:
@@ -227,7 +226,7 @@ def main(words: Sequence[str] | None = None) -> list[Pair]:
     scene.steps()
     kernels = load_kernels().instruction_set()
     console.print(f"{len(scene.now)} splats, {len(scene.views)} views, {kernels}, load {os.getloadavg()[0]:.1f}")
-    console.print(table_of(scene.pairs))
+    show(scene.pairs)
     return scene.pairs
 
 

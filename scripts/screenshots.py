@@ -1,6 +1,6 @@
 """Photographs every screen of the window, for people who changed something, or those of the documentation.
 
-    python scripts/screenshots.py TAKE OUT [--size 1280x800] [--scale 1] [--only NAME ...]
+    python scripts/screenshots.py TAKE OUT [--size 1280x800] [--only NAME ...]
     python scripts/screenshots.py TAKE docs/images --only capture train review difference
     python scripts/screenshots.py MARKED docs/images --only points
 
@@ -10,8 +10,6 @@ OUT/gui_NAME.png. Needs what the window's tests need (`make setup-tests`): Xvfb 
 """
 
 import argparse
-import ctypes
-import ctypes.util
 import shutil
 import signal
 import sys
@@ -166,19 +164,6 @@ SCREENS |= {
 }
 
 
-def set_dpi(display: str, dpi: int) -> None:
-    """Set the X resource `Xft.dpi`, as `xrdb` does, which not every machine has."""
-    x11 = ctypes.CDLL(ctypes.util.find_library("X11"))
-    x11.XOpenDisplay.restype = ctypes.c_void_p
-    x11.XDefaultRootWindow.restype = ctypes.c_ulong
-    handle = ctypes.c_void_p(x11.XOpenDisplay(display.encode()))
-    root, text = ctypes.c_ulong(x11.XDefaultRootWindow(handle)), f"Xft.dpi:\t{dpi}\n".encode()
-    manager, string = ctypes.c_ulong(23), ctypes.c_ulong(31)  # XA_RESOURCE_MANAGER, XA_STRING of Xatom.h
-    x11.XChangeProperty(handle, root, manager, string, 8, 0, text, len(text))
-    x11.XSetCloseDownMode(handle, 1)  # RetainPermanent: the property outlives this connection
-    x11.XCloseDisplay(handle)
-
-
 def take_picture(window: RunningWindow, path: Path) -> None:
     """Write the screen once it stays the same.
 
@@ -227,22 +212,17 @@ def main() -> None:
     parser.add_argument("take", type=Path)
     parser.add_argument("out", type=Path)
     parser.add_argument("--size", default="1280x800", help="of the screen and the window, pixels")
-    parser.add_argument("--scale", type=float, default=1.0, help="of the texts, as on a dense screen")
     parser.add_argument("--only", nargs="+", metavar="NAME", help="these screens only")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # ends the window and its X server
     with tempfile.TemporaryDirectory() as folder, x_server(options.size) as display:
-        if options.scale != 1:
-            set_dpi(display, round(96 * options.scale))
         take = Path(shutil.copytree(options.take, Path(folder) / "take"))
-        width, height = (int(part) for part in options.size.split("x"))
-        size = f"{round(width / options.scale)}x{round(height / options.scale)}"
-        with closing(RunningWindow(display, Path(folder) / "state.jsonl", "--size", size)) as window:
+        with closing(RunningWindow(display, Path(folder) / "state.jsonl", "--size", options.size)) as window:
             window.wait_for("the start page", lambda state: state["start"] and state["start_places"], SECONDS)
             if not options.only or "empty" in options.only:
                 take_picture(window, options.out / "gui_empty.png")
-        with closing(RunningWindow(display, Path(folder) / "taken.jsonl", str(take), "--size", size)) as window:
+        with closing(RunningWindow(display, Path(folder) / "taken.jsonl", str(take), "--size", options.size)) as window:
             window.wait_for("a take", lambda state: state["frames"] > 1 and not state["opening"], SECONDS)
             if window.states()[-1]["playing"]:
                 window.key("space")
