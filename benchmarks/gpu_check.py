@@ -49,7 +49,7 @@ from torch import Tensor
 from pipelines.config import Config, load_config
 from pipelines.events import Event, Metrics, StageStarted
 from pipelines.events.cancellation import Cancellation
-from pipelines.reports.tables import table_of
+from pipelines.reports.terminal import table_of
 from pipelines.runs.runner import run
 from pipelines.stages.inputs import Inputs
 from pipelines.takes.atomic_files import read_model

@@ -23,7 +23,7 @@ import numpy as np
 import torch
 from rich.console import Console
 
-from pipelines.reports.tables import table_of
+from pipelines.reports.terminal import table_of
 from studio.cameras import Camera
 from studio.gaussians import Gaussians
 from studio.rasterizer import available_backends, rasterize

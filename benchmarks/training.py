@@ -22,7 +22,7 @@ import torch
 from rich.console import Console
 
 from pipelines.config import load_config
-from pipelines.reports.tables import table_of
+from pipelines.reports.terminal import table_of
 from pipelines.stages.inputs import Inputs
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.take import Take

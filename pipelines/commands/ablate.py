@@ -49,8 +49,7 @@ def _ablate(arguments: argparse.Namespace) -> None:
     from pipelines.ablation.variants import chosen
     from pipelines.config import load_config
     from pipelines.events import Emit, Event, Finished, Log
-    from pipelines.reports.tables import table_of
-    from pipelines.reports.terminal import console
+    from pipelines.reports.terminal import console, table_of
     from pipelines.runs.console import Bars, JsonLines
     from pipelines.takes.atomic_files import disk_errors
 

@@ -40,8 +40,7 @@ def _command(
 
 
 def _list(arguments: argparse.Namespace) -> None:
-    from pipelines.reports.tables import escaped, table_of
-    from pipelines.reports.terminal import console
+    from pipelines.reports.terminal import console, escaped, table_of
     from pipelines.takes.kept_bakes import kept_bakes
     from pipelines.takes.take import Take
 

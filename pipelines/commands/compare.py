@@ -90,8 +90,7 @@ def _compare(arguments: argparse.Namespace) -> None:
 
 
 def _print(result: Comparison, out: Path) -> None:
-    from pipelines.reports.tables import escaped, table_of
-    from pipelines.reports.terminal import console
+    from pipelines.reports.terminal import console, escaped, table_of
     from studio.comparison import FLICKER, METRICS
 
     protocol = result.protocol

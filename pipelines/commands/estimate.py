@@ -105,8 +105,7 @@ def _inputs(arguments: argparse.Namespace, stack: ExitStack) -> Inputs:
 
 def _print(found: Estimate, threads: int, now: float) -> None:
     from pipelines.estimate.estimate import STREAM_SPREAD
-    from pipelines.reports.tables import table_of
-    from pipelines.reports.terminal import console, duration
+    from pipelines.reports.terminal import console, duration, table_of
 
     screen, table = console(), table_of("stage", "time", "memory", "disk", "", left=(0, 4))
     for stage in found.stages:

@@ -72,8 +72,7 @@ def _add(arguments: argparse.Namespace) -> None:
 
 
 def _list(arguments: argparse.Namespace) -> None:
-    from pipelines.reports.tables import escaped, table_of
-    from pipelines.reports.terminal import console
+    from pipelines.reports.terminal import console, escaped, table_of
     from pipelines.runs.status import progress
     from pipelines.takes.take import Take
 

@@ -1,6 +1,6 @@
 """The calibration report: an HTML page, figures for events, and warnings."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from pipelines.reports.page import rendered
 from pipelines.takes.atomic_files import write_text
@@ -60,21 +60,20 @@ def calibration_figures(report: CalibrationReport) -> dict[str, JsonData]:
     }
 
 
-def calibration_warnings(report: CalibrationReport) -> list[Message]:
+def calibration_warnings(report: CalibrationReport) -> Iterator[Message]:
     """Warnings about a calibration; codes `calibration.*`."""
     from studio.calibration.sfm.uncertainty import WEAK
     from studio.calibration.sfm.verdict import MISPLACED, TRUSTED
 
-    found = tie_warnings(report)
+    yield from tie_warnings(report)
     mean = report.reprojection.mean
     if mean > 1 and not report.tie_points:
         problem = (
             f"the mean reprojection error is {mean:.2f} px; more than 1 px means that cameras moved, the footage "
             "is not synchronized, or the camera model has too few parameters"
         )
-        found.append(
-            Message("calibration.reprojection_error", problem, value=mean, fields={"setting": "calibrate.camera_model"})
-        )
+        fields: dict[str, JsonData] = {"setting": "calibrate.camera_model"}
+        yield Message("calibration.reprojection_error", problem, value=mean, fields=fields)
     for name, figures in report.cameras.items():
         if figures.usual_focal is not None:
             problem = (
@@ -86,24 +85,22 @@ def calibration_warnings(report: CalibrationReport) -> list[Message]:
                 "calibrate.known_cameras."
             )
             fields = {"camera": name, "expected": figures.usual_focal, "setting": "calibrate.shared_intrinsics"}
-            found.append(Message("calibration.focal_length", problem, value=figures.focal, fix=fix, fields=fields))
+            yield Message("calibration.focal_length", problem, value=figures.focal, fix=fix, fields=fields)
     poor = [name for name, figures in report.cameras.items() if figures.mean > 1]
     if poor and mean <= 1:
         problem = f"the reprojection error is more than 1 px for {', '.join(poor)}"
         fix = "Check these cameras before training."
-        found.append(Message("calibration.poor_cameras", problem, fix=fix, fields={"cameras": poor}))
+        yield Message("calibration.poor_cameras", problem, fix=fix, fields={"cameras": poor})
     match_inlier_ratio = report.match_inlier_ratio
     if match_inlier_ratio is not None and match_inlier_ratio < TRUSTED:
-        found.append(
-            Message(
-                "calibration.match_inlier_ratio",
-                f"only {match_inlier_ratio:.0%} of the matches between cameras agree with the camera poses (75% or "
-                "more is normal); some poses may be wrong even if the reprojection error is low",
-                value=match_inlier_ratio,
-                fix="Try calibrate.shared_intrinsics if the lenses are identical, different or more frames "
-                "(calibrate.frame, calibrate.frame_count), or a calibration target.",
-                fields={"expected": TRUSTED, "setting": "calibrate.shared_intrinsics"},
-            )
+        yield Message(
+            "calibration.match_inlier_ratio",
+            f"only {match_inlier_ratio:.0%} of the matches between cameras agree with the camera poses (75% or "
+            "more is normal); some poses may be wrong even if the reprojection error is low",
+            value=match_inlier_ratio,
+            fix="Try calibrate.shared_intrinsics if the lenses are identical, different or more frames "
+            "(calibrate.frame, calibrate.frame_count), or a calibration target.",
+            fields={"expected": TRUSTED, "setting": "calibrate.shared_intrinsics"},
         )
     weak = {
         name: f"{name} (position {report.uncertain[name]:.1%} of the distance to the points, {degrees:.2f} degrees)"
@@ -115,7 +112,7 @@ def calibration_warnings(report: CalibrationReport) -> list[Message]:
         problem = f"these cameras are less certain than the others (1 sigma): {', '.join(weak.values())}"
         fix = "Use more frames (calibrate.frame_count), or marked points."
         fields = {"cameras": list(weak), "setting": "calibrate.frame_count"}
-        found.append(Message("calibration.weak_cameras", problem, fix=fix, fields=fields))
+        yield Message("calibration.weak_cameras", problem, fix=fix, fields=fields)
     known = report.known_intrinsics
     sparse = [n for n, figures in report.cameras.items() if figures.coverage < _SPARSE and n not in known]
     if sparse:
@@ -123,22 +120,20 @@ def calibration_warnings(report: CalibrationReport) -> list[Message]:
             f"observations cover less than {_SPARSE:.0%} of the image for {', '.join(sparse)}; lens distortion is "
             "unreliable elsewhere"
         )
-        found.append(Message("calibration.low_coverage", problem, fields={"cameras": sparse}))
-    return found
+        yield Message("calibration.low_coverage", problem, fields={"cameras": sparse})
 
 
-def tie_warnings(report: CalibrationReport) -> list[Message]:
+def tie_warnings(report: CalibrationReport) -> Iterator[Message]:
     """Warnings about a calibration from tie points; codes `tie_points.*`."""
     if not report.tie_points:
-        return []
-    found = []
+        return
     mean = report.reprojection.mean
     if mean > 1:
         problem = (
             f"the mean reprojection error of the tie points is {mean:.2f} px; more than 1 px means that they were "
             "marked inaccurately, in images of another size, or with other intrinsics"
         )
-        found.append(Message("tie_points.reprojection_error", problem, value=mean))
+        yield Message("tie_points.reprojection_error", problem, value=mean)
     unsure = {name: share for name, share in report.uncertain.items() if share > _UNSURE}
     if unsure:
         worst = max(unsure, key=lambda name: unsure[name])
@@ -148,25 +143,24 @@ def tie_warnings(report: CalibrationReport) -> list[Message]:
         )
         fix = "Mark more points in these cameras, spread over the image and in depth."
         fields = {"cameras": list(unsure), "camera": worst}
-        found.append(Message("tie_points.position_uncertainty", problem, value=unsure[worst], fix=fix, fields=fields))
+        yield Message("tie_points.position_uncertainty", problem, value=unsure[worst], fix=fix, fields=fields)
     for mark in report.left_out:
         where = "behind the camera" if mark.error is None else f"{mark.error:.1f} px away"
         problem = f"point '{mark.point}' was rejected in {mark.camera}: the other marks put it {where}"
         fields = {"point": mark.point, "camera": mark.camera}
-        found.append(Message("tie_points.rejected", problem, value=mark.error, fix="Check this mark.", fields=fields))
+        yield Message("tie_points.rejected", problem, value=mark.error, fix="Check this mark.", fields=fields)
     off = {name: point.off for name, point in report.tie_points.items() if point.off is not None}
     far = sorted((name for name in off if off[name] > _FAR_OFF), key=lambda name: -off[name])
     if far:
         named = ", ".join(f"'{name}' ({off[name]:.3g} m)" for name in far[:3]) + (", ..." if len(far) > 3 else "")
         problem = f"measured positions disagree with the marks: {named}"
         fix = "Check the measurements; the world axes must be right-handed with z up."
-        found.append(Message("tie_points.world_error", problem, fix=fix, fields={"points": far}))
+        yield Message("tie_points.world_error", problem, fix=fix, fields={"points": far})
     away = report.geometry.radius
     if report.metric and not _NEAR < away < _FAR:
         problem = f"the mean distance of the cameras from their common center is {away:.3g} m, which is implausible"
         fix = "Check that positions and distances are in meters."
-        found.append(Message("tie_points.unit", problem, value=away, fix=fix))
-    return found
+        yield Message("tie_points.unit", problem, value=away, fix=fix)
 
 
 def render_calibration(report: CalibrationReport, names: Sequence[str], checked: CheckedCameras) -> str:
@@ -179,7 +173,7 @@ def render_calibration(report: CalibrationReport, names: Sequence[str], checked:
         verdict=checked.verdict,
         not_checked=NOT_CHECKED,
         refinement=checked.refinement,
-        warnings=calibration_warnings(report),
+        warnings=list(calibration_warnings(report)),
         intrinsics=intrinsics_sentences(report),
         most=max(most, 1),
         longest=max(report.tracks.values(), default=1),

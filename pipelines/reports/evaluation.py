@@ -86,10 +86,7 @@ def update_marks(take: Take, groups: Sequence[Group]) -> bool:
         raise StudioError("take.damaged", problem, file=take.report, fix=fix, stage="evaluate")
     if _note_of(*_marks(take)) in text:
         return False  # plotting of a long take takes seconds
-    new = head + _over_time(take, groups, read_evaluation(take.evaluation)) + tail
-    if new == text:
-        return False
-    write_text(take.report, new)
+    write_text(take.report, head + _over_time(take, groups, read_evaluation(take.evaluation)) + tail)
     note_rewritten(take, "evaluate")
     return True
 

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from pipelines.reports.terminal import console
+from pipelines.reports.terminal import console, table_of
 from pipelines.takes.evaluation import Quality, read_evaluation
 from pipelines.takes.take import Take
 from studio.comparison.metrics import Metric
 from studio.counts import counted
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from studio.playback import PlaybackReport
 
 MOST_FRAMES = 300
@@ -84,21 +82,3 @@ def metric_texts(row: Quality, metrics: Sequence[Metric]) -> list[str]:
     measures = row.measures
     names = [(metric, f"{metric.name}_{what}") for metric in metrics for what in ("trained", "decoded")]
     return [metric.text(measures.get(name), unit=False) for metric, name in names]
-
-
-def table_of(*columns: str, left: tuple[int, ...] = ()) -> Table:
-    """An empty table; columns are right-aligned, except those whose index is in `left`."""
-    from rich import box
-    from rich.table import Table
-
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for number, column in enumerate(columns):
-        table.add_column(column, justify="left" if number in left else "right")
-    return table
-
-
-def escaped(text: str) -> str:
-    """Text with rich's markup escaped."""
-    from rich.markup import escape
-
-    return escape(text)

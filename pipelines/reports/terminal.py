@@ -1,4 +1,4 @@
-"""The terminal, and durations as text."""
+"""The terminal, its tables, and durations as text."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.table import Table
 
 
 def console() -> Console:
@@ -15,6 +16,24 @@ def console() -> Console:
     from rich.console import Console
 
     return Console(highlight=False, width=None if sys.stdout.isatty() or "COLUMNS" in os.environ else 120)
+
+
+def table_of(*columns: str, left: tuple[int, ...] = ()) -> Table:
+    """An empty table; columns are right-aligned, except those whose index is in `left`."""
+    from rich import box
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for number, column in enumerate(columns):
+        table.add_column(column, justify="left" if number in left else "right")
+    return table
+
+
+def escaped(text: str) -> str:
+    """Text with rich's markup escaped."""
+    from rich.markup import escape
+
+    return escape(text)
 
 
 def duration(seconds: float) -> str:

@@ -17,8 +17,7 @@ from pipelines.events import (
     StageStarted,
     Warned,
 )
-from pipelines.reports.tables import escaped
-from pipelines.reports.terminal import console, duration
+from pipelines.reports.terminal import console, duration, escaped
 from pipelines.takes.summaries import summary_words
 from studio.counts import counted
 from studio.process import NativeLines, discard

@@ -6,8 +6,7 @@ from dataclasses import asdict, dataclass, replace
 
 from pipelines.config import Config
 from pipelines.events import Progress, RunStarted, StageStarted, read_line
-from pipelines.reports.tables import escaped, table_of
-from pipelines.reports.terminal import console, duration
+from pipelines.reports.terminal import console, duration, escaped, table_of
 from pipelines.runs.runner import status
 from pipelines.takes.stage_files import checked_cameras
 from pipelines.takes.take import Take

@@ -52,22 +52,22 @@ class Page(HTMLParser):
 
 
 def test_warnings():
-    high = calibration_warnings(report_with(1.5))[0]
+    high = next(calibration_warnings(report_with(1.5)))
     assert (high.code, high.value) == ("calibration.reprojection_error", 1.5)
-    said = calibration_warnings(with_camera(report_with(0.3), "right", mean=1.4, coverage=0.2))
+    said = list(calibration_warnings(with_camera(report_with(0.3), "right", mean=1.4, coverage=0.2)))
     assert [message.code for message in said[:2]] == ["calibration.poor_cameras", "calibration.low_coverage"]
     assert said[0].fields["cameras"] == said[1].fields["cameras"] == ["right"]
-    low = calibration_warnings(report_with(0.3, match_inlier_ratio=0.45))[0]
+    low = next(calibration_warnings(report_with(0.3, match_inlier_ratio=0.45)))
     assert (low.code, low.value) == ("calibration.match_inlier_ratio", 0.45)
     assert "only 45% of the matches" in str(low)
-    fine = calibration_warnings(report_with(0.3, match_inlier_ratio=0.78))
+    fine = list(calibration_warnings(report_with(0.3, match_inlier_ratio=0.78)))
     assert "calibration.match_inlier_ratio" not in [message.code for message in fine]
 
 
 def test_weak_cameras_are_named_with_their_uncertainty():
     figures = {"agree": {"left <1>": 0.32, "right": 0.8}, "uncertain_degrees": {"left <1>": 0.1, "right": 0.41}}
     report = report_with(0.3, uncertain={"left <1>": 0.002, "right": 0.012}, **figures)
-    weak = calibration_warnings(report)[0]
+    weak = next(calibration_warnings(report))
     assert weak.code == "calibration.weak_cameras"
     assert weak.fields["cameras"] == ["right", "left <1>"]
     assert "right (position 1.2% of the distance to the points, 0.41 degrees)" in str(weak)
@@ -78,7 +78,7 @@ def test_weak_cameras_are_named_with_their_uncertainty():
 
 
 def test_a_focal_length_that_cannot_be():
-    found = calibration_warnings(with_camera(report_with(0.3), "right", usual_focal=50.0))[0]
+    found = next(calibration_warnings(with_camera(report_with(0.3), "right", usual_focal=50.0)))
     assert (found.code, found.value) == ("calibration.focal_length", 100)
     assert (found.fields["camera"], found.fields["expected"]) == ("right", 50)
 
