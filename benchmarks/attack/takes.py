@@ -6,7 +6,6 @@ Each takes the share of the full count to try, and adds what happened to an outc
 import hashlib
 import random
 import shutil
-import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -39,18 +38,17 @@ class Outcome:
     name: str  # the part
     promised: str  # what must hold, in a few words
     count: int = 0  # attempts
-    wrong: list[str] = field(default_factory=list)  # one line per broken promise
+    broken: int = 0  # promises
     notes: list[str] = field(default_factory=list)  # what happened that is no fault, such as what was refused
-    began: float = field(default_factory=time.monotonic)
 
     def failed(self, line: str) -> None:
-        """Record, and print, a broken promise."""
-        self.wrong.append(line)
+        """Count, and print, a broken promise."""
+        self.broken += 1
         print(f"{self.name}: WRONG: {line}", flush=True)
 
     def row(self) -> str:
         """A row of a Markdown table."""
-        happened = f"{len(self.wrong)} broken" if self.wrong else "kept"
+        happened = f"{self.broken} broken" if self.broken else "kept"
         notes = "; ".join(self.notes[:3])
         return f"| {self.name} | {self.count:,} | {self.promised} | {happened}{'; ' + notes if notes else ''} |"
 
