@@ -16,7 +16,6 @@ from gui.figures import QualityFigures
 from gui.models.loop import LOOP
 from gui.overlays import Overlays
 from gui.pages.start.panel import StartPanel
-from gui.platform.drawn_frames import DrawnFrames
 from gui.platform.fonts import title_font, use_icons
 from gui.platform.menu_bar import MenuBar
 from gui.shell import Layout, Shell
@@ -64,7 +63,6 @@ class MainWindow(Shell):
         self._next_look = self._last_input = 0.0
         # Without a scene that lives as long as the window, Open3D 0.20 leaks about 2 MB for each drawn frame.
         self._keep_alive = rendering.Open3DScene(self.window.renderer)
-        self._frames = DrawnFrames(self.x.window)
         self.x.set_least_size(*(min(round(a * self.em), b) for a, b in zip(LEAST_SIZE, size, strict=True)))
         self._guard = SwapGuard(lambda: self.input.pointer, self.em)
         self.input.pressed = self.dialogs.pressed
@@ -218,7 +216,6 @@ class MainWindow(Shell):
         # Open3D keeps references to callbacks and therefore to this object; release large objects.
         self._keep_alive = None
         self.input.close()
-        self._frames.close()
         self.x.close()
         self._log.close()
 
@@ -235,8 +232,6 @@ class MainWindow(Shell):
     # At each tick
 
     def _on_tick(self) -> bool:
-        if self._frames.poll():
-            self._redraws.drawn()
         LOOP.run()
         if self._user.tick():
             self._last_input = time.monotonic()

@@ -43,7 +43,6 @@ need libgcc-s1 library libgcc_s.so.1
 need libvulkan1 library libvulkan.so.1 # from here on: used by the window for rendering
 need mesa-vulkan-drivers vulkan_driver
 need libportaudio2 library libportaudio.so.2 # plays sound in the window
-need libxdamage1 library libXdamage.so.1 # tells which frames of the window have reached the screen
 if [ "${1:-}" = --tests ]; then
     need xvfb program Xvfb
     need xauth program xauth

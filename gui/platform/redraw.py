@@ -1,44 +1,28 @@
 """Repeated redraw requests: Open3D sometimes does not show a change until the next event.
 
 It drops a frame while the last one is still being drawn. That takes seconds where a busy CPU draws a large window, so
-that its last change might never be seen. So requests are repeated until enough frames have reached the screen, where
-that is known, or else for a while.
+that its last change might never be seen. So requests are repeated for a while.
 """
 
 import time
 
 AGAIN_SECONDS = (0.05, 0.12, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 
-FRAMES = 3
-"""Frames on the screen, each after a request of its own, after which a change has surely been drawn. The first may
-have been begun before the change; a menu, or text with a new layout, takes two."""
-
 
 class Redraws:
-    """After `changed`, `due` is true immediately and after each of `AGAIN_SECONDS`, but at least `pause` seconds apart,
-    and not after `FRAMES` frames that are reported with `drawn`."""
+    """After `changed`, `due` is true immediately and after each of `AGAIN_SECONDS`, but at least `pause` seconds
+    apart."""
 
     def __init__(self) -> None:
         self.pause = 0.0  # least seconds between two draws: if the CPU draws the window, they compete with rendering
         self._times: list[float] = []
         self._last = -float("inf")
-        self._frames = 0  # on the screen since the change
-        self._asked = False  # for a frame that is not on the screen yet
 
     def changed(self) -> None:
         """Note that something on screen has changed."""
         start = time.monotonic()
         # a due redraw stays due; otherwise steady changes would postpone it forever
-        first = min(start, *self._times[:1]) if self._times else start
-        self._times = [first, *(start + delay for delay in AGAIN_SECONDS)]
-        self._frames, self._asked = 0, False
-
-    def drawn(self) -> None:
-        """Note that a frame has reached the screen."""
-        self._frames += self._asked
-        self._asked = False
-        if self._frames >= FRAMES:
-            self._times = []
+        self._times = [min([start, *self._times[:1]]), *(start + delay for delay in AGAIN_SECONDS)]
 
     @property
     def pausing(self) -> bool:
@@ -55,5 +39,4 @@ class Redraws:
         self._times = waiting
         if due:
             self._last = now
-            self._asked = True
         return due
