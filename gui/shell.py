@@ -81,12 +81,12 @@ class Shell:
         self.notices, self.thumbnails = Notices(), Thumbnails()
         self.pictures = 0
         self.numbers: list[int | None] = [None, None, None]
-        self.title, self.wants_close = "", False
+        self.wants_close = False
         self.window = gui.Application.instance.create_window("V3 Studio", *size)
         self.em = float(self.window.theme.font_size)
         self.x = XDisplay()
         self.input, self.chords = InputOrder(self.x.window), Chords()
-        self.close_requests = CloseRequests(lambda: self.x.escape_down or self.input.escapes.recent)
+        self.close_requests = CloseRequests(lambda: self.x.escape_down or self.input.reports.escaping)
         self.dialogs = Dialogs(self.window, titles)
         self.message, self.status = make_label("", TEXT, GROUND), make_label("", DIM, PANEL)
         self.message.visible = False

@@ -22,7 +22,7 @@ def state_of(window: Shell) -> JsonObject:
     transport = player.transport
     widgets = {name: widget for name, widget in _widgets(window).items() if widget.visible or name == "viewport"}
     return {
-        "title": window.title,
+        "title": window.window.title,
         "message": window.message.text,  # over the view
         "opening": window.workspace.opening,
         "dialog": window.dialogs.name,
@@ -75,7 +75,6 @@ def state_of(window: Shell) -> JsonObject:
         "timeline_width": window.timeline.plots_view.timeline.width,  # columns of all frames
         "zoom": window.timeline.zoom.shown,  # frames in the timeline; None for all
         "hint": window.hints.text,
-        "keys": [window.input.reports.passed, window.input.reports.again],  # passed on; dropped, as of one press
         "widgets": {
             name: [frame.x, frame.y, frame.width, frame.height]
             for name, frame in ((name, widget.frame) for name, widget in widgets.items())

@@ -26,15 +26,15 @@ class UserInput:
     def tick(self) -> bool:
         """Pass events on to the toolkit. Call at each tick; returns whether there were any."""
         window = self._window
-        window.input.escapes.dialog = bool(window.dialogs.name)
+        window.input.reports.dialog = bool(window.dialogs.name)
         came = window.input.poll(hold=window.dialogs.focusing, release=window.dialogs.expected)
         if window.input.came_to_rest():
             window.chords.release_all()
             self._actions.search.show_expected()
         if came - {"move", "key up"}:  # a frame that the toolkit drops would hide what they did
             window.changed()
-        window.input.escapes.dialog = bool(window.dialogs.name)  # what came may have closed it
-        if window.input.escapes.kept():  # by a text field, which only restores its text
+        window.input.reports.dialog = bool(window.dialogs.name)  # what came may have closed it
+        if window.input.reports.escape_kept():  # by a text field, which only restores its text
             self._escape()
         self._watch_mouse()
         return bool(came)
@@ -51,7 +51,7 @@ class UserInput:
             self._actions.search.show_expected()
         if event.key == gui.KeyName.ESCAPE:
             window.close_requests.escape()
-            if event.type == gui.KeyEvent.Type.DOWN and window.input.escapes.heard(window.chords.again):
+            if event.type == gui.KeyEvent.Type.DOWN and is_new and not window.chords.again:
                 self._escape()
             return True
         if event.key == gui.KeyName.ENTER and (dialogs.name or dialogs.expected):

@@ -268,8 +268,7 @@ class MainWindow(Shell):
             changed |= self._update_panels()
             changed |= self.overlays.update()
             changed |= self.actions.search.update()
-            self.title = self.overlays.title
-            put(self.window, title=self.title)
+            put(self.window, title=self.overlays.title)
         if changed:
             self.changed()
         self._log.write(self)

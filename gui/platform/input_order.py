@@ -12,9 +12,9 @@ import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
-from gui.platform.presses import Escapes, KeyReports, Press
+from gui.platform.presses import KeyReports, Press
 from gui.platform.x_window import BUTTONS
 from gui.platform.xlib import ESCAPE, EXPOSE, EXPOSURE_MASK, Connection, InputEvent, errors_ignored
 
@@ -41,10 +41,10 @@ class Input:
     """An event of the mouse or the keyboard."""
 
     kind: Kind
-    code: int = 0  # the button, or the key's code; 0 for a move
-    typed: bool = False  # whether the key only types a character
-    event: Any = None  # the X event
-    repeated: bool = False  # whether the key was down already
+    code: int  # the button, or the key's code; 0 for a move
+    typed: bool  # whether the key only types a character
+    repeated: bool  # whether the key was down already
+    event: InputEvent
 
 
 class Order:
@@ -116,8 +116,7 @@ class InputOrder(Connection):
         self.buttons = 0  # the mouse buttons that are pressed, a bit for each, as `XDisplay.buttons`
         # called with kind, button and position of each move and press before it is passed on; whether it is to be
         self.wanted: Callable[[Kind, int, int, int], bool] = lambda _kind, _button, _x, _y: True
-        self.escapes = Escapes()  # the presses of Escape that have come through here
-        self.reports = KeyReports()  # the presses of all keys that have
+        self.reports = KeyReports()  # the presses of keys that have come through here
         # called with the code of each key whose press is passed on, also of those that repeat
         self.pressed: Callable[[int], object] = lambda _code: None
         self._dropped: set[int] = set()
@@ -151,7 +150,6 @@ class InputOrder(Connection):
         """Pass on the events that have come; returns the kinds that there were. `hold`: keep them back: what they are
         for is about to open. `release`: pass on the releases of keys that were pressed before, even so: it opens when
         they are released."""
-        self.escapes.tick()
         self.reports.tick()
         if not self._display:
             return set()
@@ -175,17 +173,15 @@ class InputOrder(Connection):
 
     def _note(self, one: Input | None) -> None:
         """Note a key that was passed on."""
-        if one is not None and one.kind == "key":
-            self.pressed(one.code)
-            self._typing = True
-            state = one.event.state if one.event is not None else 0
-            self.reports.press(Press(one.code, one.repeated, bool(state & _CONTROL), bool(state & _SHIFT)))
-        if one is None or one.code != ESCAPE or one.repeated:
+        if one is None:
             return
         if one.kind == "key":
-            self.escapes.pressed()
-        elif one.kind == "key up":
-            self.escapes.released()
+            self.pressed(one.code)
+            self._typing = True
+            control, shift = bool(one.event.state & _CONTROL), bool(one.event.state & _SHIFT)
+            self.reports.press(Press(one.code, one.repeated, control, shift))
+        elif one.kind == "key up" and one.code == ESCAPE:
+            self.reports.escape_released()
 
     def _of_earlier(self) -> list[Input]:
         """Take the releases out of what is kept whose presses are not in it."""
@@ -210,7 +206,7 @@ class InputOrder(Connection):
             if kind == "key":
                 repeated = event.code in self._down
                 typed = self._x.XLookupKeysym(ctypes.byref(event), 0) not in _NAMED and not event.state & _CONTROL
-            yield Input(kind, 0 if kind == "move" else event.code, typed, event, repeated)
+            yield Input(kind, 0 if kind == "move" else event.code, typed, repeated, event)
 
     def _is_meant(self, one: Input) -> bool:
         """False for repeats of a key that was down when a dialog began to open, such as the one that opened it."""

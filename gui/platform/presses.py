@@ -98,65 +98,15 @@ class Chords:
         return any(_MODIFIERS.get(key) == name for key in self._held)  # type: ignore[call-overload]
 
 
-class Escapes:
+class KeyReports:
     """See the module. Call `tick` at each tick."""
 
     def __init__(self) -> None:
         self.dialog = False  # whether a dialog is open; the window sets it
         self._tick = 0
-        self._unheard: list[tuple[int, bool]] = []  # presses passed on to the toolkit: tick, whether a dialog was open
-        self._last = -SETTLED
-
-    def tick(self) -> None:
-        """Note that the window has ticked."""
-        self._tick += 1
-        while self._unheard and self._tick >= self._unheard[0][0] + SETTLED:
-            del self._unheard[0]  # kept by a text field outside of dialogs
-
-    def pressed(self) -> None:
-        """Note a press that is passed on to the toolkit; not the repeats of a key that is held."""
-        self._unheard.append((self._tick, self.dialog))
-        self._last = self._tick
-
-    def released(self) -> None:
-        """Note a release that is passed on to the toolkit."""
-        self._last = self._tick
-
-    @property
-    def recent(self) -> bool:
-        """Whether a press or release was passed on so recently that the toolkit may not have handled it yet."""
-        return self._tick < self._last + PATIENCE
-
-    def heard(self, again: bool) -> bool:
-        """Note that the toolkit reports a press; returns whether it is one that nothing was done about. `again`:
-        whether the key was down already, as far as the toolkit has reported. Presses that did not come through here, as
-        with the pointer outside of the window, are distinguished by it."""
-        if self._unheard:
-            del self._unheard[0]
-            return True
-        return not again and self._tick >= self._last + SETTLED
-
-    def kept(self) -> bool:
-        """Whether the toolkit has kept a press in the open dialog to itself; True once for each press. Without a dialog
-        nobody would act on it, and a report that comes late still counts."""
-        late = self._tick - PATIENCE
-        due = [number for number, (tick, within) in enumerate(self._unheard) if within and tick <= late]
-        if not self.dialog or not due:
-            return False
-        del self._unheard[due[0]]
-        self._last = self._tick
-        return True
-
-
-class KeyReports:
-    """See the module. Call `tick` at each tick."""
-
-    def __init__(self) -> None:
-        # presses passed on to the toolkit, and reports that were dropped, for bug reports
-        self.passed = self.again = 0
-        self._tick = 0
-        self._unheard: list[tuple[int, Press]] = []  # presses that were passed on, with their ticks
-        self._last = -SETTLED
+        # presses passed on to the toolkit and not reported yet: tick, press, whether it is one of Escape in a dialog
+        self._unheard: list[tuple[int, Press, bool]] = []
+        self._last = self._last_escape = -SETTLED
 
     def tick(self) -> None:
         """Note that the window has ticked."""
@@ -166,21 +116,42 @@ class KeyReports:
 
     def press(self, press: Press) -> None:
         """Note a press, or a repeat of a key that is held, that is passed on to the toolkit."""
-        self.passed += 1
-        self._unheard.append((self._tick, press))
+        is_escape = press.code == ESCAPE and not press.repeated
+        self._unheard.append((self._tick, press, is_escape and self.dialog))
         self._last = self._tick
+        if is_escape:
+            self._last_escape = self._tick
+
+    def escape_released(self) -> None:
+        """Note a release of Escape that is passed on to the toolkit."""
+        self._last_escape = self._tick
+
+    @property
+    def escaping(self) -> bool:
+        """Whether Escape was passed on so recently that the toolkit may not have handled its press or release yet."""
+        return self._tick < self._last_escape + PATIENCE
 
     def reported(self, code: int | None) -> tuple[bool, Press | None]:
         """Note that the toolkit reports a press, with its X key code; None if that is not known. Returns whether it is
         to be acted on, and the press that was passed on, if any. Presses that did not come through here, as with the
         pointer outside of the window, are acted on long after the last one that did."""
-        for number, (_, press) in enumerate(self._unheard):
+        for number, (_, press, _) in enumerate(self._unheard):
             if code in (None, press.code):
-                del self._unheard[: number + 1]  # a text field kept those before it
+                # a text field kept those before it; Escape in a dialog still has to close it
+                self._unheard[: number + 1] = [one for one in self._unheard[:number] if one[2]]
                 return True, press
-        if not self.settled:
-            self.again += 1
-        return self.settled, None
+        return self._tick >= (self._last_escape if code == ESCAPE else self._last) + SETTLED, None
+
+    def escape_kept(self) -> bool:
+        """Whether the toolkit has kept a press of Escape in the open dialog to itself; True once for each press.
+        Without a dialog nobody would act on it, and a report that comes late still counts."""
+        late = self._tick - PATIENCE
+        kept = next((one for one in self._unheard if one[2] and one[0] <= late), None)
+        if not self.dialog or kept is None:
+            return False
+        self._unheard.remove(kept)
+        self._last_escape = self._tick
+        return True
 
     @property
     def settled(self) -> bool:

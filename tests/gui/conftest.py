@@ -223,7 +223,7 @@ class RunningWindow:
         for before, after in itertools.pairwise(states[-changes - 1 :]):
             changed = {key: value for key, value in after.items() if key != "time" and value != before[key]}
             lines.append(f"{after['time']:.2f} " + ", ".join(f"{key}={value!s:.80}" for key, value in changed.items()))
-        told = ("stage", "mode", "dialog", "frame", "shown", "playing", "settled", "keys", "texts", "notice", "message")
+        told = ("stage", "mode", "dialog", "frame", "shown", "playing", "settled", "texts", "notice", "message")
         last = {key: states[-1][key] for key in told} if states else {}
         return "\n".join((*lines, f"last: {last}", self.stderr.read_text()[-1000:]))
 
