@@ -12,21 +12,14 @@ from open3d.visualization import gui
 from gui.pages.stage_views import StageViews
 from gui.widgets.picture import ImagePanel
 
-MAX_PIXELS = 960 * 540
-"""Maximum number of pixels of an image, which bounds the time to render it; it is stretched to the widget."""
-
-
-def picture_size(width: float, height: float, most: int = MAX_PIXELS) -> tuple[int, int]:
-    """Size in pixels of the image for a widget: its size, or smaller with the same aspect ratio and `most` pixels."""
-    shrink = min(1.0, (most / max(width * height, 1.0)) ** 0.5)
-    return max(int(width * shrink), 16), max(int(height * shrink), 16)
-
-
 _STILL = 3.0  # pixels that the pointer may move during a click
 
 
 class Viewport:
-    """Shows images and turns mouse events into gestures of the views, at pixels of the image."""
+    """Shows images and turns mouse events into gestures of the views, at pixels of the image. `most_pixels`: maximum
+    number of pixels of an image, which bounds the time to render it; it is stretched to the widget."""
+
+    most_pixels: int
 
     def __init__(self, views: StageViews, changed: Callable[[], None]) -> None:
         self._views, self._changed = views, changed
@@ -35,13 +28,14 @@ class Viewport:
         self._clicking = self._right = False
         self.clicked_at = self._start = (0.0, 0.0)
         self.picture_size = (16, 16)
-        self.most_pixels = MAX_PIXELS
         self.picture = ImagePanel(self.on_mouse)
 
     @property
     def render_size(self) -> tuple[int, int]:
         """Size of images rendered from splats: that of the widget, or smaller to stay fast."""
-        return picture_size(*self.picture.size, self.most_pixels)
+        width, height = self.picture.size
+        shrink = min(1.0, (self.most_pixels / max(width * height, 1.0)) ** 0.5)
+        return max(int(width * shrink), 16), max(int(height * shrink), 16)
 
     def show(self, pixels: np.ndarray) -> None:
         self.picture_size = (pixels.shape[1], pixels.shape[0])

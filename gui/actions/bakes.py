@@ -109,10 +109,8 @@ class BakeActions:
             self.show()
 
         name = f"qp{config.bake.qp}" if config is not None else ""
-        window.dialogs.line(
-            "keep", "Keep the stream", "Name of the bake:", name,
-            [("save", "Keep", keep), ("close", "Cancel", lambda _: self.show())],
-        )  # fmt: skip
+        answer = ("save", "Keep", keep)
+        window.dialogs.line("keep", "Keep the stream", "Name of the bake:", name, answer, cancel=self.show)
 
     def _changed(self) -> None:
         window = self._window

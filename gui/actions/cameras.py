@@ -20,6 +20,12 @@ from studio.calibration.report import CalibrationReport
 from studio.comparison.metrics import MAIN
 from studio.errors import StudioError
 
+_USES = {  # what a camera is used for: the item of its menu, and what that does
+    "training": ("Use for training", "train on {}"),
+    "held out": ("Hold out", "hold out {}"),
+    "not used": ("Exclude (do not use)", "exclude {} from training"),
+}
+
 
 class CameraActions:
     """See the module; it acts through the main window."""
@@ -98,11 +104,7 @@ class CameraActions:
         ]
         if take.rig.is_file():
             items.append(("errors", "Show its reprojection errors", lambda: self._errors(camera)))
-        for other, label in (
-            ("training", "Use for training"),
-            ("held out", "Hold out"),
-            ("not used", "Exclude (do not use)"),
-        ):
+        for other, (label, _) in _USES.items():
             if other != use:
                 items.append((other, label, partial(self._use, camera, other)))
         items.append(("list", "All cameras...", self.ask))
@@ -123,11 +125,7 @@ class CameraActions:
         uses = self._uses()
         if uses is None:
             return
-        words = {
-            "training": f"train on {camera}",
-            "held out": f"hold out {camera}",
-            "not used": f"exclude {camera} from training",
-        }[use]
+        words = _USES[use][1].format(camera)
         refused = self._change(uses.with_use(use, camera), words)
         notices = self._window.notices
         if notices.outcome("camera use", refused):

@@ -64,7 +64,7 @@ class Actions:
         self.search = SearchActions(window, MENUS, self.act)
         self.new_take_dialog = NewTakeDialog(window.dialogs, self._create, window.changed)
         by_key, new_take = lambda key: self.act(ITEMS[key]), self.new_take_dialog.show
-        self.start = StartActions(window, self.queue.queue, self.clipboard, by_key, new_take)
+        self.start: StartActions = StartActions(window, self.queue.queue, self.clipboard, by_key, new_take)
 
     def act(self, item: "Item[Actions]") -> None:
         """Do what an item of the menus stands for: what needs an open take, without the start page over it."""
@@ -216,14 +216,9 @@ class Actions:
         ask_path(window.dialogs, "Open take, stream or cast", start, "take", window.open, endings=(".v3s", ".json"))
 
     def ask_address(self) -> None:
-        window = self.window
-        window.dialogs.line(
-            "address",
-            "Open stream from URL",
-            "URL of the stream's folder, for example https://example.org/streams/walk",
-            "",
-            [("open", "Open", lambda text: window.open(text.strip())), ("close", "Cancel", lambda _: None)],
-        )
+        words = "URL of the stream's folder, for example https://example.org/streams/walk"
+        open_ = ("open", "Open", lambda text: self.window.open(text.strip()))
+        self.window.dialogs.line("address", "Open stream from URL", words, "", open_)
 
     def ask_preferences(self) -> None:
         window, dialogs = self.window, self.window.dialogs

@@ -1,7 +1,6 @@
 """What the menu Mark and its keys do."""
 
 import math
-from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -25,14 +24,10 @@ def ask_mark(window: Shell) -> None:
     frame = window.player.transport.number(window.player.transport.frame)
     known = window.marks.marks.get(frame)
     where = "" if window.marks.kept else ". Marks on a stream are lost when it is closed."
-    answers: list[tuple[str, str, Callable[[str], None]]] = [
-        ("save", "Mark", lambda note: _change(window, frame, note, known))
-    ]
-    if known is not None:
-        answers.append(("remove", "Remove mark", lambda _: _change(window, frame, None, known)))
-    answers.append(("close", "Cancel", lambda _: None))
-    note = "" if known is None else known.note
-    window.dialogs.line("mark", f"Mark frame {frame}", f"Note (optional){where}", note, answers)
+    mark = ("save", "Mark", lambda note: _change(window, frame, note, known))
+    remove = ("remove", "Remove mark", lambda _: _change(window, frame, None, known))
+    answers, note = ((mark,), "") if known is None else ((mark, remove), known.note)
+    window.dialogs.line("mark", f"Mark frame {frame}", f"Note (optional){where}", note, *answers)
 
 
 def _change(window: Shell, frame: int, note: str | None, known: Mark | None) -> None:

@@ -54,10 +54,8 @@ class OutputActions:
             if window.notices.outcome("screenshot", problem):
                 window.notices.show(f"Written: {path}", path=path)
 
-        window.dialogs.line(
-            "screenshot", "Save screenshot", "PNG file of the viewport's image:", str(folder / name),
-            [("save", "Save", save), ("close", "Cancel", lambda _: None)],
-        )  # fmt: skip
+        words = "PNG file of the viewport's image:"
+        window.dialogs.line("screenshot", "Save screenshot", words, str(folder / name), ("save", "Save", save))
 
     def export(self, kind: str = "") -> None:
         """Ask for the options, then export. `kind`: to begin with; by default the one that was exported last."""

@@ -141,10 +141,8 @@ class PathActions:
                 return
             self._done(lambda: self.editor.set_time(row, seconds))
 
-        window.dialogs.line(
-            "time", f"Time of view {row + 1}", "Seconds in the movie; later views move by as much:",
-            f"{self.editor.keys[row].time:g}", [("save", "Set", save), ("close", "Cancel", lambda _: None)],
-        )  # fmt: skip
+        words, now = "Seconds in the movie; later views move by as much:", f"{self.editor.keys[row].time:g}"
+        window.dialogs.line("time", f"Time of view {row + 1}", words, now, ("save", "Set", save))
 
     # Preview
 

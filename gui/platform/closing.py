@@ -14,7 +14,7 @@ class CloseRequests:
     its press or release just now; False where unknown. `granted`: whether the window may close.
     """
 
-    def __init__(self, escape: Callable[[], bool] = lambda: False) -> None:
+    def __init__(self, escape: Callable[[], bool]) -> None:
         self.granted = False
         self._escape = escape
         self._asked: list[float] = []

@@ -41,11 +41,10 @@ class _DeviceHeader(ctypes.Structure):
     )
 
 
-def vulkan_device(library: str | None = None) -> str:
-    """Name of this machine's best Vulkan device, and its kind, of `_KINDS`, in parentheses. `library`: name of the
-    loader's shared library; None searches for it. Raises StudioError: `gui.no_vulkan_loader`, `gui.no_vulkan_driver` or
-    `gui.no_vulkan_device`; `fix` names the packages."""
-    name = library or ctypes.util.find_library("vulkan") or "libvulkan.so.1"
+def vulkan_device() -> str:
+    """Name of this machine's best Vulkan device, and its kind, of `_KINDS`, in parentheses. Raises StudioError:
+    `gui.no_vulkan_loader`, `gui.no_vulkan_driver` or `gui.no_vulkan_device`; `fix` names the packages."""
+    name = ctypes.util.find_library("vulkan") or "libvulkan.so.1"
     try:
         vulkan = ctypes.CDLL(name)
     except OSError:

@@ -241,7 +241,13 @@ class Dialogs:
         self.show("ask", title, [self.label(text, dim=False)], closing, 60)
 
     def line(
-        self, name: str, title: str, text: str, value: str, answers: Sequence[tuple[str, str, Callable[[str], None]]]
+        self,
+        name: str,
+        title: str,
+        text: str,
+        value: str,
+        *answers: tuple[str, str, Callable[[str], object]],
+        cancel: Callable[[], None] = lambda: None,
     ) -> None:
         """Ask for a line of text; answers receive the text, and Enter triggers the first."""
         edit = gui.TextEdit()
@@ -253,11 +259,12 @@ class Dialogs:
 
         edit.set_on_text_changed(changed)
 
-        def answer(action: Callable[[str], None]) -> Callable[[], None]:
+        def answer(action: Callable[[str], object]) -> Callable[[], None]:
             return self.closing(lambda: action(typed[0]))
 
         parts: list[gui.Widget] = [self.label(text), edit, self.label("Enter to confirm.")]
         buttons: list[Answer] = [(key, label, answer(action)) for key, label, action in answers]
+        buttons.append(("close", "Cancel", self.closing(cancel)))
         self.show(name, title, parts, buttons, 70, buttons[0][2])
         self.widgets["line"] = edit
         self.focus(edit)

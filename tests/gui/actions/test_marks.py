@@ -28,7 +28,7 @@ class Window:
         self.dialogs = SimpleNamespace(line=self._line)
         self.answers: dict[str, Callable[[str], None]] = {}
 
-    def _line(self, kind: str, title: str, text: str, note: str, answers: Any) -> None:
+    def _line(self, kind: str, title: str, text: str, note: str, *answers: Any) -> None:
         self.answers = {name: act for name, _, act in answers}
 
 

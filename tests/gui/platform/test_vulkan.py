@@ -5,9 +5,10 @@ from gui.platform.vulkan import vulkan_device
 from tests.support.errors import refuses
 
 
-def test_missing_loader_names_the_packages() -> None:
+def test_missing_loader_names_the_packages(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ctypes.util.find_library", lambda _: "libthere-is-no-such-loader.so.1")
     with refuses("gui.no_vulkan_loader", value="libthere-is-no-such-loader.so.1") as caught:
-        vulkan_device("libthere-is-no-such-loader.so.1")
+        vulkan_device()
     assert "apt-get install libvulkan1 mesa-vulkan-drivers" in str(caught.value)
 
 
