@@ -21,7 +21,7 @@ class PathActions:
     def __init__(self, window: Shell, export: Callable[[], None]) -> None:
         self._window, self._export = window, export
         self._preview: tuple[CameraPath, float] | None = None
-        self._shown: tuple[int, OrbitCamera] | None = None
+        self._shown: OrbitCamera | None = None
 
     @property
     def editor(self) -> PathEditor:
@@ -164,17 +164,14 @@ class PathActions:
             return False
         player = self._window.player
         path, start = self._preview
-        moved = self._shown is not None and (player.orbit is not self._shown[1] or player.transport.playing)
+        moved = self._shown is not None and (player.orbit is not self._shown or player.transport.playing)
         if moved or not self._window.views.shows_player:  # the user does something else
             self.stop()
             return True
         seconds = min(time.monotonic() - start, path.duration)
-        camera = path.camera(seconds)
-        orbit = OrbitCamera.looking_through(camera, player.home.target, player.orbit.up)
-        frame = round(path.frame(seconds))
-        player.orbit = orbit
-        player.transport.seek(frame)
-        self._shown = (frame, orbit)
+        orbit = OrbitCamera.looking_through(path.camera(seconds), player.home.target, player.orbit.up)
+        player.orbit = self._shown = orbit
+        player.transport.seek(round(path.frame(seconds)))
         if seconds >= path.duration:
             self.stop()
         return True
