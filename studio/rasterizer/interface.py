@@ -175,8 +175,11 @@ def rasterize_views(
         fix = "Convert the splats to float32, or use backend='reference'"
         raise StudioError("rasterizer.dtype", problem, value=str(means.dtype), fix=fix)
     if backend == "triton":
-        from studio.rasterizer.triton_backend import rasterize_triton
-
+        try:
+            from studio.rasterizer.triton_backend import rasterize_triton
+        except ImportError as error:
+            fix = "Reinstall a CUDA build of PyTorch for Linux, which installs it, or use backend='cpu'"
+            raise StudioError("rasterizer.triton_missing", f"Triton cannot be imported ({error})", fix=fix) from error
         return rasterize_triton(gaussians, cameras, behind, screen_offsets)
     both = zip(cameras, behind, strict=True)
     if backend == "cpu":

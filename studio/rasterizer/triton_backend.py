@@ -1,7 +1,8 @@
 """The Triton backend: tile-wise blending on an NVIDIA GPU, in float32.
 
 Triton compiles the kernels of `triton_kernels.py` and `triton_project_kernels.py` when they are first used, with the
-assembler in its own package, in seconds. PyTorch's CUDA builds for Linux install it. It is imported only here.
+assembler in its own package, in seconds. PyTorch's CUDA builds for Linux install it. It is imported only with this
+module.
 
 One call draws any number of views of the same splats, so that a training step with several views launches no more
 kernels than one with a single view. Binning is torch: splats are sorted by view and depth, then their pairs with tiles
@@ -12,7 +13,6 @@ splats and of pairs: the sizes of what it allocates.
 from __future__ import annotations
 
 import functools
-import importlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,24 +24,14 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from studio.cameras import Camera
-from studio.errors import StudioError
 from studio.gaussians import Gaussians
+from studio.rasterizer.triton_kernels import COLUMNS, TILE, blend_tile, blend_tile_backward, sum_pairs
+from studio.rasterizer.triton_project_kernels import BLOCK, project_splats, project_splats_backward
 from studio.rasterizer.types import ALPHA_MAX, NEAR, Render, field_limits, mean_depth
 
 FORWARD_WARPS, BACKWARD_WARPS, PROJECT_WARPS = 4, 1, 4
 """Warps per program. One for the gradient of a tile: its ten sums per splat then need no synchronization of warps."""
 _VIEWS_AT_ONCE = 32  # Most views of a call. Pixels are numbered through all of them, with 32 bits
-
-
-def load_triton_kernels() -> tuple[Any, Any]:
-    """The modules `triton_kernels` and `triton_project_kernels` of `studio.rasterizer`."""
-    try:
-        names = ("triton_kernels", "triton_project_kernels")
-        tiles, splats = (importlib.import_module(f"studio.rasterizer.{name}") for name in names)
-        return tiles, splats
-    except ImportError as error:
-        fix = "Reinstall a CUDA build of PyTorch for Linux, which installs it, or use backend='cpu'"
-        raise StudioError("rasterizer.triton_missing", f"Triton cannot be imported ({error})", fix=fix) from error
 
 
 @dataclass(frozen=True)
@@ -114,15 +104,14 @@ def bin_splats(boxes: Tensor, keys: Tensor, half: Tensor, tiles: int) -> tuple[T
 
 def project_all(gaussians: Gaussians, views: Views, offsets: Tensor | None) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """The outputs of `project_splats`: `table`, `half`, `boxes` and `keys`. Arguments as in `rasterize_triton`."""
-    _, kernels = load_triton_kernels()
     like, count = gaussians.means, len(gaussians)
     places = len(views.sizes) * count
-    table, half = like.new_empty((places, kernels.COLUMNS)), like.new_empty((places, 2))
+    table, half = like.new_empty((places, COLUMNS)), like.new_empty((places, 2))
     boxes = torch.empty((places, 4), dtype=torch.int32, device=like.device)
     keys = torch.empty(places, dtype=torch.int64, device=like.device)
     if count:
         with torch.cuda.device_of(like):
-            kernels.project_splats[(math.ceil(count / kernels.BLOCK), len(views.sizes))](
+            project_splats[(math.ceil(count / BLOCK), len(views.sizes))](
                 *(tensor for _, tensor in gaussians.items()),
                 table if offsets is None else offsets,  # not read without offsets
                 views.cameras, views.frames, table, half, boxes, keys, count, NEAR, gaussians.dilation,
@@ -138,7 +127,6 @@ class _Draw(torch.autograd.Function):
     def forward(
         ctx: Any, views: Views, dilation: float, offsets: Tensor | None, *splats: Tensor
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        kernels, _ = load_triton_kernels()
         splats = tuple(tensor.detach().contiguous() for tensor in splats)
         means, quats, log_scales, logits, sh = splats
         gaussians = Gaussians(means, quats, log_scales, logits, sh, dilation)
@@ -150,7 +138,7 @@ class _Draw(torch.autograd.Function):
         depth, transmittance = image.new_empty(views.pixels), image.new_empty(views.pixels)
         last = torch.empty_like(depth, dtype=torch.int32)
         with torch.cuda.device_of(table):
-            kernels.blend_tile[(views.tiles,)](
+            blend_tile[(views.tiles,)](
                 table, tiles.owners, tiles.starts, views.frames, image, depth, transmittance, last,
                 len(views.sizes), ALPHA_MAX, num_warps=FORWARD_WARPS, enable_fp_fusion=True,
             )  # fmt: skip
@@ -163,7 +151,6 @@ class _Draw(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
-        kernels, of_splats = load_triton_kernels()
         views, tiles, dilation = ctx.views, ctx.tiles, ctx.dilation
         *splats, table, index, transmittance, last = ctx.saved_tensors
         means, quats, log_scales, logits, sh = splats
@@ -173,19 +160,19 @@ class _Draw(torch.autograd.Function):
         d_offsets = means.new_empty((count, 2))
         if count:
             d_outputs = [gradient.contiguous() for gradient in gradients[:3]]
-            d_pairs = table.new_zeros((len(tiles.slots), kernels.COLUMNS))
+            d_pairs = table.new_zeros((len(tiles.slots), COLUMNS))
             d_table = torch.empty_like(table)
             ranks = torch.full((len(views.sizes) * count,), -1, dtype=torch.int32, device=table.device)
             ranks[index] = torch.arange(len(index), dtype=torch.int32, device=table.device)
             with torch.cuda.device_of(table):
-                kernels.blend_tile_backward[(views.tiles,)](
+                blend_tile_backward[(views.tiles,)](
                     table, tiles.owners, tiles.slots, tiles.starts, views.frames, transmittance, last,
                     *d_outputs, d_pairs, len(views.sizes), ALPHA_MAX,
                     num_warps=BACKWARD_WARPS, enable_fp_fusion=True,
                 )  # fmt: skip
                 if len(table):
-                    kernels.sum_pairs[(len(table),)](d_pairs, tiles.ends, d_table, num_warps=1, enable_fp_fusion=True)
-                of_splats.project_splats_backward[(math.ceil(count / of_splats.BLOCK),)](
+                    sum_pairs[(len(table),)](d_pairs, tiles.ends, d_table, num_warps=1, enable_fp_fusion=True)
+                project_splats_backward[(math.ceil(count / BLOCK),)](
                     *splats, views.cameras, ranks, d_table, *found, d_sh, d_offsets,
                     count, len(views.sizes), dilation,
                     COEFFICIENTS=coefficients, PADDED=1 << (coefficients - 1).bit_length(), COLORS=colors,
@@ -205,10 +192,9 @@ def rasterize_triton(
 
     The same input gives the same bits on the same GPU: no sum depends on the order in which threads run.
     """
-    kernels, _ = load_triton_kernels()
     renders: list[Render] = []
     for first in range(0, len(cameras), _VIEWS_AT_ONCE):
-        views = Views.of(cameras[first : first + _VIEWS_AT_ONCE], kernels.TILE, gaussians.means.device)
+        views = Views.of(cameras[first : first + _VIEWS_AT_ONCE], TILE, gaussians.means.device)
         splats = (tensor for _, tensor in gaussians.items())
         drawn = _Draw.apply(views, gaussians.dilation, screen_offsets, *splats)
         renders += _pictures(views, backgrounds[first : first + _VIEWS_AT_ONCE], *drawn)
