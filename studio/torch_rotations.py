@@ -22,31 +22,6 @@ def quats_to_matrices(quats: Tensor) -> Tensor:
     return torch.stack(rows, dim=-2)
 
 
-def matrices_to_quats(matrices: Tensor) -> Tensor:
-    """Unit quaternions (N, 4) wxyz with w >= 0 of rotation matrices (N, 3, 3).
-
-    Computed from the component of largest magnitude, which keeps the division well conditioned (Shepperd 1978).
-    """
-    m = matrices
-    xx, yy, zz = m[:, 0, 0], m[:, 1, 1], m[:, 2, 2]
-    squares = torch.stack([1 + xx + yy + zz, 1 + xx - yy - zz, 1 - xx + yy - zz, 1 - xx - yy + zz], 1)
-    wx, wy, wz = m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]
-    xy, xz, yz = m[:, 1, 0] + m[:, 0, 1], m[:, 0, 2] + m[:, 2, 0], m[:, 2, 1] + m[:, 1, 2]
-    # Row i is 4 q_i q. All rows are multiples of q; the one with the largest q_i has the smallest relative error.
-    rows = torch.stack(
-        [
-            torch.stack([squares[:, 0], wx, wy, wz], 1),
-            torch.stack([wx, squares[:, 1], xy, xz], 1),
-            torch.stack([wy, xy, squares[:, 2], yz], 1),
-            torch.stack([wz, xz, yz, squares[:, 3]], 1),
-        ],
-        dim=1,
-    )
-    best = rows[torch.arange(len(m), device=m.device), squares.argmax(1)]
-    best = torch.nn.functional.normalize(best, dim=-1)
-    return torch.where(best[:, :1] < 0, -best, best)
-
-
 def quat_multiply(left: Tensor, right: Tensor) -> Tensor:
     """Hamilton product (N, 4) wxyz: the rotation `right` followed by `left`. (1, 4) broadcasts against (N, 4)."""
     a, b = left[:, :1], left[:, 1:]
