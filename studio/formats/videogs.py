@@ -21,6 +21,7 @@ read.
 import json
 import threading
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +50,7 @@ _OPACITY = -8  # its index among the attributes
 
 MAX_FRAMES = 1_000_000
 MAX_SPLATS = 4 << 20
-_DEGREES = {17: 0, 26: 1, 41: 2, 62: 3}  # by the number of attributes
+_ATTRIBUTES = (17, 26, 41, 62)  # their number, by SH degree
 _JPEG_RANGE = 2  # FFmpeg's number for full range: luma from 0 to 255
 
 
@@ -152,31 +153,32 @@ def is_videogs(folder: Path) -> bool:
     return (folder / "group_info.json").is_file() and (folder / "viewer_min_max.json").is_file()
 
 
+@dataclass(frozen=True, eq=False)
 class _Frame:
-    """One validated entry of viewer_min_max.json."""
+    """An entry of viewer_min_max.json: number of splats, and (A, 2) minimum and maximum of each attribute."""
 
-    def __init__(self, path: Path, key: str, entry: Any) -> None:
-        def invalid(name: str, problem: str, value: Any = None) -> StudioError:
-            return damaged("videogs.invalid_frame", f"frame {key}: {problem}", path, value, frame=key, name=name)
+    count: int
+    ranges: np.ndarray
 
-        count = entry.get("num") if isinstance(entry, dict) else None
-        info = entry.get("info") if isinstance(entry, dict) else None
-        if not isinstance(count, int) or isinstance(count, bool) or not 0 < count <= MAX_SPLATS:
-            raise invalid("num", f"'num' is {count!r}; it must be an integer from 1 to {MAX_SPLATS}", count)
-        try:
-            ranges = np.array(info, np.float64).reshape(-1, 2)
-        except (TypeError, ValueError):
-            raise invalid("info", "'info' must be a list of minima and maxima") from None
-        if len(ranges) not in _DEGREES:
-            raise invalid("info", f"'info' has {2 * len(ranges)} values; expected 34, 52, 82 or 124", 2 * len(ranges))
-        if not np.isfinite(ranges).all() or (ranges[:, 0] > ranges[:, 1]).any():
-            raise invalid("info", "'info' contains a value that is not finite, or a minimum above its maximum")
-        self.count = count
-        self.ranges = ranges
 
-    @property
-    def degree(self) -> int:
-        return _DEGREES[len(self.ranges)]
+def _frame(path: Path, key: str, entry: Any) -> _Frame:
+    """A validated entry."""
+
+    def invalid(name: str, problem: str, value: Any = None) -> StudioError:
+        return damaged("videogs.invalid_frame", f"frame {key}: {problem}", path, value, frame=key, name=name)
+
+    count, info = (entry.get("num"), entry.get("info")) if isinstance(entry, dict) else (None, None)
+    if not isinstance(count, int) or isinstance(count, bool) or not 0 < count <= MAX_SPLATS:
+        raise invalid("num", f"'num' is {count!r}; it must be an integer from 1 to {MAX_SPLATS}", count)
+    try:
+        ranges = np.array(info, np.float64).reshape(-1, 2)
+    except (TypeError, ValueError):
+        raise invalid("info", "'info' must be a list of minima and maxima") from None
+    if len(ranges) not in _ATTRIBUTES:
+        raise invalid("info", f"'info' has {2 * len(ranges)} values; expected 34, 52, 82 or 124", 2 * len(ranges))
+    if not np.isfinite(ranges).all() or (ranges[:, 0] > ranges[:, 1]).any():
+        raise invalid("info", "'info' contains a value that is not finite, or a minimum above its maximum")
+    return _Frame(count, ranges)
 
 
 def open_videogs(folder: Path, fps: float = DEFAULT_FPS) -> SplatVideo:
@@ -194,8 +196,8 @@ def open_videogs(folder: Path, fps: float = DEFAULT_FPS) -> SplatVideo:
             key = str(index if by_index else first_name + index - frame_range.start)
             if key not in table:
                 raise damaged("videogs.missing_frame", f"frame {key} is missing", path, frame=key)
-            frames.append(_Frame(path, key, table[key]))
-    if len({frame.degree for frame in frames}) > 1:
+            frames.append(_frame(path, key, table[key]))
+    if len({len(frame.ranges) for frame in frames}) > 1:
         raise damaged("videogs.mixed_degrees", "frames have different numbers of attributes", folder)
     boxes = np.stack([frame.ranges[:POSITIONS] for frame in frames])
     radius = float(np.median(np.ptp(boxes, axis=2).max(axis=1))) / 2
