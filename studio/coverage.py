@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -138,9 +138,7 @@ def facing_cameras(cameras: Iterable[Camera], points: np.ndarray, normals: np.nd
     for camera in cameras:
         towards = camera.center - points
         towards /= np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), 1e-12)
-        x, y, z = camera.rotation @ points.T + camera.translation[:, None]
-        depth = np.where(z > 0, z, np.inf)
-        u, v = camera.fx * x / depth + camera.cx, camera.fy * y / depth + camera.cy
-        inside = (z > 0) & (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
+        pixels, depth = replace(camera, distortion=np.zeros(0)).project(points)
+        inside = (depth > 0) & (pixels >= 0).all(1) & (pixels < [camera.width, camera.height]).all(1)
         count += inside & ((unit * towards).sum(1) > _FACING)
     return count

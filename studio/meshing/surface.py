@@ -42,11 +42,6 @@ class Mesh:
             o3d.utility.Vector3dVector(self.vertices), o3d.utility.Vector3iVector(self.faces)
         )
 
-    @classmethod
-    def from_open3d(cls, mesh: Any) -> Mesh:
-        """Convert from an `open3d.geometry.TriangleMesh`."""
-        return cls(np.array(mesh.vertices, np.float64), np.array(mesh.triangles, np.int32))
-
     @property
     def corners(self) -> np.ndarray:
         """(F, 3, 3): the vertices of each face."""
@@ -71,23 +66,21 @@ class Mesh:
 
     def save(self, path: Path | str) -> None:
         """Write a PLY file, atomically; StudioError: `mesh.unwritable`."""
-        o3d = open3d()
         with atomic_path(Path(path)) as temporary:
-            if not o3d.io.write_triangle_mesh(str(temporary), self.to_open3d(), print_progress=False):
+            if not open3d().io.write_triangle_mesh(str(temporary), self.to_open3d(), print_progress=False):
                 fix = "Check the free disk space and the permissions of the folder."
                 raise StudioError("mesh.unwritable", "cannot write the mesh", file=path, fix=fix)
 
     @classmethod
     def load(cls, path: Path | str) -> Mesh:
         """Read a mesh file (PLY, OBJ, ...); StudioError: `mesh.missing` or `mesh.unreadable`."""
-        o3d = open3d()
         if not Path(path).is_file():
             raise StudioError("mesh.missing", "mesh file not found", file=path)
-        mesh = cls.from_open3d(o3d.io.read_triangle_mesh(str(path)))
-        if len(mesh.faces) == 0:
+        mesh = open3d().io.read_triangle_mesh(str(path))
+        if len(mesh.triangles) == 0:
             problem = "the file contains no readable triangles"
             raise StudioError("mesh.unreadable", problem, file=path, fix="Create the file again.")
-        return mesh
+        return cls(np.array(mesh.vertices, np.float64), np.array(mesh.triangles, np.int32))
 
 
 def smooth_field(field: np.ndarray, sigma: float) -> np.ndarray:
