@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from gui.drawing.canvas import Canvas
-from gui.drawing.palette import FAIR, GROUND
+from gui.drawing.areas import Box
+from gui.drawing.palette import FAIR
 from gui.models.held_out import held_out_first
 from gui.models.loop import Signal
 from gui.models.stages import Inputs
 from gui.models.take.workspace import Workspace, modified
 from gui.pages.calibrate.marks import TieMarks, advice, expected
-from gui.pages.calibrate.points_drawing import MOST_PICTURES, Action, Magnifier, Spots, crops, crosses, point_list, tabs
+from gui.pages.calibrate.points_drawing import MOST_PICTURES, Action, Magnifier, PointsImage, Spots
 from gui.pages.stage_view import Size, StageView
 from pipelines.takes.stage_files import read_cameras_report
 from pipelines.takes.take import Take
@@ -109,11 +109,10 @@ class PointsView(StageView):
         self._footage = (context, names)
         if self.camera not in names:
             self.camera = names[0]
-        canvas, spots = Canvas(*size, GROUND), Spots()
-        small = round(0.85 * self.em)
+        image = PointsImage(size, self.em, marks, self.camera, self.show_camera)
         left, right = min(15 * self.em, 0.3 * size[0]), min(9 * self.em, 0.2 * size[0])
-        top = tabs(canvas, spots, (left, size[0] - left), names, marks, self.camera, self.em, self.show_camera)
-        self._picture(canvas, marks, (left, top, size[0] - left - right, size[1] - top))
+        top = image.tabs(left, size[0] - left, names)
+        self._magnified(image, marks, (left, top, size[0] - left - right, size[1] - top))
         if marks.point is not None:
             shown = [name for name in names if name in marks.point.pixels]
             if len(shown) > MOST_PICTURES and self.camera in shown:  # this camera and the following ones
@@ -121,12 +120,11 @@ class PointsView(StageView):
                 shown = shown[here:] + shown[:here]
             frame = marks.point.frame  # moving points are elsewhere in other frames
             images = {name: self._image(name, frame) for name in shown[:MOST_PICTURES]}
-            rect = (size[0] - right, top, right, size[1] - top)
-            crops(canvas, spots, rect, images, marks.point, self.camera, small, self.show_camera)
+            image.crops((size[0] - right, top, right, size[1] - top), images, marks.point)
         buttons, solved = self._buttons(), _solved(context.take, modified(context.take.calibration_report))
-        self._scroll = point_list(canvas, spots, (left, size[1]), marks, self._scroll, solved, buttons, self.em)
-        self._spots = spots
-        return canvas.pixels
+        self._scroll = image.points(left, self._scroll, solved, buttons)
+        self._spots = image.spots
+        return image.canvas.pixels
 
     def _image(self, camera: str, number: int | None = None) -> np.ndarray:
         """A camera's image, of this frame number or else of the current frame."""
@@ -142,15 +140,15 @@ class PointsView(StageView):
         frames = self.workspace.context.footage.raw.frames
         return int(frames[min(self.frame, len(frames) - 1)])
 
-    def _picture(self, canvas: Canvas, marks: TieMarks, rect: tuple[float, float, float, float]) -> None:
-        image = self._image(self.camera)
+    def _magnified(self, image: PointsImage, marks: TieMarks, rect: Box) -> None:
+        canvas, filmed = image.canvas, self._image(self.camera)
         magnifier = self.magnifiers.get(self.camera)
-        size = (image.shape[1], image.shape[0])
+        size = (filmed.shape[1], filmed.shape[0])
         if magnifier is None or (magnifier.width, magnifier.height) != size:
             magnifier = self.magnifiers[self.camera] = Magnifier(size)
         magnifier.rect = rect
-        magnifier.draw(canvas, image)
-        crosses(canvas, magnifier, marks, self.camera, self.em)
+        magnifier.draw(canvas, filmed)
+        image.crosses(magnifier)
         rig = self._cameras()
         chosen = marks.point
         if rig is not None and chosen is not None and self.camera in rig:
