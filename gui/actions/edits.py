@@ -107,10 +107,7 @@ class EditActions:
             if kind == "floaters" and editor.tool == "floaters":
                 editor.pending = edits  # shown before it is removed
                 return ""
-            if not editor.commit(edits, title.lower()):
-                self._window.notices.clear("edits")  # the dialog shows it
-                return editor.refused
-            return ""
+            return self._shown_here(editor.commit(edits, title.lower()))
 
         fields = fields_of(editor.pending or editor.edits, kind, editor.up)
         ask_numbers(self._window.dialogs, title, text, fields, save)
@@ -125,13 +122,15 @@ class EditActions:
                 distance = float(texts["distance"])
             except ValueError:
                 return f"'{texts['distance']}' is not a number; example: 1.83."
-            if not editor.set_scale(start, end, distance):
-                self._window.notices.clear("edits")  # the dialog shows it
-                return editor.refused
-            return ""
+            return self._shown_here(editor.set_scale(start, end, distance))
 
         text = f"The two points are {now:.4g} apart. How far is that really?"
         ask_numbers(self._window.dialogs, "Scale", text, [("distance", "Distance", f"{now:.4g}")], save)
+
+    def _shown_here(self, refused: str) -> str:
+        """Why a change is refused, which the open dialog shows instead of a notice."""
+        self._window.notices.clear("edits")
+        return refused
 
     def _ask_range(self, group: range) -> None:
         """In which frames what is selected is to be removed."""

@@ -82,9 +82,8 @@ class EditView(OrbitView):
         self.clicks: tuple[tuple[float, ...], ...] = ()  # picked points, world
         # emitted with two points, whose distance gives the scale
         self.two_points: Signal[[np.ndarray, np.ndarray]] = Signal()
-        # refused: why the last change was refused, or what to do; "" if it was not
-        self.refused, self.background = "", "dark"
-        self.refusal: Signal[[str]] = Signal()  # emitted with `refused`
+        self.background = "dark"
+        self.refusal: Signal[[str]] = Signal()  # emitted with why a change is refused, or what to do
         self.numbers = FrameNumbers()
         self.captured_up = np.array([0.0, 0.0, 1.0])  # (3,) up of the capture
         self.brush = BRUSH  # radius of the brush, relative to the height of the image
@@ -193,9 +192,7 @@ class EditView(OrbitView):
         if len(starts) == 1:
             self.remove_selected(None)
         else:
-            frames = range(starts[group], (*starts, count)[group + 1])
-            self._refuse("")
-            self.range_wanted.emit(frames)
+            self.range_wanted.emit(range(starts[group], (*starts, count)[group + 1]))
 
     def remove_selected(self, frames: tuple[int, int] | None) -> None:
         """Remove what a lasso or the brush has selected, in the whole groups of `frames`; None: in all."""
@@ -208,21 +205,21 @@ class EditView(OrbitView):
         *others, last = edits.regions
         return edits.with_(regions=(*others, last.model_copy(update={"frames": frames})))
 
-    def commit(self, edits: EditList, words: str) -> bool:
-        """Write the edits as one change to undo; returns whether that was possible, and sets `refused` if not."""
+    def commit(self, edits: EditList, words: str) -> str:
+        """Write the edits as one change to undo; returns why that was refused, "" if it was not."""
         before, self.pending = self.edits, None
         undo = partial(self._write, edits, before, f"undo: {words}")
         redo = partial(self._write, before, edits, words)
-        self._refuse("")
+        refused = ""
         try:
             if edits != before:
                 redo()
                 self.workspace.history.add(Change(words, undo, redo))
         except StudioError as error:
-            self._refuse(str(error))
+            refused = self._refuse(str(error))
         if self.tool == "floaters":
             self.tool = "look"
-        return not self.refused
+        return refused
 
     def _write(self, before: EditList, edits: EditList, words: str) -> None:
         take = self.workspace.take
@@ -231,10 +228,9 @@ class EditView(OrbitView):
         change_edits(take.edits, edits, words, before)
         self.workspace.inputs_changed()
 
-    def _refuse(self, why: str) -> None:
-        self.refused = why
-        if why:
-            self.refusal.emit(why)
+    def _refuse(self, why: str) -> str:
+        self.refusal.emit(why)
+        return why
 
     def _trim(self, key: str) -> None:
         whole = Trim(first=self.numbers.number(0), last=self.numbers.number(max(self._group_ends()[-1] - 1, 0)))
@@ -245,18 +241,16 @@ class EditView(OrbitView):
         trim = Trim(first=first, last=last)
         self.commit(self.edits.with_(trim=None if trim == whole else trim), f"trim to frames {first} to {last}")
 
-    def set_scale(self, start: np.ndarray, end: np.ndarray, distance: float) -> bool:
-        """Scale the world so that two points are `distance` apart; returns whether that was possible."""
+    def set_scale(self, start: np.ndarray, end: np.ndarray, distance: float) -> str:
+        """Scale the world so that two points are `distance` apart; returns why that was refused, "" if it was not."""
         apart = float(np.linalg.norm(end - start))
         if not (apart > 0 and distance > 0):
-            self._refuse("The points must differ, and the distance must be above 0.")
-            return False
+            return self._refuse("The points must differ, and the distance must be above 0.")
         world = self.edits.world or World()
         try:
             scaled = World.model_validate(world.model_dump() | {"scale": distance / apart})
         except ValueError:
-            self._refuse("The scale must be from 0.000001 to 1000000.")
-            return False
+            return self._refuse("The scale must be from 0.000001 to 1000000.")
         self.clicks = ()
         return self.commit(self.edits.with_(world=scaled), f"scale {scaled.scale:.4g}")
 
@@ -359,7 +353,7 @@ class EditView(OrbitView):
             self.two_points.emit(start, end)
         else:
             up = (end - start) / np.linalg.norm(end - start)
-            if self.commit(edits.with_(world=world.model_copy(update={"up": tuple(up.tolist())})), "up"):
+            if not self.commit(edits.with_(world=world.model_copy(update={"up": tuple(up.tolist())})), "up"):
                 self.clicks = ()
                 orbit = self.orbit or OrbitCamera()
                 self.orbit = OrbitCamera.from_to(orbit.eye, orbit.target, up, orbit.fov)

@@ -89,7 +89,7 @@ def test_what_is_selected_is_removed_from_the_chosen_frames(
 def test_edits_are_taken_back_in_the_list(stand_in: Any) -> None:
     editor = stand_in.views.editor
     edits = EditList(trim=Trim(first=0, last=2), floaters=Floaters(opacity=0.05))
-    assert editor.commit(edits, "both")
+    assert not editor.commit(edits, "both")
     stand_in.views.edit_dialog.emit("list")
     LOOP.run()
     dialogs = stand_in.dialogs
