@@ -16,7 +16,7 @@ from gui.models.take.inspector import Block
 from gui.models.take.page_words import in_page_words
 from gui.models.take.workspace import Workspace, modified
 from gui.models.worker import LatestWorker
-from gui.pages.capture.garbage_drawing import GarbageDrawing, Polygons, draw_garbage
+from gui.pages.capture.garbage_drawing import GarbageDrawing, draw_garbage
 from gui.pages.stage_view import Size, StageView, rectangle, sentence
 from studio.camera_files import read_rig
 from studio.cameras import Rig
@@ -55,7 +55,6 @@ class CaptureView(StageView):
         self.footage_check = FootageCheck()
         self.garbage = GarbageDrawing(workspace)
         self.image_at: ImageAt | None = None
-        self._refused: object = None  # why the polygons cannot be shown
 
     @property
     def blocks(self) -> Sequence[Block]:
@@ -119,12 +118,9 @@ class CaptureView(StageView):
         alone = self.camera in footage.camera_names
         names = [self.camera] if alone else held_out_first(footage.camera_names, footage.held_out_cameras)
         draws = alone and self.mode == GARBAGE
-        drawn: Polygons = {}
-        if self.mode == GARBAGE:
-            drawn = self._drawn_polygons()
-        else:
-            self._refused = None  # again when they are to be drawn again
-        places, image_at = [], None
+        places: list[tuple[str, np.ndarray]] = []
+        image_at = self.image_at = None
+        drawn = self.garbage.polygons() if self.mode == GARBAGE else {}
         wide, high = footage.raw_size(names[0])
         width, row = grid(len(names), canvas.width, height, wide / high, self._small)
         columns = max(canvas.width // width, 1)
@@ -166,18 +162,6 @@ class CaptureView(StageView):
             return outlined(small, mask)
         alpha = mask[..., None] / np.float32(255)
         return outlined(small * (0.35 + 0.65 * alpha), 255 * alpha[..., 0])
-
-    def _drawn_polygons(self) -> Polygons:
-        try:
-            found = self.garbage.polygons()
-        except StudioError as error:
-            refused = (str(error), error.value)
-            if refused != self._refused:  # once, not with each frame
-                self._refused = refused
-                self.garbage.refused.emit(str(error))
-            return {}
-        self._refused = None
-        return found
 
     def click(self, x: float, y: float) -> None:
         """Add a corner to the garbage mask, if one is drawn."""
