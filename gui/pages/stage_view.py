@@ -141,7 +141,7 @@ class OrbitView(StageView):
 
     def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
         orbit = self.orbit or self.home
-        if orbit is not None:
+        if orbit is not None and self.orbits:
             self.orbit = orbit.orbit(dx, dy) if turn else orbit.pan(dx, dy, height)
 
     def wheel(self, x: float, y: float, notches: float) -> None:

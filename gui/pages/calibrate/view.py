@@ -332,10 +332,6 @@ class CalibrateView(OrbitView):
             "" if change is None else f"{change.degrees:.2f}\N{DEGREE SIGN}, {change.distance:.3g}",
         ]
 
-    def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
-        if self.mode != "report":  # a table
-            super().drag(dx, dy, turn, height)
-
     def wheel(self, x: float, y: float, notches: float) -> None:
         """Zoom; in the report, show other rows."""
         if self.mode != "report":
