@@ -15,21 +15,15 @@ SetValue = Callable[[SettingField, str], None]
 
 @dataclass
 class Editor:
-    """Widgets of a setting. `steps`: buttons that make a number lower and higher; none if it has no close limits. Not a
-    slider: the toolkit's prints the number once more, and covers it with its handle. `grows`: it takes all the room
-    that there is."""
+    """Widgets of a setting. `buttons`: "less" and "more", if it is a number with close limits, and "browse", from left
+    to right. No slider: the toolkit's prints the number once more, and covers it with its handle. `grows`: it takes all
+    the room that there is."""
 
     widget: gui.Widget
     put: Callable[[str], None]
-    steps: list[gui.Button] = field(default_factory=list)
-    browse: gui.Button | None = None
+    buttons: dict[str, gui.Button] = field(default_factory=dict)
     grows: bool = False
     shown: str = ""
-
-    @property
-    def parts(self) -> list[gui.Widget]:
-        """All widgets, from left to right."""
-        return [self.widget, *self.steps, *([self.browse] if self.browse is not None else [])]
 
     def show(self, text: str) -> None:
         """Show a value."""
@@ -72,10 +66,10 @@ def make_editor(setting: SettingField, set_value: SetValue, pick: Callable[[Sett
     edit.set_on_value_changed(typed)
     if setting.limits is not None:
         low, high = setting.limits
-        for sign, count, words in (("-", -1, f"Lower; {low:g} at least"), ("+", 1, f"Higher; {high:g} at most")):
-            editor.steps.append(small_button(sign, words, partial(step, count)))
+        editor.buttons["less"] = small_button("-", f"Lower; {low:g} at least", partial(step, -1))
+        editor.buttons["more"] = small_button("+", f"Higher; {high:g} at most", partial(step, 1))
     if setting.name in FOLDERS | FILES:
-        editor.browse = small_button("...", "Choose it in a dialog", lambda: pick(setting))
+        editor.buttons["browse"] = small_button("...", "Choose it in a dialog", lambda: pick(setting))
     return editor
 
 

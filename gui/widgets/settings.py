@@ -91,16 +91,10 @@ class SettingsList:
     def widgets(self) -> dict[str, gui.Widget]:
         """What can be pressed besides the fields, by name."""
         heads = {"preset": self.preset, "estimate": self.estimate} if self._has_presets else {}
-        rows = {f"reset {name}": row[3] for name, row in self._rows.items()}
-        steps = {
-            f"{way} {name}": button
-            for name, row in self._rows.items()
-            for way, button in zip(("less", "more"), row[1].steps, strict=False)
-        }
-        pickers = {f"browse {name}": row[1].browse for name, row in self._rows.items() if row[1].browse is not None}
-        return {
-            **heads, "all settings": self.all, "reset settings": self.reset_all, **rows, **steps, **pickers,
-        }  # fmt: skip
+        found = {**heads, "all settings": self.all, "reset settings": self.reset_all}
+        for name, (_, editor, _, reset) in self._rows.items():
+            found |= {f"{key} {name}": button for key, button in {**editor.buttons, "reset": reset}.items()}
+        return found
 
     @property
     def lists(self) -> list[gui.Widget]:
@@ -204,7 +198,7 @@ class SettingsList:
         else:
             head.preferred_width = room
             row.add_child(head)
-        for widget in editor.parts:
+        for widget in (editor.widget, *editor.buttons.values()):
             row.add_child(widget)
         if not editor.grows:
             row.add_stretch()
