@@ -38,11 +38,9 @@ class BakeActions:
         self._list = dialogs.list_of(ROWS, self._select)
         self._message = dialogs.label(in_lines("", MESSAGE_LINES))
         row = dialogs.row(
-            (
-                ("compare", "Compare with it", self._compare),
-                ("keep", "Keep the stream as...", self._ask_keep),
-                ("compare_take", "Compare with another take...", self._ask_take),
-            )
+            ("compare", "Compare with it", self._compare),
+            ("keep", "Keep the stream as...", self._ask_keep),
+            ("compare_take", "Compare with another take...", self._ask_take),
         )
         words = (
             "Bakes that this take keeps. Comparing shows them with one timeline, up to four side by side."

@@ -37,14 +37,12 @@ class QueueActions:
         self._list = dialogs.list_of(ROWS, self._select)
         self._words, self._message = dialogs.label(" "), dialogs.label(in_lines("", MESSAGE_LINES))
         row = dialogs.row(
-            (
-                ("add_open", "Add open take", self._add_open),
-                ("add", "Add take...", self._add),
-                ("up", "Move up", lambda: self._of_chosen(lambda number: queue.move(number, -1))),
-                ("down", "Move down", lambda: self._of_chosen(lambda number: queue.move(number, 1))),
-                ("remove", "Remove", lambda: self._of_chosen(queue.remove)),
-                ("retry", "Retry", lambda: self._of_chosen(queue.retry)),
-            )
+            ("add_open", "Add open take", self._add_open),
+            ("add", "Add take...", self._add),
+            ("up", "Move up", lambda: self._of_chosen(lambda number: queue.move(number, -1))),
+            ("down", "Move down", lambda: self._of_chosen(lambda number: queue.move(number, 1))),
+            ("remove", "Remove", lambda: self._of_chosen(queue.remove)),
+            ("retry", "Retry", lambda: self._of_chosen(queue.retry)),
         )
         answers = [("start", "Start", queue.start), ("stop", "Stop", queue.stop), ("close", "Close", dialogs.close)]
         parts = [self._list, row, self._words, self._message, dialogs.label(HINT)]

@@ -1,7 +1,7 @@
 """The cameras and frames of new footage as an image in which both can be chosen."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -40,10 +40,7 @@ class FootageSheet:
         top = round((1 - FRAMES) * self.size[1])
         count = max(len(self.found.strip), 1)
         places = boxes((self.size[0], self.size[1] - top), count, 1e-3)  # in one row
-        return {
-            frame: Box(place.x, top, place.width, place.height)
-            for frame, place in zip(self.found.strip, places, strict=False)
-        }
+        return {frame: replace(place, y=top) for frame, place in zip(self.found.strip, places, strict=False)}
 
     def camera_at(self, x: float, y: float) -> str:
         """The camera at a pixel; "" if there is none."""

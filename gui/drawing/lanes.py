@@ -5,7 +5,7 @@ from collections.abc import Collection
 from itertools import pairwise
 
 from gui.drawing.canvas import Canvas, line_height
-from gui.drawing.palette import ACCENT, BAD, DIM, FAIR, GOOD, RAISED, RGB, TEXT
+from gui.drawing.palette import DIM, RAISED, STATE_COLORS, TEXT
 from pipelines.events import GroupState
 
 _ORDER = ("failed", "running", "retried", "done", "queued")
@@ -14,7 +14,6 @@ _ORDER = ("failed", "running", "retried", "done", "queued")
 _HEADS = ("group", "state", "node", "frames", "PSNR", "s/frame")
 _COLUMNS = (0.0, 0.12, 0.32, 0.54, 0.72, 0.85, 1.0)
 """Left edges of the columns and the right edge of the last, as shares of the width."""
-_COLORS: dict[str, RGB] = {"failed": BAD, "running": ACCENT, "retried": FAIR, "queued": DIM, "done": GOOD}
 
 
 def draw_lanes(
@@ -49,7 +48,7 @@ def _place(lane: GroupState) -> tuple[int, float]:
 
 
 def _lane(canvas: Canvas, x: float, y: float, width: float, lane: GroupState, em: float, small: int) -> None:
-    color = _COLORS.get(lane.state, DIM)
+    color = STATE_COLORS.get(lane.state, DIM)
     at = [x + share * width for share in _COLUMNS]
     room = [after - before - 0.5 * em for before, after in pairwise(at)]
     again = f" ({lane.attempt})" if lane.attempt > 1 else ""

@@ -38,6 +38,7 @@ SERIES: tuple[RGB, ...] = (  # of curves in one plot, in order; they repeat
 STATE_COLORS: dict[str, RGB] = {
     "done": GOOD,
     "partial": FAIR,
+    "retried": FAIR,
     "stale": FAIR,
     "failed": BAD,
     "missing": FAINT,

@@ -85,11 +85,10 @@ class CommandList:
             canvas.rect(width + 2, 0, thick, canvas.height, LINE)
             canvas.rect(width + 2, self.first * share, thick, ROWS * share, DIM)
         for number, command in enumerate(self.found[self.first : self.first + ROWS]):
-            y = number * row
-            if self.first + number == self.at:
+            y, selected = number * row, self.first + number == self.at
+            if selected:
                 canvas.rect(0, y, width, row, ACCENT_DARK)
             top = y + (row - 1.25 * size) / 2
-            selected = self.first + number == self.at
             canvas.text(pad, top, command.menu, size, TEXT if selected else DIM, width=menu_room)
             left = pad + menu_room
             room = width - left - pad

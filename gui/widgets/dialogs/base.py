@@ -128,7 +128,7 @@ class Dialogs:
             button.background_color = color(ACCENT_DARK)
         return button
 
-    def row(self, buttons: Sequence[Answer]) -> gui.Horiz:
+    def row(self, *buttons: Answer) -> gui.Horiz:
         """Make a row of buttons for the dialog being built."""
         row = gui.Horiz(0.4 * self.em)
         for button in buttons:

@@ -78,11 +78,9 @@ class NewTakeDialog:
         self._text = dialogs.label("")
         dialogs.made |= {"refused": self._text} if error else {}
         buttons = dialogs.row(
-            (
-                ("suggested", "Hold out every eighth camera", lambda: self._use("suggested", "held out")),
-                ("unmasked", "Exclude cameras without masks", lambda: self._use("unmasked", "not used")),
-                ("every_frame", "All frames", lambda: self._set_frames("")),
-            )
+            ("suggested", "Hold out every eighth camera", lambda: self._use("suggested", "held out")),
+            ("unmasked", "Exclude cameras without masks", lambda: self._use("unmasked", "not used")),
+            ("every_frame", "All frames", lambda: self._set_frames("")),
         )
         grid = gui.Vert(0, gui.Margins(0, 0, 0, -2 * em))  # a grid asks for more height than it takes
         grid.add_child(form.grid)
