@@ -38,7 +38,6 @@ class QualityFigures:
         evaluation = Evaluation() if take is None else Evaluation.read(take.evaluation, stale)
         window.evaluation = evaluation
         others = {name: other.series(name, camera) for name in PLOTTED} if other is not None else None
-        camera = camera if camera in evaluation.cameras else ""
         series = {name: evaluation.series(name, frames, camera) for name in PLOTTED}
         whose = evaluation.whose(camera), evaluation.whose(camera, briefly=True)
         plots = plots_of(series, whose[0], others, whose[1], ", earlier bake" * evaluation.stale)

@@ -26,7 +26,6 @@ def state_of(window: Shell) -> JsonObject:
         "message": window.message.text,  # over the view
         "opening": window.workspace.opening,
         "dialog": window.dialogs.name,
-        "heading": window.dialogs.title,
         "typing": window.dialogs.typing,  # whether the dialog's text field has the keyboard focus
         "lines": window.dialogs.lines,
         "stage": views.stage,
@@ -39,14 +38,13 @@ def state_of(window: Shell) -> JsonObject:
         "busy": window.workspace.busy,
         "upcoming": stages.upcoming,  # the button to press next
         "error": stages.error.text,  # in the left panel
-        "error_setting": stages.error_setting,
         "frame": transport.frame,
         "number": transport.number(transport.frame),  # of this frame in the footage
         "frames": transport.frame_count,
         "playing": transport.playing,
         "span": transport.span,
         # places of the buttons in the log
-        "fixes": window.inspector.view.places if window.layout.shows_figures else {},
+        "fixes": window.inspector.view.areas.middles(window.inspector.log.size) if window.layout.shows_figures else {},
         "what": player.what,
         "compare": player.mode,
         "wipe": round(player.wipe, 3),
@@ -68,13 +66,10 @@ def state_of(window: Shell) -> JsonObject:
         "serving": window.serving.address,
         "marks": {str(frame): note for frame, note in sorted(window.marks.notes.items())},
         "path": [[round(key.time, 3), key.frame, key.easing] for key in window.exports.path.keys],
-        "path_places": window.path_panel.places if window.path_panel.shown else {},
         "orbit": [player.orbit.yaw, player.orbit.pitch, player.orbit.distance, *player.orbit.target.tolist()],
-        "background": player.background,
         "timeline_left": window.timeline.plots_view.left,  # column where frame 0 begins
         "timeline_width": window.timeline.plots_view.timeline.width,  # columns of all frames
         "zoom": window.timeline.zoom.shown,  # frames in the timeline; None for all
-        "hint": window.hints.text,
         "widgets": {
             name: [frame.x, frame.y, frame.width, frame.height]
             for name, frame in ((name, widget.frame) for name, widget in widgets.items())

@@ -103,8 +103,9 @@ class Evaluation:
         )
 
     def series(self, name: str, frame_count: int, camera: str = "") -> list[float | None]:
-        """A metric, "bytes" or "flicker", for every frame, of a camera or ("") the mean; None where not measured."""
+        """A metric, "bytes" or "flicker", for every frame, of a camera, or the mean if it was not evaluated; None where
+        not measured."""
         found: list[FrameQuality | Quality | None] = [self.frames.get(frame) for frame in range(frame_count)]
-        if camera and name not in ("bytes", "flicker"):
+        if camera in self.cameras and name not in ("bytes", "flicker"):
             found = [one.cameras.get(camera) if isinstance(one, FrameQuality) else None for one in found]
         return [getattr(one, name, None) for one in found]

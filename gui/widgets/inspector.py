@@ -57,6 +57,7 @@ class InspectorPanel:
         self._down, self._blocks = 0.0, list[Block]()
         self._figures_of: object = None
         self._log_of: object = None
+        self.view = LogView([], 16, 16, em)  # the log as it was drawn last
         self._rows: list[LogRow] = []
         self._lines_of: tuple[object, ...] = (None,)
         self._next = 0.0
@@ -161,17 +162,13 @@ class InspectorPanel:
             self._warnings = len(warnings)
             lines = warnings if self.only_warnings else lines
             self._rows = log_rows(lines, size[0], self._em, workspace.config)
-        view = self.view
+        view = LogView(self._rows, *size, self._em, self._back, self.large, self._warnings, self.only_warnings)
         state = (view.shown, view.back, size, view.large, view.warnings, view.only_warnings)
         if state == self._log_of:
             return False
-        self._log_of = state
+        self._log_of, self.view = state, view
         self.log.show(view.picture())
         return True
-
-    @property
-    def view(self) -> LogView:
-        return LogView(self._rows, *self.log.size, self._em, self._back, self.large, self._warnings, self.only_warnings)
 
     def _on_edge(self, event: gui.MouseEvent, y: float) -> bool:
         """Resize the log by a drag of its heading; a click enlarges it, or undoes that. Returns whether it was one."""
@@ -196,23 +193,24 @@ class InspectorPanel:
 
     def _on_mouse(self, event: gui.MouseEvent, x: float, y: float) -> bool:
         kind = gui.MouseEvent.Type
-        if event.type == kind.BUTTON_DOWN and self.view.on_filter(x, y):
+        label = self.view.areas.at(x, y) or ""
+        fix = self.view.fixes.get(label)
+        on_filter = label != "" and fix is None
+        if event.type == kind.BUTTON_DOWN and on_filter:
             self._grabbed = None
             self.toggle_warnings()
             return True
         if event.type in (kind.BUTTON_DOWN, kind.DRAG, kind.BUTTON_UP) and self._on_edge(event, y):
             return True
         if event.type == kind.BUTTON_DOWN:
-            fix = self.view.fix_at(x, y)
             if fix is not None:
                 self._apply_fix(fix)
                 self._changed()
             return fix is not None
         if event.type == kind.MOVE:
-            fix = self.view.fix_at(x, y)
             tooltip = "" if fix is None else TOOLTIPS[fix.sets and not fix.done]
             if y < self.view.top:
-                tooltip = "" if self.view.on_filter(x, y) else EDGE_TOOLTIPS[self.large]
+                tooltip = "" if on_filter else EDGE_TOOLTIPS[self.large]
             self.log.widget.tooltip = tooltip
             return False
         if event.type != kind.WHEEL:

@@ -160,12 +160,6 @@ class PathPanel:
         self.list = PathList(16, 16, em)
         self._drawn: object = None
 
-    @property
-    def places(self) -> dict[str, list[float]]:
-        """The middle of what can be clicked, 0 to 1 across and down the panel, by name and row."""
-        middles = self.list.areas.middles(self.picture.size)
-        return {f"{name} {row}" if row >= 0 else name: at for (name, row), at in middles.items()}
-
     def update(self, thumbnails: Sequence[np.ndarray | None], previewing: bool) -> bool:
         """Draw what has changed; returns whether anything did. `thumbnails`: None while one is being drawn."""
         if not self.picture.widget.visible:

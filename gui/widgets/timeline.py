@@ -99,10 +99,10 @@ class TimelinePanel:
             return False
         if self._base is None or self._drawn is None or self._drawn[0] != below:
             strip = draw_strip(view.timeline, size, pictures) if pictures else None
-            self._base = view.base(self.plots, self.marks, self._keys, strip)
+            self._base = view.base(self.plots, strip)
         self._drawn = (below, frame, hover)
         self.frame = frame
-        self.picture.show(view.with_head(self._base, frame, self.plots, hover))
+        self.picture.show(view.with_head(self._base, frame, self.plots, self.marks, self._keys, hover))
         return True
 
     def look(self, pointer: tuple[int, int] | None, covered: bool) -> None:

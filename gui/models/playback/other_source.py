@@ -53,7 +53,7 @@ class OtherSource:
     def series(self, name: str, camera: str = "") -> list[float | None]:
         """A metric, or "bytes", for every frame of the open take or stream; None where it was not measured."""
         count = self._source.frame_count
-        found = self._evaluation.series(name, count, camera if camera in self._evaluation.cameras else "")
+        found = self._evaluation.series(name, count, camera)
         if name == "bytes" and not self._evaluation.frames and isinstance(self._source, StreamSource):
             groups = self._source.groups
             found = [None] * self._source.first

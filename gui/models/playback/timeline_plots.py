@@ -145,13 +145,7 @@ class TimelinePlots:
         """The frame under a column of the image."""
         return self.timeline.frame_at(x - self.left)
 
-    def base(
-        self,
-        plots: Sequence[Plot],
-        marks: Iterable[int] = (),
-        keys: Iterable[int] = (),
-        strip: np.ndarray | None = None,
-    ) -> np.ndarray:
+    def base(self, plots: Sequence[Plot], strip: np.ndarray | None = None) -> np.ndarray:
         """(height, width, 3) uint8: everything that does not depend on the frame. Cache it: playback draws it often."""
         canvas = Canvas(self.width, self.height, PANEL)
         timeline = self.timeline
@@ -171,28 +165,30 @@ class TimelinePlots:
             first, last = (self.numbers.number(timeline.frame_at(x)) for x in (0, timeline.width - 1))
             words = f"Frame, {first} to {last} in view"
         canvas.text(0, self._track + self.track_height / 2 - self._size(99) * 0.62, words, self._size(99), DIM)
-        for mark in marks:
-            if mark < self.frame_count and timeline.shows(mark):
-                middle = self.left + sum(timeline.span(mark)) / 2
-                canvas.rect(middle - 2, self._track - GAP, 4, MARK_HEIGHT, BAD)
-        for x, y in filter(None, self._diamonds(keys)):
-            canvas.diamond(x, y, KEY_SIZE * self.em, FAIR)
         return canvas.pixels
 
     def with_head(
-        self, base: np.ndarray, frame: int | None, plots: Sequence[Plot], hover: int | None = None
+        self,
+        base: np.ndarray,
+        frame: int | None,
+        plots: Sequence[Plot],
+        marks: Iterable[int] = (),
+        keys: Iterable[int] = (),
+        hover: int | None = None,
     ) -> np.ndarray:
-        """A copy of `base` with track, playhead and the frame's values, and those of the frame under the pointer."""
+        """A copy of `base` with track, marked frames, views of the camera path (`keys`), playhead and the frame's
+        values, and those of the frame under the pointer."""
         canvas = Canvas.of(base.copy())
         timeline = self.timeline
-        track = timeline.picture(frame)
-        marks = base[self._track :, self.left :]
-        canvas.image(self.left, self._track, track)
+        canvas.image(self.left, self._track, timeline.picture(frame))
         for one in self.numbered:
             middle = self.left + sum(timeline.span(one)) // 2
             canvas.rect(middle, self._track, max(round(self.em / 16), 1), self.track_height // 4, DIM)
-        shown = (marks == BAD).all(axis=2) | (marks == FAIR).all(axis=2)
-        canvas.pixels[self._track :, self.left :][shown] = marks[shown]
+        for mark in marks:
+            if mark < self.frame_count and timeline.shows(mark):
+                canvas.rect(self.left + sum(timeline.span(mark)) / 2 - 2, self._track - GAP, 4, MARK_HEIGHT, BAD)
+        for x, y in filter(None, self._diamonds(keys)):
+            canvas.diamond(x, y, KEY_SIZE * self.em, FAIR)
         if frame is None:
             return canvas.pixels
         size, number = self._size(99), str(self.numbers.number(frame))

@@ -1,6 +1,6 @@
 """The inspector, drawn as an image."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from statistics import fmean
 
@@ -21,10 +21,8 @@ from studio.edits import EditList
 from studio.errors import StudioError
 
 Row = tuple[str, str]
-Series = Mapping[str, Sequence[float | None]]
 
 QUALITY = f"{MAIN.name}_decoded"
-SPANNED = (QUALITY, "bytes", FLICKER.name)  # what the figures are made of
 
 
 @dataclass(frozen=True)
@@ -86,31 +84,15 @@ def note_on_figures(player: PlayerPresenter, there: bool, stale: bool) -> str:
 
 
 def span_block(player: PlayerPresenter, evaluation: Evaluation, camera: str, first: int, last: int) -> Block:
-    """Figures of the selected span, of both bakes if another one is open."""
-    frames, other = player.transport.frame_count, player.other
-    own_camera = camera if camera in evaluation.cameras else ""
-    own = {name: evaluation.series(name, frames, own_camera) for name in SPANNED}
-    against = None if other is None else {name: other.series(name, camera) for name in SPANNED}
-    transport = player.transport
-    rows = span_rows(own, first, last, against, transport.number)
-    count = last - first + 1
-    note = "" if other is None else f"After the slash: {other.label}."
-    return Block(
-        transport.range_words(first, last),
-        [("length", f"{count} frame{'s' * (count != 1)}, {count / transport.fps:.2f} s"), *rows],
-        note if rows else "Not evaluated yet.",
-    )
+    """Figures of the selected span; those of another open bake follow a slash."""
+    transport, other, frames = player.transport, player.other, slice(first, last + 1)
 
+    def values(name: str) -> list[list[float | None]]:
+        found = [evaluation.series(name, transport.frame_count, camera)[frames]]
+        return found if other is None else [*found, other.series(name, camera)[frames]]
 
-def span_rows(
-    series: Series, first: int, last: int, other: Series | None = None, number: Callable[[int], int] = int
-) -> list[tuple[str, str]]:
-    """(name, value) of each figure of the frames from `first` to `last` that is known, from the values of every frame
-    by name of `SPANNED`, None where nothing was measured; figures of `other`, with which it is compared, follow a
-    slash."""
-    frames = slice(first, last + 1)
-    measured = [(value, first + at) for at, value in enumerate(series.get(QUALITY, ())[frames]) if value is not None]
-    where = f", frame {number(min(measured)[1])}" if measured else ""
+    measured = [(value, at) for at, value in enumerate(values(QUALITY)[0], first) if value is not None]
+    where = f", frame {transport.number(min(measured)[1])}" if measured else ""
     quality, flicker = f".{MAIN.digits}f", f".{FLICKER.digits}f"
     figures: tuple[tuple[str, str, Callable[[list[float]], float], str, str], ...] = (
         (f"{MAIN.title}, mean", QUALITY, fmean, quality, MAIN.unit),
@@ -118,17 +100,15 @@ def span_rows(
         ("size", "bytes", lambda sizes: sum(sizes) / 1000, ",.1f", "KB"),
         (FLICKER.title, FLICKER.name, fmean, flicker, "/255"),
     )
-    rows = []
+    count = last - first + 1
+    rows = [("length", f"{count} frame{'s' * (count != 1)}, {count / transport.fps:.2f} s")]
     for title, name, figure, form, unit in figures:
-        known = [
-            [value for value in one.get(name, ())[frames] if value is not None]
-            for one in (series, other)
-            if one is not None
-        ]
+        known = [[value for value in one if value is not None] for one in values(name)]
         if any(known):
-            words = (format(figure(values), form) if values else "-" for values in known)
+            words = (format(figure(one), form) if one else "-" for one in known)
             rows.append((title, f"{' / '.join(words)} {unit}"))
-    return rows
+    note = "Not evaluated yet." if len(rows) == 1 else "" if other is None else f"After the slash: {other.label}."
+    return Block(transport.range_words(first, last), rows, note)
 
 
 def run_blocks(workspace: Workspace, stage: str) -> list[Block]:

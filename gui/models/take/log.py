@@ -2,11 +2,12 @@
 
 import itertools
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 
 import numpy as np
 
+from gui.drawing.areas import Areas
 from gui.drawing.canvas import Canvas, line_height, text_width, wrapped
 from gui.drawing.palette import ACCENT, BAD, DIM, FAIR, GOOD, PANEL, RGB, TEXT
 from gui.models.take.inspector import heading
@@ -106,10 +107,11 @@ def _clock(told: float) -> str:
         return ""
 
 
-@dataclass(frozen=True)
+@dataclass
 class LogView:
     """Which rows are in the image: it is scrolled `back` rows from the end, may be `large` and cover the view, and have
-    only those of warnings and errors, whose number among all lines is `warnings`."""
+    only those of warnings and errors, whose number among all lines is `warnings`. Drawing notes what can be clicked:
+    `areas` has its labels, `fixes` what buttons do; without a fix, it is the switch to warnings only."""
 
     rows: Sequence[LogRow]
     width: int
@@ -119,6 +121,8 @@ class LogView:
     large: bool = False
     warnings: int = 0
     only_warnings: bool = False
+    areas: Areas[str] = field(default_factory=Areas)
+    fixes: dict[str, Fix] = field(default_factory=dict)
 
     @property
     def _step(self) -> int:
@@ -130,83 +134,25 @@ class LogView:
         return 0.3 * self.em + line_height(round(0.95 * self.em)) + 0.2 * self.em
 
     @property
-    def filter(self) -> tuple[str, float, float] | None:
-        """The switch in the heading, between all lines and warnings only: its words, left edge and width in pixels;
-        None where there are no warnings or no room."""
-        if not (self.warnings or self.only_warnings):
-            return None
-        words = "all lines" if self.only_warnings else f"warnings only ({self.warnings})"
-        left = 1.8 * self.em + text_width(TITLE, round(0.95 * self.em))
-        wide = text_width(words, _size(self.em))
-        right = self.width - 1.4 * self.em - text_width(self._words, _size(self.em))
-        return (words, left, wide) if left + wide <= right else None
-
-    def on_filter(self, x: float, y: float) -> bool:
-        """Whether a pixel of the image is on the switch."""
-        found = self.filter if y < self.top else None
-        if found is None:
-            return False
-        _, left, wide = found
-        return left - 0.4 * self.em <= x <= left + wide + 0.4 * self.em
-
-    @property
-    def _words(self) -> str:
-        return "close (J)" if self.large else "enlarge (J)"
-
-    @property
     def shown(self) -> Sequence[LogRow]:
         """The rows in the image, top to bottom."""
         count = max(int((self.height - self.top) // self._step), 1)
         end = max(len(self.rows) - self.back, min(count, len(self.rows)))
         return self.rows[max(end - count, 0) : end]
 
-    def fix_at(self, x: float, y: float) -> Fix | None:
-        """The fix whose button is at a pixel of the image; None if there is none."""
-        number = int((y - self.top) // self._step)
-        if not 0 <= number < len(self.shown):
-            return None
-        row = self.shown[number]
-        left, wide = self._button(row)
-        return row.fix if left <= x <= left + wide else None
-
-    @property
-    def places(self) -> dict[str, tuple[float, float]]:
-        """The middle of each button and of the switch, 0 to 1 across and down, by its label."""
-        found = {}
-        if self.filter is not None:
-            words, left, wide = self.filter
-            found[words] = ((left + wide / 2) / self.width, self.top / 2 / self.height)
-        for number, row in enumerate(self.shown):
-            if row.fix is not None:
-                left, wide = self._button(row)
-                down = (self.top + (number + 0.5) * self._step) / self.height
-                found[row.text] = ((left + wide / 2) / self.width, down)
-        return found
-
-    def _button(self, row: LogRow) -> tuple[float, float]:
-        """Left edge and width of a button. One with a long name begins below the clock, so that all of it is shown."""
-        wide, most = text_width(row.text, _size(self.em)) + self.em, self.width - 0.4 * self.em
-        left = max(min(_indent(self.em), most - wide), 0.4 * self.em)
-        return left, min(wide, most - left)
-
     def picture(self) -> np.ndarray:
         """(height, width, 3) uint8."""
         em, size, step = self.em, _size(self.em), self._step
         canvas = Canvas(self.width, self.height, PANEL)
         top = heading(canvas, 0.3 * em, TITLE, em)
-        canvas.text(self.width - 0.6 * em, 0.3 * em, self._words, size, DIM, align="right")
-        if self.filter is not None:
-            words, left, _ = self.filter
-            canvas.text(left, 0.3 * em, words, size, ACCENT if self.only_warnings else DIM)
+        self._switches(canvas)
         if not self.rows:
             canvas.text(0.6 * em, top, "No warnings." if self.only_warnings else "The log is empty.", size, DIM)
         left = _indent(em)
         for number, row in enumerate(self.shown):
             y = top + number * step
             if row.fix is not None:
-                edge, wide = self._button(row)
-                color = GOOD if row.fix.done else ACCENT
-                canvas.button(edge, y + 1, wide, step - 2, row.text, size, color=color)
+                self._button(canvas, y, row.text, row.fix)
                 continue
             _, dot, color = LEVELS[row.kind]
             canvas.text(0.6 * em, y, row.clock, size, DIM)
@@ -214,3 +160,24 @@ class LogView:
                 canvas.dot(left - 0.65 * em, y + 0.62 * size, 0.18 * em, dot)
             canvas.text(left if row.first else _hang(self.width, em), y, row.text, size, color)
         return canvas.pixels
+
+    def _switches(self, canvas: Canvas) -> None:
+        """In the heading: that it can be enlarged, and if there are warnings and room, whether there are only those."""
+        em, size = self.em, _size(self.em)
+        right = self.width - 0.6 * em
+        right -= canvas.text(right, 0.3 * em, "close (J)" if self.large else "enlarge (J)", size, DIM, align="right")
+        words = "all lines" if self.only_warnings else f"warnings only ({self.warnings})"
+        left, wide = 1.8 * em + text_width(TITLE, round(0.95 * em)), text_width(words, size)
+        if (self.warnings or self.only_warnings) and left + wide <= right - 0.8 * em:
+            canvas.text(left, 0.3 * em, words, size, ACCENT if self.only_warnings else DIM)
+            self.areas.add((left - 0.4 * em, 0, wide + 0.8 * em, self.top), words)
+
+    def _button(self, canvas: Canvas, y: float, label: str, fix: Fix) -> None:
+        """A button at a height. One with a long name begins below the clock, so that all of it is shown."""
+        em, size, step = self.em, _size(self.em), self._step
+        wide, most = text_width(label, size) + em, self.width - 0.4 * em
+        left = max(min(_indent(em), most - wide), 0.4 * em)
+        wide = min(wide, most - left)
+        canvas.button(left, y + 1, wide, step - 2, label, size, color=GOOD if fix.done else ACCENT)
+        self.areas.add((left, y, wide, step), label)
+        self.fixes[label] = fix

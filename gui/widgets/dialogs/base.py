@@ -40,7 +40,7 @@ class Dialogs:
         self.em = window.theme.font_size
         self.widgets: dict[str, gui.Widget] = {}  # of the open dialog by key
         self.made: dict[str, gui.Widget] = {}  # of the dialog that is being built
-        self.name = self.title = ""  # of the open dialog; "" if none is open
+        self.name = ""  # of the open dialog; "" if none is open
         self.typing = False  # whether its text field has the keyboard focus
         self.lines: list[str] = []  # what the list in it shows, where that changes on its own
         self.last_folder = ""  # in which something was chosen last; "" if nothing was
@@ -80,7 +80,7 @@ class Dialogs:
         if self.name:
             self._window.close_dialog()
         self.shade.visible = False
-        self.widgets, self.name, self.title, self.lines = {}, "", "", []
+        self.widgets, self.name, self.lines = {}, "", []
         self.pictures, self.on_key, self.on_press = [], None, None
         self.expected = False
 
@@ -118,7 +118,7 @@ class Dialogs:
         column.add_child(row)
         dialog.add_child(column)
         self.widgets, self.made = self.made, {}
-        self.name, self.title, self.shade.visible = name, title, True
+        self.name, self.shade.visible = name, True
         self._window.show_dialog(dialog)
 
     def button(self, key: str, label: str, action: Callable[[], None], accent: bool = False) -> gui.Button:

@@ -47,8 +47,8 @@ def test_a_zoomed_timeline_shows_its_part(first: float) -> None:
             assert (left, right) == pytest.approx((columns[0], columns[-1] + 1), abs=1)
     plots = plots_of({"psnr_decoded": [20.0 + frame for frame in range(20)], "bytes": [1000.0] * 20})
     inside, outside = round(first) + 2, (round(first) + 10) % 20
-    base = view.base(plots, (inside, outside), (inside, outside))
-    shown = view.with_head(base, inside, plots)
+    base = view.base(plots)
+    shown = view.with_head(base, inside, plots, (inside, outside), (inside, outside))
     (marked,) = {view.frame_at(x) for x in np.nonzero((shown == BAD).all(axis=2))[1]}
     (moved,) = {view.frame_at(x) for x in np.nonzero((shown == FAIR).all(axis=2))[1]}
     assert (marked, moved) == (inside, inside)
