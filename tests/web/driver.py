@@ -143,6 +143,26 @@ _BOUNDED = f"""async (run, argument) => {{
 }}"""
 
 
+_PICTURE = """([camera, background]) => new Promise(done => {
+  const {engine} = document.querySelector('v3-player'), {canvas, screen} = engine, before = engine.background;
+  let taken = false;
+  engine.on('rendered', () => {
+    if (taken || !screen.sharp || engine.sorting) return;
+    taken = true;
+    const {gl} = screen.renderer, {width, height} = canvas, pixels = new Uint8Array(4 * width * height);
+    gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
+    canvas.style.width = canvas.style.height = '';
+    engine.fixedCamera = null;
+    engine.background = before;
+    done(text(pixels));
+  });
+  canvas.style.width = `${camera.width}px`;
+  canvas.style.height = `${camera.height}px`;
+  engine.background = background;
+  engine.fixedCamera = camera;
+})"""
+
+
 class Page:
     """The player's page. `seen` contains the details of the element's events by name.
 
@@ -226,14 +246,10 @@ class Page:
         )
 
     def picture(self, camera: dict[str, Any], background: tuple[float, float, float] = (0, 0, 0)) -> np.ndarray:
-        """(H, W, 3) uint8: the current frame, rendered from a camera."""
-        text = self.evaluate(
-            """async ([camera, background]) =>
-              text((await document.querySelector('v3-player').engine.snapshot(camera, background)).data)""",
-            [camera, list(background)],
-        )
+        """(H, W, 3) uint8: the current frame on the paused player's canvas, from a camera, once nothing changes."""
+        text = self.evaluate(_PICTURE, [camera, list(background)])
         pixels = np.frombuffer(base64.b64decode(text), np.uint8)
-        return pixels.reshape(camera["height"], camera["width"], 4)[..., :3]
+        return pixels.reshape(camera["height"], camera["width"], 4)[::-1, :, :3]
 
 
 def psnr(a: np.ndarray, b: np.ndarray) -> float:

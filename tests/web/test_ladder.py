@@ -20,7 +20,7 @@ def test_a_stream_with_renditions_and_pages_plays(site, baked, open_page):
     frames = {entry["frame"] for entry in page.seen("time")}
     assert {10} <= frames <= set(range(12))
     (gaussians,), view = support.decoded(site.stream, 10), support.camera(40, size=(240, 300))
-    page.wait("player.engine.group.rendition === 'qp16'")
+    page.wait("player.engine.group.id === 'qp16'")
     assert psnr(page.picture(support.camera_values(view)), support.draw(gaussians, view)) >= 45
     assert not page.seen("error")
     assert not page.seen("notice")

@@ -6,10 +6,13 @@ PYTHONPATH=. python tests/web/write_fixtures.py FOLDER
 import json
 import random
 import shutil
+import struct
 import sys
 import tempfile
+import zipfile
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import av
 import numpy as np
@@ -58,6 +61,20 @@ def write_videos(folder: Path, temporary: Path) -> None:
     (folder / "videos.json").write_text(json.dumps(found))
 
 
+def write_archives(folder: Path) -> None:
+    """Streams in one file: plain, with ZIP64 records, with a long extra field, compressed, with another first file."""
+    numbers = bytes(7 * i % 256 for i in range(200_000))
+    files = {"manifest.json": bytes([1, 2, 3]), "files/a.bin": numbers, "files/b.mp4": b""}
+    for kind in ("plain", "wide", "extra", "compressed", "other"):
+        limit = mock.patch.object(zipfile, "ZIP64_LIMIT", 10 if kind == "wide" else 1 << 31)
+        method = zipfile.ZIP_DEFLATED if kind == "compressed" else zipfile.ZIP_STORED
+        with limit, zipfile.ZipFile(folder / f"{kind}.zip", "w") as archive:
+            for path, data in {"other.txt": b"first", **files}.items() if kind == "other" else files.items():
+                entry = zipfile.ZipInfo(path)
+                entry.extra = struct.pack("<HH396x", 0x7777, 396) if kind == "extra" else b""
+                archive.writestr(entry, data, method)
+
+
 def main(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as temporary:
@@ -80,6 +97,7 @@ def main(folder: Path) -> None:
         (folder / "ladder.json").write_bytes(manifest)
         (folder / "page.json").write_bytes((ladder / json.loads(manifest)["pages"][0]["path"]).read_bytes())
         np.stack(support.luma(ladder, 0)).tofile(folder / "ladder.luma")
+    write_archives(folder)
     (folder / "rule.json").write_text(json.dumps(rule_steps()))
     tiles = [(16, 256), (16, 7), (48, 2304), (80, 6001), (176, 30976), (1040, 1_081_600)]
     orders = {f"{tile} {count}": support.morton_pixels(tile, count) for tile, count in tiles}

@@ -2,8 +2,7 @@
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { type EarlyFiles as Left, takeEarlyFiles } from "../src/player/early_files.ts";
-import { EARLY_MANIFEST, EarlyFiles } from "../src/worker/early_files.ts";
+import { type EarlyFiles, takeEarlyFiles } from "../src/player/early_files.ts";
 import { Arriving } from "../src/worker/arriving.ts";
 import { HttpSource } from "../src/worker/http.ts";
 
@@ -11,34 +10,39 @@ const PAGE = "https://example.org/secret/take/";
 const MANIFEST = `${PAGE}stream/manifest.json`;
 
 function page(response: Promise<Response | null>, files: Record<string, Promise<Response | null>> = {}): void {
-  const left: Left = { address: "stream/manifest.json", response, files };
+  const left: EarlyFiles = { address: "stream/manifest.json", response, files };
   Object.assign(globalThis, { window: { v3Early: left }, document: { baseURI: PAGE } });
-}
-
-function taken(): EarlyFiles {
-  const port = takeEarlyFiles(MANIFEST);
-  assert.ok(port !== null);
-  return new EarlyFiles(port);
-}
-
-/** What there is of a file, and whether that is all of it. */
-async function textOf(early: EarlyFiles, name: string): Promise<string | null> {
-  const parts: Uint8Array<ArrayBuffer>[] = [];
-  const milliseconds = await early.take(name, (part) => parts.push(part));
-  return milliseconds === null ? null : new Blob(parts).text();
 }
 
 const answer = (text: string): Promise<Response> => Promise.resolve(new Response(text));
 
+/** What the worker fetches itself. */
+const fetched: string[] = [];
+globalThis.fetch = (url): Promise<Response> => {
+  fetched.push((url as string).slice(PAGE.length));
+  return answer("right");
+};
+
+function opened(received: (bytes: number) => void = () => undefined): HttpSource {
+  fetched.length = 0;
+  return new HttpSource(MANIFEST, received, () => undefined, takeEarlyFiles(MANIFEST));
+}
+
+const { signal } = new AbortController();
+
+async function textOf(source: HttpSource, name: string, most = 100): Promise<string> {
+  return new TextDecoder().decode(await source.read(name, most, signal));
+}
+
 void test("they arrive, once, and only for their own address", async () => {
   page(answer("{}"), { "files/a.bin": answer("abc"), "files/b.mp4": answer("defg") });
-  assert.equal(takeEarlyFiles(`${PAGE}other/manifest.json`), null);
-  const early = taken();
-  assert.equal(await textOf(early, EARLY_MANIFEST), "{}");
-  assert.equal(await textOf(early, "files/b.mp4"), "defg");
-  assert.equal(await textOf(early, "files/b.mp4"), null);
-  assert.equal(await textOf(early, "files/c.mp4"), null);
-  assert.equal(takeEarlyFiles(MANIFEST), null);
+  assert.deepEqual(takeEarlyFiles(`${PAGE}other/manifest.json`), {});
+  const source = opened();
+  assert.equal(await textOf(source, "manifest.json"), "{}");
+  assert.equal(await textOf(source, "files/b.mp4"), "defg");
+  assert.deepEqual(fetched, []);
+  for (const name of ["files/b.mp4", "files/c.mp4"]) assert.equal(await textOf(source, name), "right");
+  assert.deepEqual(takeEarlyFiles(MANIFEST), {});
 });
 
 void test("whatever fails is left to the worker", async () => {
@@ -50,32 +54,22 @@ void test("whatever fails is left to the worker", async () => {
   page(Promise.resolve(null), {
     busy: Promise.resolve(new Response("busy", { status: 503 })),
     broken: Promise.resolve(new Response(broken)),
+    large: answer("too large"),
   });
-  const early = taken();
-  for (const name of [EARLY_MANIFEST, "busy", "broken"]) assert.equal(await textOf(early, name), null, name);
+  const source = opened();
+  for (const name of ["manifest.json", "busy", "broken", "large"]) assert.equal(await textOf(source, name, 5), "right", name);
 });
 
 void test("a file of another size than the manifest's is fetched again, and times are told", async () => {
   page(answer("{}"), { "files/a.bin": answer("abc"), "files/b.bin": answer("too long") });
-  const before = globalThis.fetch;
-  const fetched: string[] = [];
-  globalThis.fetch = (url): Promise<Response> => {
-    fetched.push((url as string).slice(PAGE.length));
-    return answer("right");
-  };
-  try {
-    const told: number[] = [];
-    const source = new HttpSource(MANIFEST, (bytes) => told.push(bytes), () => undefined, taken());
-    const { signal } = new AbortController();
-    assert.equal(new TextDecoder().decode(await source.read("files/a.bin", 3, signal)), "abc");
-    assert.equal(new TextDecoder().decode(await source.read("files/b.bin", 5, signal)), "right");
-    assert.deepEqual(fetched, ["stream/files/b.bin"]);
-    assert.deepEqual(told, [3, 5]);
-    assert.ok(source.early("files/a.bin") > 0);
-    assert.equal(source.early("files/b.bin"), 0);
-  } finally {
-    globalThis.fetch = before;
-  }
+  const told: number[] = [];
+  const source = opened((bytes) => told.push(bytes));
+  assert.equal(new TextDecoder().decode(await source.read("files/a.bin", 3, signal)), "abc");
+  assert.equal(new TextDecoder().decode(await source.read("files/b.bin", 5, signal)), "right");
+  assert.deepEqual(fetched, ["stream/files/b.bin"]);
+  assert.deepEqual(told, [3, 5]);
+  assert.ok(source.early("files/a.bin") > 0);
+  assert.equal(source.early("files/b.bin"), 0);
 });
 
 void test("a file is handed over while it arrives", async () => {
@@ -86,9 +80,8 @@ void test("a file is handed over while it arrives", async () => {
     },
   });
   page(Promise.resolve(null), { slow: Promise.resolve(new Response(body)) });
-  const source = new HttpSource(MANIFEST, () => undefined, () => undefined, taken());
   const file = new Arriving(4);
-  const reading = source.read("slow", 4, new AbortController().signal, file.arrived);
+  const reading = opened().read("slow", 4, signal, file.arrived);
   stream!.enqueue(Uint8Array.of(1, 2));
   assert.deepEqual([...(await file.prefix(2)).subarray(0, 2)], [1, 2]);
   assert.equal(file.complete, false);

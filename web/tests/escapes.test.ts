@@ -21,7 +21,7 @@ for (const [tile, some] of [[3, 9], [16, 5], [16, 70], [20, 201]])
       [pixel, k % channels, 256 + 1000 * k, 0],
       [pixel, (k + 6) % channels, -1 - 30 * k, 0],
     ]).flat());
-    const found = escapedSplats({ tile, columns, rows, units: new Float32Array(2 * channels), statics }, luma, escapes);
+    const found = escapedSplats({ tile, columns, rows }, channels, luma, statics, escapes);
     const { side } = found;
     assert.deepEqual([...found.pixels], pixels);
     assert.ok(side <= tile && side * side >= some);

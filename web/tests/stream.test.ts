@@ -20,11 +20,11 @@ import {
   type Rendition,
 } from "../src/stream/manifest.ts";
 import { MotionTables } from "../src/stream/motion.ts";
-import { planePositions, planesLayout } from "../src/stream/planes.ts";
+import { inDisplayOrder, samplesNeeded } from "../src/stream/mp4.ts";
+import { planePositions, layoutOf } from "../src/stream/picture.ts";
 import { inflate, parseSideFile, type SideFile } from "../src/stream/side_file.ts";
 import { DepthSorter } from "../src/stream/sort.ts";
 import { linkTo, parseTime, parseView } from "../src/ui/link.ts";
-import { inDisplayOrder, packetsNeeded } from "../src/worker/demux.ts";
 
 const folder = process.env["V3_FIXTURES"] ?? join(import.meta.dirname, "build", "fixtures");
 const bytes = (name: string): Uint8Array<ArrayBuffer> => new Uint8Array(readFileSync(join(folder, name)));
@@ -84,7 +84,7 @@ void test("positions are Python's bit by bit", async () => {
 
 void test("positions of planes are Python's", () => {
   const planes = group("planes") as PlanesRendition;
-  const { tile, columns, rows } = planesLayout(planes);
+  const { tile, columns, rows } = layoutOf(planes);
   const luma = bytes("planes.luma");
   const want = new Float32Array(bytes("planes.positions").buffer);
   const count = filesOf(planes).length;
@@ -383,9 +383,9 @@ void test("small things", () => {
 
 void test("B-frames come after the pictures that they are predicted from", () => {
   // I0 P4 B2 B1 B3 P5, as time stamps in the order of decoding.
-  const places = inDisplayOrder([0, 4, 2, 1, 3, 5].map((picture) => ({ timestamp: 0.5 + picture / 30 })));
+  const places = inDisplayOrder([0, 4, 2, 1, 3, 5].map((picture) => 0.5 + picture / 30));
   assert.deepEqual(places, [0, 4, 2, 1, 3, 5]);
-  const needed = packetsNeeded(places.map((picture) => ({ picture })));
+  const needed = samplesNeeded(places.map((picture) => ({ picture })));
   assert.deepEqual(needed, [1, 4, 4, 5, 5, 6]);
-  assert.throws(() => inDisplayOrder([{ timestamp: 1 }, { timestamp: 1 }]), /same time/);
+  assert.throws(() => inDisplayOrder([1, 1]), /same time/);
 });

@@ -2,7 +2,7 @@
  * begins. */
 
 import { inTime } from "../stream/errors.ts";
-import type { EarlyPart, EarlyPort } from "../worker/messages.ts";
+import type { EarlyPorts } from "../worker/messages.ts";
 
 /** What the page leaves for the player. */
 export interface EarlyFiles {
@@ -22,23 +22,22 @@ declare global {
 
 const PATIENCE = 15_000; // milliseconds without data after which the worker fetches a file itself
 
-/** Takes the early files of an address; null if there are none. They are used once: anyone who opens the stream again wants
- * the newest manifest. `url`: whole address of the manifest. */
-export function takeEarlyFiles(url: string): EarlyPort | null {
+/** Takes the early files of an address, by their paths in the stream; none if they are of another one. They are used once:
+ * anyone who opens the stream again wants the newest manifest. `url`: whole address of the manifest. */
+export function takeEarlyFiles(url: string): EarlyPorts {
   const early = window.v3Early;
-  if (early === undefined || new URL(early.address, document.baseURI).href !== url) return null;
+  if (early === undefined || new URL(early.address, document.baseURI).href !== url) return {};
   delete window.v3Early;
-  const { port1, port2 } = new MessageChannel();
-  const files = Object.entries({ "": early.response, ...early.files });
-  for (const [name, response] of files) void send(port1, name, response);
-  return { port: port2, names: files.map(([name]) => name) };
+  const manifest = new URL(url).pathname.split("/").at(-1)!;
+  const files = Object.entries({ [manifest]: early.response, ...early.files });
+  return Object.fromEntries(files.map(([path, response]) => {
+    const { port1, port2 } = new MessageChannel();
+    void send(port1, response);
+    return [path, port2];
+  }));
 }
 
-async function send(port: MessagePort, name: string, response: Promise<Response | null>): Promise<void> {
-  const post = (data: ArrayBuffer | null, milliseconds: number | null = null): void => {
-    const part: EarlyPart = { name, data, milliseconds };
-    port.postMessage(part, data === null ? [] : [data]);
-  };
+async function send(port: MessagePort, response: Promise<Response | null>): Promise<void> {
   const late = (): Error => new Error("late");
   let milliseconds: number | null = null;
   try {
@@ -47,10 +46,13 @@ async function send(port: MessagePort, name: string, response: Promise<Response 
     while (reader !== undefined && milliseconds === null) {
       const { done, value } = await inTime(reader.read(), PATIENCE, late);
       if (done) milliseconds = performance.getEntriesByName(got!.url)[0]?.duration ?? performance.now();
-      else post(value.slice().buffer);
+      else {
+        const { buffer } = value.slice();
+        port.postMessage(buffer, [buffer]);
+      }
     }
   } catch {
     // the worker tries again
   }
-  post(null, milliseconds);
+  port.postMessage(milliseconds);
 }

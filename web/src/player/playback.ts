@@ -2,8 +2,7 @@
 
 import type { View } from "../render/camera.ts";
 import { groupOfFrame } from "../stream/manifest.ts";
-import type { EmbeddedFiles } from "../worker/source.ts";
-import type { StreamEvents, StreamInfo } from "../worker/messages.ts";
+import type { StreamEvents, StreamInfo, StreamSource } from "../worker/messages.ts";
 import { Emitter } from "./emitter.ts";
 import { type Course, dueFrame, playable } from "./schedule.ts";
 import { Sound } from "./sound.ts";
@@ -104,13 +103,13 @@ export abstract class Playback<Content extends Shown> extends Emitter<PlayerEven
   protected abstract discard(content: Content): void;
 
   /** Opens a stream; see `V3Stream.open`. */
-  open(address: string, files: EmbeddedFiles | null = null, archive: File | null = null): Promise<StreamInfo> {
+  open(source: StreamSource): Promise<StreamInfo> {
     this.shown = this.ready = this.requested = null;
     this.failed = this.updated = false;
     this.position = 0;
     this.sound.clear();
-    const opened = this.stream.open(address, files, archive);
-    this.stream.request({ type: "playing", playing: this.playing_ });
+    const opened = this.stream.open(source);
+    this.stream.playing = this.playing_;
     return opened;
   }
 
@@ -128,7 +127,7 @@ export abstract class Playback<Content extends Shown> extends Emitter<PlayerEven
     // At the end, playback starts over.
     if (info !== null && this.shown !== null && dueFrame(this.courseOf(info), this.shown.frame + 1) === "end") this.seekFrame(0);
     this.playing_ = true;
-    this.stream.request({ type: "playing", playing: true });
+    this.stream.playing = true;
     this.lastTick = null;
     // Within the viewer's input, if it is one: some browsers start sound only then.
     if (info !== null && this.shown !== null && this.requested?.seek !== true) this.sound.follow(this.position / info.fps, this.speed_);
@@ -138,7 +137,7 @@ export abstract class Playback<Content extends Shown> extends Emitter<PlayerEven
   pause(): void {
     if (!this.playing_) return;
     this.playing_ = false;
-    this.stream.request({ type: "playing", playing: false });
+    this.stream.playing = false;
     this.sound.halt();
     if (this.shown !== null && this.requested?.seek !== true) this.position = this.shown.frame;
     this.emit("pause", undefined);
@@ -151,7 +150,7 @@ export abstract class Playback<Content extends Shown> extends Emitter<PlayerEven
   set loop(loop: boolean) {
     this.loop_ = loop;
     this.sound.looping = loop && this.info?.live !== true;
-    this.stream.request({ type: "loop", loop });
+    this.stream.loop = loop;
   }
 
   /** Playback speed relative to the stream's frame rate, 0.1 to 4. */

@@ -4,9 +4,9 @@
 import { centerOf, depthAxis, OrbitCamera, type PartialView, type Pinhole, pinholeOf, type View, visibility } from "../render/camera.ts";
 import type { Renderer } from "../render/renderer.ts";
 import { messageOf } from "../stream/errors.ts";
+import type { Rendition } from "../stream/manifest.ts";
 import type { Camera, Vector } from "../stream/metadata.ts";
-import type { EmbeddedFiles } from "../worker/source.ts";
-import type { DepthAxis, GroupSetup, Picture, StreamEvents, StreamInfo } from "../worker/messages.ts";
+import type { DepthAxis, GroupSetup, Picture, StreamEvents, StreamInfo, StreamSource } from "../worker/messages.ts";
 import { Playback } from "./playback.ts";
 import { Screen } from "./screen.ts";
 import type { StreamOptions } from "./stream.ts";
@@ -17,15 +17,13 @@ const UNSORTED: DepthAxis = [0, 0, 0, 0]; // no view has this axis: the next vie
 export class Player extends Playback<Picture> {
   readonly camera = new OrbitCamera();
   /** What the frame on the canvas is from: its group, in the rendition that was chosen for it. */
-  group: GroupSetup | null = null;
+  group: Rendition | null = null;
   readonly screen: Screen;
   drawn = 0; // number of splats on the canvas
   private requestedAxis: DepthAxis = UNSORTED; // axis along which the last requested frame is sorted
   /** Axis along which the frame on the canvas was sorted, or is being sorted. */
   private sortedAxis: DepthAxis = UNSORTED;
   private sorting = false;
-  private sortRequest = 0; // number of the last sort request
-  private snapshotSorted: (() => void) | null = null;
   /** Setups that came with images that have not been shown yet: one or two. */
   private readonly setups = new Map<number, GroupSetup>();
   /** Whether the renderer is new, or its contents were lost, and images are of no use before their group's setup has come. */
@@ -92,10 +90,10 @@ export class Player extends Playback<Picture> {
     this.restore();
   }
 
-  override open(address: string, files: EmbeddedFiles | null = null, archive: File | null = null): Promise<StreamInfo> {
+  override open(source: StreamSource): Promise<StreamInfo> {
     this.group = null;
     this.drawn = 0;
-    return super.open(address, files, archive);
+    return super.open(source);
   }
 
   get background(): Vector | null {
@@ -128,22 +126,6 @@ export class Player extends Playback<Picture> {
     this.screen.fixed = camera === null ? null : pinholeOf(camera);
   }
 
-  /** Renders the current frame from a camera and returns the pixels: RGBA, top row first. Sorts for that camera first. */
-  async snapshot(camera: Camera, background: Vector = [0, 0, 0]): Promise<ImageData> {
-    const before = this.screen.fixed;
-    const pinhole = pinholeOf(camera);
-    this.screen.fixed = pinhole;
-    const sorted = new Promise<void>((resolve) => {
-      this.snapshotSorted = resolve;
-    });
-    this.requestSort(depthAxis(pinhole));
-    await sorted;
-    const pixels = this.screen.renderer.snapshot(pinhole, background);
-    this.screen.fixed = before;
-    this.sortedAxis = UNSORTED;
-    return new ImageData(pixels, camera.width, camera.height);
-  }
-
   override dispose(): void {
     cancelAnimationFrame(this.handle);
     super.dispose();
@@ -168,7 +150,7 @@ export class Player extends Playback<Picture> {
   protected override ask(frame: number, seek: boolean): void {
     // Sorted for the current camera: at most one frame old when it is drawn.
     this.requestedAxis = depthAxis(this.head ?? this.screen.pinhole());
-    this.stream.request({ type: "present", frame, axis: this.requestedAxis, seek });
+    this.stream.present(frame, this.requestedAxis, seek);
   }
 
   private received(picture: Picture): void {
@@ -195,12 +177,11 @@ export class Player extends Playback<Picture> {
     if (setup !== undefined) {
       renderer.setGroup(setup);
       this.statistics.prepare.add(setup.prepare);
-      this.group = setup;
+      this.group = setup.group;
       this.setups.clear();
     }
     renderer.setPicture(picture);
     this.sortedAxis = this.requestedAxis;
-    this.sorting = false;
     this.statistics.upload.add(performance.now() - began);
     const first = this.drawn === 0;
     this.drawn = picture.count;
@@ -214,9 +195,8 @@ export class Player extends Playback<Picture> {
     this.stream.recycle(luma.buffer, order.buffer);
   }
 
-  private sorted({ request, frame, order, count, sort }: StreamEvents["order"]): void {
-    // Only the last sort is for the current view.
-    if (request === this.sortRequest) this.sorting = false;
+  private sorted({ frame, order, count, sort }: StreamEvents["order"]): void {
+    this.sorting = false;
     if (frame === this.shown?.frame) {
       this.screen.renderer.setOrder(order, count);
       this.drawn = count;
@@ -224,10 +204,6 @@ export class Player extends Playback<Picture> {
       this.screen.dirty = true;
     }
     this.stream.recycle(order.buffer);
-    if (!this.sorting) {
-      this.snapshotSorted?.();
-      this.snapshotSorted = null;
-    }
   }
 
   private readonly tick = (now: number): void => {
@@ -256,12 +232,8 @@ export class Player extends Playback<Picture> {
     const moved = Math.abs(axis[3] - this.sortedAxis[3]);
     if (turned < SORT_AGAIN && moved < SORT_AGAIN * this.camera.distance) return;
     this.sortedAxis = axis;
-    this.requestSort(axis);
-  }
-
-  private requestSort(axis: DepthAxis): void {
     this.sorting = true;
-    this.stream.request({ type: "sort", request: ++this.sortRequest, frame: this.shown?.frame ?? -1, axis });
+    this.stream.request({ type: "sort", frame: this.shown.frame, axis });
   }
 
   /** Called when the graphics context is restored without its contents, and when the renderer has changed. */

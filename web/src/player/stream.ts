@@ -4,20 +4,14 @@
 import workerSource from "worker-source";
 import { StreamError } from "../stream/errors.ts";
 import { groupOfFrame } from "../stream/manifest.ts";
-import type { EmbeddedFiles } from "../worker/source.ts";
-import type { DecodePath, FromWorker, SessionRequest, Splats, StreamEvents, StreamInfo, ToWorker } from "../worker/messages.ts";
+import type {
+  DecodePath, DepthAxis, FromWorker, SessionRequest, Splats, StreamEvents, StreamInfo, StreamOptions, StreamSource, ToWorker,
+} from "../worker/messages.ts";
 import { takeEarlyFiles } from "./early_files.ts";
 import { Emitter } from "./emitter.ts";
 import { VideoReader } from "./video_reader.ts";
 
-export interface StreamOptions {
-  /** How to decode; by default, the first one that works. `video` needs a page. */
-  readonly path?: DecodePath | "auto";
-  /** Whether the first group follows the last one, when groups are fetched ahead. */
-  readonly loop?: boolean;
-  /** The id of the rendition to fetch; by default, each group in the one that the connection and the device sustain. */
-  readonly rendition?: string | null;
-}
+export type { StreamOptions };
 
 /** The worker of the next player: it starts while the page prepares the rest. */
 let spare: Worker | null = null;
@@ -55,7 +49,7 @@ export class V3Stream extends Emitter<StreamEvents> {
   /** Largest side of a texture that the device can render from, in pixels, for players. Set before opening. */
   maxTexture = Infinity;
   private readonly worker = takeWorker();
-  private readonly videos = new VideoReader((message, transfer) => this.post(message, transfer));
+  private readonly videos = new VideoReader();
   private asked: Asked[] = [];
   private failure: string | null = null;
   private readonly options: Required<StreamOptions>;
@@ -69,17 +63,16 @@ export class V3Stream extends Emitter<StreamEvents> {
 
   /** Opens a stream by the URL of its folder, its manifest or its one file (`.v3s`), from files that the page itself holds,
    * or from a file on this computer; closes the one before. StreamError: there is no stream, or it cannot be decoded here. */
-  open(address: string, files: EmbeddedFiles | null = null, archive: File | null = null): Promise<StreamInfo> {
+  open(source: StreamSource): Promise<StreamInfo> {
     this.rejectAll("Another stream was opened.");
     this.info = this.failure = null;
     this.leftOut.clear();
     this.fetchedGroups = [];
     const inPage = "document" in globalThis;
-    const url = new URL(address, inPage ? document.baseURI : location.href).href;
-    const early = inPage && files === null && archive === null ? takeEarlyFiles(url) : null;
+    const url = typeof source === "string" ? new URL(source, inPage ? document.baseURI : location.href).href : null;
+    const early = inPage && url !== null ? takeEarlyFiles(url) : {};
     const { options, maxTexture } = this;
-    const request: ToWorker = { type: "open", url, files, archive, early, maxTexture, ...options };
-    this.post(request, early === null ? [] : [early.port]);
+    this.post({ type: "open", source: url ?? source, early, maxTexture, ...options }, Object.values(early));
     const opened = new Promise<StreamInfo>((resolve, reject) => {
       this.opening = { resolve, reject };
     });
@@ -104,7 +97,21 @@ export class V3Stream extends Emitter<StreamEvents> {
     });
   }
 
-  /** Sends a request of a player to the worker. */
+  /** Asks for a frame's image, sorted along the axis: the event `picture`. The newest request replaces those before it. */
+  present(frame: number, axis: DepthAxis, seek: boolean): void {
+    this.post({ type: "present", frame, axis, seek });
+  }
+
+  /** Whether the playhead moves: what is fetched ahead depends on it. */
+  set playing(playing: boolean) {
+    this.post({ type: "playing", playing });
+  }
+
+  set loop(loop: boolean) {
+    this.post({ type: "loop", loop });
+  }
+
+  /** Sends another request of a player to the worker. */
   request(message: SessionRequest): void {
     this.post(message);
   }
@@ -155,9 +162,10 @@ export class V3Stream extends Emitter<StreamEvents> {
         break;
       }
       case "leftOut": {
+        if (this.info === null) return; // it is of the stream before
+        const { groups } = this.info;
         const { group, message: why } = message.value;
         this.leftOut.set(group, why);
-        const { groups } = this.info!;
         const lost = this.asked.filter(({ frame }) => groupOfFrame(groups, frame) === group);
         this.asked = this.asked.filter((one) => !lost.includes(one));
         for (const { reject } of lost) reject(new StreamError(why));
@@ -174,10 +182,8 @@ export class V3Stream extends Emitter<StreamEvents> {
       case "path":
         this.path = message.value;
         break;
-      case "video-open":
-      case "video-read":
-      case "video-close":
-        this.videos.receive(message);
+      case "video":
+        this.videos.open(message.value);
         return;
     }
     this.emit(message.type, message.value);

@@ -4,7 +4,7 @@
 import { Program } from "../render/gl.ts";
 import { FULL_VERTEX } from "../render/shaders.ts";
 import { inTime, messageOf, StreamError } from "../stream/errors.ts";
-import type { ToWorker, VideoRequest } from "../worker/messages.ts";
+import type { Video, VideoTime } from "../worker/messages.ts";
 
 const PATIENCE = 20_000; // milliseconds to wait for an image
 /** The same if the browser may not report presented images: on hidden pages, or if it does not support that. */
@@ -20,69 +20,35 @@ void main() {
               texelFetch(video, at + ivec2(2, 0), 0).r, texelFetch(video, at + ivec2(3, 0), 0).r);
 }`;
 
-interface Opened {
-  readonly element: HTMLVideoElement;
-  readonly address: string;
-  readonly width: number;
-  readonly height: number;
-  readonly presented: Presented;
-}
-
 export class VideoReader {
-  private readonly open = new Map<number, Opened>();
+  private readonly players = new Set<VideoPlayer>();
   private gl: WebGL2RenderingContext | null = null;
 
-  constructor(private readonly post: (message: ToWorker, transfer?: Transferable[]) => void) {}
-
-  receive(request: VideoRequest): void {
-    if (request.type === "video-close") {
-      this.close(request.source);
-      return;
-    }
-    const work = request.type === "video-open" ? this.openSource(request) : this.read(request.source, request.time, request.duration);
-    work.then(
-      (luma) => this.post({ type: "video-frame", request: request.request, luma }, [luma]),
-      (error: unknown) => this.post({ type: "video-error", request: request.request, message: messageOf(error) }),
-    );
+  /** Answers what comes through the video's port. */
+  open(video: Video): void {
+    const player = new VideoPlayer(video);
+    const { port } = video;
+    this.players.add(player);
+    port.onmessage = ({ data }: MessageEvent<VideoTime | null>) => {
+      if (data === null) {
+        this.players.delete(player);
+        player.close();
+        return;
+      }
+      player.reach(data).then(() => this.readBack(player.element, video)).then(
+        (luma) => port.postMessage(luma, [luma]),
+        (error: unknown) => port.postMessage(messageOf(error)),
+      );
+    };
   }
 
   dispose(): void {
-    for (const source of [...this.open.keys()]) this.close(source);
+    for (const player of this.players) player.close();
     this.gl?.getExtension("WEBGL_lose_context")?.loseContext();
     this.gl = null;
   }
 
-  private async openSource(request: Extract<VideoRequest, { type: "video-open" }>): Promise<ArrayBuffer> {
-    const element = document.createElement("video");
-    element.muted = true;
-    element.playsInline = true;
-    element.preload = "auto";
-    const address = URL.createObjectURL(request.file);
-    const presented = new Presented(element);
-    this.open.set(request.source, { element, address, width: request.width, height: request.height, presented });
-    element.src = address;
-    await happened(element, "loadeddata");
-    if (element.videoWidth !== request.width || element.videoHeight !== request.height)
-      throw new StreamError(
-        `The video is ${element.videoWidth}x${element.videoHeight} here, but the manifest specifies ${request.width}x${request.height}.`,
-      );
-    return new ArrayBuffer(0);
-  }
-
-  private async read(source: number, time: number, duration: number): Promise<ArrayBuffer> {
-    const opened = this.open.get(source);
-    if (opened === undefined) throw new StreamError("The video was closed.");
-    const { element, presented } = opened;
-    if (Math.abs(element.currentTime - time) > 1e-4) {
-      const seeked = happened(element, "seeked");
-      element.currentTime = time;
-      await seeked;
-    }
-    await presented.reach(time, duration);
-    return this.readBack(opened);
-  }
-
-  private readBack({ element, width, height }: Opened): ArrayBuffer {
+  private readBack(element: HTMLVideoElement, { width, height }: Video): ArrayBuffer {
     const gl = (this.gl ??= this.makeContext());
     if (gl.canvas.width !== width / 4 || gl.canvas.height !== height) {
       gl.canvas.width = width / 4;
@@ -109,32 +75,55 @@ export class VideoReader {
     gl.disable(gl.BLEND);
     return gl;
   }
-
-  private close(source: number): void {
-    const opened = this.open.get(source);
-    this.open.delete(source);
-    if (opened === undefined) return;
-    opened.element.removeAttribute("src");
-    opened.element.load();
-    URL.revokeObjectURL(opened.address);
-  }
 }
 
-/** Tracks which image a <video> shows. "seeked" is not enough: on a busy machine it fires while the element still shows the
- * image from before the seek. */
-class Presented {
-  private readonly reports: boolean;
+/** A <video> element, and which image it shows. "seeked" is not enough: on a busy machine it fires while the element still
+ * shows the image from before the seek. */
+class VideoPlayer {
+  readonly element = document.createElement("video");
+  private readonly address: string;
+  private readonly opened: Promise<void>;
+  private readonly reports = "requestVideoFrameCallback" in this.element;
   /** Presentation time of the image in seconds; null before the first. */
   private mediaTime: number | null = null;
   private changed: (() => void) | null = null;
 
-  constructor(private readonly element: HTMLVideoElement) {
-    this.reports = "requestVideoFrameCallback" in element;
+  constructor(private readonly video: Video) {
+    const { element } = this;
+    element.muted = true;
+    element.playsInline = true;
+    element.preload = "auto";
+    this.address = element.src = URL.createObjectURL(video.file);
     if (this.reports) this.listen();
+    this.opened = this.open();
+    this.opened.catch(() => undefined);
   }
 
-  /** Waits for the image shown at `time`, the middle of its `duration`; both in seconds. */
-  async reach(time: number, duration: number): Promise<void> {
+  close(): void {
+    this.video.port.close();
+    this.element.removeAttribute("src");
+    this.element.load();
+    URL.revokeObjectURL(this.address);
+  }
+
+  private async open(): Promise<void> {
+    const { element, video } = this;
+    await happened(element, "loadeddata");
+    if (element.videoWidth !== video.width || element.videoHeight !== video.height)
+      throw new StreamError(
+        `The video is ${element.videoWidth}x${element.videoHeight} here, but the manifest specifies ${video.width}x${video.height}.`,
+      );
+  }
+
+  /** Waits for an image. */
+  async reach({ time, duration }: VideoTime): Promise<void> {
+    const { element } = this;
+    await this.opened;
+    if (Math.abs(element.currentTime - time) > 1e-4) {
+      const seeked = happened(element, "seeked");
+      element.currentTime = time;
+      await seeked;
+    }
     if (!this.reports) return;
     const there = (): boolean =>
       this.mediaTime !== null && Math.abs(this.mediaTime + duration / 2 - time) < duration / 2;

@@ -1,6 +1,6 @@
 /** Splats with escapes (codes that do not fit into a byte), as a small image of their own. */
 
-import type { GroupSetup } from "../worker/messages.ts";
+import type { PictureLayout } from "../stream/picture.ts";
 
 const STEP = 8; // multiples of which sides are
 
@@ -16,17 +16,18 @@ export interface EscapedSplats {
 }
 
 /** Copies the splats with escapes out of a frame of the profile motion. `luma`: the frame's image: (rows * tile, columns *
- * tile). `escapes`: (n, 4): pixel in the tile, channel, code, unused; those of a pixel follow one another. */
+ * tile). `statics`: (tile, tile, 4). `escapes`: (n, 4): pixel in the tile, channel, code, unused; those of a pixel follow one another. */
 export function escapedSplats(
-  { tile, columns, rows, units, statics }: Pick<GroupSetup, "tile" | "columns" | "rows" | "units" | "statics">,
+  { tile, columns, rows }: PictureLayout,
+  channels: number,
   luma: Uint8Array,
+  statics: Uint32Array,
   escapes: Int32Array,
 ): EscapedSplats {
   const count = escapes.length / 4;
   const pixels = new Uint32Array(new Set(Array.from({ length: count }, (_, i) => escapes[4 * i])));
   // In steps, so that textures of this size are seldom allocated again.
   const side = Math.min(tile, STEP * Math.ceil(Math.sqrt(pixels.length) / STEP));
-  const channels = units.length / 2;
   const small = new Float32Array(side * columns * side * rows);
   const kept = new Uint32Array(4 * side * side);
   const place = (width: number, channel: number, pixel: number): number =>
@@ -34,7 +35,7 @@ export function escapedSplats(
     (channel % columns) * width +
     (pixel % width);
   pixels.forEach((pixel, k) => {
-    if (statics !== null) kept.set(statics.subarray(4 * pixel, 4 * pixel + 4), 4 * k);
+    kept.set(statics.subarray(4 * pixel, 4 * pixel + 4), 4 * k);
     for (let c = 0; c < channels; c++) small[place(side, c, k)] = luma[place(tile, c, pixel)] / 255;
   });
   for (let i = 0, k = 0; i < count; i++) {

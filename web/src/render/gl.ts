@@ -1,4 +1,4 @@
-/** Programs, textures and framebuffers of WebGL2. */
+/** Programs and textures of WebGL2. */
 
 import { StreamError } from "../stream/errors.ts";
 
@@ -96,36 +96,5 @@ export class Texture {
     this.bind();
     if (rows > 0) gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, width, rows, format, type, data);
     if (rest > 0) gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, rows, rest, 1, format, type, data, channels * rows * width);
-  }
-
-  dispose(): void {
-    this.gl.deleteTexture(this.handle);
-  }
-}
-
-/** A framebuffer, to be copied to the canvas or read back. */
-export class Target {
-  readonly texture: Texture;
-  readonly frame: WebGLFramebuffer;
-
-  /** @param half - half floats instead of bytes */
-  constructor(private readonly gl: WebGL2RenderingContext, unit: number, half: boolean) {
-    const format = half
-      ? ([gl.RGBA16F, gl.RGBA, gl.HALF_FLOAT] as const)
-      : ([gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE] as const);
-    this.texture = new Texture(gl, unit, format, gl.LINEAR);
-    this.frame = gl.createFramebuffer();
-  }
-
-  resize(width: number, height: number): void {
-    const { gl } = this;
-    if (!this.texture.resize(width, height)) return;
-    gl.bindFramebuffer(gl.FRAMEBUFFER, this.frame);
-    gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, this.texture.handle, 0);
-  }
-
-  dispose(): void {
-    this.gl.deleteFramebuffer(this.frame);
-    this.texture.dispose();
   }
 }

@@ -2,11 +2,13 @@
 
 import { StreamError } from "../stream/errors.ts";
 import type { Vector } from "../stream/metadata.ts";
+import { isMotion } from "../stream/manifest.ts";
 import { BLOCK_TEXELS } from "../stream/motion.ts";
+import { layoutOf, mirroredAxes, type PictureLayout, unitsOf } from "../stream/picture.ts";
 import type { GroupSetup, Picture } from "../worker/messages.ts";
 import { centerOf, fieldLimits, type Pinhole } from "./camera.ts";
 import { escapedSplats } from "./escapes.ts";
-import { Program, Target, Texture } from "./gl.ts";
+import { Program, Texture } from "./gl.ts";
 import { FULL_VERTEX, projectFragment, RESOLVE_FRAGMENT, SPLAT_FRAGMENT, SPLAT_VERTEX } from "./shaders.ts";
 
 const BLOCKS_PER_ROW = 128; // blocks per row of the block table
@@ -40,7 +42,9 @@ class Resources {
   readonly order: Texture;
   readonly splat: Program;
   readonly resolve: Program;
-  readonly canvasTarget: Target;
+  /** The image at its own resolution. */
+  readonly drawing: Texture;
+  readonly drawingFrame: WebGLFramebuffer;
   readonly projects = new Map<string, Program>();
 
   constructor(private readonly gl: WebGL2RenderingContext, half: boolean) {
@@ -61,7 +65,9 @@ class Resources {
     gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, corners, gl.STATIC_DRAW);
     this.splat = new Program(gl, SPLAT_VERTEX, SPLAT_FRAGMENT);
     this.resolve = new Program(gl, FULL_VERTEX, RESOLVE_FRAGMENT);
-    this.canvasTarget = new Target(gl, DRAWING, half);
+    const format = half ? ([gl.RGBA16F, gl.RGBA, gl.HALF_FLOAT] as const) : ([gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE] as const);
+    this.drawing = new Texture(gl, DRAWING, format, gl.LINEAR);
+    this.drawingFrame = gl.createFramebuffer();
   }
 
   project(profile: "motion" | "planes", shDegree: number): Program {
@@ -85,6 +91,13 @@ class Resources {
     gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT1, gl.TEXTURE_2D, second.handle, 0);
     gl.drawBuffers([gl.COLOR_ATTACHMENT0, gl.COLOR_ATTACHMENT1]);
   }
+
+  resizeDrawing(width: number, height: number): void {
+    const { gl, drawing, drawingFrame } = this;
+    if (!drawing.resize(width, height)) return;
+    gl.bindFramebuffer(gl.FRAMEBUFFER, drawingFrame);
+    gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, drawing.handle, 0);
+  }
 }
 
 /** A part of a framebuffer, in pixels from its bottom left corner. */
@@ -99,6 +112,12 @@ export interface Viewport {
 export interface DrawnView {
   readonly pinhole: Pinhole;
   readonly viewport: Viewport;
+}
+
+/** What is derived from a group once. */
+interface RenderedGroup extends Pick<GroupSetup, "group" | "statics"> {
+  readonly layout: PictureLayout;
+  readonly units: Float32Array;
 }
 
 interface TimerQuery {
@@ -119,7 +138,7 @@ export class Renderer {
   private query: WebGLQuery | null = null;
   private fence: WebGLSync | null = null;
   private resources: Resources | null;
-  private setup: GroupSetup | null = null;
+  private setup: RenderedGroup | null = null;
   private hasPicture = false;
   /** Side of the tile of splats with escapes; 0 if the frame has none. */
   private escapedSide = 0;
@@ -184,28 +203,29 @@ export class Renderer {
   }
 
   /** Uploads a group's shared data; only images of this group may follow until the next call. */
-  setGroup(setup: GroupSetup): void {
+  setGroup({ group, statics }: GroupSetup): void {
     const { resources } = this;
     if (resources === null) return;
-    const { tile, columns, rows } = setup;
-    this.setup = setup;
+    const layout = layoutOf(group);
+    const { tile, columns, rows } = layout;
+    this.setup = { group, statics, layout, units: unitsOf(group) };
     this.hasPicture = false;
     resources.luma.resize(tile * columns, tile * rows);
-    if (setup.statics !== null) {
+    if (statics !== null) {
       resources.statics.resize(tile, tile);
-      resources.statics.fill(setup.statics);
+      resources.statics.fill(statics);
     }
     this.moved = new Uint32Array(tile ** 2);
     resources.resizeWords(tile, tile);
-    if (setup.blocks > 0) resources.blocks.resize(BLOCKS_PER_ROW * BLOCK_TEXELS, Math.ceil(setup.blocks / BLOCKS_PER_ROW));
+    if (isMotion(group)) resources.blocks.resize(BLOCKS_PER_ROW * BLOCK_TEXELS, Math.ceil(group.blocks.count / BLOCKS_PER_ROW));
   }
 
   /** Uploads a frame. */
   setPicture(picture: Picture): void {
     const { resources, setup } = this;
-    if (resources === null || setup === null || setup.group !== picture.group) return;
+    if (resources === null || setup?.group.index !== picture.group) return;
     resources.luma.fill(picture.luma);
-    if (picture.blocks !== null) resources.blocks.fill(picture.blocks, BLOCK_TEXELS * setup.blocks);
+    if (picture.blocks !== null) resources.blocks.fill(picture.blocks, picture.blocks.length / 4);
     this.setEscapes(resources, setup, picture);
     this.hasPicture = true;
     this.setOrder(picture.order, picture.count);
@@ -221,17 +241,17 @@ export class Renderer {
     this.count = count;
   }
 
-  private setEscapes(resources: Resources, setup: GroupSetup, { luma, escapes }: Picture): void {
+  private setEscapes(resources: Resources, { layout, units, statics }: RenderedGroup, { luma, escapes }: Picture): void {
     for (const pixel of this.escapedPixels) this.moved[pixel] = 0;
     this.escapedPixels = new Uint32Array(0);
     this.escapedSide = 0;
-    if (escapes === null || escapes.length === 0) return;
-    const { tile, columns, rows } = setup;
-    const { pixels, side, luma: small, statics } = escapedSplats(setup, luma, escapes);
+    if (escapes === null || statics === null) return;
+    const { tile, columns, rows } = layout;
+    const { pixels, side, luma: small, statics: few } = escapedSplats(layout, units.length / 2, luma, statics, escapes);
     resources.escapedLuma.resize(side * columns, side * rows);
     resources.escapedLuma.fill(small);
     resources.escapedStatics.resize(side, side);
-    resources.escapedStatics.fill(statics);
+    resources.escapedStatics.fill(few);
     resources.resizeWords(tile, tile + side);
     for (let k = 0; k < pixels.length; k++) this.moved[pixels[k]] = tile * (tile + Math.floor(k / side)) + (k % side);
     this.escapedPixels = pixels;
@@ -256,34 +276,10 @@ export class Renderer {
     const { gl, resources } = this;
     if (resources === null) return;
     for (const { pinhole, viewport } of views) {
-      resources.canvasTarget.resize(pinhole.width, pinhole.height);
-      this.drawInto(resources, resources.canvasTarget, pinhole);
+      this.drawView(resources, pinhole);
       gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
-      this.resolveFrom(resources, resources.canvasTarget, viewport, background);
+      this.resolve(resources, viewport, background);
     }
-  }
-
-  /** Renders off screen and reads the pixels back: (height, width, 4) bytes, top row first. */
-  snapshot(pinhole: Pinhole, background: Vector): Uint8ClampedArray<ArrayBuffer> {
-    const { gl, resources } = this;
-    const { width, height } = pinhole;
-    const row = 4 * width;
-    const pixels = new Uint8ClampedArray(row * height);
-    if (resources === null) return pixels;
-    const drawing = new Target(gl, DRAWING, this.half);
-    const bytes = new Target(gl, DRAWING, false);
-    drawing.resize(width, height);
-    this.drawInto(resources, drawing, pinhole);
-    bytes.resize(width, height);
-    gl.bindFramebuffer(gl.FRAMEBUFFER, bytes.frame);
-    this.resolveFrom(resources, drawing, { x: 0, y: 0, width, height }, background);
-    const raw = new Uint8Array(pixels.length);
-    gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, raw);
-    for (let y = 0; y < height; y++) pixels.set(raw.subarray((height - 1 - y) * row, (height - y) * row), y * row);
-    drawing.dispose();
-    bytes.dispose();
-    resources.canvasTarget.texture.bind();
-    return pixels;
   }
 
   dispose(): void {
@@ -292,12 +288,13 @@ export class Renderer {
     this.gl.getExtension("WEBGL_lose_context")?.loseContext();
   }
 
-  private drawInto(resources: Resources, target: Target, pinhole: Pinhole): void {
+  private drawView(resources: Resources, pinhole: Pinhole): void {
     const { gl, setup } = this;
     const size = [pinhole.width, pinhole.height] as const;
     const ready = setup !== null && this.hasPicture;
+    resources.resizeDrawing(...size);
     if (ready) this.project(resources, setup, pinhole);
-    gl.bindFramebuffer(gl.FRAMEBUFFER, target.frame);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, resources.drawingFrame);
     gl.viewport(0, 0, ...size);
     gl.clearColor(0, 0, 0, 0);
     gl.clear(gl.COLOR_BUFFER_BIT);
@@ -305,7 +302,7 @@ export class Renderer {
     const { splat } = resources;
     splat.use();
     resources.words.forEach((texture, k) => texture.bindTo(splat, `words${k}`));
-    gl.uniform1i(splat.at("tile"), setup.tile);
+    gl.uniform1i(splat.at("tile"), setup.layout.tile);
     gl.uniform2f(splat.at("size"), ...size);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
@@ -316,20 +313,21 @@ export class Renderer {
     gl.disable(gl.BLEND);
   }
 
-  private project(resources: Resources, setup: GroupSetup, pinhole: Pinhole): void {
+  private project(resources: Resources, { group, layout, units, statics }: RenderedGroup, pinhole: Pinhole): void {
     const { gl, escapedSide } = this;
     gl.bindFramebuffer(gl.FRAMEBUFFER, resources.wordsFrame);
-    const program = resources.project(setup.profile, setup.shDegree);
+    const program = resources.project(isMotion(group) ? "motion" : "planes", group.sh_degree);
     program.use();
-    gl.uniform2fv(program.at("units"), setup.units);
-    gl.uniform1f(program.at("dilation"), setup.dilation);
-    if (setup.lattice !== null) {
+    gl.uniform2fv(program.at("units"), units);
+    gl.uniform1f(program.at("dilation"), group.dilation);
+    if (isMotion(group)) {
+      const { min, step } = group.positions;
       resources.blocks.bindTo(program, "blocks");
-      gl.uniform3f(program.at("latticeMin"), ...setup.lattice.min);
-      gl.uniform2f(program.at("lattice"), setup.lattice.step, setup.lattice.ratio);
+      gl.uniform3f(program.at("latticeMin"), ...min);
+      gl.uniform2f(program.at("lattice"), step, step / group.blocks.radius);
     } else {
-      gl.uniform1i(program.at("splats"), setup.splats);
-      gl.uniform3i(program.at("mirrored"), ...(setup.mirrored.map(Number) as [number, number, number]));
+      gl.uniform1i(program.at("splats"), group.splats);
+      gl.uniform3i(program.at("mirrored"), ...(mirroredAxes(group).map(Number) as [number, number, number]));
     }
     // WebGL matrices are column-major: the rows are passed as columns of the transpose.
     gl.uniformMatrix3fv(program.at("rotation"), true, pinhole.rotation);
@@ -338,24 +336,23 @@ export class Renderer {
     gl.uniform4f(program.at("lens"), pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy);
     gl.uniform4f(program.at("limits"), ...fieldLimits(pinhole));
     gl.uniform2f(program.at("size"), pinhole.width, pinhole.height);
-    const tile = (luma: Texture, statics: Texture, side: number, top: number): void => {
+    const tile = (luma: Texture, texels: Texture, side: number, top: number): void => {
       gl.viewport(0, top, side, side);
       luma.bindTo(program, "luma");
-      if (setup.statics !== null) statics.bindTo(program, "statics");
-      gl.uniform2i(program.at("layoutOf"), side, setup.columns);
+      if (statics !== null) texels.bindTo(program, "statics");
+      gl.uniform2i(program.at("layoutOf"), side, layout.columns);
       gl.uniform2i(program.at("origin"), 0, top);
       gl.drawArrays(gl.TRIANGLES, 0, 3);
     };
-    tile(resources.luma, resources.statics, setup.tile, 0);
-    if (escapedSide > 0) tile(resources.escapedLuma, resources.escapedStatics, escapedSide, setup.tile);
+    tile(resources.luma, resources.statics, layout.tile, 0);
+    if (escapedSide > 0) tile(resources.escapedLuma, resources.escapedStatics, escapedSide, layout.tile);
   }
 
-  private resolveFrom({ resolve }: Resources, target: Target, viewport: Viewport, background: Vector | null): void {
+  private resolve({ resolve, drawing }: Resources, { x, y, width, height }: Viewport, background: Vector | null): void {
     const { gl } = this;
-    const { x, y, width, height } = viewport;
     gl.viewport(x, y, width, height);
     resolve.use();
-    target.texture.bindTo(resolve, "drawing");
+    drawing.bindTo(resolve, "drawing");
     gl.uniform4f(resolve.at("viewport"), x, y, width, height);
     gl.uniform4f(resolve.at("background"), ...(background ?? ([0, 0, 0] as const)), background === null ? 0 : 1);
     gl.drawArrays(gl.TRIANGLES, 0, 3);

@@ -9,6 +9,8 @@ export interface Sample {
   readonly offset: number;
   readonly bytes: number;
   readonly key: boolean;
+  /** Frame of the group that it decodes to: its place in the order of display. */
+  readonly picture: number;
   /** Seconds, after the edit list. */
   readonly timestamp: number;
   readonly duration: number;
@@ -17,7 +19,7 @@ export interface Sample {
 export interface VideoIndex {
   readonly codec: Codec["name"];
   readonly config: VideoDecoderConfig & { readonly codedWidth: number; readonly codedHeight: number };
-  /** In the order of decoding. */
+  /** In the order of decoding, which differs from that of display where there are B-frames. */
   readonly samples: readonly Sample[];
 }
 
@@ -120,14 +122,41 @@ function parseIndex(moov: Box, bytes: number, most: number): VideoIndex {
   const keys = keySamples(table);
   const start = firstMediaTime(track);
   let time = 0;
+  const timestamps = durations.map((duration, i) => {
+    time += duration;
+    return (time - duration + shifts[i] - start) / timescale;
+  });
+  const pictures = inDisplayOrder(timestamps);
   const samples = sizes.map((size, i) => {
     if (offsets[i] + size > bytes) throw new StreamError("its pictures lie beyond its end");
-    const timestamp = (time + shifts[i] - start) / timescale;
-    time += durations[i];
-    return { offset: offsets[i], bytes: size, key: keys?.has(i) ?? true, timestamp, duration: durations[i] / timescale };
+    const [timestamp, duration] = [timestamps[i], durations[i] / timescale];
+    return { offset: offsets[i], bytes: size, key: keys?.has(i) ?? true, picture: pictures[i], timestamp, duration };
   });
   if (samples.length > 0 && !samples[0].key) throw new StreamError("its first picture needs others");
+  if (samples.length > 0 && samples[0].picture !== 0) throw new StreamError("its first picture is not shown first");
   return { ...description(table.find("stsd")), samples };
+}
+
+/** Place of each sample in the order of display, which is that of the time stamps. */
+export function inDisplayOrder(timestamps: readonly number[]): number[] {
+  const order = timestamps.map((_, at) => at).sort((a, b) => timestamps[a] - timestamps[b]);
+  const places = new Array<number>(timestamps.length);
+  order.forEach((at, picture) => {
+    if (picture > 0 && timestamps[at] === timestamps[order[picture - 1]]) throw new StreamError("two of its pictures have the same time");
+    places[at] = picture;
+  });
+  return places;
+}
+
+/** For each image: how many samples hold it and all images before it. B-frames need some that come later. */
+export function samplesNeeded(samples: readonly Pick<Sample, "picture">[]): number[] {
+  const needed = new Array<number>(samples.length).fill(0);
+  samples.forEach(({ picture }, at) => {
+    needed[picture] = at + 1;
+  });
+  for (let picture = 1; picture < needed.length; picture++)
+    needed[picture] = Math.max(needed[picture], needed[picture - 1]);
+  return needed;
 }
 
 function sampleSizes(box: Box, most: number): number[] {

@@ -187,17 +187,16 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost, LinkHo
 
   /** Opens the stream of the attribute `src`, or a stream in one file. */
   open(file: File | null = null): void {
-    const source = file === null ? this.getAttribute("src") : file.name;
+    const source = this.getAttribute("src") ?? "";
     this.find(".failure").hidden = true;
-    if (source === null || source === "" || this.engine === null) return;
+    if ((file === null && source === "") || this.engine === null) return;
     this.isReady = false;
     this.introWanted = this.hasAttribute("intro") && !reducesMotion();
     this.controls?.busy(true);
     this.find(".poster").classList.remove("gone");
     this.wantsToPlay ||= this.hasAttribute("autoplay") && !reducesMotion();
     try {
-      const embedded = file === null && source.startsWith("#") ? embeddedFiles(source) : null;
-      void this.engine.open(source, embedded, file);
+      void this.engine.open(file ?? (source.startsWith("#") ? embeddedFiles(source) : source));
     } catch (error) {
       this.showFailure(`The address "${source}" cannot be opened: ${messageOf(error).replace(/\.$/, "")}.`);
     }

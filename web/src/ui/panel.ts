@@ -29,10 +29,10 @@ export function figures(player: Player): [string, string][] {
     ["Received", info?.renditions.length === 1 ? `${received} of ${bytes(info.totalBytes)}` : received],
   ];
   if (info !== null) {
-    rows.push(["Stream", `${info.profile}, ${info.codec}, SH ${group?.shDegree ?? info.shDegree}`]);
+    rows.push(["Stream", `${info.profile}, ${info.codec}, SH ${group?.sh_degree ?? info.shDegree}`]);
     if (group !== null) {
-      const rate = `${bytes(group.bytes / group.frames)} per frame, ${((8e-6 * group.bytes * info.fps) / group.frames).toFixed(1)} Mbit/s`;
-      rows.push(["Rendition", info.renditions.length === 1 ? rate : `${group.rendition} (one of ${info.renditions.length}), ${rate}`]);
+      const rate = `${bytes(group.bytes / group.frame_count)} per frame, ${((8e-6 * group.bytes * info.fps) / group.frame_count).toFixed(1)} Mbit/s`;
+      rows.push(["Rendition", info.renditions.length === 1 ? rate : `${group.id} (one of ${info.renditions.length}), ${rate}`]);
     }
     rows.push(["Player", `${stream.path === null ? "–" : PATHS[stream.path]}, WebGL2`]);
     rows.push(["Checked", info.checksums ? "sizes and SHA-256" : "sizes only; SHA-256 requires HTTPS"]);

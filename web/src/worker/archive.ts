@@ -31,7 +31,7 @@ export class ArchiveSource implements Source {
 
   constructor(private readonly readRange: ReadRange, private readonly name: string) {}
 
-  async readAll(path: string, limit: number, signal: AbortSignal): Promise<Uint8Array<ArrayBuffer>> {
+  async read(path: string, limit: number, signal: AbortSignal): Promise<Uint8Array<ArrayBuffer>> {
     this.directory ??= this.open(signal);
     const entry = (await this.directory).get(path);
     if (entry === undefined) throw new StreamError(`${this.name} does not contain ${path}.`);

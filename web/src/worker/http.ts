@@ -1,46 +1,57 @@
-/** Fetches complete files of a known size over HTTP, and retries after network failures. */
+/** Fetches complete files over HTTP, and retries after network failures. */
 
 import { inTime, messageOf, StreamError } from "../stream/errors.ts";
 import { HASHED } from "../stream/manifest.ts";
-import type { EarlyFiles } from "./early_files.ts";
+import type { EarlyPart, EarlyPorts } from "./messages.ts";
 import type { Arrived, Source } from "./source.ts";
 
 const ATTEMPTS = 10;
 const FIRST_WAIT = 400;
 const LONGEST_WAIT = 4000;
+const FIRST_BYTES = 1 << 20; // memory for a file of unknown size at first
 const STALL = 15_000; // milliseconds without data after which a request is aborted
 
+type Take = (chunk: Uint8Array<ArrayBuffer>) => void;
+
 export class HttpSource implements Source {
+  private readonly ports: Map<string, MessagePort>;
   private readonly earlyTimes = new Map<string, number>();
 
-  /** `received`: called to estimate the bandwidth. `earlyFiles`: what the page has begun to fetch. */
+  /** `received`: called to estimate the bandwidth. `early`: what the page has begun to fetch. */
   constructor(
     private readonly base: string,
     private readonly received: (bytes: number, milliseconds: number) => void,
     private readonly trouble: (message: string) => void,
-    private readonly earlyFiles: EarlyFiles | null = null,
-  ) {}
+    early: EarlyPorts,
+  ) {
+    this.ports = new Map(Object.entries(early));
+  }
 
-  async read(path: string, bytes: number, signal: AbortSignal, arrived?: Arrived): Promise<Uint8Array<ArrayBuffer>> {
-    const out = new Uint8Array(bytes);
+  async read(path: string, limit: number, signal: AbortSignal, arrived?: Arrived): Promise<Uint8Array<ArrayBuffer>> {
+    let out = new Uint8Array(Math.min(limit, FIRST_BYTES));
     let filled = 0;
     let tag: string | null = null;
     const add = (chunk: Uint8Array<ArrayBuffer>): void => {
-      if (filled + chunk.length > bytes)
-        throw new StreamError(`${path} is larger than the manifest specifies (${bytes} bytes).`);
+      const end = filled + chunk.length;
+      if (end > limit) throw new StreamError(`${path} is larger than ${limit} bytes.`);
+      if (end > out.length) {
+        const larger = new Uint8Array(Math.min(limit, 2 * end));
+        larger.set(out);
+        out = larger;
+      }
       out.set(chunk, filled);
-      filled += chunk.length;
+      filled = end;
       arrived?.(out, filled);
     };
-    const early = await this.earlyFiles?.take(path, (chunk) => {
-      // Of another size, it is an older file in a cache.
-      if (filled + chunk.length <= bytes) add(chunk);
+    const early = await this.takeEarly(path, (chunk) => {
+      // If it is too large, it is an older file in a cache.
+      if (filled + chunk.length <= limit) add(chunk);
       else filled = Infinity;
     });
-    if (early !== undefined && early !== null && filled === bytes) {
+    if (early !== null && filled <= limit) {
       this.earlyTimes.set(path, early);
-      this.received(bytes, early);
-      return out;
+      this.received(filled, early);
+      return out.subarray(0, filled);
     }
     filled = 0;
     return this.tryAgain(signal, async () => {
@@ -53,8 +64,7 @@ export class HttpSource implements Source {
         await this.receive(response, add);
       });
       // A broken connection raises an error in the reader; a body that ends normally is complete.
-      if (filled !== bytes) throw new StreamError(`${path} has ${filled} bytes, but the manifest specifies ${bytes}.`);
-      return out;
+      return out.subarray(0, filled);
     });
   }
 
@@ -62,18 +72,20 @@ export class HttpSource implements Source {
     return this.earlyTimes.get(path) ?? 0;
   }
 
-  async readAll(path: string, limit: number, signal: AbortSignal): Promise<Uint8Array<ArrayBuffer>> {
-    return this.tryAgain(signal, async () => {
-      const parts: Uint8Array<ArrayBuffer>[] = [];
-      let size = 0;
-      await this.request(path, {}, signal, (response) =>
-        consume(response, (chunk) => {
-          parts.push(chunk);
-          size += chunk.length;
-          if (size > limit) throw new StreamError(`${path} is larger than ${limit} bytes.`);
-        }),
-      );
-      return new Uint8Array(await new Blob(parts).arrayBuffer());
+  /** Hands over a file that the page has begun to fetch, once, chunk by chunk as it comes. Returns the milliseconds that it
+   * took; null if the page does not fetch it, or could not fetch all of it. */
+  private async takeEarly(path: string, take: Take): Promise<number | null> {
+    const port = this.ports.get(path);
+    this.ports.delete(path);
+    if (port === undefined) return null;
+    return new Promise((resolve) => {
+      port.onmessage = ({ data: part }: MessageEvent<EarlyPart>) => {
+        if (part instanceof ArrayBuffer) take(new Uint8Array(part));
+        else {
+          port.close();
+          resolve(part);
+        }
+      };
     });
   }
 
@@ -122,7 +134,7 @@ export class HttpSource implements Source {
   }
 
   /** Takes in a body, and reports how fast it came. */
-  private async receive(response: Response, take: (chunk: Uint8Array<ArrayBuffer>) => void): Promise<void> {
+  private async receive(response: Response, take: Take): Promise<void> {
     const began = performance.now();
     let bytes = 0;
     await consume(response, (chunk) => {
@@ -169,7 +181,7 @@ export class HttpSource implements Source {
 }
 
 /** Yields a body chunk by chunk; fails if no data arrives for too long. */
-async function consume(response: Response, take: (chunk: Uint8Array<ArrayBuffer>) => void): Promise<void> {
+async function consume(response: Response, take: Take): Promise<void> {
   const reader = response.body?.getReader();
   if (reader === undefined) return;
   try {

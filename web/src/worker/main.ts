@@ -3,7 +3,6 @@
 import { messageOf } from "../stream/errors.ts";
 import type { FromWorker, Report, ToWorker } from "./messages.ts";
 import { Session } from "./session.ts";
-import { VideoChannel } from "./video_pictures.ts";
 
 /** The used part of DedicatedWorkerGlobalScope, which the DOM types do not include. */
 interface Scope {
@@ -13,16 +12,16 @@ interface Scope {
 
 const scope = self as unknown as Scope;
 const report: Report = (type, value, transfer) => scope.postMessage({ type, value } as FromWorker, transfer);
-const channel = new VideoChannel((request) => scope.postMessage(request));
 let session: Session | null = null;
 
 scope.onmessage = ({ data }) => {
-  if (data.type === "open") {
-    session?.close();
-    const opened = (session = new Session(report, channel, data));
-    opened.open().catch((error: unknown) => {
-      if (session === opened) report("failed", messageOf(error));
-    });
-  } else if (data.type === "video-frame" || data.type === "video-error") channel.receive(data);
-  else session?.receive(data);
+  if (data.type !== "open") {
+    session?.receive(data);
+    return;
+  }
+  session?.close();
+  const opened = (session = new Session(report, data));
+  opened.open().catch((error: unknown) => {
+    if (session === opened) report("failed", messageOf(error));
+  });
 };

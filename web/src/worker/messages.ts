@@ -1,23 +1,16 @@
 /** Messages between the page and the worker. */
 
-import type { Span } from "../stream/manifest.ts";
+import type { Rendition, Span } from "../stream/manifest.ts";
 import type { SplatArrays } from "../stream/manifest_types.ts";
 import type { Metadata, Vector } from "../stream/metadata.ts";
 import type { EmbeddedFiles } from "./source.ts";
 
-/** Where the files of `names` arrive, chunk by chunk; the manifest's name is empty. */
-export interface EarlyPort {
-  readonly port: MessagePort;
-  readonly names: readonly string[];
-}
+/** By path in the stream, where files arrive that the page has begun to fetch. */
+export type EarlyPorts = Readonly<Record<string, MessagePort>>;
 
-export interface EarlyPart {
-  readonly name: string;
-  /** The next chunk; null at the end. */
-  readonly data: ArrayBuffer | null;
-  /** At the end, what the file took; null if it is not complete: the worker is to try, and to say what is wrong. */
-  readonly milliseconds: number | null;
-}
+/** The next chunk of a file; at its end, the milliseconds that it took, or null if it is not complete: the worker is to try,
+ * and to say what is wrong. */
+export type EarlyPart = ArrayBuffer | number | null;
 
 /** A splat's depth is axis · (x, y, z, 1). */
 export type DepthAxis = readonly [number, number, number, number];
@@ -25,29 +18,32 @@ export type DepthAxis = readonly [number, number, number, number];
 /** How images are decoded. */
 export type DecodePath = "webcodecs" | "webcodecs-software" | "video";
 
-export interface OpenRequest {
+/** A stream's URL, files that the page itself holds, or a stream in one file (`.v3s`) on this computer. */
+export type StreamSource = string | EmbeddedFiles | File;
+
+export interface StreamOptions {
+  /** How to decode; by default, the first one that works. `video` needs a page. */
+  readonly path?: DecodePath | "auto";
+  /** Whether the first group follows the last one, when groups are fetched ahead. */
+  readonly loop?: boolean;
+  /** The id of the rendition to fetch; by default, each group in the one that the connection and the device sustain. */
+  readonly rendition?: string | null;
+}
+
+export interface OpenRequest extends Required<StreamOptions> {
   readonly type: "open";
-  readonly url: string;
-  /** The stream's files if the page holds them, else null. */
-  readonly files: EmbeddedFiles | null;
-  /** A stream in one file (`.v3s`) on this computer, else null. */
-  readonly archive: File | null;
-  /** Where files arrive that the page has begun to fetch; null if there are none. */
-  readonly early: EarlyPort | null;
-  readonly path: DecodePath | "auto";
+  readonly source: StreamSource;
+  readonly early: EarlyPorts;
   /** Largest side of a texture that the device can render from. */
   readonly maxTexture: number;
-  readonly loop: boolean;
-  /** Id of the rendition to fetch; null for each group in the one that suits. */
-  readonly rendition: string | null;
 }
 
 /** What the page asks of an opened stream. */
 export type SessionRequest =
   /** Decode a frame and sort it along the axis: the event `picture`; null for its splats as arrays. The latest request wins. */
   | { readonly type: "present"; readonly frame: number; readonly axis: DepthAxis | null; readonly seek: boolean }
-  /** Sort one of the last two decoded frames along another axis: the event `order`, with `request`. */
-  | { readonly type: "sort"; readonly request: number; readonly frame: number; readonly axis: DepthAxis }
+  /** Sort one of the last two decoded frames along another axis: the event `order`. */
+  | { readonly type: "sort"; readonly frame: number; readonly axis: DepthAxis }
   | { readonly type: "loop"; readonly loop: boolean }
   /** Whether the playhead moves: what is fetched ahead depends on it. */
   | { readonly type: "playing"; readonly playing: boolean }
@@ -58,31 +54,22 @@ export type SessionRequest =
   /** The graphics context was lost: send the next image with its group's setup. */
   | { readonly type: "forget-setup" };
 
-export type ToWorker = OpenRequest | SessionRequest | VideoReply;
+export type ToWorker = OpenRequest | SessionRequest;
 
-/** Replies of the page, since only the page can have <video> elements. */
-export type VideoReply =
-  | { readonly type: "video-frame"; readonly request: number; readonly luma: ArrayBuffer }
-  | { readonly type: "video-error"; readonly request: number; readonly message: string };
+/** A video to decode with a <video> element, which only the page can have. */
+export interface Video {
+  readonly file: Blob;
+  readonly width: number;
+  readonly height: number;
+  /** Takes one `VideoTime` after the other, and answers each with the luma, or with a message if that fails; null ends it. */
+  readonly port: MessagePort;
+}
 
-export type VideoRequest =
-  | {
-      readonly type: "video-open";
-      readonly request: number;
-      readonly source: number;
-      readonly file: Blob;
-      readonly width: number;
-      readonly height: number;
-    }
-  /** `time` is the middle of the requested image, which is shown for `duration`; both in seconds. */
-  | {
-      readonly type: "video-read";
-      readonly request: number;
-      readonly source: number;
-      readonly time: number;
-      readonly duration: number;
-    }
-  | { readonly type: "video-close"; readonly source: number };
+/** The middle of a video's image, which is shown for `duration`; both in seconds. */
+export interface VideoTime {
+  readonly time: number;
+  readonly duration: number;
+}
 
 export interface RenditionInfo {
   readonly id: string;
@@ -114,30 +101,12 @@ export interface StreamInfo extends Metadata {
 
 /** Data shared by all frames of a group, for the renderer. */
 export interface GroupSetup {
-  readonly group: number;
-  /** Id of the rendition that the group's data are from; empty in streams of a single one. */
-  readonly rendition: string;
-  /** Size of the group's files in this rendition, and how many frames they hold. */
-  readonly bytes: number;
-  readonly frames: number;
+  /** In the rendition that was chosen for it. */
+  readonly group: Rendition;
   /** Milliseconds from the group's files to the first packet and the tables of its splats. */
   readonly prepare: number;
-  readonly profile: "motion" | "planes";
-  readonly splats: number;
-  readonly shDegree: number;
-  /** Added to the diagonal of every projected covariance, in square pixels, as in studio.rasterizer. */
-  readonly dilation: number;
-  readonly tile: number;
-  readonly columns: number;
-  readonly rows: number;
-  /** (C, 2) base and step of each channel or plane: value = base + code * step. */
-  readonly units: Float32Array<ArrayBuffer>;
   /** (tile, tile, 4), see MotionTables.statics; null in `planes`. */
   readonly statics: Uint32Array<ArrayBuffer> | null;
-  readonly blocks: number;
-  readonly lattice: { readonly min: Vector; readonly step: number; readonly ratio: number } | null;
-  /** `planes`: whether each position's low byte is mirrored. */
-  readonly mirrored: readonly boolean[];
 }
 
 export interface Picture {
@@ -191,7 +160,7 @@ export interface StreamEvents {
   leftOut: { readonly group: number; readonly message: string };
   /** Answers to `present` and `sort`; `order.sort` in milliseconds. */
   picture: Picture;
-  order: Pick<Picture, "frame" | "order" | "count"> & { readonly request: number; readonly sort: number };
+  order: Pick<Picture, "frame" | "order" | "count"> & { readonly sort: number };
   splats: Splats;
   /** The sound's file; `start` and `length` in seconds. */
   sound: { readonly file: Blob; readonly start: number; readonly length: number };
@@ -204,9 +173,11 @@ export interface StreamEvents {
   failed: string;
 }
 
-/** Reports an event from the worker, with what to transfer. */
-export type Report = <K extends keyof StreamEvents>(type: K, value: StreamEvents[K], transfer?: Transferable[]) => void;
+interface Reports extends StreamEvents {
+  video: Video;
+}
 
-export type FromWorker =
-  | { [K in keyof StreamEvents]: { readonly type: K; readonly value: StreamEvents[K] } }[keyof StreamEvents]
-  | VideoRequest;
+/** Reports an event from the worker, with what to transfer. */
+export type Report = <K extends keyof Reports>(type: K, value: Reports[K], transfer?: Transferable[]) => void;
+
+export type FromWorker = { [K in keyof Reports]: { readonly type: K; readonly value: Reports[K] } }[keyof Reports];

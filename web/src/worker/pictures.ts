@@ -3,7 +3,7 @@
 import { crc32 } from "../stream/crc32.ts";
 import { messageOf, StreamError } from "../stream/errors.ts";
 import type { LumaCheck } from "../stream/manifest.ts";
-import { type Packet, packetsNeeded } from "./demux.ts";
+import { type Sample, samplesNeeded } from "../stream/mp4.ts";
 import type { Pool } from "./pool.ts";
 
 /** A decoded image: luma, and the wall-clock decoding time in milliseconds. */
@@ -33,8 +33,8 @@ const PATIENCE = 20_000; // milliseconds without an image after which the decode
 /** Decodes one video with WebCodecs. */
 export class WebCodecsPictures implements PictureSource {
   private decoder: VideoDecoder | null = null;
-  private readonly needed: readonly number[]; // packets that the decoder needs for each image and all before it
-  /** Next packet to feed to the decoder, next image that it will output, first image that is needed. */
+  private readonly needed: readonly number[]; // samples that the decoder needs for each image and all before it
+  /** Next sample to feed to the decoder, next image that it will output, first image that is needed. */
   private fed = 0;
   private out = 0;
   private wanted = 0;
@@ -47,14 +47,16 @@ export class WebCodecsPictures implements PictureSource {
   private run = 0;
   private watchdog = 0;
 
+  /** `data`: the video file, or its beginning with these samples. */
   constructor(
     private readonly config: VideoDecoderConfig,
-    private readonly packets: readonly Packet[],
+    private readonly data: Uint8Array,
+    private readonly samples: readonly Sample[],
     private readonly size: readonly [number, number],
     private readonly name: string,
     private readonly pool: Pool,
   ) {
-    this.needed = packetsNeeded(packets);
+    this.needed = samplesNeeded(samples);
   }
 
   get(index: number): Promise<Luma> {
@@ -182,24 +184,24 @@ export class WebCodecsPictures implements PictureSource {
 
   private feed(): void {
     if (this.error !== null) return;
-    const { packets } = this;
+    const { samples } = this;
     try {
       const decoder = this.decoder ?? this.start();
-      const until = Math.min(packets.length, this.after(this.wanted) + AHEAD - 1);
+      const until = Math.min(samples.length, this.after(this.wanted) + AHEAD - 1);
       // Decode up to the requested image immediately, and beyond it slowly.
       while (this.fed < until && (this.fed < this.after(this.wanted) || this.fed < this.after(this.out) + AHEAD - 1)) {
-        const packet = packets[this.fed];
+        const { offset, bytes, key, picture } = samples[this.fed];
         this.submitted.push(performance.now());
         decoder.decode(
           new EncodedVideoChunk({
-            type: packet.key ? "key" : "delta",
-            timestamp: packet.picture * TICK,
-            data: packet.data,
+            type: key ? "key" : "delta",
+            timestamp: picture * TICK,
+            data: this.data.subarray(offset, offset + bytes),
           }),
         );
         this.fed++;
         // Decoders may withhold images until they are flushed.
-        if (this.fed === packets.length) void this.flush(decoder, this.run);
+        if (this.fed === samples.length) void this.flush(decoder, this.run);
       }
     } catch (error) {
       this.fail(new PathFailed(`${this.name} cannot be decoded: ${messageOf(error)}.`));
@@ -211,17 +213,17 @@ export class WebCodecsPictures implements PictureSource {
       }, PATIENCE);
   }
 
-  /** Packets that are needed for an image; all for one past the end. */
+  /** Samples that are needed for an image; all for one past the end. */
   private after(picture: number): number {
-    return picture < this.needed.length ? this.needed[picture] : this.packets.length;
+    return picture < this.needed.length ? this.needed[picture] : this.samples.length;
   }
 
   private async flush(decoder: VideoDecoder, run: number): Promise<void> {
     try {
       await decoder.flush();
       await this.copying;
-      if (run === this.run && this.out < this.packets.length)
-        this.fail(new StreamError(`${this.name}: the video ends after ${this.out} of ${this.packets.length} frames.`));
+      if (run === this.run && this.out < this.samples.length)
+        this.fail(new StreamError(`${this.name}: the video ends after ${this.out} of ${this.samples.length} frames.`));
     } catch {
       // Closed or failed; already reported through `error`.
     }
@@ -259,7 +261,7 @@ export function checkedPictures(pictures: PictureSource, checks: readonly LumaCh
   };
 }
 
-/** Pictures of a video that is still arriving: the first one is decoded from its own packet, before the others are there.
+/** Pictures of a video that is still arriving: the first one is decoded from its own sample, before the others are there.
  * `first`: has the first picture only. `open`: called once, when another one is needed; has all pictures. */
 export function arrivingPictures(first: PictureSource, open: () => Promise<PictureSource>): PictureSource {
   let all: Promise<PictureSource> | null = null;

@@ -3,7 +3,7 @@
 
 import { StreamError } from "../stream/errors.ts";
 import { filesOf, type PlanesRendition } from "../stream/manifest.ts";
-import { planesLayout } from "../stream/planes.ts";
+import { layoutOf } from "../stream/picture.ts";
 import { Closed, type Luma, type PictureSource } from "./pictures.ts";
 import type { Pool } from "./pool.ts";
 
@@ -21,7 +21,7 @@ export class PlanesPictures implements PictureSource {
     open: (plane: number) => Promise<PictureSource>,
     private readonly pool: Pool,
   ) {
-    const { tile, columns, rows } = planesLayout(group);
+    const { tile, columns, rows } = layoutOf(group);
     const bytes = tile * tile * columns * rows * group.frame_count;
     if (bytes > MAX_GROUP_BYTES)
       throw new StreamError(
@@ -48,7 +48,7 @@ export class PlanesPictures implements PictureSource {
   }
 
   private async readAll(open: (plane: number) => Promise<PictureSource>): Promise<Uint8Array[]> {
-    const { tile, columns, rows } = planesLayout(this.group);
+    const { tile, columns, rows } = layoutOf(this.group);
     const width = tile * columns;
     const pictures = Array.from({ length: this.group.frame_count }, () => new Uint8Array(width * tile * rows));
     for (let plane = 0; plane < filesOf(this.group).length; plane++) {

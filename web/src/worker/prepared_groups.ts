@@ -3,15 +3,16 @@
 import { messageOf, StreamError } from "../stream/errors.ts";
 import { isMotion, type Manifest, type Rendition, type VideoEntry } from "../stream/manifest.ts";
 import { MotionTables } from "../stream/motion.ts";
+import { readVideoIndex, type Sample, type VideoIndex } from "../stream/mp4.ts";
+import { pictureSize } from "../stream/picture.ts";
 import { inflate, parseSideFile } from "../stream/side_file.ts";
-import { demux, type Packet } from "./demux.ts";
-import type { DecodePath } from "./messages.ts";
+import type { Arriving } from "./arriving.ts";
+import type { DecodePath, Report } from "./messages.ts";
 import { arrivingPictures, checkedPictures, type PictureSource, WebCodecsPictures } from "./pictures.ts";
 import { PlanesPictures } from "./planes_pictures.ts";
 import type { Pool } from "./pool.ts";
-import { pictureSize } from "./setup.ts";
 import type { Files, GroupStore } from "./store.ts";
-import { type VideoChannel, VideoElementPictures } from "./video_pictures.ts";
+import { VideoElementPictures } from "./video_pictures.ts";
 
 const NEEDS_WEBCODECS =
   "Streams of the profile planes need WebCodecs, which this browser supports only on secure (HTTPS) pages, or not at all.";
@@ -36,7 +37,7 @@ export class PreparedGroups {
   constructor(
     private readonly manifest: Pick<Manifest, "codec" | "profile">,
     private readonly store: GroupStore,
-    private readonly channel: VideoChannel,
+    private readonly report: Report,
     private readonly pool: Pool,
     path: DecodePath | "auto",
   ) {
@@ -115,18 +116,45 @@ export class PreparedGroups {
     frames: number,
   ): Promise<PictureSource> {
     const file = files.get(path)!;
-    const video = await demux(file, path, this.manifest.codec.name, size, frames);
+    const { config: stored, samples } = await checkedIndex(file, path, this.manifest.codec.name, size, frames);
     let pictures: PictureSource;
-    if (this.path === "video")
-      pictures = new VideoElementPictures(this.channel, await file.whole(), await video.packets(), size, this.pool);
+    if (this.path === "video") pictures = new VideoElementPictures(this.report, await file.whole(), samples, size, this.pool);
     else {
       const hardwareAcceleration = this.path === "webcodecs" ? "no-preference" : "prefer-software";
-      const config = { ...video.config, optimizeForLatency: true, hardwareAcceleration } as const;
-      const decode = (packets: readonly Packet[]): PictureSource =>
-        new WebCodecsPictures(config, packets, size, path, this.pool);
-      const whole = async (): Promise<PictureSource> => decode(await video.packets());
-      pictures = file.complete ? await whole() : arrivingPictures(decode([await video.first()]), whole);
+      const config = { ...stored, optimizeForLatency: true, hardwareAcceleration } as const;
+      const decode = (data: Uint8Array, some: readonly Sample[]): PictureSource =>
+        new WebCodecsPictures(config, data, some, size, path, this.pool);
+      const whole = async (): Promise<PictureSource> => decode(await file.whole(), samples);
+      const [first] = samples;
+      pictures = file.complete
+        ? await whole()
+        : arrivingPictures(decode(await file.prefix(first.offset + first.bytes), [first]), whole);
     }
     return checkedPictures(pictures, checks, path, this.pool);
+  }
+}
+
+/** The index of a video file, before the rest of it has arrived. `name`: for messages. StreamError: not an MP4 file with one
+ * video of that codec, size and length. */
+async function checkedIndex(
+  file: Arriving,
+  name: string,
+  codec: VideoIndex["codec"],
+  size: readonly [number, number],
+  frames: number,
+): Promise<VideoIndex> {
+  try {
+    const index = await readVideoIndex((count) => file.prefix(count), file.bytes, frames);
+    const { codedWidth, codedHeight } = index.config;
+    if (index.codec !== codec || codedWidth !== size[0] || codedHeight !== size[1])
+      throw new StreamError(
+        `it contains ${index.codec} video of ${codedWidth}x${codedHeight}, but the manifest specifies ${codec} of ${size[0]}x${size[1]}`,
+      );
+    if (index.samples.length < frames)
+      throw new StreamError(`it has ${index.samples.length} frames, but the manifest specifies ${frames}`);
+    return index;
+  } catch (error) {
+    if (file.failure !== null) throw error;
+    throw new StreamError(`${name} cannot be read: ${messageOf(error)}.`);
   }
 }

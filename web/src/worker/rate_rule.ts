@@ -1,6 +1,7 @@
 /** Which rendition to fetch next: a buffer-based rule with throughput and dropped frames as further inputs. The same as
  * studio/playback/rate_rule.py, which names its sources (BOLA, dash.js). */
 
+const MINIMUM = 4; // seconds of buffer
 const SAMPLES = 5;
 const SAFETY = 0.9;
 const PROBING = 0.9;
@@ -25,13 +26,13 @@ export class RateRule {
   private pause = 0;
 
   /** @param bandwidths - bits per second of each rendition, in the order of the manifest */
-  constructor(bandwidths: readonly number[], private readonly minimum = 4, perRung = 1) {
+  constructor(bandwidths: readonly number[]) {
     this.order = bandwidths.map((_, i) => i).sort((a, b) => bandwidths[a] - bandwidths[b]);
     this.rates = this.order.map((i) => bandwidths[i]);
     this.frames = this.order.map(() => [0, 0]);
-    this.target = minimum + perRung * bandwidths.length;
+    this.target = MINIMUM + bandwidths.length;
     this.utilities = this.rates.map((rate) => Math.log(rate / this.rates[0]) + 1);
-    this.gp = (this.utilities[this.utilities.length - 1] - 1) / (this.target / minimum - 1);
+    this.gp = (this.utilities[this.utilities.length - 1] - 1) / (this.target / MINIMUM - 1);
   }
 
   /** A group of `bytes` bytes took `seconds` to arrive. */
@@ -79,7 +80,7 @@ export class RateRule {
 
   private bola(buffered: number): number {
     if (this.gp === 0) return this.rates.length - 1;
-    const weight = this.minimum / this.gp;
+    const weight = MINIMUM / this.gp;
     let best = 0;
     let most = -Infinity;
     this.rates.forEach((rate, i) => {

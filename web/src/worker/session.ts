@@ -1,23 +1,20 @@
 /** An open stream: turns requests for frames into sorted images. */
 
 import { messageOf, Rebaked, StreamError } from "../stream/errors.ts";
-import { groupOfFrame, isMotion, type Manifest, MANIFEST_NAME, type Rendition, whatChanged } from "../stream/manifest.ts";
-import { planePositions } from "../stream/planes.ts";
+import { groupOfFrame, isMotion, type Manifest, MANIFEST_NAME, whatChanged } from "../stream/manifest.ts";
+import { pictureSize, planePositions } from "../stream/picture.ts";
 import { DepthSorter } from "../stream/sort.ts";
 import { ArchiveSource, rangesOf } from "./archive.ts";
-import { EarlyFiles } from "./early_files.ts";
 import { HttpSource } from "./http.ts";
 import type { DepthAxis, OpenRequest, Picture, Report, SessionRequest, StreamInfo } from "./messages.ts";
 import { Closed, type Luma, PathFailed } from "./pictures.ts";
 import { Pool } from "./pool.ts";
 import { type Prepared, PreparedGroups } from "./prepared_groups.ts";
 import { RateRule } from "./rate_rule.ts";
-import { pictureSize, setupOf } from "./setup.ts";
 import { EmbeddedSource, readChecked, type Source } from "./source.ts";
 import { dequantize, splatArrays, splatFloats } from "./splats.ts";
 import { GroupStore } from "./store.ts";
 import { StreamFiles } from "./stream_files.ts";
-import type { VideoChannel } from "./video_pictures.ts";
 
 /** Seconds between two reads of a live stream's manifest; in between, about the duration of a group. */
 const SHORTEST_PAUSE = 0.5;
@@ -56,53 +53,48 @@ export class Session {
   private readonly leftOut = new Set<number>(); // groups that the page knows to be skipped
   /** Prepared groups that were fetched again in a better rendition while they were played. */
   private readonly outdated = new Set<number>();
-  private rebaked = false;
   private soundWanted = true;
   private bandwidth = 0;
   private received = 0;
 
-  constructor(private readonly report: Report, private readonly channel: VideoChannel, private readonly request: OpenRequest) {
+  constructor(private readonly report: Report, private readonly request: OpenRequest) {
     this.loop = request.loop;
   }
 
   /** Fetches and validates the manifest. StreamError: it is missing or damaged, or the stream cannot be played here. */
   async open(): Promise<void> {
     const { request, closing } = this;
-    const early = request.early === null ? null : new EarlyFiles(request.early);
-    const remote = request.files === null && request.archive === null;
-    const { source, name } = this.openSource(early);
-    const files = new StreamFiles(source, name, () => this.reportRebaked(), closing.signal);
-    const manifest = await files.read(early);
+    const { source, name } = this.openSource();
+    const files = new StreamFiles(source, name, () => this.report("updated", undefined), closing.signal);
+    const manifest = await files.read();
     closing.signal.throwIfAborted();
     checkDevice(manifest, request.maxTexture);
-    files.use(manifest);
+    files.manifest = manifest;
     const rates = manifest.renditions.map(({ bandwidth }) => bandwidth);
     const ids = manifest.renditions.map(({ id }) => id);
     const fixed = request.rendition === null ? 0 : ids.indexOf(request.rendition);
     if (fixed < 0) throw new StreamError(`The stream has no rendition "${request.rendition}"; it has ${ids.join(", ")}.`);
-    const choice = {
-      // Files in the page or on this computer need no network: the best rendition, always.
-      rule: rates.length > 1 && remote && request.rendition === null ? new RateRule(rates) : null,
-      fixed,
-      fits: (group: Rendition): boolean => Math.max(...pictureSize(group)) <= request.maxTexture,
-    };
+    // Files in the page or on this computer need no network: the best rendition, always.
+    const remote = typeof request.source === "string";
+    const rule = rates.length > 1 && remote && request.rendition === null ? new RateRule(rates) : null;
     const fetched = (): void => {
       this.report("fetched", { groups: store.present, bytes: this.received, bandwidth: this.bandwidth });
     };
-    const store = new GroupStore(files, choice, fetched, (group) => this.improved(group), closing.signal);
-    const groups = new PreparedGroups(manifest, store, this.channel, this.pool, request.path);
+    const improved = (group: number): void => this.improved(group);
+    const store = new GroupStore(files, rule, fixed, request.maxTexture, fetched, improved, closing.signal);
+    const groups = new PreparedGroups(manifest, store, this.report, this.pool, request.path);
     this.opened = { files, store, groups };
-    this.report("opened", streamInfo(this.opened));
+    this.report("opened", streamInfo(manifest));
     this.report("path", groups.path);
     if (manifest.live) void this.watch(this.opened);
   }
 
   /** Where the files are, and the manifest's name there. */
-  private openSource(early: EarlyFiles | null): { source: Source; name: string } {
-    const { files, archive, url } = this.request;
-    if (files !== null) return { source: new EmbeddedSource(files), name: MANIFEST_NAME };
-    if (archive !== null) return { source: new ArchiveSource(rangesOf(archive), archive.name), name: MANIFEST_NAME };
-    const address = new URL(url);
+  private openSource(): { source: Source; name: string } {
+    const { source, early } = this.request;
+    if (source instanceof File) return { source: new ArchiveSource(rangesOf(source), source.name), name: MANIFEST_NAME };
+    if (typeof source !== "string") return { source: new EmbeddedSource(source), name: MANIFEST_NAME };
+    const address = new URL(source);
     if (!["http:", "https:"].includes(address.protocol))
       throw new StreamError(`Streams are played from http and https addresses; found "${address.protocol}".`);
     const packed = /\.v3s$/i.test(address.pathname);
@@ -135,11 +127,11 @@ export class Session {
       const old = opened.files.manifest;
       if (manifest.manifest_sha256 === old.manifest_sha256) continue;
       if (whatChanged(old, manifest) !== null) {
-        this.reportRebaked();
+        opened.files.replace();
         return;
       }
-      opened.files.use(manifest);
-      this.report("grown", streamInfo(opened));
+      opened.files.manifest = manifest;
+      this.report("grown", streamInfo(manifest));
       opened.store.follow(this.playing, this.looping, this.moving);
       this.prepareNext(opened, this.playing);
       if (!manifest.live) return;
@@ -252,19 +244,19 @@ export class Session {
   }
 
   private deliverSplats(prepared: Prepared, frame: number, within: number, luma: Uint8Array<ArrayBuffer>): void {
-    const { group, tables, milliseconds } = prepared;
+    const { group, tables } = prepared;
     const { splats: count, sh_degree: shDegree, id: rendition, dilation } = group;
     const { buffer } = this.pool.take(4 * count * splatFloats(shDegree));
     const arrays = splatArrays(buffer, count, shDegree);
     const blocks = tables?.blocks(within) ?? null;
     fillPositions(prepared, within, luma, blocks, arrays.means);
-    dequantize(setupOf(group, tables, milliseconds), tables, within, luma, blocks, arrays);
+    dequantize(group, tables, within, luma, blocks, arrays);
     this.pool.give(luma);
     this.report("splats", { frame, group: group.index, rendition, count, shDegree, dilation, ...arrays }, [buffer]);
   }
 
   private deliverPicture(prepared: Prepared, frame: number, within: number, { data: luma, decode }: Luma, axis: DepthAxis): void {
-    const { group, tables } = prepared;
+    const { group, tables, milliseconds: prepare } = prepared;
     const began = performance.now();
     const blocks = tables?.blocks(within) ?? null;
     const oldest = this.decoded.length > 1 ? this.decoded.pop()!.positions : null;
@@ -274,7 +266,7 @@ export class Session {
     const decoded = { frame, positions, pixels: tables?.pixels ?? null };
     this.decoded.unshift(decoded);
     const { order, count, sort } = this.sorted(decoded, axis);
-    const setup = this.setupSent === group.index ? null : setupOf(group, tables, prepared.milliseconds);
+    const setup = this.setupSent === group.index ? null : { group, prepare, statics: tables?.statics() ?? null };
     this.setupSent = group.index;
     const escapes = tables?.escapes(within) ?? null;
     const picture: Picture = {
@@ -293,10 +285,10 @@ export class Session {
   }
 
   /** Sorts one of the last two decoded frames. */
-  private sortAgain({ request, frame, axis }: Extract<SessionRequest, { type: "sort" }>): void {
+  private sortAgain({ frame, axis }: Extract<SessionRequest, { type: "sort" }>): void {
     const found = this.decoded.find((one) => one.frame === frame);
     const sorted = found === undefined ? { order: new Uint32Array(0), count: 0, sort: 0 } : this.sorted(found, axis);
-    this.report("order", { request, frame: found?.frame ?? -1, ...sorted }, [sorted.order.buffer]);
+    this.report("order", { frame: found?.frame ?? -1, ...sorted }, [sorted.order.buffer]);
   }
 
   private sorted({ positions, pixels }: Decoded, axis: DepthAxis): { order: Uint32Array<ArrayBuffer>; count: number; sort: number } {
@@ -345,12 +337,6 @@ export class Session {
     if (this.setupSent === index) this.setupSent = -1;
   }
 
-  private reportRebaked(): void {
-    if (this.rebaked) return;
-    this.rebaked = true;
-    this.report("updated", undefined);
-  }
-
   private leaveOut(group: number, message: string): void {
     if (this.leftOut.has(group)) return;
     this.leftOut.add(group);
@@ -373,7 +359,7 @@ function fillPositions(
   else planePositions(group, luma, positions);
 }
 
-function streamInfo({ files: { manifest, checked } }: Opened): StreamInfo {
+function streamInfo(manifest: Manifest): StreamInfo {
   return {
     profile: manifest.profile,
     codec: manifest.codec.name,
@@ -387,7 +373,7 @@ function streamInfo({ files: { manifest, checked } }: Opened): StreamInfo {
     ...manifest.metadata,
     live: manifest.live,
     hasSound: manifest.audio !== null,
-    checksums: checked,
+    checksums: isSecureContext,
   };
 }
 

@@ -7,10 +7,8 @@ import type { FileEntry } from "../stream/manifest.ts";
 export type Arrived = (data: Uint8Array<ArrayBuffer>, filled: number) => void;
 
 export interface Source {
-  /** Fetches a file of exactly `bytes` bytes piece by piece, if the source has an own way to do that. */
-  read?(path: string, bytes: number, signal: AbortSignal, arrived?: Arrived): Promise<Uint8Array<ArrayBuffer>>;
-  /** Fetches a file of unknown size, at most `limit` bytes. */
-  readAll(path: string, limit: number, signal: AbortSignal): Promise<Uint8Array<ArrayBuffer>>;
+  /** Fetches a file of at most `limit` bytes. A source that gets it piece by piece calls `arrived`. */
+  read(path: string, limit: number, signal: AbortSignal, arrived?: Arrived): Promise<Uint8Array<ArrayBuffer>>;
   /** Milliseconds that a file took which was on its way before it was read; 0 for others. */
   early?(path: string): number;
 }
@@ -33,7 +31,7 @@ export async function readChecked(
   arrived?: Arrived,
 ): Promise<Uint8Array<ArrayBuffer>> {
   const { path, bytes } = file;
-  const data = await (source.read?.(path, bytes, signal, arrived) ?? source.readAll(path, bytes, signal));
+  const data = await source.read(path, bytes, signal, arrived);
   if (data.length !== bytes) throw new StreamError(`${path} has ${data.length} bytes, but the manifest specifies ${bytes}.`);
   const digest = await sha256(data);
   if (digest !== null && digest !== file.sha256)
@@ -47,7 +45,7 @@ export type EmbeddedFiles = Readonly<Record<string, string>>;
 export class EmbeddedSource implements Source {
   constructor(private readonly files: EmbeddedFiles) {}
 
-  readAll(path: string, limit: number): Promise<Uint8Array<ArrayBuffer>> {
+  read(path: string, limit: number): Promise<Uint8Array<ArrayBuffer>> {
     return new Promise((resolve) => resolve(this.decode(path, limit)));
   }
 

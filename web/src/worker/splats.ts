@@ -1,9 +1,10 @@
 /** Dequantizes all of a frame's splats, for engines that take arrays; the player's own shaders read the image instead. */
 
-import type { GroupSetup } from "./messages.ts";
 import { attributeNames, channelNames } from "../stream/layout.ts";
+import type { Rendition } from "../stream/manifest.ts";
 import type { SplatArrays } from "../stream/manifest_types.ts";
 import { BLOCK_FLOATS, type MotionTables } from "../stream/motion.ts";
+import { layoutOf, unitsOf } from "../stream/picture.ts";
 
 /** Floats per splat. */
 export function splatFloats(shDegree: number): number {
@@ -27,17 +28,19 @@ type Target = readonly [array: Float32Array, stride: number, first: number];
 const clamped = (value: number): number => Math.min(Math.max(value, 0), 1);
 const same = (value: number): number => value;
 
-/** Fills in everything but the means. `within`: frame within the group. `luma`: the decoded image. `blocks`: the frame's
+/** Fills in everything but the means. `tables`: null in the profile `planes`. `within`: frame within the group. `luma`: the decoded image. `blocks`: the frame's
  * block table, or null in the profile `planes`. */
 export function dequantize(
-  setup: GroupSetup,
+  group: Rendition,
   tables: MotionTables | null,
   within: number,
   luma: Uint8Array,
   blocks: Float32Array | null,
   out: SplatArrays,
 ): void {
-  const { splats: count, units, tile, columns, shDegree } = setup;
+  const { splats: count, sh_degree: shDegree } = group;
+  const { tile, columns } = layoutOf(group);
+  const units = unitsOf(group);
   const offsets = tables?.offsets ?? rowOffsets(count, tile, columns);
   const { quats, scales, opacities, sh } = out;
   const motion = tables !== null;

@@ -1,7 +1,8 @@
 /** Cache of fetched groups: limited in size, fetched ahead of the playhead, one group at a time. */
 
-import { Rebaked, StreamError } from "../stream/errors.ts";
+import { StreamError } from "../stream/errors.ts";
 import { filesOf, type Rendition } from "../stream/manifest.ts";
+import { pictureSize } from "../stream/picture.ts";
 import { Arriving } from "./arriving.ts";
 import type { RateRule } from "./rate_rule.ts";
 import { readChecked } from "./source.ts";
@@ -17,18 +18,9 @@ export interface Fetched {
   readonly complete: Promise<void>;
 }
 
-/** Picks one of a group's renditions; `rule` is null for streams with a single one, and where one was chosen. */
-export interface Choice {
-  readonly rule: RateRule | null;
-  /** The rendition to use without a rule. */
-  readonly fixed: number;
-  /** Whether this device can draw it. */
-  readonly fits: (group: Rendition) => boolean;
-}
-
 /** Bytes kept in memory: played groups are kept as long as they fit, so that loops do not fetch again. */
 const KEPT_BYTES = 192 << 20;
-const AHEAD_BYTES = 64 << 20; // maximum bytes fetched ahead of the playhead
+const AHEAD_BYTES = 64 << 20; // maximum bytes fetched ahead of the playhead, at the rate of the largest group
 const LANES = 6; // files that are fetched at a time
 
 export class GroupStore {
@@ -42,13 +34,16 @@ export class GroupStore {
   private loop = true;
   private busy = false;
   private begun = false;
-  private replaced = false; // another stream is in this one's place: no more of it can be fetched
   private playing = false;
 
-  /** `changed`: called after a group was fetched. `improved`: called after a group was fetched again in a better rendition. */
+  /** `rule`: chooses one of a group's renditions; null for streams with a single one, and where one was chosen: `fixed`.
+   * `maxTexture`: largest side of a picture that this device can draw. `changed`: called after a group was fetched.
+   * `improved`: called after a group was fetched again in a better rendition. */
   constructor(
     private readonly stream: StreamFiles,
-    private readonly choice: Choice,
+    private readonly rule: RateRule | null,
+    private readonly fixed: number,
+    private readonly maxTexture: number,
     private readonly changed: () => void,
     private readonly improved: (group: number) => void,
     private readonly signal: AbortSignal,
@@ -62,7 +57,7 @@ export class GroupStore {
   /** Frames of a group were shown, or dropped since decoding was late. */
   played(group: number, shown: number, dropped: number): void {
     const rendition = this.renditionOf(group);
-    if (rendition >= 0) this.choice.rule?.played(rendition, shown, dropped);
+    if (rendition >= 0) this.rule?.played(rendition, shown, dropped);
   }
 
   /** Position of the rendition that a group is in memory in; -1 if it is not. */
@@ -105,7 +100,6 @@ export class GroupStore {
       fetching = this.choose(group, null).then((rendition) => this.fetch(group, rendition));
       this.fetching.set(group, fetching);
       fetching.then(({ complete }) => complete).catch((error: unknown) => {
-        this.replaced ||= error instanceof Rebaked;
         if (error instanceof StreamError && !this.signal.aborted) this.failed.set(group, error);
       }).finally(() => this.fetching.delete(group));
     }
@@ -115,10 +109,10 @@ export class GroupStore {
   /** The rendition to fetch: what the rule chooses, or the best below it that this device can draw. */
   private async choose(index: number, better: number | null): Promise<Rendition> {
     const renditions = await this.stream.renditions(index);
-    const { rule, fixed, fits } = this.choice;
     const { fps, spans } = this.stream.manifest;
     const ahead = spans[index].firstFrame - spans[this.playhead].firstFrame;
-    const wanted = better ?? (rule === null ? fixed : rule.choose(Math.max(ahead, 0) / fps));
+    const wanted = better ?? this.rule?.choose(Math.max(ahead, 0) / fps) ?? this.fixed;
+    const fits = (group: Rendition): boolean => Math.max(...pictureSize(group)) <= this.maxTexture;
     const found = fits(renditions[wanted])
       ? renditions[wanted]
       : renditions.filter(fits).sort((a, b) => b.bytes - a.bytes)[0];
@@ -142,7 +136,7 @@ export class GroupStore {
     const complete = reading.then(
       () => {
         const early = entries.map(({ path }) => this.stream.source.early?.(path) ?? 0);
-        this.choice.rule?.fetched(group.bytes, Math.max(performance.now() - began, ...early) / 1000);
+        this.rule?.fetched(group.bytes, Math.max(performance.now() - began, ...early) / 1000);
         this.bytes += group.bytes - (this.files.get(index)?.group.bytes ?? 0);
         this.files.set(index, fetched);
         this.dropOldest(index);
@@ -196,7 +190,7 @@ export class GroupStore {
     this.busy = true;
     try {
       for (;;) {
-        if (this.signal.aborted || this.replaced) return;
+        if (this.signal.aborted || this.stream.replaced) return;
         const next = this.nextToFetch();
         if (next === null) {
           const better = this.nextToImprove();
@@ -213,15 +207,13 @@ export class GroupStore {
   }
 
   private nextToFetch(): number | null {
-    let ahead = 0;
     let frames = 0;
-    const { fps, spans } = this.stream.manifest;
-    const most = (this.choice.rule?.target ?? Infinity) * fps;
+    const { fps, renditions, spans } = this.stream.manifest;
+    const most = Math.min(this.rule?.target ?? Infinity, (8 * AHEAD_BYTES) / renditions[0].bandwidth) * fps;
     for (let step = 0; step < spans.length; step++) {
       if (this.playhead + step >= spans.length && !this.loop) return null;
       const index = (this.playhead + step) % spans.length;
-      ahead += this.stream.bytes(index);
-      if (step > 1 && (ahead > AHEAD_BYTES || frames > most)) return null;
+      if (step > 1 && frames > most) return null;
       frames += spans[index].frameCount;
       if (!this.files.has(index) && !this.failed.has(index)) return index;
     }
@@ -232,7 +224,7 @@ export class GroupStore {
    * group on the screen in the best one; in a loop that is in memory as a whole, every group in the best one; else groups
    * that are not due soon, in what the connection sustains. */
   private nextToImprove(): readonly [group: number, rendition: number] | null {
-    const { rule } = this.choice;
+    const { rule } = this;
     const { renditions, fps, spans } = this.stream.manifest;
     if (rule === null || savesData()) return null;
     const improvable = (index: number, wanted: number): boolean => {

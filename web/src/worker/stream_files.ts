@@ -11,18 +11,15 @@ import {
   type Rendition,
   whatChanged,
 } from "../stream/manifest.ts";
-import { EARLY_MANIFEST, type EarlyFiles } from "./early_files.ts";
 import { readChecked, sha256, type Source } from "./source.ts";
 
 export class StreamFiles {
-  /** Whether SHA-256 is verified: browsers provide it on secure pages only. */
-  checked = false;
-  /** That of the last `use`. */
+  /** Whether another bake has replaced the stream: no more of it can be fetched. */
+  replaced = false;
+  /** Set once it was read, and again when a live stream has more groups. */
   manifest!: Manifest;
   /** By path, so that the unchanged pages of a live stream are not read again. */
   private readonly pages = new Map<string, Promise<readonly GroupEntry[]>>();
-  /** Of groups in their best rendition, bytes. */
-  private readonly sizes = new Map<number, number>();
 
   /** `name`: of the manifest in the source. `rebaked`: called when another bake has replaced the stream. */
   constructor(
@@ -32,11 +29,9 @@ export class StreamFiles {
     private readonly signal: AbortSignal,
   ) {}
 
-  /** Reads the manifest, from what the page has begun to fetch if that is usable. StreamError: it is missing, damaged, or not
-   * a manifest. */
-  async read(early: EarlyFiles | null = null): Promise<Manifest> {
-    const given = early === null ? null : await earlyManifest(early);
-    const data = given ?? (await this.source.readAll(this.name, MAX_MANIFEST_BYTES, this.signal));
+  /** Reads the manifest. StreamError: it is missing, damaged, or not a manifest. */
+  async read(): Promise<Manifest> {
+    const data = await this.source.read(this.name, MAX_MANIFEST_BYTES, this.signal);
     this.signal.throwIfAborted();
     const text = new TextDecoder().decode(data);
     const manifest = parseManifest(text, data.length);
@@ -44,20 +39,7 @@ export class StreamFiles {
     const digest = await sha256(blanked);
     if (digest !== null && digest !== manifest.manifest_sha256)
       throw new StreamError("The stream's manifest is damaged: its content does not match its own SHA-256.");
-    this.checked = digest !== null;
     return manifest;
-  }
-
-  /** Takes a manifest: the first one, or that of a live stream with more groups. */
-  use(manifest: Manifest): void {
-    this.manifest = manifest;
-    manifest.groups.forEach(({ renditions }, index) => this.sizes.set(index, renditions[0].bytes));
-  }
-
-  /** Bytes of a group in its best rendition; an upper estimate where its page was not read. */
-  bytes(index: number): number {
-    const { renditions, fps, spans } = this.manifest;
-    return this.sizes.get(index) ?? (renditions[0].bandwidth * spans[index].frameCount) / fps / 8;
   }
 
   /** A group in all its renditions. StreamError: its page is missing or damaged. */
@@ -72,10 +54,7 @@ export class StreamFiles {
         return parsePage(new TextDecoder().decode(data), page, manifest);
       });
       this.pages.set(page.path, reading);
-      reading.then(
-        (found) => found.forEach(({ renditions }, i) => this.sizes.set(page.firstGroup + i, renditions[0].bytes)),
-        () => this.pages.delete(page.path),
-      );
+      reading.catch(() => this.pages.delete(page.path));
     }
     return (await reading)[index - page.firstGroup].renditions;
   }
@@ -85,14 +64,20 @@ export class StreamFiles {
     try {
       return await reads();
     } catch (error) {
-      if (!(error instanceof StreamError) || error.transient || !(await this.replaced())) throw error;
-      this.rebaked();
+      if (!(error instanceof StreamError) || error.transient || !(await this.isReplaced())) throw error;
+      this.replace();
       throw new Rebaked();
     }
   }
 
+  /** Another bake has replaced the stream. */
+  replace(): void {
+    if (!this.replaced) this.rebaked();
+    this.replaced = true;
+  }
+
   /** Whether the stream has another manifest now, which does not only add groups. */
-  private async replaced(): Promise<boolean> {
+  private async isReplaced(): Promise<boolean> {
     const old = this.manifest;
     try {
       const now = await this.read();
@@ -101,12 +86,4 @@ export class StreamFiles {
       return false; // nothing that could be opened instead
     }
   }
-}
-
-/** The manifest that the page has fetched; null if it could not, or it is too large. */
-async function earlyManifest(early: EarlyFiles): Promise<Uint8Array<ArrayBuffer> | null> {
-  const parts: Uint8Array<ArrayBuffer>[] = [];
-  const milliseconds = await early.take(EARLY_MANIFEST, (chunk) => parts.push(chunk));
-  const size = parts.reduce((sum, { length }) => sum + length, 0);
-  return milliseconds === null || size > MAX_MANIFEST_BYTES ? null : new Uint8Array(await new Blob(parts).arrayBuffer());
 }
