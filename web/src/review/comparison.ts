@@ -7,6 +7,7 @@ import type { V3PlayerElement } from "../ui/element.ts";
 import type { MarkView, ReviewCamera, ReviewData, ReviewServer } from "./api.ts";
 import { make } from "../ui/dom.ts";
 import { cameraOf, whole } from "./framing.ts";
+import type { Plots } from "./plots.ts";
 import { Wipe } from "./wipe.ts";
 
 const [START, END] = ["Compare with footage", "End comparison"];
@@ -20,15 +21,13 @@ export class Comparison {
   private readonly select = make("select", { "aria-label": "Compare with the footage of a camera" });
   private readonly all = make("input", { type: "checkbox" });
   private readonly cameras: readonly ReviewCamera[];
-  private active = false;
 
-  /** @param changed - called with the name of the camera that is compared with, null for none */
   constructor(
     private readonly element: V3PlayerElement,
     private readonly player: Player,
     server: ReviewServer,
     data: ReviewData,
-    private readonly changed: (camera: string | null) => void,
+    private readonly plots: Plots,
   ) {
     this.cameras = data.cameras;
     this.select.append(...data.cameras.map(({ name }) => make("option", { value: name }, name)));
@@ -42,38 +41,30 @@ export class Comparison {
 
   /** The camera that is compared with; null for none. */
   get camera(): ReviewCamera | null {
-    return this.active ? (this.cameras.find(({ name }) => name === this.select.value) ?? null) : null;
+    return this.wipe.camera;
   }
 
   toggle(): void {
-    if (this.active) this.end();
+    if (this.camera !== null) this.end();
     else if (this.cameras.length > 0) this.begin(this.nearest());
   }
 
   /** Compares with a camera; one that cannot be compared with ends the comparison. */
   begin(name: string): void {
-    if (!this.cameras.some((camera) => camera.name === name)) {
-      this.end();
-      return;
-    }
-    this.select.value = name;
-    this.active = true;
-    this.update();
+    this.show(this.cameras.find((camera) => camera.name === name) ?? null);
   }
 
   end(): void {
-    if (!this.active) return;
-    this.active = false;
-    this.update();
+    if (this.camera !== null) this.show(null);
   }
 
-  private update(): void {
-    const { camera } = this;
+  private show(camera: ReviewCamera | null): void {
+    if (camera !== null) this.select.value = camera.name;
     this.choices.hidden = camera === null;
     this.button.textContent = camera === null ? START : END;
     this.button.setAttribute("aria-pressed", String(camera !== null));
     this.wipe.show(camera, this.all.checked);
-    this.changed(camera?.name ?? null);
+    this.plots.compare(camera?.name ?? null);
   }
 
   /** The camera that looks in the direction of the view, or nearly. */

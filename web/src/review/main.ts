@@ -4,36 +4,17 @@
 import type { Player } from "../player/player.ts";
 import { messageOf } from "../stream/errors.ts";
 import type { V3PlayerElement } from "../ui/element.ts";
-import { type Mark, type ReviewData, ReviewServer } from "./api.ts";
+import { type ReviewData, ReviewServer } from "./api.ts";
 import { Comparison } from "./comparison.ts";
 import { make } from "../ui/dom.ts";
 import { Marks } from "./marks.ts";
 import { Pins } from "./pins.ts";
 import { Plots } from "./plots.ts";
 import css from "./style.css";
-import { wordsPanel } from "./words_panel.ts";
-
-/** Keeps the page above a phone's keyboard while something is written. Safari lays the keyboard over the page; browsers that
- * know `interactive-widget=resizes-content` make the page smaller themselves. */
-const fit = (): void => {
-  const { visualViewport: seen, document: { body } } = window;
-  // Not while the viewer has zoomed in.
-  if (seen === null || seen.scale > 1.01) return;
-  body.style.height = `${seen.height}px`;
-  window.scrollTo(0, 0);
-};
-
-function fitToKeyboard(writing: boolean): void {
-  const { visualViewport: seen } = window;
-  if (seen === null) return;
-  for (const name of ["resize", "scroll"] as const)
-    if (writing) seen.addEventListener(name, fit);
-    else seen.removeEventListener(name, fit);
-  if (writing) fit();
-  else document.body.style.height = "";
-}
+import { wordsPanel } from "./words.ts";
 
 function build(panel: HTMLElement, element: V3PlayerElement, player: Player, server: ReviewServer, data: ReviewData): void {
+  const controls = element.controls!;
   const fps = player.info?.fps ?? 25;
   const seek = (frame: number): void => {
     element.pause();
@@ -42,36 +23,16 @@ function build(panel: HTMLElement, element: V3PlayerElement, player: Player, ser
   const plots = new Plots(data.quality, data.frame_count, fps, seek);
   plots.show(player.frame);
   const pins = new Pins(player);
-  const comparison = new Comparison(element, player, server, data, (camera) => plots.compare(camera));
-  const goTo = ({ frame, view }: Mark): void => {
-    seek(frame);
-    if (view !== null) comparison.go(view);
-  };
-  const marks = new Marks(server, fps, {
-    frame: () => player.frame,
-    view: () => comparison.view,
-    goTo,
-    seek,
-    changed: (all: readonly Mark[]) => {
-      plots.mark(all, goTo);
-      pins.show(all);
-    },
-    place: () => pins.chosen,
-    writing: (writing, place) => {
-      if (writing) pins.begin(place);
-      else pins.end();
-      panel.classList.toggle("writing", writing);
-      fitToKeyboard(writing);
-    },
-  });
-  const words = wordsPanel(data.quality, fps, player, element, seek);
+  const comparison = new Comparison(element, player, server, data, plots);
+  const marks = new Marks(server, fps, player, comparison, plots, pins, seek);
+  const words = wordsPanel(data.quality, fps, player, controls.timeline, seek);
   const tools = make("div", { class: "row tools" }, comparison.button, marks.add, comparison.choices, words.now);
   const problems = data.problems.map((text) => make("p", { class: "problem" }, text));
   panel.replaceChildren(tools, marks.form, marks.problem, words.element, plots.element, ...problems, marks.element);
   player.on("frame", ({ frame }) => plots.show(frame));
   const compared = new URLSearchParams(location.search).get("compare");
   if (compared !== null) comparison.begin(compared);
-  element.links.reviewParameters = (): Record<string, string> => {
+  controls.reviewParameters = (): Record<string, string> => {
     const { camera } = comparison;
     return camera === null ? {} : { compare: camera.name };
   };

@@ -1,10 +1,13 @@
 /** The list of marks, and the form that adds, changes and removes them. */
 
 import { messageOf } from "../stream/errors.ts";
+import type { Player } from "../player/player.ts";
 import { clock } from "../ui/format.ts";
-import type { Vector } from "../stream/metadata.ts";
 import { type Mark, type MarkContent, type MarkView, Refused, type ReviewServer } from "./api.ts";
 import { make } from "../ui/dom.ts";
+import type { Comparison } from "./comparison.ts";
+import type { Pins } from "./pins.ts";
+import type { Plots } from "./plots.ts";
 
 const POLL = 4000; // milliseconds between two looks at what others have marked
 const NAME_KEY = "v3-review-name";
@@ -25,22 +28,15 @@ const contentOf = ({ note, author, view }: Mark): MarkContent => ({ note, author
 /** A view without what depends on the shape of the window. */
 const place = (view: MarkView): string => JSON.stringify({ ...view, fov: 0 });
 
-export interface MarksHost {
-  /** The frame on the screen. */
-  readonly frame: () => number;
-  /** The view on the screen. */
-  readonly view: () => MarkView;
-  /** Pauses at a mark's frame and view. */
-  readonly goTo: (mark: Mark) => void;
-  /** Pauses at a frame. */
-  readonly seek: (frame: number) => void;
-  /** Other marks are to be shown. */
-  readonly changed: (marks: readonly Mark[]) => void;
-  /** The form is open, with the place that its note is about, or closed. */
-  readonly writing: (writing: boolean, place: Vector | null) => void;
-  /** The place in the image that the viewer has chosen for the note. */
-  readonly place: () => Vector | null;
-}
+/** Keeps the page above a phone's keyboard while something is written. Safari lays the keyboard over the page; browsers that
+ * know `interactive-widget=resizes-content` make the page smaller themselves. */
+const fit = (): void => {
+  const { visualViewport: seen, document: { body } } = window;
+  // Not while the viewer has zoomed in.
+  if (seen === null || seen.scale > 1.01) return;
+  body.style.height = `${seen.height}px`;
+  window.scrollTo(0, 0);
+};
 
 export class Marks {
   readonly element = make("div", { class: "marks" });
@@ -60,7 +56,16 @@ export class Marks {
   private began: MarkView | null = null; // the view when the form was opened, which may have changed the image's shape
   private kept: MarkView | null = null; // the view of the mark that was gone to for editing
 
-  constructor(private readonly server: ReviewServer, private readonly fps: number, private readonly host: MarksHost) {
+  /** `seek`: pauses at a frame. */
+  constructor(
+    private readonly server: ReviewServer,
+    private readonly fps: number,
+    private readonly player: Player,
+    private readonly comparison: Comparison,
+    private readonly plots: Plots,
+    private readonly pins: Pins,
+    private readonly seek: (frame: number) => void,
+  ) {
     const cancel = make("button", { type: "button" }, "Cancel");
     const kept = make("small", {}, "Tap the image to point at a place.");
     this.form.append(
@@ -75,7 +80,7 @@ export class Marks {
       event.preventDefault();
       const author = this.author.value.trim();
       remembered(author);
-      void this.send({ note: this.note.value, author, view: { ...this.view(), place: this.host.place() } });
+      void this.send({ note: this.note.value, author, view: { ...this.view(), place: this.pins.chosen } });
     });
     this.note.addEventListener("keydown", (event) => {
       if (event.key === "Enter" && !event.shiftKey) {
@@ -106,8 +111,8 @@ export class Marks {
   /** Opens the form for the frame on the screen. */
   begin(): void {
     if (this.unsaved()) return;
-    const frame = this.host.frame();
-    this.host.seek(frame);
+    const { frame } = this.player;
+    this.seek(frame);
     this.edit(frame, this.marks.find((one) => one.frame === frame), null);
   }
 
@@ -122,7 +127,7 @@ export class Marks {
   private edit(frame: number, mark: Mark | undefined, kept: MarkView | null): void {
     this.kept = kept;
     this.editing = { frame, replaces: mark === undefined ? null : contentOf(mark) };
-    this.began = this.host.view();
+    this.began = this.comparison.view;
     this.heading.textContent = `Note on frame ${frame}`;
     this.note.value = mark?.note ?? "";
     this.author.value = remembered();
@@ -130,13 +135,14 @@ export class Marks {
     this.problem.textContent = "";
     this.form.hidden = false;
     this.add.hidden = true;
-    this.host.writing(true, mark?.view?.place ?? null);
+    this.pins.begin(mark?.view?.place ?? null);
+    this.setWriting(true);
     this.note.focus();
   }
 
   /** The view on the screen, or that of the mark that was gone to, if nobody has moved since. */
   private view(): MarkView {
-    const now = this.host.view();
+    const now = this.comparison.view;
     if (this.began === null || place(now) !== place(this.began)) return now;
     return this.kept ?? this.began;
   }
@@ -145,8 +151,19 @@ export class Marks {
     this.editing = null;
     this.form.hidden = true;
     this.add.hidden = false;
-    this.host.writing(false, null);
+    this.pins.end();
+    this.setWriting(false);
     this.problem.textContent = "";
+  }
+
+  /** Makes room for the form. */
+  private setWriting(writing: boolean): void {
+    this.form.parentElement?.classList.toggle("writing", writing);
+    for (const name of ["resize", "scroll"] as const)
+      if (writing) window.visualViewport?.addEventListener(name, fit);
+      else window.visualViewport?.removeEventListener(name, fit);
+    if (writing) fit();
+    else document.body.style.height = "";
   }
 
   private async send(mark: MarkContent | null): Promise<void> {
@@ -176,18 +193,23 @@ export class Marks {
 
   private show(marks: readonly Mark[]): void {
     this.marks = marks;
-    this.host.changed(marks);
+    const goTo = ({ frame, view }: Mark): void => {
+      this.seek(frame);
+      if (view !== null) this.comparison.go(view);
+    };
+    this.plots.mark(marks, goTo);
+    this.pins.show(marks);
     this.list.replaceChildren(
       ...marks.map((mark) => {
         const go = make("button", { type: "button", class: "go" }, make("b", {}, `${mark.frame}`), ` ${clock(mark.frame / this.fps)}`);
         go.setAttribute("aria-label", `Go to frame ${mark.frame}`);
-        go.addEventListener("click", () => this.host.goTo(mark));
+        go.addEventListener("click", () => goTo(mark));
         const text = make("span", { class: "note" }, mark.note === "" ? "(no note)" : mark.note);
         if (mark.author !== "") text.append(make("small", {}, ` ${mark.author}`));
         const change = make("button", { type: "button", "aria-label": `Edit the mark at frame ${mark.frame}` }, "Edit");
         change.addEventListener("click", () => {
           if (this.unsaved()) return;
-          this.host.goTo(mark);
+          goTo(mark);
           this.edit(mark.frame, mark, mark.view);
         });
         return make("li", {}, go, text, change);

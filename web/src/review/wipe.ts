@@ -21,7 +21,8 @@ export class Wipe {
   private readonly left = make("span");
   private readonly right = make("span", {}, "3D video");
   private readonly names: HTMLElement;
-  private camera: ReviewCamera | null = null;
+  /** The camera that is compared with; null for none. */
+  camera: ReviewCamera | null = null;
   private part: Part | null = null;
   private before: Vector | null = null;
   private all = false;
@@ -29,12 +30,12 @@ export class Wipe {
   at = 0.5;
   private behind = ""; // the view behind the comparison, as JSON: another one means that it was moved
 
-  /** @param changed - called when the comparison has ended because the view was moved */
+  /** @param moved - called when the view was moved, which is to end the comparison */
   constructor(
     private readonly player: Player,
     server: ReviewServer,
     private readonly background: Vector,
-    private readonly changed: () => void,
+    moved: () => void,
   ) {
     this.pictures = new Pictures(server, () => this.draw());
     this.line = make("div", {
@@ -67,9 +68,7 @@ export class Wipe {
     });
     player.on("frame", () => this.draw());
     player.on("view", (view) => {
-      if (this.camera === null || JSON.stringify(view) === this.behind) return;
-      this.show(null, true);
-      this.changed();
+      if (this.camera !== null && JSON.stringify(view) !== this.behind) moved();
     });
     new ResizeObserver(() => {
       this.frame();

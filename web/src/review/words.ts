@@ -1,8 +1,14 @@
-/** Quality in plain words, and the moments that are worst. */
+/** What a client reads first: in plain words, how good the take is, how good the frame on the screen is, and where to look. */
 
-import type { MetricCurves } from "./api.ts";
+import type { Player } from "../player/player.ts";
+import { make } from "../ui/dom.ts";
+import { clock } from "../ui/format.ts";
+import type { Timeline } from "../ui/timeline.ts";
+import type { MetricCurves, QualityCurves } from "./api.ts";
 
-export type Word = "good" | "visible loss" | "bad";
+const MOST = 3; // moments that are shown
+
+type Word = "good" | "visible loss" | "bad";
 
 type Rated = Pick<MetricCurves, "decoded" | "words">;
 
@@ -38,4 +44,31 @@ export function summaryOf(rated: Rated): string {
     return words.includes(word) ? [`${word} ${share < 1 ? "below 1" : share}% of the time`] : [];
   });
   return `Quality: ${parts.join(", ")}.`;
+}
+
+/** Returns the word for the frame on the screen, and the summary with the worst moments, which are marked on the timeline. */
+export function wordsPanel(
+  quality: QualityCurves | null,
+  fps: number,
+  player: Player,
+  timeline: Timeline,
+  seek: (frame: number) => void,
+): { now: HTMLElement; element: HTMLElement } {
+  const now = make("p", { class: "now" });
+  const metric = quality?.metrics[0];
+  if (metric === undefined) return { now, element: make("div", { class: "words" }) };
+  const show = (frame: number): void => {
+    now.textContent = `${clock(frame / fps)} · ${wordOf(metric, frame) ?? "not measured"}`;
+  };
+  player.on("frame", ({ frame }) => show(frame));
+  show(player.frame);
+  const worst = worstFrames(metric, MOST);
+  timeline.mark(worst);
+  const moments = worst.map((frame) => {
+    const go = make("button", { type: "button" }, make("b", {}, clock(frame / fps)), ` ${wordOf(metric, frame) ?? ""}`);
+    go.addEventListener("click", () => seek(frame));
+    return go;
+  });
+  const places = moments.length === 0 ? [] : [make("div", { class: "row worst" }, make("span", {}, "Worst moments:"), ...moments)];
+  return { now, element: make("div", { class: "words" }, make("p", {}, summaryOf(metric)), ...places) };
 }

@@ -50,8 +50,8 @@ const ACTIONS: readonly Action[] = [
   { act: "settings", run: ({ sheets }) => sheets.toggle("settings") },
   { act: "vr", run: (controls) => void controls.toggleImmersion("vr") },
   { act: "ar", run: (controls) => void controls.toggleImmersion("ar") },
-  { act: "link-watch", run: ({ links }) => void links.toWatch() },
-  { act: "link-review", run: ({ links }) => void links.toReview() },
+  { act: "link-watch", run: (controls) => controls.shareToWatch() },
+  { act: "link-review", run: (controls) => controls.shareReview() },
   { act: "close", run: ({ sheets }) => sheets.close() },
 ];
 

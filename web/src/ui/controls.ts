@@ -7,9 +7,10 @@ import type { StreamInfo } from "../worker/messages.ts";
 import { hasImmersion, type Immersion, Immersive } from "../xr/immersive.ts";
 import { backdropOf, type BackgroundName, BACKGROUNDS, cssColor, isBackground, isLight, isSuggested, SPEEDS } from "./choices.ts";
 import { clock } from "./format.ts";
+import { copyText, shareLink } from "./give_link.ts";
 import { Hint } from "./hint.ts";
 import { ICONS } from "./icons.ts";
-import type { LinkSheet } from "./link_sheet.ts";
+import { linkTo } from "./link.ts";
 import { Motion } from "./motion.ts";
 import { Panel } from "./panel.ts";
 import { checkRadio } from "./radios.ts";
@@ -40,6 +41,8 @@ export class Controls {
   readonly sheets: Sheets;
   /** The session in a headset or on the camera's image; null if there is none. */
   immersive: Immersive | null = null;
+  /** Further URL parameters of links to a review. */
+  reviewParameters: () => Readonly<Record<string, string>> = () => ({});
   /** Whether a link to a moment was opened: who opens it wants to see it, rather than a large button. */
   isMoment = false;
   private readonly panel: Panel;
@@ -56,7 +59,6 @@ export class Controls {
     readonly host: ControlsHost,
     private readonly root: ShadowRoot,
     private readonly player: Player,
-    readonly links: LinkSheet,
     signal: AbortSignal,
   ) {
     const stage = this.part(".stage");
@@ -73,7 +75,7 @@ export class Controls {
         this.awake();
       },
       input: () => host.endIntro(),
-    });
+    }, signal);
     this.motion.ownsWheel = () => this.isPage || document.fullscreenElement === host || root.activeElement === stage;
     for (const element of this.buttons("link")) element.hidden = !this.isPage;
     this.part("[data-act='full']").hidden = !document.fullscreenEnabled;
@@ -113,7 +115,6 @@ export class Controls {
     clearTimeout(this.busyTimer);
     this.panel.toggle(false);
     this.hint.hide();
-    this.motion.dispose();
   }
 
   // What the player does ----------------------------------------------------------------------------------------------
@@ -272,10 +273,50 @@ export class Controls {
     this.notice(`Background: ${BACKGROUNDS[next].label}.`);
   }
 
+  /** Shares the page's link. A page with a review, which has `data-link`, asks which link: its own address would let others
+   * change marks, so it is shared only when it is asked for by name. */
   share(): void {
     if (!this.isPage || this.player.info === null) return;
-    if (this.sheets.open === "settings") this.sheets.close();
-    void this.links.share();
+    if (this.host.hasAttribute("data-link")) {
+      this.sheets.toggle("which");
+      return;
+    }
+    const address = this.linkFrom(location.href);
+    try {
+      history.replaceState(null, "", address);
+    } catch {
+      // some browsers forbid it on pages that were opened from the disk
+    }
+    void this.giveLink(address, "Link to this time and view copied.");
+  }
+
+  shareToWatch(): void {
+    const base = new URL(this.host.getAttribute("data-link") ?? "", document.baseURI).href;
+    void this.giveLink(this.linkFrom(base), "Link to watch copied. It opens this moment without the review.");
+  }
+
+  shareReview(): void {
+    const address = this.linkFrom(location.href, this.reviewParameters());
+    void this.giveLink(address, "Link to this review copied. Anyone who has it sees the footage and can change marks.");
+  }
+
+  private linkFrom(base: string, more: Readonly<Record<string, string>> = {}): string {
+    return linkTo(base, this.player.seconds, this.player.view, more);
+  }
+
+  private async giveLink(address: string, done: string): Promise<void> {
+    this.sheets.close();
+    if (await shareLink(address, document.title)) return;
+    if (await copyText(address, this.root)) {
+      this.notice(done);
+      return;
+    }
+    // To be copied by hand.
+    this.sheets.show("copy");
+    const field = this.root.querySelector<HTMLInputElement>(".address")!;
+    field.value = address;
+    field.focus({ preventScroll: true });
+    field.select();
   }
 
   async toggleFull(): Promise<void> {
@@ -295,12 +336,9 @@ export class Controls {
     if (!this.host.state.ready) return;
     this.sheets.close();
     try {
-      this.immersive = await Immersive.start(kind, this.player, this.host, {
-        hint: (text) => this.notice(text),
-        ended: () => {
-          this.immersive = null;
-          this.showImmersion(kind, false);
-        },
+      this.immersive = await Immersive.start(kind, this.player, this.host, (text) => this.notice(text), () => {
+        this.immersive = null;
+        this.showImmersion(kind, false);
       });
       this.showImmersion(kind, true);
     } catch (error) {

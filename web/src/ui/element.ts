@@ -9,7 +9,6 @@ import { type BackgroundName, isBackground, isDecoder } from "./choices.ts";
 import { Controls, type ControlsHost } from "./controls.ts";
 import { flyPath, loadPath } from "./intro.ts";
 import { parseView } from "./link.ts";
-import { type LinkHost, LinkSheet } from "./link_sheet.ts";
 import css from "./style.css";
 import { helpRow, TEMPLATE } from "./template.ts";
 import { readBackground, readSeconds, readSpeed, readSwitch, readView } from "./values.ts";
@@ -22,12 +21,10 @@ function embeddedFiles(selector: string): EmbeddedFiles {
 
 const reducesMotion = (): boolean => matchMedia("(prefers-reduced-motion: reduce)").matches;
 
-export class V3PlayerElement extends HTMLElement implements ControlsHost, LinkHost {
+export class V3PlayerElement extends HTMLElement implements ControlsHost {
   static readonly observedAttributes = ["src", "poster", "background", "loop", "data-description"];
 
   private readonly root: ShadowRoot;
-  /** What *Share* does; not part of the stable interface. */
-  readonly links: LinkSheet;
   /** The player without controls; not part of the stable interface. */
   engine: Player | null = null;
   /** Not part of the stable interface. */
@@ -45,7 +42,6 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost, LinkHo
   constructor() {
     super();
     this.root = this.attachShadow({ mode: "open" });
-    this.links = new LinkSheet(this, () => this.controls!.sheets);
   }
 
   connectedCallback(): void {
@@ -60,7 +56,7 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost, LinkHo
       this.showFailure(messageOf(error));
       return;
     }
-    this.controls = new Controls(this, this.root, this.engine, this.links, this.lifetime.signal);
+    this.controls = new Controls(this, this.root, this.engine, this.lifetime.signal);
     listen(this, this.root, this.controls, this.lifetime.signal);
     this.engine.sound.muted = this.hasAttribute("muted");
     this.announce(this.engine);

@@ -47,18 +47,11 @@ function eased(times: readonly number[], values: readonly number[], easings: rea
   return (time) => {
     const i = times.findLastIndex((one) => one <= time);
     if (i < 0 || i >= times.length - 1) return smooth(time);
+    if (easings[i] === "hold") return values[i];
     const step = times[i + 1] - times[i];
     const share = (time - times[i]) / step;
-    switch (easings[i]) {
-      case "ease":
-        return smooth(times[i] + share * share * (3 - 2 * share) * step);
-      case "linear":
-        return (1 - share) * values[i] + share * values[i + 1];
-      case "hold":
-        return values[i];
-      default:
-        return smooth(time);
-    }
+    if (easings[i] === "linear") return (1 - share) * values[i] + share * values[i + 1];
+    return smooth(easings[i] === "ease" ? times[i] + share * share * (3 - 2 * share) * step : time);
   };
 }
 

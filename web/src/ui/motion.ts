@@ -28,8 +28,7 @@ interface Finger {
 
 export class Motion {
   private readonly fingers = new Map<number, Finger>();
-  private readonly stop = new AbortController();
-  private readonly calm: MediaQueryList;
+  private readonly calm = matchMedia("(prefers-reduced-motion: reduce)");
   /** `scrolls`: a finger that has not moved sideways yet may come to scroll the page. */
   private began = { x: 0, y: 0, at: 0, moved: false, scrolls: false };
   private lastTap = { x: 0, y: 0, at: -Infinity };
@@ -46,9 +45,9 @@ export class Motion {
     private readonly surface: HTMLElement,
     private readonly player: Player,
     private readonly events: MotionEvents,
+    signal: AbortSignal,
   ) {
-    this.calm = matchMedia("(prefers-reduced-motion: reduce)");
-    const { signal } = this.stop;
+    signal.addEventListener("abort", () => cancelAnimationFrame(this.handle));
     const on = <K extends keyof HTMLElementEventMap>(kind: K, handler: (event: HTMLElementEventMap[K]) => void): void => {
       surface.addEventListener(kind, handler, { signal, passive: false });
     };
@@ -62,32 +61,22 @@ export class Motion {
     window.addEventListener("gamepadconnected", () => this.run(), { signal });
   }
 
-  dispose(): void {
-    this.stop.abort();
-    cancelAnimationFrame(this.handle);
-  }
-
-  /** Goes to a view, with a short animation unless reduced motion is preferred. */
-  flyTo(to: View): void {
+  /** Goes back to the initial view, with a short animation unless reduced motion is preferred. */
+  reset(): void {
+    const { camera } = this.player;
+    const from = camera.view;
+    camera.reset();
+    const to = camera.view;
     this.velocity = { x: 0, y: 0, at: 0 };
     if (this.calm.matches) {
       this.player.view = to;
       return;
     }
-    const from = this.player.view;
+    camera.view = from;
     // The shorter way around.
     const azimuth = from.azimuth + (((to.azimuth - from.azimuth + 540) % 360) - 180);
     this.flight = { from, to: { ...to, azimuth }, began: performance.now() };
     this.run();
-  }
-
-  reset(): void {
-    const { camera } = this.player;
-    const now = camera.view;
-    camera.reset();
-    const home = camera.view;
-    camera.view = now;
-    this.flyTo(home);
   }
 
   /** Handles a key press or release; true if the key moves the camera. */

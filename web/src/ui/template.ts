@@ -3,7 +3,7 @@
 import { HELP, type HelpLine } from "./actions.ts";
 import { BACKGROUNDS, cssColor, SPEEDS } from "./choices.ts";
 import { ICONS } from "./icons.ts";
-import { canShare } from "./link_sheet.ts";
+import { canShare } from "./give_link.ts";
 
 const button = (act: string, label: string, icon: string, more = ""): string =>
   `<button type="button" data-act="${act}" aria-label="${label}" title="${label}" ${more}>${icon}</button>`;

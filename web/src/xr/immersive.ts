@@ -27,18 +27,14 @@ export async function hasImmersion(kind: Immersion): Promise<boolean> {
   return (await system()?.isSessionSupported(MODES[kind]).catch(() => false)) === true;
 }
 
-export interface ImmersionHandlers {
-  /** A hint for the viewer, in AR on top of the camera's image. */
-  readonly hint: (text: string) => void;
-  readonly ended: () => void;
-}
-
 /** A point of the two that pinch and turn: fingers on the screen, or hands and controllers in the room. */
 type Point = readonly [number, number];
 
 export class Immersive {
-  /** Called from a click: browsers start sessions only then. */
-  static async start(kind: Immersion, player: Player, overlay: HTMLElement, handlers: ImmersionHandlers): Promise<Immersive> {
+  /** Called from a click: browsers start sessions only then. `hint`: for the viewer, in AR on top of the camera's image. */
+  static async start(
+    kind: Immersion, player: Player, overlay: HTMLElement, hint: (text: string) => void, ended: () => void,
+  ): Promise<Immersive> {
     const session = await system()!.requestSession(MODES[kind], {
       requiredFeatures: [kind === "ar" ? "hit-test" : "local-floor"],
       optionalFeatures: ["local-floor", "hand-tracking", ...(kind === "ar" ? ["dom-overlay"] : [])],
@@ -53,7 +49,7 @@ export class Immersive {
       await session.updateRenderState({ baseLayer: layer });
       const viewer = kind === "ar" ? await session.requestReferenceSpace("viewer") : null;
       const hits = viewer === null ? null : await session.requestHitTestSource?.({ space: viewer });
-      return new Immersive(kind, session, space, layer, renderer, hits ?? null, player, overlay, handlers);
+      return new Immersive(kind, session, space, layer, renderer, hits ?? null, player, overlay, hint, ended);
     } catch (error) {
       await session.end();
       throw error;
@@ -86,7 +82,8 @@ export class Immersive {
     private readonly hits: XRHitTestSource | null,
     private readonly player: Player,
     overlay: HTMLElement,
-    handlers: ImmersionHandlers,
+    private readonly hint: (text: string) => void,
+    ended: () => void,
   ) {
     const { info } = player;
     if (info === null) throw new StreamError("The stream is not open yet.");
@@ -96,9 +93,9 @@ export class Immersive {
       this.stop.abort();
       hits?.cancel();
       player.leaveImmersion();
-      handlers.ended();
+      ended();
     });
-    session.addEventListener("select", () => this.selected(handlers));
+    session.addEventListener("select", () => this.selected());
     session.addEventListener("selectstart", ({ inputSource }) => {
       this.restartPinch();
       this.selecting.add(inputSource);
@@ -109,7 +106,7 @@ export class Immersive {
     });
     this.listenToTouches(overlay);
     player.enterImmersion(renderer);
-    if (kind === "ar") handlers.hint("Look at a table or the floor. Tap to place.");
+    if (kind === "ar") hint("Look at a table or the floor. Tap to place.");
     session.requestAnimationFrame(this.frame);
   }
 
@@ -117,10 +114,10 @@ export class Immersive {
     void this.session.end();
   }
 
-  private selected(handlers: ImmersionHandlers): void {
+  private selected(): void {
     if (this.kind !== "ar" || !this.seen || this.pinched) return;
     this.placed = !this.placed;
-    handlers.hint(this.placed ? "Pinch to scale and turn. Tap to move it." : "Look at a table or the floor. Tap to place.");
+    this.hint(this.placed ? "Pinch to scale and turn. Tap to move it." : "Look at a table or the floor. Tap to place.");
   }
 
   /** Another finger or hand: what came before must not be compared with what follows. */
