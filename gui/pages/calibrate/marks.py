@@ -141,8 +141,9 @@ def expected(point: TiePoint, camera: Camera, rig: Rig) -> np.ndarray | None:
         return None
     if len(others) > 1:
         seen = {name: np.array([point.pixels[name]]) for name in others}
-        solved = TieRig({name: rig[name] for name in others}, np.full((1, 3), np.nan))
-        triangulate(Observations([point.name], solved.points3d, seen), solved)
+        unknown = np.full((1, 3), np.nan)
+        solved = TieRig({name: rig[name] for name in others}, unknown, Observations([point.name], unknown, seen))
+        triangulate(solved)
         places = solved.points3d
     else:
         other = rig[others[0]]

@@ -87,7 +87,7 @@ def _grown(intrinsics: Mapping[str, Camera], rig: TieRig, seed: int) -> TieRig:
     """Register cameras, those with the most points first, and triangulate points until no more can be added."""
     observations = rig.observations
     while True:
-        _triangulate(rig)
+        triangulate(rig)
         known = rig.triangulated
         counts = {name: int((observations.seen(name) & known).sum()) for name in intrinsics if name not in rig.cameras}
         found = False
@@ -104,7 +104,7 @@ def _grown(intrinsics: Mapping[str, Camera], rig: TieRig, seed: int) -> TieRig:
             return rig
 
 
-def _triangulate(rig: TieRig) -> None:
+def triangulate(rig: TieRig) -> None:
     """Triangulate the points that at least two registered cameras see (linear method); changes `rig`."""
     observations = rig.observations
     rays = {name: camera.normalized(observations.pixels[name]) for name, camera in rig.cameras.items()}
