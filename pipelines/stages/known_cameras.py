@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -49,10 +50,9 @@ def at_footage_size(camera: Camera, footage: Footage) -> Camera:
     from studio.capture.warp import Warp, fit_size
 
     width, height = footage.raw_size(camera.name)
-    rule = footage.spec.size_rule
-    same_shape = width * camera.height == height * camera.width
-    image = footage.raw_image(camera.name, footage.frames[0]) if rule == "auto" and not same_shape else None
-    return Warp(camera, width, height, 1.0, fit_size(camera, width, height, rule, image)).source
+    first = partial(footage.raw_image, camera.name, footage.frames[0])
+    fit = fit_size(camera, width, height, footage.spec.size_rule, first)
+    return Warp(camera, width, height, 1.0, fit).source
 
 
 def check_sizes(rig: Rig, footage: Footage, path: Path) -> None:

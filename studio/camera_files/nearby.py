@@ -4,12 +4,12 @@ from pathlib import Path
 
 from studio.capture.images import image_header
 from studio.capture.media import open_media, video_stream
+from studio.capture.patterns import IMAGE_EXTENSIONS, VIDEO_EXTENSIONS
 from studio.errors import StudioError
 from studio.validation import camera_error
 
 _FOLDERS = ("", "images", "image", "imgs", "img", "videos", "video", "rgbs", "rgb")
-_IMAGES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp", ".exr")
-_VIDEOS = (".mp4", ".mov", ".mkv", ".avi", ".webm", ".m4v")
+_FOOTAGE = sorted(IMAGE_EXTENSIONS) + sorted(VIDEO_EXTENSIONS)
 
 
 def size_nearby(folder: Path, name: str, camera: str) -> tuple[int, int]:
@@ -18,10 +18,10 @@ def size_nearby(folder: Path, name: str, camera: str) -> tuple[int, int]:
     subfolders."""
     for part in _FOLDERS:
         base = folder / part / name
-        files = [base] if base.suffix.lower() in _IMAGES + _VIDEOS else []
-        files += [base.parent / (base.name + suffix) for suffix in _IMAGES + _VIDEOS]
+        files = [base] if base.suffix.lower() in _FOOTAGE else []
+        files += [base.parent / (base.name + suffix) for suffix in _FOOTAGE]
         if base.is_dir():
-            files += sorted(file for file in base.iterdir() if file.suffix.lower() in _IMAGES)[:1]
+            files += sorted(file for file in base.iterdir() if file.suffix.lower() in IMAGE_EXTENSIONS)[:1]
         for file in files:
             if file.is_file():
                 return _size(file, camera)
@@ -32,14 +32,14 @@ def size_nearby(folder: Path, name: str, camera: str) -> tuple[int, int]:
 
 def size_within(folder: Path, camera: str) -> tuple[int, int] | None:
     """Width and height of the footage in a camera's own folder, "video" before others; None if there is none."""
-    files = [file for file in folder.iterdir() if file.suffix.lower() in _IMAGES + _VIDEOS]
+    files = [file for file in folder.iterdir() if file.suffix.lower() in _FOOTAGE]
     best = min(files, key=lambda file: (file.stem != "video", file.stem != camera, file.name), default=None)
     return None if best is None else _size(best, camera)
 
 
 def _size(file: Path, camera: str) -> tuple[int, int]:
     try:
-        if file.suffix.lower() in _IMAGES:
+        if file.suffix.lower() in IMAGE_EXTENSIONS:
             return image_header(file)[:2]
         with open_media(file) as container:
             stream = video_stream(container)

@@ -340,10 +340,9 @@ def _warps(spec: CaptureSettings, rig: Rig, sources: Mapping[str, FrameSource], 
     warps = {}
     for name, source in sources.items():
         camera = rig[name]
-        same = source.width * camera.height == source.height * camera.width
-        image = None if same else source.read(source.frames[0])[:, :, :3]
+        first = partial(source.read, source.frames[0])
         try:
-            fit = fit_size(camera, source.width, source.height, spec.size_rule, image)
+            fit = fit_size(camera, source.width, source.height, spec.size_rule, first)
         except StudioError as error:
             problem = error.problem + (f" ({source.note})" if source.note else "")
             raise StudioError.of(replace(error.message, problem=problem)) from None

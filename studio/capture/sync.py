@@ -10,7 +10,7 @@ import numpy as np
 from studio.capture.footage import Footage
 from studio.capture.media import open_media, start_of, video_stream
 from studio.capture.patterns import VIDEO_EXTENSIONS
-from studio.capture.timecode import Timecode, read_timecode, timecode_offsets
+from studio.capture.timecode import read_timecode, timecode_offsets
 from studio.counts import counted
 from studio.errors import Message, StudioError
 
@@ -147,7 +147,9 @@ def check_sync(footage: Footage, *, method: str = "auto", seconds: float = 1.0) 
         raise StudioError("sync.one_camera", "The footage has only one camera; there is nothing to synchronize")
     if method == "timecode":
         return _by_timecode(footage)
-    sounds = _sounds(footage) if method in ("auto", "sound") else {}
+    sounds = {}
+    if method in ("auto", "sound"):
+        sounds = {name: signal for name, file in _videos(footage).items() if (signal := sound_signal(file)) is not None}
     if method == "sound" and len(sounds) < len(names):
         silent = next(name for name in names if name not in sounds)
         problem = f"Camera '{silent}' has no sound"
@@ -170,13 +172,7 @@ def check_sync(footage: Footage, *, method: str = "auto", seconds: float = 1.0) 
 
 def _by_timecode(footage: Footage) -> SyncReport:
     """Offsets from the start timecodes of the videos."""
-    found: dict[str, Timecode] = {}
-    for name in footage.camera_names:
-        file = footage.file_of(name, footage.frames_of(name)[0])
-        if file is not None and file.suffix.lower() in VIDEO_EXTENSIONS:
-            timecode = read_timecode(file)
-            if timecode is not None:
-                found[name] = timecode
+    found = {name: one for name, file in _videos(footage).items() if (one := read_timecode(file)) is not None}
     without = tuple(name for name in footage.camera_names if name not in found)
     if len(found) < 2:
         problem = f"{len(found)} of {len(footage.camera_names)} cameras have a timecode; it takes two to compare"
@@ -218,16 +214,10 @@ def motion_signals(footage: Footage) -> dict[str, np.ndarray]:
     return found
 
 
-def _sounds(footage: Footage) -> dict[str, np.ndarray]:
-    found = {}
-    for name in footage.camera_names:
-        file = footage.file_of(name, footage.frames[0])
-        if file is None or file.suffix.lower() not in VIDEO_EXTENSIONS:
-            continue
-        loudness = sound_signal(file)
-        if loudness is not None:
-            found[name] = loudness
-    return found
+def _videos(footage: Footage) -> dict[str, Path]:
+    """Camera to the first file of its footage, if that is a video."""
+    files = {name: footage.file_of(name, footage.frames_of(name)[0]) for name in footage.camera_names}
+    return {name: file for name, file in files.items() if file and file.suffix.lower() in VIDEO_EXTENSIONS}
 
 
 def sound_signal(file: Path) -> np.ndarray | None:

@@ -1,5 +1,6 @@
 """Undistorts and scales raw images to those of a pinhole camera, and adapts calibrations to the footage's size."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,10 +31,10 @@ def black_bars(image: np.ndarray) -> tuple[int, int, int, int]:
     return run(columns), run(rows), run(columns[::-1]), run(rows[::-1])
 
 
-def fit_size(camera: Camera, width: int, height: int, rule: str, image: np.ndarray | None) -> Fit:
+def fit_size(camera: Camera, width: int, height: int, rule: str, read: Callable[[], np.ndarray]) -> Fit:
     """Fit the image size at which `camera` was calibrated to footage of another size. If the aspect ratios are equal
-    (within one pixel of rounding), the rule is not used; "auto" detects black bars in the (H, W, 3) uint8 `image`,
-    which may be None."""
+    (within one pixel of rounding), the rule is not used; "auto" detects black bars in the image, of which `read`
+    returns (H, W, 3 or more) uint8."""
     across, down = width / camera.width, height / camera.height
     if abs(across * camera.height - height) <= 1.0 or abs(down * camera.width - width) <= 1.0 or rule == "stretch":
         return Fit(0.0, 0.0, width, height)
@@ -42,14 +43,13 @@ def fit_size(camera: Camera, width: int, height: int, rule: str, image: np.ndarr
     fit = Fit((width - inner[0]) / 2, (height - inner[1]) / 2, inner[0], inner[1])
     if rule in ("crop", "letterbox"):
         return fit
-    if image is not None:
-        left, top, right, bottom = black_bars(image)
-        expected = (fit.left, fit.top)
-        sides = ((left, right), (top, bottom))
-        near = [max(abs(a - e), abs(b - e)) <= max(1.0, 0.3 * e) for (a, b), e in zip(sides, expected, strict=True)]
-        if all(near):
-            bars = f"{round(fit.left)} px left and right" if fit.left >= 0.5 else f"{round(fit.top)} px top and bottom"
-            return replace(fit, note=f"camera '{camera.name}' has black bars ({bars}); calibration mapped to the rest")
+    left, top, right, bottom = black_bars(read()[:, :, :3])
+    expected = (fit.left, fit.top)
+    sides = ((left, right), (top, bottom))
+    near = [max(abs(a - e), abs(b - e)) <= max(1.0, 0.3 * e) for (a, b), e in zip(sides, expected, strict=True)]
+    if all(near):
+        bars = f"{round(fit.left)} px left and right" if fit.left >= 0.5 else f"{round(fit.top)} px top and bottom"
+        return replace(fit, note=f"camera '{camera.name}' has black bars ({bars}); calibration mapped to the rest")
     raise camera_error(
         "footage.aspect_ratio",
         camera.name,

@@ -24,18 +24,14 @@ LEAST_CORNERS = 6  # observations with fewer corners are ignored
 _MARKERS = {
     **{f"DICT_{bits}X{bits}_{count}": count for bits in (4, 5, 6, 7) for count in (50, 100, 250, 1000)},
     "DICT_ARUCO_ORIGINAL": 1024,
-    "DICT_APRILTAG_16h5": 30,
     "DICT_APRILTAG_16H5": 30,
-    "DICT_APRILTAG_25h9": 35,
     "DICT_APRILTAG_25H9": 35,
-    "DICT_APRILTAG_36h10": 2320,
     "DICT_APRILTAG_36H10": 2320,
-    "DICT_APRILTAG_36h11": 587,
     "DICT_APRILTAG_36H11": 587,
-    "DICT_ARUCO_MIP_36h12": 250,
     "DICT_ARUCO_MIP_36H12": 250,
 }
-"""OpenCV's ArUco dictionaries and their number of markers; listed here because settings must not import OpenCV."""
+"""OpenCV's ArUco dictionaries, of which some are also written with h, and their number of markers; listed here because
+settings must not import OpenCV."""
 
 
 class CalibrationTarget(Settings):
@@ -73,7 +69,7 @@ class CalibrationTarget(Settings):
         if self.marker >= self.square:
             problem = f"marker = {self.marker:g} m is not smaller than square = {self.square:g} m"
             raise Conflict(problem, "Set both as measured on the print.", "marker", "square")
-        available = _MARKERS.get(self.dictionary)
+        available = _MARKERS.get(self.dictionary.upper())
         if available is None:
             raise Conflict(
                 f"dictionary {self.dictionary} is unknown", f"Use one of {', '.join(_MARKERS)}.", "dictionary"
@@ -112,7 +108,7 @@ class CalibrationTarget(Settings):
     def _dictionary(self) -> Any:
         import cv2
 
-        return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
+        return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary.upper()))
 
     @cached_property
     def charuco(self) -> Any:
