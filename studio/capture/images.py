@@ -1,4 +1,4 @@
-"""Image files as arrays."""
+"""Image files as arrays: read with Pillow, but OpenEXR and DPX with FFmpeg, and 16-bit TIFF and PNG with OpenCV."""
 
 from __future__ import annotations
 
@@ -6,28 +6,29 @@ import contextlib
 import io
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
-from studio.capture.deep_images import is_deep, read_deep_image, read_deep_values
 from studio.capture.transfer import TransferFunction, eight_bit
 from studio.errors import StudioError
 from studio.storage import cached_object
 
 if TYPE_CHECKING:
+    from av.video.frame import VideoFrame
     from PIL.ImageFile import ImageFile
 
+_CODECS = {".exr": "exr", ".dpx": "dpx"}
+_TIFF = (".tif", ".tiff")
 _ALPHA_MODES = ("RGBA", "LA", "PA", "RGBa", "La")
 _ORIENTATION = 0x0112  # of EXIF; 1 is upright
-_FIX = "Replace the file or exclude the frame."
 
 
 def image_header(path: Path) -> tuple[int, int, bool, bool]:
     """Width, height, whether there is an alpha channel, and whether the EXIF orientation says that the image is to be
     turned or mirrored for display; EXR and DPX are decoded. Raises StudioError: `footage.image_*`."""
-    if is_deep(path) or not _pillow_reads(path):
-        height, width, *channels = read_deep_values(path).shape
+    if _is_deep(path):
+        height, width, *channels = _deep_values(path).shape
         return width, height, channels == [4], False
     with _open(path) as image, _undamaged(path):
         # of PNG, Pillow would decode the image
@@ -43,22 +44,21 @@ def read_image(path: Path, transfer: TransferFunction = "auto") -> np.ndarray:
     stored pixels. Gray images have three equal channels; 16-bit PNG and TIFF images are rounded to 8 bits. StudioError:
     `footage.image_missing`, or `footage.image_unreadable` if it is truncated or not an image.
     """
-    if is_deep(path, transfer) or not _pillow_reads(path):
-        found = read_deep_image(path, transfer)
+    if _is_deep(path, transfer):
+        found = _deep_image(path, transfer)
         return _color_of(found) if found.shape[2] == 4 and _has_padding(path) else found
-    with _open(path) as image:
+    with _open(path) as image, _undamaged(path):
         if _has_deep_color(image):
-            found = read_deep_image(path, transfer)
+            found = _deep_image(path, transfer)
             return found if _is_transparent(image) else _color_of(found)
-        with _undamaged(path):
-            image.load()
-            if image.mode.startswith("I;16") or image.mode in ("I", "F"):
-                values = np.asarray(image, dtype=np.float64)
-                if image.mode != "F":
-                    values = values / 257.0
-                gray = np.clip(np.rint(values), 0, 255).astype(np.uint8)
-                return np.repeat(gray[:, :, None], 3, axis=2)
-            found = np.array(image.convert("RGBA" if _is_transparent(image) else "RGB"))
+        image.load()
+        if image.mode.startswith("I;16") or image.mode in ("I", "F"):
+            values = np.asarray(image, dtype=np.float64)
+            if image.mode != "F":
+                values = values / 257.0
+            gray = np.clip(np.rint(values), 0, 255).astype(np.uint8)
+            return np.repeat(gray[:, :, None], 3, axis=2)
+        found = np.array(image.convert("RGBA" if _is_transparent(image) else "RGB"))
     if transfer not in ("auto", "srgb"):
         found[:, :, :3] = eight_bit(found[:, :, :3].astype(np.uint16) * 257, transfer)
     return found
@@ -68,14 +68,12 @@ def read_values(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
     """The numbers that an image file stores, for masks: no conversion of colors, bits or transfer functions. (H, W), or
     (H, W, 3 or 4) RGB or RGBA, of the type in the file, 1 bit as 0 and 255; and the palette, (256, 3) uint8, if the
     values are its indices."""
-    if is_deep(path) or not _pillow_reads(path):
-        return read_deep_values(path), None
-    with _open(path) as image:
-        deep = _has_deep_color(image)
-    if deep:
-        values = read_deep_values(path)
-        return _color_of(values) if values.ndim == 3 and _has_padding(path) else values, None
+    if _is_deep(path):
+        return _deep_values(path), None
     with _open(path) as image, _undamaged(path):
+        if _has_deep_color(image):
+            values = _deep_values(path)
+            return values if values.ndim != 3 or _is_transparent(image) else _color_of(values), None
         image.load()
         if _is_transparent(image):
             with_alpha = np.array(image.convert("RGBA"))
@@ -95,36 +93,37 @@ def _undamaged(path: Path) -> Iterator[None]:
     try:
         yield
     except (OSError, ValueError, SyntaxError) as error:
-        problem = f"the image is damaged or truncated ({_reason(error)})"
-        raise StudioError("footage.image_unreadable", problem, file=path, fix=_FIX) from None
+        _refuse(path, f"damaged or truncated: {_reason(error)}")
 
 
-def _pillow_reads(path: Path) -> bool:
-    """Whether Pillow reads a TIFF file, which it does not if its colors are floats, but OpenCV does."""
-    if path.suffix.lower() not in (".tif", ".tiff"):
+def _is_deep(path: Path, transfer: TransferFunction = "auto") -> bool:
+    """Whether the file is not read with Pillow: by its format, or for a transfer function that needs all bits. Pillow
+    does not read TIFF files whose colors are floats, but OpenCV does."""
+    suffix = path.suffix.lower()
+    if suffix in _CODECS or (suffix in (*_TIFF, ".png") and transfer not in ("auto", "srgb")):
         return True
-    try:
-        with _open(path):
-            return True
-    except StudioError as error:
-        return error.code != "footage.image_unreadable"
+    if suffix in _TIFF:
+        try:
+            _open(path).close()
+        except StudioError as error:
+            return error.code == "footage.image_unreadable"
+    return False
 
 
 def _open(path: Path) -> ImageFile:
-    from PIL import Image, UnidentifiedImageError
+    from PIL import Image
     from PIL.Image import MAX_IMAGE_PIXELS, DecompressionBombError
 
-    stored = cached_object(path)
     try:
+        stored = cached_object(path)
         return Image.open(path if stored is None else io.BytesIO(stored.read()))
     except FileNotFoundError:
         raise StudioError("footage.image_missing", "image not found", file=path) from None
     except DecompressionBombError:
         problem = f"the image has more than {2 * (MAX_IMAGE_PIXELS or 0):,} pixels"
         raise StudioError("footage.image_too_large", problem, file=path, fix="Scale the images down.") from None
-    except (UnidentifiedImageError, OSError, ValueError, SyntaxError) as error:
-        problem = f"cannot read the image ({_reason(error)})"
-        raise StudioError("footage.image_unreadable", problem, file=path, fix=_FIX) from None
+    except (OSError, ValueError, SyntaxError) as error:
+        _refuse(path, _reason(error))
 
 
 def _is_transparent(image: ImageFile) -> bool:
@@ -133,7 +132,7 @@ def _is_transparent(image: ImageFile) -> bool:
 
 def _has_padding(path: Path) -> bool:
     """Whether the fourth channel of an image means nothing: OpenCV takes it for alpha."""
-    if path.suffix.lower() not in (".tif", ".tiff"):
+    if path.suffix.lower() not in _TIFF:
         return False
     with contextlib.suppress(StudioError), _open(path) as image:  # some kinds are read by OpenCV only
         return not _is_transparent(image)
@@ -158,3 +157,94 @@ def _has_deep_color(image: ImageFile) -> bool:
 def _reason(error: Exception) -> str:
     text = str(error) or type(error).__name__
     return "not an image, or damaged" if "cannot identify" in text else text
+
+
+def _deep_image(path: Path, transfer: TransferFunction) -> np.ndarray:
+    """Decode an EXR (RGB or gray, half or float), DPX (8 to 16 bits), TIFF or PNG file to (H, W, 3) RGB or (H, W, 4)
+    RGBA with straight alpha, uint8 sRGB; `transfer` auto: EXR files are linear, others sRGB."""
+    values = _deep_values(path)
+    if values.dtype != np.uint16 or transfer not in ("auto", "srgb"):
+        white = {"uint8": 255, "uint16": 65535}.get(values.dtype.name, 1)
+        values = np.asarray(values, np.float32) / np.float32(white)
+    if values.ndim == 2:
+        values = np.repeat(values[:, :, None], 3, axis=2)
+    color, alpha = values[:, :, :3], values[:, :, 3:]
+    if path.suffix.lower() == ".exr":
+        transfer = "linear" if transfer == "auto" else transfer
+        if alpha.size:  # colors of EXR files are premultiplied
+            color = color / np.maximum(alpha, 1e-6)
+    return np.ascontiguousarray(np.concatenate([eight_bit(color, transfer), eight_bit(alpha, "srgb")], axis=2))
+
+
+def _deep_values(path: Path) -> np.ndarray:
+    """The numbers in an EXR, DPX, TIFF or PNG file, (H, W) or (H, W, 3 or 4; RGB or RGBA): of DPX files 0 to 1, of
+    others of the type in the file."""
+    suffix = path.suffix.lower()
+    try:
+        stored = cached_object(path)
+        data = path.read_bytes() if stored is None else stored.read()
+    except FileNotFoundError:
+        raise StudioError("footage.image_missing", "image not found", file=path) from None
+    except OSError as error:
+        _refuse(path, str(error.strerror))
+    return _decoded(path, data, _CODECS[suffix]) if suffix in _CODECS else _opencv_values(path, data)
+
+
+def _decoded(path: Path, data: bytes, name: str) -> np.ndarray:
+    import av
+    from av.codec import CodecContext
+    from PIL.Image import MAX_IMAGE_PIXELS
+
+    try:
+        decoder: Any = CodecContext.create(name, "r")
+        decoder.options = {"max_pixels": str(2 * (MAX_IMAGE_PIXELS or 0))}
+        decoder.thread_count = 1
+        frames = [*decoder.decode(av.Packet(data)), *decoder.decode(None)]
+    except (av.error.FFmpegError, OSError, ValueError, MemoryError):
+        frames = []
+    if not frames or frames[0].is_corrupt:
+        _refuse(path, f"damaged or truncated, or a kind of {name.upper()} that FFmpeg cannot read")
+    return _channels(path, frames[0])
+
+
+def _channels(path: Path, frame: VideoFrame) -> np.ndarray:
+    """(H, W) or (H, W, 3 or 4) float32, 0..1 for integers."""
+    kind = frame.format.name
+    if "f32" in kind or "f16" in kind:
+        number = np.dtype(np.float32 if "f32" in kind else np.float16).newbyteorder("<" if kind.endswith("le") else ">")
+        planes = [
+            np.frombuffer(bytes(plane), number).reshape(plane.height, -1)[:, : plane.width].astype(np.float32)
+            for plane in frame.planes
+        ]
+        if len(planes) == 1:
+            return planes[0]
+        green, blue, red, *alpha = planes
+        return np.stack([red, green, blue, *alpha], -1)
+    bits = frame.format.components[0].bits
+    if frame.format.is_rgb and kind.startswith("abgr"):
+        values = frame.to_ndarray(format="rgba")
+    elif frame.format.is_rgb or kind.startswith("gray"):
+        values = frame.to_ndarray()
+    else:
+        _refuse(path, f"its pixel format, {kind}, is not supported")
+    return values.astype(np.float32) / np.float32(2**bits - 1)
+
+
+def _opencv_values(path: Path, data: bytes) -> np.ndarray:
+    """(H, W) or (H, W, 3 or 4; RGB or RGBA), as stored."""
+    import cv2
+
+    try:
+        values = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
+    except cv2.error:
+        values = None
+    if values is None or (values.ndim == 3 and values.shape[2] not in (3, 4)):
+        _refuse(path, "not an image, damaged, or of a kind that OpenCV cannot read")
+    if values.ndim == 3:
+        values = values[:, :, [2, 1, 0, 3][: values.shape[2]]]
+    return np.asarray(values)
+
+
+def _refuse(path: Path, problem: str) -> NoReturn:
+    fix = "Replace the file or exclude the frame."
+    raise StudioError("footage.image_unreadable", f"cannot read the image ({problem})", file=path, fix=fix) from None
