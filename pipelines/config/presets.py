@@ -8,7 +8,7 @@ from pydantic import JsonValue
 
 from pipelines.config.config import Config, values_of
 
-PRESETS: Mapping[str, Mapping[str, JsonValue]] = {
+_SHORTER: dict[str, Mapping[str, JsonValue]] = {
     "preview": {
         "initialize.points": 10_000,
         "train.keyframe_iterations": 800,
@@ -53,29 +53,8 @@ PRESETS: Mapping[str, Mapping[str, JsonValue]] = {
         "train.finetune_means": True,
         "train.joint_iterations": 100,
     },
-    "final": {
-        "initialize.points": 50_000,
-        "train.keyframe_iterations": 12_000,
-        "train.densify_from": 500,
-        "train.densify_until": 9000,
-        "train.densify_max_splats": 140_000,
-        "train.prune_ratio": 0.3,
-        "train.prune_by": "opacity",
-        "train.prune_finetune_iterations": 2000,
-        "train.max_splats": 100_000,
-        "train.dilation": 0.3,
-        "train.motion_iterations": 500,
-        "train.motion_first_iterations": None,
-        "train.motion_views": 4,
-        "train.motion_learning_rate": 1.0e-3,
-        "train.hash_levels": 16,
-        "train.mlp_layers": 2,
-        "train.mlp_width": 64,
-        "train.finetune_iterations": 2000,
-        "train.finetune_means": False,
-        "train.joint_iterations": 0,
-    },
 }
+PRESETS = _SHORTER | {"final": {name: values_of(Config())[name] for name in _SHORTER["standard"]}}
 """Values by dotted name. preview: a quick look. standard: the schedule of sample_configs/quickstart.yaml, for CPUs.
 final: the paper's schedule, the defaults, for GPUs. All of them set the same settings."""
 

@@ -20,6 +20,7 @@ from pipelines.takes.atomic_files import disk_errors
 from studio.bounded_files import TextError, parse_json
 from studio.errors import StudioError, violation
 from studio.progress import ProgressFn
+from studio.settings import Color, Unit
 from studio.stream.manifest import MANIFEST_NAME
 
 CAST_NAME = "cast.json"
@@ -34,9 +35,7 @@ MODELS = (".glb",)
 _GZIP = b"\x1f\x8b"
 
 Number = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
-Unit = Annotated[float, Field(ge=0, le=1)]
 Triple = tuple[Number, Number, Number]
-Color = tuple[Unit, Unit, Unit]
 
 
 class _Part(BaseModel):
