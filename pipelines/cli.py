@@ -19,6 +19,7 @@ from pipelines.commands import completion
 from pipelines.commands.common.arguments import CommandParser, WrongUsage, long_settings_as_set, nearest, overrides
 from pipelines.events import Finished, as_message
 from pipelines.events.cancellation import EXIT_CANCELLED
+from pipelines.events.event_log import JsonLines
 from pipelines.stages import STAGE_NAMES
 from studio.atomic_files import PARTIAL
 from studio.errors import Cancelled, Message, StudioError, reason_of
@@ -79,19 +80,20 @@ def execute(arguments: Sequence[str]) -> int:
         known = parse(arguments)
     except WrongUsage as usage:
         if "--json" in arguments:
-            _print_end(sys.stdout, 2, started, Message("command.usage", usage.problem), {})
+            JsonLines(sys.stdout)(_end(2, started, Message("command.usage", usage.problem), {}))
         raise
     as_json = bool(getattr(known, "json", False))
-    known.result, known.reported = {}, False
-    with _json_output() if as_json else nullcontext(sys.stdout) as known.output:
+    known.result = {}
+    with _json_output() if as_json else nullcontext(sys.stdout) as output:
+        known.emit = JsonLines(output)
         try:
             code, message = _run(known)
         except Exception as error:
-            if as_json and not known.reported:
-                _print_end(known.output, 1, started, as_message(error), {})
+            if as_json and not known.emit.finished:
+                known.emit(_end(1, started, as_message(error), {}))
             raise
-        if as_json and not known.reported:
-            _print_end(known.output, code, started, message, known.result)
+        if as_json and not known.emit.finished:
+            known.emit(_end(code, started, message, known.result))
     return code
 
 
@@ -119,7 +121,7 @@ def _run(known: argparse.Namespace) -> tuple[int, Message | None]:
     try:
         known.overrides = overrides(known)
         code = command(known) or 0
-        known.output.flush()
+        sys.stdout.flush()
     except StudioError as error:
         return _refused(error)
     except (Cancelled, KeyboardInterrupt):
@@ -150,15 +152,10 @@ def _refused(error: StudioError) -> tuple[int, Message]:
     return 2 if usage else 1, error.message
 
 
-def _print_end(
-    output: TextIO, code: int, started: float, message: Message | None, result: Mapping[str, JsonData]
-) -> None:
-    """Print the last event of a command with `--json`."""
-    seconds = round(time.monotonic() - started, 2)
+def _end(code: int, started: float, message: Message | None, result: Mapping[str, JsonData]) -> Finished:
+    """The last event of a command."""
     outcome = {0: "done", EXIT_CANCELLED: "cancelled"}.get(code, "failed")
-    event = Finished.of(message, outcome=outcome, seconds=seconds, result=result)
-    with suppress(BrokenPipeError):
-        print(event.to_json(), file=output, flush=True)
+    return Finished.of(message, outcome=outcome, seconds=round(time.monotonic() - started, 2), result=result)
 
 
 @contextmanager

@@ -5,7 +5,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.common.arguments import add_command, add_overwrite, invalid_option
+from pipelines.commands.common.arguments import add_command, add_overwrite, add_settings, invalid_option
 from pipelines.outputs import check_output, replacing
 
 _NOTE = """The first variant is the full method with the settings in CONFIG; each other variant leaves out one part.
@@ -40,7 +40,7 @@ def register(commands: Any) -> None:
     parser.add_argument(
         "--qps", default=",".join(map(str, QPS)), metavar="N,N", help="QPs to bake at (default: %(default)s)"
     )
-    parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
+    add_settings(parser)
 
 
 def _ablate(arguments: argparse.Namespace) -> None:
@@ -50,7 +50,7 @@ def _ablate(arguments: argparse.Namespace) -> None:
     from pipelines.config import load_config
     from pipelines.events import Emit, Event, Finished, Log
     from pipelines.reports.terminal import console, table_of
-    from pipelines.runs.console import Bars, JsonLines
+    from pipelines.runs.console import Bars
     from pipelines.takes.atomic_files import disk_errors
 
     qps = _qps(arguments.qps)
@@ -59,7 +59,7 @@ def _ablate(arguments: argparse.Namespace) -> None:
     qps = sorted({*qps, default})
     check_output(arguments.out, True, _is_study)
     fresh = replacing(arguments.out, True, _is_study) if arguments.overwrite else nullcontext()
-    with disk_errors(arguments.out), fresh, JsonLines(arguments.output) if arguments.json else Bars() as show:
+    with disk_errors(arguments.out), fresh, nullcontext(arguments.emit) if arguments.json else Bars() as show:
 
         def passed(event: Event) -> None:
             if not isinstance(event, Finished) or (event.outcome == "cancelled" and not arguments.json):

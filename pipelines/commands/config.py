@@ -3,7 +3,7 @@
 import argparse
 from typing import Any
 
-from pipelines.commands.common.arguments import SETTINGS_NOTE, add_command, invalid_option, nearest, print_text
+from pipelines.commands.common.arguments import add_command, add_settings, invalid_option, nearest, print_text
 from pipelines.commands.common.source import source_path
 
 SECTIONS = ("capture", "calibrate", "initialize", "train", "bake", "evaluate", "run")
@@ -13,7 +13,7 @@ SECTIONS = ("capture", "calibrate", "initialize", "train", "bake", "evaluate", "
 def register(commands: Any) -> None:
     more = "The output is YAML that can be edited and used for a run. Without a SOURCE, settings have their defaults."
     text = "print settings with their documentation"
-    config = add_command(commands, "config", text, _config, more, epilog=SETTINGS_NOTE)
+    config = add_command(commands, "config", text, _config, more)
     config.add_argument(
         "words",
         nargs="*",
@@ -22,7 +22,7 @@ def register(commands: Any) -> None:
         f"{', '.join(SECTIONS)} (default: all)",
     )
     config.add_argument("--changed", action="store_true", help="print only settings that differ from their defaults")
-    config.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
+    add_settings(config)
 
 
 def _config(arguments: argparse.Namespace) -> None:

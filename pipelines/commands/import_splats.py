@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.common.arguments import add_command, add_overwrite, invalid_option, three_numbers
+from pipelines.commands.common.arguments import add_command, add_overwrite, add_settings, invalid_option, three_numbers
 from pipelines.commands.common.working import say_note, working
 from pipelines.outputs import replacing
 from studio.counts import counted
@@ -18,8 +18,7 @@ def register(commands: Any) -> None:
         "images), .splat and .ksplat. A new group begins where Gaussians do not correspond to those of the previous "
         "frame."
     )
-    note = "--set bake.quality=22 or --bake.quality 22 overrides a setting; `v3studio config` lists all settings."
-    parser = add_command(commands, "import", text, _import, more, epilog=note)
+    parser = add_command(commands, "import", text, _import, more)
     parser.add_argument("source", type=Path, metavar="SOURCE", help="folder or file to import")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the stream")
     add_overwrite(parser)
@@ -32,7 +31,7 @@ def register(commands: Any) -> None:
         metavar="X,Y,Z",
         help="up direction (default: what the file says; otherwise 0,1,0 for SPZ, 0,-1,0 for others)",
     )
-    parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
+    add_settings(parser)
 
 
 def _import(arguments: argparse.Namespace) -> None:

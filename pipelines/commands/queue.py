@@ -102,7 +102,7 @@ def _run(arguments: argparse.Namespace) -> int:
     from pipelines.batch.run_queue import run_queue
     from pipelines.events import Emit, Event, Finished, Log
     from pipelines.events.cancellation import Cancellation
-    from pipelines.runs.console import Bars, JsonLines
+    from pipelines.runs.console import Bars
 
     stopped = Cancellation()
 
@@ -113,12 +113,12 @@ def _run(arguments: argparse.Namespace) -> int:
     signal.signal(signal.SIGTERM, interrupt)
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # as for a job in the background of a shell
         signal.signal(signal.SIGINT, interrupt)
-    bars, lines = ExitStack(), JsonLines(arguments.output)
-    show: Emit = lines
+    bars = ExitStack()
+    show: Emit = arguments.emit
 
     def say(entry: QueuedTake, words: str) -> None:
         text = f"take {entry.number}: {words}"
-        lines(Log(message=text)) if arguments.json else print(f"== {text}", flush=True)
+        arguments.emit(Log(message=text)) if arguments.json else print(f"== {text}", flush=True)
 
     def starts(entry: QueuedTake) -> None:
         nonlocal show

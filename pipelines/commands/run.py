@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import shlex
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -110,7 +111,7 @@ def _run(arguments: argparse.Namespace) -> None:
     with disk_errors(folder):
         take = Take.create(folder)
 
-    from pipelines.runs.console import Bars, JsonLines
+    from pipelines.runs.console import Bars
     from pipelines.runs.runner import run
 
     if arguments.keep is not None:
@@ -123,19 +124,9 @@ def _run(arguments: argparse.Namespace) -> None:
     if arguments.detach:
         _detach(arguments, take, config)
         return
-    with JsonLines(arguments.output) if arguments.json else Bars() as show:
-        try:
-            run(
-                take,
-                config,
-                show,
-                stages=stages,
-                force=arguments.force,
-                command=f"v3studio {arguments.stage or 'run'}",
-                keep=arguments.keep,
-            )
-        finally:
-            arguments.reported = isinstance(show, JsonLines) and show.finished
+    command = f"v3studio {arguments.stage or 'run'}"
+    with nullcontext(arguments.emit) if arguments.json else Bars() as show:
+        run(take, config, show, stages=stages, force=arguments.force, command=command, keep=arguments.keep)
     if not arguments.json and "evaluate" in stages:
         from pipelines.reports.tables import print_evaluation
 
@@ -154,9 +145,9 @@ def _detach(arguments: argparse.Namespace, take: Take, config: Config) -> None:
     if arguments.json:
         return
     if run.code is not None:
-        print(f"Everything is up to date (process {run.pid} on {run.host} has ended).", file=arguments.output)
+        print(f"Everything is up to date (process {run.pid} on {run.host} has ended).")
         return
     place = shlex.quote(str(arguments.take))
-    print(f"Running in the background (process {run.pid} on {run.host}).", file=arguments.output)
-    print(f"Show it: v3studio status {place}", file=arguments.output)
-    print(f"Stop it: v3studio cancel {place}", file=arguments.output)
+    print(f"Running in the background (process {run.pid} on {run.host}).")
+    print(f"Show it: v3studio status {place}")
+    print(f"Stop it: v3studio cancel {place}")

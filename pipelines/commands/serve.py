@@ -115,7 +115,7 @@ def _serve(arguments: argparse.Namespace) -> int:
     server = serving.server
     with contextlib.closing(serving):
         if arguments.json:
-            print(_event(serving).to_json(), file=arguments.output, flush=True)
+            arguments.emit(_event(serving))
         else:
             _print(serving, player is not None)
         _bound_logs(server)

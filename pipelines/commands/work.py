@@ -1,10 +1,11 @@
 """`v3studio work`: one stage of one group, for clusters and render farms."""
 
 import argparse
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.common.arguments import add_command, print_text
+from pipelines.commands.common.arguments import add_command, add_settings, print_text
 from pipelines.stages import CHAIN, GROUP_STAGES
 from studio.errors import StudioError
 from studio.memory import require_memory
@@ -12,12 +13,7 @@ from studio.memory import require_memory
 _FORMATS = ("plain", "sbatch", "deadline")
 _NAMES = tuple(stage.name for stage in GROUP_STAGES)
 
-_EPILOG = """settings:
-  --set SECTION.NAME=VALUE    or    --SECTION.NAME VALUE
-  Overrides a setting; example: --run.threads 4.
-
-Then `v3studio run TAKE` puts the groups together, does what is missing, and evaluates.
-"""
+_NOTE = "Then `v3studio run TAKE` puts the groups together, does what is missing, and evaluates.\n"
 
 
 def register(commands: Any) -> None:
@@ -26,7 +22,7 @@ def register(commands: Any) -> None:
         "Does nothing where the results are up to date, and continues from the last finished frame or checkpoint, so "
         "it can be started again anywhere that sees the take and the footage."
     )
-    parser = add_command(commands, "work", text, _work, more, epilog=_EPILOG)
+    parser = add_command(commands, "work", text, _work, more, epilog=_NOTE)
     parser.add_argument("take", type=Path, metavar="TAKE", help="folder of the take; its cameras must be calibrated")
     parser.add_argument(
         "--stage",
@@ -44,7 +40,7 @@ def register(commands: Any) -> None:
         help="what --print-commands prints: plain, a command per line for GNU parallel and OpenCue's cuecmd (default); "
         "deadline, the same for Deadline's CommandScript; sbatch, a batch file for Slurm",
     )
-    parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
+    add_settings(parser)
 
 
 def _work(arguments: argparse.Namespace) -> None:
@@ -67,11 +63,8 @@ def _work(arguments: argparse.Namespace) -> None:
         print_text(arguments, text.rstrip())
         return
 
-    from pipelines.runs.console import Bars, JsonLines
+    from pipelines.runs.console import Bars
     from pipelines.runs.work import run_work
 
-    with JsonLines(arguments.output) if arguments.json else Bars() as show:
-        try:
-            run_work(take, config, stages, arguments.group, show)
-        finally:
-            arguments.reported = isinstance(show, JsonLines) and show.finished
+    with nullcontext(arguments.emit) if arguments.json else Bars() as show:
+        run_work(take, config, stages, arguments.group, show)

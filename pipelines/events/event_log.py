@@ -1,13 +1,40 @@
-"""Files of events, one on a line: a run writes one, or a task on another machine, and others follow it."""
+"""Events, one on a line: printed, or in a file that a run writes, or a task on another machine, and others follow."""
 
 import contextlib
 import os
+import threading
 import time
 from pathlib import Path
+from typing import TextIO
 
-from pipelines.events import Emit, Event, Progress, read_line
+from pipelines.events import Emit, Event, Finished, Progress, read_line
+from studio.process import discard
 
 _HEAD_BYTES = 256  # what a log is known by: its first event has the time and the process of its run
+
+
+class JsonLines:
+    """Prints each event immediately as one line of JSON, for programs; `finished`: whether the last one was printed.
+
+    If the reader exits (the window is closed), the work continues silently; the log of a run is in its take.
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream: TextIO | None = stream
+        self._lock = threading.Lock()
+        self.finished = False
+
+    def __call__(self, event: Event) -> None:
+        with self._lock:
+            self.finished = self.finished or isinstance(event, Finished)
+            if self._stream is None:
+                return
+            try:
+                self._stream.write(event.to_json() + "\n")
+                self._stream.flush()
+            except BrokenPipeError:
+                discard(self._stream)
+                self._stream = None
 
 
 class EventLog:

@@ -1,10 +1,9 @@
-"""Prints the events of a run: progress bars and messages for people, or JSON lines for programs."""
+"""Prints the events of a run for people: progress bars and messages."""
 
 from __future__ import annotations
 
-import threading
 from collections import Counter
-from typing import Any, TextIO
+from typing import Any
 
 from pipelines.events import (
     Event,
@@ -20,39 +19,9 @@ from pipelines.events import (
 from pipelines.reports.terminal import console, duration, escaped
 from pipelines.takes.summaries import summary_words
 from studio.counts import counted
-from studio.process import NativeLines, discard
+from studio.process import NativeLines
 
 MOST_ALIKE = 3  # warnings of one kind that are printed for a stage
-
-
-class JsonLines:
-    """Prints each event immediately as one line of JSON.
-
-    If the reader exits (the window is closed), the run continues silently; its log is in the take.
-    """
-
-    def __init__(self, stream: TextIO) -> None:
-        self._stream: TextIO | None = stream
-        self._lock = threading.Lock()
-        self.finished = False
-
-    def __call__(self, event: Event) -> None:
-        with self._lock:
-            self.finished = self.finished or isinstance(event, Finished)
-            if self._stream is None:
-                return
-            try:
-                self._stream.write(event.to_json() + "\n")
-                self._stream.flush()
-            except BrokenPipeError:
-                discard(self._stream)
-                self._stream = None
-
-    def __enter__(self) -> JsonLines:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        pass
 
 
 class Bars:

@@ -10,7 +10,7 @@ from typing import Any, NoReturn
 from studio.capture.frame_range import parse_frame_range
 from studio.errors import StudioError
 
-SETTINGS_NOTE = """settings:
+_SETTINGS_NOTE = """settings:
   --set SECTION.NAME=VALUE    or    --SECTION.NAME VALUE
   Overrides a setting; example: --train.max-splats 20000. `v3studio config` lists all settings.
 """
@@ -131,6 +131,12 @@ def print_text(arguments: argparse.Namespace, text: str) -> None:
     """Print text for people: nothing with `--json`, where `arguments.result` is for programs."""
     if text and not arguments.json:
         print(text)
+
+
+def add_settings(parser: argparse.ArgumentParser) -> None:
+    """Add the option `--set`, and a note about settings."""
+    parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
+    parser.epilog = "\n".join(filter(None, [parser.epilog, _SETTINGS_NOTE]))
 
 
 def add_overwrite(parser: argparse.ArgumentParser, text: str = "replace the output if it exists") -> None:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import SETTINGS_NOTE
+from pipelines.commands.common.arguments import add_settings
 from studio.storage.address import StoreAddress, is_address
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ def source_path(text: str) -> Path:
 
 
 def add_source(parser: argparse.ArgumentParser, nargs: str | None = None, note: str = "") -> None:
-    """Add the argument SOURCE, and `--set`."""
+    """Add the argument SOURCE, and settings."""
     parser.add_argument(
         "source",
         type=source_path,
@@ -30,8 +30,7 @@ def add_source(parser: argparse.ArgumentParser, nargs: str | None = None, note: 
         help=f"folder of footage, YAML file of settings, or folder of a take{note}",
         nargs=nargs,
     )
-    parser.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", help="override a setting")
-    parser.epilog = f"{parser.epilog}\n{SETTINGS_NOTE}" if parser.epilog else SETTINGS_NOTE
+    add_settings(parser)
 
 
 def add_preset(parser: argparse.ArgumentParser) -> None:

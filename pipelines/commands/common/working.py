@@ -16,7 +16,7 @@ _JSON_SECONDS = 0.2  # between lines
 def say_note(arguments: argparse.Namespace, text: str) -> None:
     """Print what a command's user should know: a line, or with `--json` the event `Log`."""
     if arguments.json:
-        print(Log(message=text).to_json(), file=arguments.output, flush=True)
+        arguments.emit(Log(message=text))
     else:
         print(f"note: {text}")
 
@@ -48,8 +48,7 @@ def working(what: str, arguments: argparse.Namespace) -> Iterator[ProgressFn]:
         if arguments.json and (done >= total or time.monotonic() - printed > _JSON_SECONDS):
             printed = time.monotonic()
             part, figures = done / total if total else 0.0, {"done": done, "total": total}
-            event = Progress(fraction=part, total_fraction=part, label=what, figures=figures)
-            print(event.to_json(), file=arguments.output, flush=True)
+            arguments.emit(Progress(fraction=part, total_fraction=part, label=what, figures=figures))
 
     with stop_on_signals(cancellation, screen.file.flush), bars:
         task = bars.add_task(what, total=None)
