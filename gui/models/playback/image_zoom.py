@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import cv2
 import numpy as np
 
+from gui.drawing.canvas import Canvas
 from gui.drawing.palette import GROUND
 from studio.cameras import Camera
 
@@ -124,3 +126,53 @@ class ImageZoom:
         if zoom == 1.0:
             return cls()
         return cls(float(middle[0] / camera.width), float(middle[1] / camera.height), zoom)
+
+
+class Magnifier:
+    """The part of an image that is on screen, its rectangle there in pixels, and its magnification."""
+
+    def __init__(self, size: tuple[int, int], rect: tuple[float, float, float, float] = (0.0, 0.0, 1.0, 1.0)) -> None:
+        self.width, self.height = size
+        self.view, self.rect = ImageZoom(), rect
+
+    @property
+    def _room(self) -> tuple[int, int]:
+        return round(self.rect[2]), round(self.rect[3])
+
+    @property
+    def scale(self) -> float:
+        """Pixels of the screen per pixel of the image."""
+        return self.view.scale(self, *self._room)
+
+    @property
+    def _origin(self) -> np.ndarray:
+        """(2,) where the image's upper left corner is on screen."""
+        return np.add(self.rect[:2], self.view.offset(self, *self._room))
+
+    def shown(self, points: np.ndarray | Sequence[float]) -> np.ndarray:
+        """(..., 2) screen positions of pixels of the image."""
+        return self._origin + self.scale * np.asarray(points)
+
+    def pixel(self, x: float, y: float) -> tuple[float, float]:
+        """Image pixel at a screen position."""
+        left, top = self._origin
+        return float(x - left) / self.scale, float(y - top) / self.scale
+
+    def holds(self, x: float, y: float) -> bool:
+        """Whether a pixel is in the rectangle."""
+        left, top, width, height = self.rect
+        return left <= x < left + width and top <= y < top + height
+
+    def pan(self, dx: float, dy: float) -> None:
+        self.view = self.view.moved(dx, dy, self, *self._room)
+
+    def zoom(self, notches: float, x: float, y: float) -> None:
+        """Zoom by notches of the wheel; the image point at screen position (x, y) stays fixed."""
+        before = self.pixel(x, y)
+        self.view = self.view.zoomed(notches)
+        if self.view != ImageZoom():
+            self.pan(*((x, y) - self.shown(before)))
+
+    def draw(self, canvas: Canvas, image: np.ndarray) -> None:
+        """Draw the visible part into the rectangle."""
+        canvas.image(self.rect[0], self.rect[1], self.view.whole(image, self, *self._room))

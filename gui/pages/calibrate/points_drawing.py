@@ -10,7 +10,7 @@ from gui.drawing.areas import Areas, Box
 from gui.drawing.canvas import Canvas, fitted, line_height, text_width, wrapped
 from gui.drawing.labels import draw_labels
 from gui.drawing.palette import ACCENT, ACCENT_DARK, BAD, BLACK, DIM, FAIR, GOOD, GROUND, LINE, RAISED, RGB, TEXT
-from gui.models.playback.image_zoom import ImageZoom
+from gui.models.playback.image_zoom import Magnifier
 from gui.pages.calibrate.marks import TieMarks
 from gui.pages.stage_view import rectangle
 from studio.calibration import TiePoint
@@ -28,49 +28,6 @@ _HOW = (
 
 Action = Callable[[], None]
 Spots = Areas[Action]  # clickable rectangles
-
-
-class Magnifier:
-    """The part of an image that is on screen, its rectangle there in pixels, and its magnification."""
-
-    def __init__(self, size: tuple[int, int]) -> None:
-        self.width, self.height = size
-        self.view = ImageZoom()
-        self.rect = (0.0, 0.0, 1.0, 1.0)
-
-    @property
-    def _room(self) -> tuple[int, int]:
-        return round(self.rect[2]), round(self.rect[3])
-
-    def shown(self, x: float, y: float) -> tuple[float, float]:
-        """Screen position of an image pixel."""
-        scale, (left, top) = self.view.scale(self, *self._room), self.view.offset(self, *self._room)
-        return self.rect[0] + left + scale * x, self.rect[1] + top + scale * y
-
-    def pixel(self, x: float, y: float) -> tuple[float, float]:
-        """Image pixel at a screen position."""
-        scale, (left, top) = self.view.scale(self, *self._room), self.view.offset(self, *self._room)
-        return (x - self.rect[0] - left) / scale, (y - self.rect[1] - top) / scale
-
-    def holds(self, x: float, y: float) -> bool:
-        """Whether a pixel is in the rectangle."""
-        left, top, width, height = self.rect
-        return left <= x < left + width and top <= y < top + height
-
-    def pan(self, dx: float, dy: float) -> None:
-        self.view = self.view.moved(dx, dy, self, *self._room)
-
-    def zoom(self, notches: float, x: float, y: float) -> None:
-        """Zoom by notches of the wheel; the image point at screen position (x, y) stays fixed."""
-        before = self.pixel(x, y)
-        self.view = self.view.zoomed(notches)
-        if self.view != ImageZoom():
-            after = self.shown(*before)
-            self.pan(x - after[0], y - after[1])
-
-    def draw(self, canvas: Canvas, image: np.ndarray) -> None:
-        """Draw the visible part into the rectangle."""
-        canvas.image(self.rect[0], self.rect[1], self.view.whole(image, self, *self._room))
 
 
 class PointsImage:
@@ -105,7 +62,7 @@ class PointsImage:
         names, shapes, colors = [], [], []
         for index in sorted(seen, key=lambda index: index != marks.chosen):
             point, chosen = marks.points[index], index == marks.chosen
-            x, y = magnifier.shown(*point.pixels[self._camera])
+            x, y = magnifier.shown(point.pixels[self._camera])
             if not magnifier.holds(x, y):
                 continue
             color = ACCENT if chosen else GOOD

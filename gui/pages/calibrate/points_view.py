@@ -10,10 +10,11 @@ from gui.drawing.areas import Box
 from gui.drawing.palette import FAIR
 from gui.models.held_out import held_out_first
 from gui.models.loop import Signal
+from gui.models.playback.image_zoom import Magnifier
 from gui.models.stages import Inputs
 from gui.models.take.workspace import Workspace, modified
 from gui.pages.calibrate.marks import TieMarks, advice, expected
-from gui.pages.calibrate.points_drawing import MOST_PICTURES, Action, Magnifier, PointsImage, Spots
+from gui.pages.calibrate.points_drawing import MOST_PICTURES, Action, PointsImage, Spots
 from gui.pages.stage_view import Size, StageView
 from pipelines.takes.stage_files import read_cameras_report
 from pipelines.takes.take import Take
@@ -154,12 +155,11 @@ class PointsView(StageView):
         if rig is not None and chosen is not None and self.camera in rig:
             guess = expected(chosen, rig[self.camera], rig)
             if guess is not None:
-                shown = [magnifier.shown(x, y) for x, y in guess]
-                if len(shown) == 1:
-                    if magnifier.holds(*shown[0]):
-                        canvas.dot(*shown[0], 0.7 * self.em, FAIR, filled=False)
-                else:
-                    canvas.line([place for place in shown if magnifier.holds(*place)] or [(-9, -9), (-9, -9)], FAIR)
+                shown = [place for place in magnifier.shown(guess) if magnifier.holds(*place)]
+                if len(guess) > 1:
+                    canvas.line(shown, FAIR)
+                elif shown:
+                    canvas.dot(shown[0][0], shown[0][1], 0.7 * self.em, FAIR, filled=False)
 
     def _buttons(self) -> list[tuple[str, Action]]:
         return [

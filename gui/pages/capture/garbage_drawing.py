@@ -1,6 +1,6 @@
 """Garbage masks drawn in the window: polygons of one camera where the performer never is."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +11,7 @@ from gui.drawing.canvas import Canvas
 from gui.drawing.palette import BAD, FAIR, GOOD
 from gui.models.history import Change
 from gui.models.loop import Signal
+from gui.models.playback.image_zoom import Magnifier
 from gui.models.take.settings import setting_value
 from gui.models.take.workspace import Workspace
 from pipelines.takes.atomic_files import disk_errors, remove
@@ -164,18 +165,12 @@ def _scale(polygons: GarbagePolygons, size: tuple[int, int]) -> np.ndarray:
     return np.ones(2) if polygons.size is None else np.array(polygons.size) / size
 
 
-def draw_garbage(
-    canvas: Canvas,
-    shown: Callable[[np.ndarray], np.ndarray],
-    polygons: GarbagePolygons | None,
-    size: tuple[int, int],
-    corners: Sequence[Point],
-) -> None:
-    """Draw a camera's polygons over its image. `shown`: from its pixels (N, 2) to those of the canvas."""
+def draw_garbage(canvas: Canvas, image: Magnifier, polygons: GarbagePolygons | None, corners: Sequence[Point]) -> None:
+    """Draw a camera's polygons over its image."""
     if polygons is not None:
-        scale = _scale(polygons, size)
+        scale = _scale(polygons, (image.width, image.height))
         fill = np.zeros(canvas.pixels.shape[:2], np.uint8)
-        places = [shown(polygon / scale) for polygon in polygons.remove]
+        places = [image.shown(polygon / scale) for polygon in polygons.remove]
         for place in places:
             cv2.fillPoly(fill, [np.rint(place).astype(np.int32)], 255)
         mixed = 0.55 * canvas.pixels + 0.45 * np.array(BAD)
@@ -183,10 +178,10 @@ def draw_garbage(
         for place in places:
             canvas.line(np.vstack([place, place[:1]]), BAD, 2)
         for polygon in polygons.keep:
-            place = shown(polygon / scale)
+            place = image.shown(polygon / scale)
             canvas.line(np.vstack([place, place[:1]]), GOOD, 2)
     if corners:
-        place = shown(np.array(corners))
+        place = image.shown(np.array(corners))
         if len(place) > 1:
             canvas.line(place, FAIR, 2)
         for x, y in place:

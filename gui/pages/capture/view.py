@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -11,6 +10,7 @@ import numpy as np
 from gui.drawing.canvas import Canvas, line_height, shortened, wrapped
 from gui.drawing.palette import ACCENT, BAD, DIM, GROUND, HELD_OUT, RAISED, TEXT
 from gui.models.held_out import held_out_first
+from gui.models.playback.image_zoom import Magnifier
 from gui.models.stages import Inputs
 from gui.models.take.inspector import Block
 from gui.models.take.page_words import in_page_words
@@ -43,8 +43,8 @@ DECODED_BYTES = 64 * 1024 * 1024
 
 
 class CaptureView(StageView):
-    """Thumbnails of all cameras, or one of them (`camera`, its image at `image_at`), with masks or without; and with
-    garbage masks, which are drawn on one camera. `footage_check` decodes all of the footage."""
+    """Thumbnails of all cameras, or one of them (`camera`; `image_at`: it, and where its image is), with masks or
+    without; and with garbage masks, which are drawn on one camera. `footage_check` decodes all of the footage."""
 
     modes = (MASKS, EVIDENCE, GARBAGE)
 
@@ -54,7 +54,7 @@ class CaptureView(StageView):
         self._reduced_of: object = None
         self.footage_check = FootageCheck()
         self.garbage = GarbageDrawing(workspace)
-        self.image_at: ImageAt | None = None
+        self.image_at: tuple[str, Magnifier] | None = None
 
     @property
     def blocks(self) -> Sequence[Block]:
@@ -133,9 +133,9 @@ class CaptureView(StageView):
                 picture = self._thumbnail(opened, name, frame, WIDEST if alone else WIDE)
                 left, top, wide, high = canvas.fit_image(x + 3, y + 3, width - 6, row - self._small - 11, picture)
                 if self.mode == GARBAGE:
-                    at = ImageAt(name, (left, top, wide, high), footage.raw_size(name))
-                    draw_garbage(canvas, at.shown, drawn.get(name), at.size, self.garbage.corners if alone else ())
-                    image_at = at if alone else None
+                    at = Magnifier(footage.raw_size(name), (left, top, wide, high))
+                    draw_garbage(canvas, at, drawn.get(name), self.garbage.corners if alone else ())
+                    image_at = (name, at) if alone else None
                 if held_out:
                     canvas.frame(left, top, wide, high, HELD_OUT)
             except StudioError as error:
@@ -165,15 +165,15 @@ class CaptureView(StageView):
 
     def click(self, x: float, y: float) -> None:
         """Add a corner to the garbage mask, if one is drawn."""
-        at = self.image_at
-        if at is not None and self.mode == GARBAGE and at.camera == self.camera:
-            self.garbage.click(at.camera, at.pixel(x, y), at.size, 0.6 * self.em / at.scale)
+        camera, at = self.image_at or ("", None)
+        if at is not None and self.mode == GARBAGE and camera == self.camera:
+            self.garbage.click(camera, at.pixel(x, y), (at.width, at.height), 0.6 * self.em / at.scale)
 
     def right_click(self, x: float, y: float) -> None:
         """Take back a corner, or delete the garbage mask under the pointer."""
-        at = self.image_at
-        if at is not None and self.mode == GARBAGE and at.camera == self.camera:
-            self.garbage.right_click(at.camera, at.pixel(x, y), at.size)
+        camera, at = self.image_at or ("", None)
+        if at is not None and self.mode == GARBAGE and camera == self.camera:
+            self.garbage.right_click(camera, at.pixel(x, y), (at.width, at.height))
 
     def check(self) -> None:
         """Decode all of the footage once and list problems, on a separate thread."""
@@ -224,29 +224,6 @@ class _Reduced:
             return (cv2.resize(whole, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA),)
 
         return self._kept.get_or_make(key, made)[0]
-
-
-@dataclass(frozen=True)
-class ImageAt:
-    """Where a camera's image is in the view: (left, top, width, height), and the image's (width, height)."""
-
-    camera: str
-    place: tuple[float, float, float, float]
-    size: tuple[int, int]
-
-    @property
-    def scale(self) -> float:
-        """Pixels of the view per pixel of the image."""
-        return self.place[2] / self.size[0]
-
-    def pixel(self, x: float, y: float) -> tuple[float, float]:
-        """The pixel of the image at one of the view."""
-        left, top, _, _ = self.place
-        return (x - left) / self.scale, (y - top) / self.scale
-
-    def shown(self, points: np.ndarray) -> np.ndarray:
-        """Pixels of the view of pixels (N, 2) of the image."""
-        return np.asarray(points) * self.scale + self.place[:2]
 
 
 def _footage(context: Inputs, rig: Rig | None) -> Footage:

@@ -41,23 +41,23 @@ def test_a_click_marks_where_the_picture_is_clicked(stage_view: PointsView) -> N
     before = picture(stage_view)
     stage_view.snaps = False
     magnifier = stage_view.magnifiers[stage_view.camera]
-    stage_view.click(*magnifier.shown(30.0, 20.0))
+    stage_view.click(*magnifier.shown((30.0, 20.0)))
     (point,) = read_tie_points(stage_view.path)
     assert point.pixels[stage_view.camera] == pytest.approx((30.0, 20.0), abs=0.02)
     assert point.frame == 0
-    x, y = map(round, magnifier.shown(30.0, 20.0))
+    x, y = map(round, magnifier.shown((30.0, 20.0)))
     assert not is_close(before[y, x + 6], ACCENT)
     after = picture(stage_view)
     for dx, dy in ((6, 0), (-6, 0), (0, 6), (0, -6)):  # the arms of the cross; its center is open
         assert is_close(after[y + dy, x + dx], ACCENT)
     assert not is_close(after[y, x], ACCENT)
-    stage_view.click(*magnifier.shown(40.0, 25.0))  # the same point, moved
+    stage_view.click(*magnifier.shown((40.0, 25.0)))  # the same point, moved
     (point,) = read_tie_points(stage_view.path)
     assert point.pixels[stage_view.camera] == pytest.approx((40.0, 25.0), abs=0.02)
     first = stage_view.camera
     stage_view.step_camera(1)
     picture(stage_view)
-    stage_view.click(*stage_view.magnifiers[stage_view.camera].shown(10.0, 12.0))
+    stage_view.click(*stage_view.magnifiers[stage_view.camera].shown((10.0, 12.0)))
     assert stage_view.camera != first
     assert set(read_tie_points(stage_view.path)[0].pixels) == {first, stage_view.camera}
     stage_view.unmark()
@@ -85,7 +85,7 @@ def test_where_the_other_cameras_expect_it(stage_view: PointsView, take_copy: Pa
         stage_view.marks.mark(name, *pixels[name], 0)
     stage_view.show_camera(names[2])
     shown = picture(stage_view)
-    x, y = stage_view.magnifiers[names[2]].shown(*pixels[names[2]])
+    x, y = stage_view.magnifiers[names[2]].shown(pixels[names[2]])
     radius = 0.7 * stage_view.em
     for dx, dy in ((radius, 0), (-radius, 0), (0, radius), (0, -radius)):  # a ring at the expected position
         assert is_close(shown[round(y + dy), round(x + dx)], FAIR)
@@ -131,7 +131,7 @@ def test_another_take_with_the_same_cameras(
     raw = stage_view.workspace.context.footage.raw
     magnifier = stage_view.magnifiers[camera]
     assert (magnifier.width, magnifier.height) == raw.raw_size(camera)
-    x, y = map(round, magnifier.shown(10.0, 10.0))
+    x, y = map(round, magnifier.shown((10.0, 10.0)))
     assert np.abs(after[y, x] - raw.raw_image(camera, 0)[10, 10].astype(int)).max() < 30
 
 

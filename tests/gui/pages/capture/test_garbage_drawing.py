@@ -40,10 +40,9 @@ def picture(views: StageViews) -> np.ndarray:
 
 
 def clicked(views: StageViews, points: tuple[tuple[float, float], ...], act: Callable[[float, float], None]) -> None:
-    image = views.capture.image_at
-    left, top, width, _ = image.place
-    for x, y in points:
-        act(left + x * width / 64, top + y * width / 64)
+    _, image = views.capture.image_at
+    for point in points:
+        act(*image.shown(point))
 
 
 def masks(take: Path) -> dict[str, np.ndarray]:
