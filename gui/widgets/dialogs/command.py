@@ -15,9 +15,6 @@ WIDTH = 42  # width of the list, em
 
 KEYS = "Up and Down select, Enter runs, Escape closes."
 
-ABOVE, AROUND = 2.8, 1.0
-"""From the field to the top of the dialog, and from what is in the dialog to its other edges, em."""
-
 _CODES = {UP: -1, DOWN: 1, PAGE_UP: -ROWS, PAGE_DOWN: ROWS}  # rows by the X key code
 
 
@@ -28,8 +25,6 @@ class CommandDialog:
         self._dialogs, self._run = dialogs, run
         self._commands: Sequence[Command] = ()
         self._list = CommandList(())
-        self._typed = ""
-        self._searched: str | None = None
         self._drawn: object = None
         self._picture: ImagePanel | None = None
         self._hint = gui.Label("")
@@ -39,7 +34,7 @@ class CommandDialog:
 
     def show(self, commands: Sequence[Command]) -> None:
         dialogs = self._dialogs
-        self._commands, self._typed, self._searched, self._drawn = commands, "", None, None
+        self._commands, self._list, self._drawn = commands, CommandList(commands), None
         self._pressed, self._moved = None, set()
         edit = gui.TextEdit()
         edit.placeholder_text = "type part of a command"
@@ -57,15 +52,13 @@ class CommandDialog:
         dialogs.lay_out()
 
     def _type(self, text: str) -> None:
-        self._typed = text  # shown at the next tick: the toolkit tells of typing while it draws
+        # shown at the next tick: the toolkit tells of typing while it draws
+        self._list = CommandList(search(self._commands, text))
 
     def update(self) -> bool:
         """Show what was typed and selected; returns whether anything changed. Call at each tick."""
         if self._picture is None:
             return False
-        if self._typed != self._searched:
-            self._searched = self._typed
-            self._list = CommandList(search(self._commands, self._typed))
         self._dialogs.lines = [command.words for command in self._list.found]
         if self._list == self._drawn:
             return False
@@ -80,20 +73,6 @@ class CommandDialog:
         if self._dialogs.name != NAME:
             self._picture = None
         return self.update()
-
-    def press(self, button: int, x: int, y: int) -> bool:
-        """A mouse button is pressed at a position in the window, pixels, while a dialog is open; returns whether that
-        closed this one: a click outside of it does."""
-        if self._dialogs.name != NAME or button not in (1, 2, 3) or self._dialogs.focusing:
-            return False
-        frames = [widget.frame for widget in self._dialogs.widgets.values()]
-        em, top = self._dialogs.em, min(frame.y for frame in frames)
-        left, right = min(frame.x for frame in frames), max(frame.x + frame.width for frame in frames)
-        bottom = max(frame.y + frame.height for frame in frames)
-        inside = left - AROUND * em <= x < right + AROUND * em and top - ABOVE * em <= y < bottom + AROUND * em
-        if not inside:
-            self._dialogs.close()
-        return not inside
 
     def _key(self, event: gui.KeyEvent) -> bool:
         """The field keeps the presses of keys for itself, so a release counts whose press was not reported."""
@@ -135,7 +114,6 @@ class CommandDialog:
 
     def _enter(self) -> None:
         """Run the selected command. One that is not possible now stays, with its reason."""
-        self.update()
         command = self._list.selected
         if command is None or command.reason:
             return
