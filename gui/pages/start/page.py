@@ -25,20 +25,14 @@ class _Request:
     sizes: Sizes | None = None
 
 
-@dataclass(frozen=True)
-class _Facts:
-    """What was found: a card, unless nothing has changed; or an image."""
-
-    stamp: object = None
-    card: Card | None = None
-    picture: np.ndarray | None = None
+_Facts = tuple[object, Card | None] | np.ndarray | None  # a stamp, and a card unless nothing has changed; or an image
 
 
 def _look(request: _Request) -> _Facts:
     if request.picture:
-        return _Facts(picture=thumbnail(request.place))
+        return thumbnail(request.place)
     stamp = "web" if is_address(request.place) else fingerprint(request.place)
-    return _Facts(stamp) if stamp == request.known else _Facts(stamp, describe(request.place, request.sizes))
+    return stamp, None if stamp == request.known else describe(request.place, request.sizes)
 
 
 class StartPage:
@@ -78,14 +72,14 @@ class StartPage:
         self._asked = None
         place, facts = done.request.place, done.result
         if place in self.places:
-            if done.request.picture:
-                self.pictures[place] = facts.picture if facts is not None else None
-            elif facts is None:
+            if isinstance(facts, tuple):
+                self._stamps[place], card = facts
+                self.cards[place] = card or self.cards[place]
+            elif done.request.picture:
+                self.pictures[place] = facts
+            else:
                 self._stamps[place] = "failed"
                 self.cards[place] = Card(place, "damaged", f"cannot be read: {done.error}", "failed")
-            else:
-                self._stamps[place] = facts.stamp
-                self.cards[place] = facts.card or self.cards[place]
             self.changed.emit()
         self.look(self.places)
 
