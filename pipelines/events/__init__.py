@@ -11,7 +11,7 @@ import re
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields
-from typing import Any, ClassVar, Self, TypeAlias, get_args
+from typing import Any, ClassVar, Self, TypeAlias
 
 from studio.errors import Message, StudioError
 from studio.json_types import JsonData, JsonObject
@@ -182,24 +182,10 @@ class Finished(Notice):
     result: Mapping[str, JsonData] = field(default_factory=dict)
 
 
-AnyEvent: TypeAlias = (
-    RunStarted
-    | StageStarted
-    | Progress
-    | Metrics
-    | GroupState
-    | Preview
-    | Log
-    | Serving
-    | Warned
-    | StageFinished
-    | StageFailed
-    | Finished
-)
 Emit: TypeAlias = Callable[[Event], None]
 
-_KINDS: dict[str, type[Event]] = {kind.kind: kind for kind in get_args(AnyEvent)}
-
+_EVENTS = [kind for kind in (*Event.__subclasses__(), *Notice.__subclasses__()) if kind is not Notice]
+KINDS: dict[str, type[Event]] = {kind.kind: kind for kind in _EVENTS}
 
 _SURROGATE = re.compile("[\ud800-\udfff]")
 _START = '{"event":'
@@ -234,7 +220,7 @@ def read_line(line: bytes | str) -> tuple[Event | None, str]:
 def _event_of(values: Any) -> Event:
     """Raises ValueError if the values are not those of an event."""
     try:
-        cls = _KINDS[values.pop("event")]
+        cls = KINDS[values.pop("event")]
         known = {f.name for f in fields(cls)}
         kept: JsonObject = {name: tuple(v) if isinstance(v, list) else v for name, v in values.items() if name in known}
         if issubclass(cls, Notice) and cls is not Finished:
