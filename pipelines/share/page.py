@@ -138,7 +138,7 @@ def preview_tags(text: PageText, poster: str | None, size: tuple[int, int]) -> l
 def first_files(manifest: bytes) -> list[str]:
     """Paths of the files with which a player begins: the first group in the rendition of the lowest bandwidth.
 
-    None for streams of the profile `planes`, and for what is not a manifest: the player reports what is damaged.
+    None of a stream of the profile `planes`, nor of what is not a manifest: the player reports what is damaged.
     """
     try:
         values = parse_json(manifest)

@@ -153,30 +153,27 @@ def listen(host: str, port: int) -> socket.socket:
         raise StudioError("serve.cannot_bind", problem, value=host, fix=fix, option="--host", port=port) from None
 
 
-def server_config(app: ASGIApp, certificate: Certificate | None, **options: Any) -> uvicorn.Config:
-    """What uvicorn is to do for a `BoundedServer`. `certificate`: None for http."""
-    config = uvicorn.Config(
-        app,
-        server_header=False,
-        http="h11",
-        log_level="warning",
-        lifespan="off",
-        timeout_graceful_shutdown=_SHUTDOWN_SECONDS,
-        **options,
-    )
-    if certificate is not None:
-        config.load()
-        config.ssl = certificate.context
-    return config
-
-
 class BoundedServer(uvicorn.Server):
-    """Serves on listening sockets within limits. `config`: of uvicorn; `lifespan` must be off."""
+    """Serves an application on listening sockets within limits. `certificate`: None for http; `options`: of uvicorn."""
 
-    def __init__(self, config: uvicorn.Config, limits: Limits | None = None) -> None:
-        config.timeout_keep_alive = (limits or Limits()).idle  # type: ignore[assignment]
-        super().__init__(config)
+    def __init__(
+        self, app: ASGIApp, certificate: Certificate | None = None, limits: Limits | None = None, **options: Any
+    ) -> None:
         self.limits = limits or Limits()
+        config = uvicorn.Config(
+            app,
+            server_header=False,
+            http="h11",
+            log_level="warning",
+            lifespan="off",
+            timeout_keep_alive=self.limits.idle,  # type: ignore[arg-type]
+            timeout_graceful_shutdown=_SHUTDOWN_SECONDS,
+            **options,
+        )
+        if certificate is not None:
+            config.load()
+            config.ssl = certificate.context
+        super().__init__(config)
         self.open = 0
         self._refusing = 0
         self._tasks: set[asyncio.Task[None]] = set()

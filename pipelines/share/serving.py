@@ -16,7 +16,7 @@ from pipelines.share.certificates import Certificate, make_certificate
 from pipelines.share.page import PageText
 from pipelines.share.player_files import PlayerFiles, read_player
 from pipelines.share.served import find_reviews, find_streams
-from pipelines.share.server import BoundedServer, listen, server_config
+from pipelines.share.server import BoundedServer, listen
 from pipelines.share.web_app import Reviews, build_app
 from studio.errors import StudioError
 
@@ -74,7 +74,7 @@ class Serving:
         self.certificate = certificate
         names = (*own_names(), *allow_hosts)
         app = build_app(streams, player, reviews, secret, names, allow_origins, text)
-        self.server = BoundedServer(server_config(app, certificate, **options))
+        self.server = BoundedServer(app, certificate, **options)
         self._sock = listen(host, port)
         scheme = "http" if certificate is None else "https"
         roots = [f"{scheme}://{name}:{self._sock.getsockname()[1]}" for name in hosts]

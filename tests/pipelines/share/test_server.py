@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-import uvicorn
 
 from pipelines.share.server import BoundedLog, BoundedServer, Limits, listen
 from pipelines.share.web_app import build_app, is_allowed, usable_range
@@ -29,7 +28,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def bounded(folder: Path, limits: Limits, **options: object) -> Iterator[tuple[int, BoundedServer]]:
     with listen("127.0.0.1", 0) as sock:
         app = build_app({"/": folder}, **options)  # type: ignore[arg-type]
-        server = BoundedServer(uvicorn.Config(app, log_level="error", lifespan="off", http="h11"), limits)
+        server = BoundedServer(app, limits=limits)
         thread = threading.Thread(target=server.run, kwargs={"sockets": [sock]})
         thread.start()
         try:
