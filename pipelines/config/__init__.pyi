@@ -1,8 +1,4 @@
 from .config import Config as Config
-from .config import EvaluateSettings as EvaluateSettings
-from .config import GroupSettings as GroupSettings
-from .config import RunSettings as RunSettings
-from .config import TrainStageSettings as TrainStageSettings
 from .description import describe as describe
 from .loading import dump_config as dump_config
 from .loading import load_config as load_config

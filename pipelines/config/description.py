@@ -14,10 +14,10 @@ from studio.yaml_text import inline_yaml
 _WIDTH = 110
 
 
-def describe(config: Config | None = None, names: Collection[str] | None = None) -> str:
+def describe(config: Config, names: Collection[str] | None = None) -> str:
     """YAML of a configuration, or of some settings by `names`, each below its documentation and bounds."""
     title = [] if names is not None else ["# All settings. Those missing from a file have their defaults.", ""]
-    return "\n".join([*title, *_section(config or Config(), "", names)]).rstrip() + "\n"
+    return "\n".join([*title, *_section(config, "", names)]).rstrip() + "\n"
 
 
 def allowed_values(field: FieldInfo) -> str:
