@@ -201,7 +201,7 @@ class Footage:
         paths += self.mask_source.files()
         if self._exact_mask_source is not None:
             paths += self._exact_mask_source.files()
-        return paths if self._garbage is None else paths + self._garbage.files()
+        return paths if self._garbage is None else paths + self._garbage.files
 
     def close(self) -> None:
         """Close all video decoders. The next read opens them again."""

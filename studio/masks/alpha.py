@@ -3,7 +3,7 @@
 import numpy as np
 
 from studio.errors import StudioError
-from studio.masks.mask_source import MaskInputs, MaskSource
+from studio.masks.mask_source import MaskInputs, MaskSource, evenly_spaced
 
 _SAMPLED_CAMERAS = 4
 
@@ -38,6 +38,5 @@ def open_alpha(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | N
 
 def _is_opaque(inputs: MaskInputs) -> bool:
     """Whether nothing is transparent in the first image of some cameras: many programs write such a channel."""
-    names = inputs.names[:: -(-len(inputs.names) // _SAMPLED_CAMERAS)]
-    first = (inputs.sources[name] for name in names)
-    return all(source.read(source.frames[0])[:, :, 3].min() == 255 for source in first)
+    some = (inputs.sources[name] for name in evenly_spaced(inputs.names, _SAMPLED_CAMERAS))
+    return all(source.read(source.frames[0])[:, :, 3].min() == 255 for source in some)

@@ -13,7 +13,7 @@ from studio.capture.settings import DifferenceSettings
 from studio.masks.clean_plate import edge_reach, noise_of, solve_edges
 from studio.masks.despill import despill
 from studio.masks.filters import brightness, enlarged, guided_filter, keep_components, masked_mean, reduced
-from studio.masks.mask_source import MaskInputs, MaskSource
+from studio.masks.mask_source import MaskInputs, MaskSource, evenly_spaced
 from studio.masks.screen_color import Screen, find_screen
 from studio.memory_cache import MemoryCache
 
@@ -64,7 +64,7 @@ def _binary(image: np.ndarray, screen: Screen, settings: DifferenceSettings, ins
     evidence = key_evidence(image, screen, settings)
     if inside is not None:
         evidence[~inside] = -4.0
-    smooth = guided_filter(brightness(image), evidence, radius=2, epsilon=4e-4)
+    smooth = guided_filter(brightness(image), evidence, radius=2)
     mask = (smooth > 0.0).astype(np.uint8)
     return keep_components(mask, settings.mask_components, int(1e-4 * mask.size), core=evidence > 4.0)
 
@@ -123,8 +123,7 @@ class ChromaMaskSource(MaskSource):
 
     def _find(self, camera: str) -> Screen:
         frames, key = self._inputs.sources[camera].frames, self._inputs.spec.key_color
-        chosen = sorted({round(place) for place in np.linspace(0, len(frames) - 1, SAMPLES)})
-        images = [self._inputs.image(camera, frames[index]) for index in chosen]
+        images = [self._inputs.image(camera, frame) for frame in evenly_spaced(frames, SAMPLES)]
         return find_screen(images, camera, None if isinstance(key, str) else key)
 
     def mask(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:

@@ -201,7 +201,7 @@ def foreground_mask(image: np.ndarray, behind: Background, settings: DifferenceS
             colored = color_bins(image, _COLOR_BINS)
             table = color_table(colored[sure], colored[empty], _COLOR_BINS)
             evidence += 0.7 * np.clip(table, -3.0, 3.0).reshape(-1)[colored]
-    smooth = guided_filter(brightness(image), evidence, radius=3, epsilon=4e-4)
+    smooth = guided_filter(brightness(image), evidence, radius=3)
     mask = (smooth > 0.0).astype(np.uint8)
     minimum = int(1e-4 * mask.size)
     mask = keep_components(mask, settings.mask_components, minimum, core=sure, likeness=ratio)

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+_FLAT = 4e-4  # variance of a gray guide in 0..1 below which `guided_filter` takes it for flat
+
 
 def reduced(image: np.ndarray, side: int) -> np.ndarray:
     """An image (H, W, ...) that is at most `side` pixels long, of the same aspect ratio; itself if it is smaller."""
@@ -23,11 +25,9 @@ def enlarged(mask: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     return (larger > 0.5).astype(np.uint8)
 
 
-def guided_filter(guide: np.ndarray, values: np.ndarray, radius: int, epsilon: float) -> np.ndarray:
+def guided_filter(guide: np.ndarray, values: np.ndarray, radius: int) -> np.ndarray:
     """Edge-preserving smoothing of `values` (H, W) float32 (He, Sun and Tang, "Guided Image Filtering", ECCV 2010; gray
-    guide, (H, W) float32 in 0..1). Windows are 2 `radius` + 1 pixels wide. `epsilon`: variance of the guide below which
-    it is considered flat.
-    """
+    guide, (H, W) float32 in 0..1). Windows are 2 `radius` + 1 pixels wide."""
     import cv2
 
     size = (2 * radius + 1, 2 * radius + 1)
@@ -36,7 +36,7 @@ def guided_filter(guide: np.ndarray, values: np.ndarray, radius: int, epsilon: f
         return cv2.boxFilter(array, -1, size)
 
     mean_guide, mean_values = mean(guide), mean(values)
-    slope = (mean(guide * values) - mean_guide * mean_values) / (mean(guide * guide) - mean_guide**2 + epsilon)
+    slope = (mean(guide * values) - mean_guide * mean_values) / (mean(guide * guide) - mean_guide**2 + _FLAT)
     offset = mean_values - slope * mean_guide
     return mean(slope) * guide + mean(offset)
 

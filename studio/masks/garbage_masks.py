@@ -16,44 +16,30 @@ from studio.masks.mask_source import GarbageMasks
 from studio.storage import whole_files
 
 
-class DrawnGarbageMasks:
-    """Polygons of a file, by camera; without any, the whole image is kept. Raises StudioError."""
+def _drawn(path: Path, polygons: Mapping[str, GarbagePolygons]) -> GarbageMasks:
+    """Polygons of a file, by camera; without any, the whole image is kept."""
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self.polygons: dict[str, GarbagePolygons] = read_garbage_polygons(path)
+    def inside(camera: str, frame: int, image: np.ndarray) -> np.ndarray | None:
+        return polygons[camera].inside(image.shape[1], image.shape[0]) if camera in polygons else None
 
-    def inside(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray | None:
-        drawn = self.polygons.get(camera)
-        return None if drawn is None else drawn.inside(image.shape[1], image.shape[0])
-
-    def files(self) -> list[Path]:
-        return [self._path]
+    return GarbageMasks(inside, [path])
 
 
-class GarbageImages:
+def _images(matches: list[Match], pool: DecoderPool, offsets: Mapping[str, int]) -> GarbageMasks:
     """One image per camera, which applies to all frames, or per camera and frame; black excludes. Cameras without a
     garbage mask keep the whole image. `offsets`, as in `CaptureSettings`, apply to files with a frame number and to
-    videos. Raises StudioError: a file cannot be opened."""
+    videos. StudioError, also of `inside`: a file cannot be read, `mask.aspect_ratio`, or `footage.no_such_frame`."""
+    cameras = {match.camera for match in matches}
+    still = {
+        match.camera for match in matches if match.frame is None and match.path.suffix.lower() not in VIDEO_EXTENSIONS
+    }
+    moving = {camera: offset for camera, offset in offsets.items() if camera not in still}
+    source = FileMaskSource(make_sources(matches, pool, moving, "srgb", "auto"))
 
-    def __init__(self, matches: list[Match], pool: DecoderPool, offsets: Mapping[str, int]) -> None:
-        self._cameras = {match.camera for match in matches}
-        self._still = {
-            match.camera
-            for match in matches
-            if match.frame is None and match.path.suffix.lower() not in VIDEO_EXTENSIONS
-        }
-        moving = {camera: offset for camera, offset in offsets.items() if camera not in self._still}
-        self._mask_source = FileMaskSource(make_sources(matches, pool, moving, "srgb", "auto"))
+    def inside(camera: str, frame: int, image: np.ndarray) -> np.ndarray | None:
+        return source.mask(camera, 0 if camera in still else frame, image) > 127 if camera in cameras else None
 
-    def inside(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray | None:
-        """See `GarbageMasks`. StudioError: the file cannot be read, `mask.aspect_ratio`, or `footage.no_such_frame`."""
-        if camera not in self._cameras:
-            return None
-        return self._mask_source.mask(camera, 0 if camera in self._still else frame, image) > 127
-
-    def files(self) -> list[Path]:
-        return self._mask_source.files()
+    return GarbageMasks(inside, source.files())
 
 
 def garbage_masks(spec: CaptureSettings, names: tuple[str, ...], pool: DecoderPool) -> GarbageMasks | None:
@@ -63,15 +49,15 @@ def garbage_masks(spec: CaptureSettings, names: tuple[str, ...], pool: DecoderPo
     value, setting = spec.garbage_masks, "capture.garbage_masks"
     if Path(value).suffix.lower() in EXTENSIONS:
         path = whole_files([spec.root / Path(value).expanduser()])[0]
-        found = DrawnGarbageMasks(path)
-        unknown = [camera for camera in found.polygons if camera not in names]
-        if unknown and not (spec.cameras and len(unknown) < len(found.polygons)):  # others may be left out on purpose
+        polygons = read_garbage_polygons(path)
+        unknown = [camera for camera in polygons if camera not in names]
+        if unknown and not (spec.cameras and len(unknown) < len(polygons)):  # others may be left out on purpose
             near = difflib.get_close_matches(unknown[0], names, n=1, cutoff=0.5)
             problem = f"the footage has no camera '{unknown[0]}'"
             fix = (f"Did you mean '{near[0]}'? " if near else "") + f"Cameras: {', '.join(names)}."
             raise StudioError("mask.garbage_file", problem, file=path, value=unknown[0], fix=fix, setting=setting)
-        return found
+        return _drawn(path, polygons)
     problem = f"no garbage mask of the footage's cameras matches the pattern '{value}'"
     fix = "Check capture.garbage_masks."
     none = StudioError("mask.garbage_not_found", problem, file=spec.root, value=value, fix=fix, setting=setting)
-    return GarbageImages(matching(spec.root, value, names, none), pool, spec.offsets)
+    return _images(matching(spec.root, value, names, none), pool, spec.offsets)

@@ -12,7 +12,7 @@ from studio.capture.patterns import VIDEO_EXTENSIONS, Match, find_files, number_
 from studio.capture.settings import CaptureSettings
 from studio.counts import cameras_listed, plural
 from studio.errors import Message, StudioError
-from studio.masks.mask_source import MaskInputs, MaskSource
+from studio.masks.mask_source import MaskInputs, MaskSource, evenly_spaced
 from studio.masks.mask_values import INVERTED, LOSSY, MaskValues, mask_channel, read_mask_values, values_in
 from studio.yaml_text import inline_yaml
 
@@ -57,8 +57,7 @@ class FileMaskSource:
     @property
     def sampled(self) -> dict[str, MaskValues]:
         """The values of some of the cameras."""
-        names = self.cameras[:: -(-len(self.cameras) // _SAMPLED_CAMERAS)]
-        return {name: self.values(name) for name in names}
+        return {name: self.values(name) for name in evenly_spaced(self.cameras, _SAMPLED_CAMERAS)}
 
     @property
     def warnings(self) -> list[Message]:

@@ -8,7 +8,7 @@ can choose are listed in `studio.masks.sources`.
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
@@ -16,6 +16,8 @@ from studio.cameras import Camera
 from studio.capture.frame_sources import DecoderPool, FrameSource
 from studio.capture.settings import CaptureSettings
 from studio.errors import Message, StudioError
+
+Item = TypeVar("Item")
 
 
 @runtime_checkable
@@ -67,20 +69,29 @@ class OfSomeCameras(Protocol):
         """Names of the cameras with masks, which may include unused ones; None: all."""
 
 
+def evenly_spaced(items: Sequence[Item], count: int) -> list[Item]:
+    """Up to `count` of the items, with the first and the last."""
+    places = range(len(items)) if len(items) <= count else np.linspace(0, len(items) - 1, count)
+    return [items[round(place)] for place in places]
+
+
 def masked_cameras(source: MaskSource, names: Sequence[str]) -> tuple[str, ...]:
     """Those of the cameras that a source has masks of."""
     masked = source.cameras if isinstance(source, OfSomeCameras) else None
     return tuple(name for name in names if masked is None or name in masked)
 
 
-class GarbageMasks(Protocol):
-    """Where the performer may be, see `studio.masks.garbage_masks`."""
+@dataclass(frozen=True)
+class GarbageMasks:
+    """Where the performer may be, see `studio.masks.garbage_masks`.
 
-    def inside(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray | None:
-        """(H, W) bool, where the performer may be in the raw `image` (H, W, ...); None: everywhere."""
+    Attributes:
+        inside: for camera, frame and raw image (H, W, ...): (H, W) bool; None: everywhere. Raises StudioError.
+        files: from which they are read.
+    """
 
-    def files(self) -> list[Path]:
-        """The files from which they are read."""
+    inside: Callable[[str, int, np.ndarray], np.ndarray | None]
+    files: list[Path]
 
 
 @dataclass(frozen=True)

@@ -3,16 +3,12 @@
 import inspect
 import traceback
 from collections.abc import Collection, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Protocol, Self
 
 import numpy as np
 
 from studio.errors import Cancelled, StudioError
-from studio.masks.filters import keep_components
-from studio.masks.mask_cache import MaskCache
-from studio.masks.mask_source import GarbageMasks
 
 
 class MaskFunction(Protocol):
@@ -39,14 +35,8 @@ class FunctionMaskSource:
         name: name of the function in errors; None: its own.
         files: files that the function depends on besides its source file, such as those it reads; a take becomes stale
             when they change.
-        cache: disk cache of the masks; None: no cache.
-        components: maximum number of connected components, largest first; None: no limit.
-        garbage: where the performer may be; None: everywhere.
-        cameras: see the attribute.
-
-    Attributes:
-        cameras: names of the cameras that the function has masks of; None: all. Others are not used, or if held out,
-            not measured.
+        cameras: names of the cameras that the function has masks of, an attribute as well; None: all. Others are not
+            used, or if held out, not measured.
     """
 
     def __init__(
@@ -55,17 +45,11 @@ class FunctionMaskSource:
         name: str | None = None,
         *,
         files: Sequence[Path | str] = (),
-        cache: MaskCache | None = None,
-        components: int | None = None,
-        garbage: GarbageMasks | None = None,
         cameras: Collection[str] | None = None,
     ) -> None:
         self.cameras = cameras
         self._name = name
         self._files = [Path(file) for file in files]
-        self._cache = cache
-        self._components = components
-        self._garbage = garbage
         if function is not None:
             self(function)
 
@@ -85,17 +69,6 @@ class FunctionMaskSource:
                 `mask.function_output`: it did not return a mask of the image's size in 0..1.
         """
         image = np.ascontiguousarray(image[:, :, :3])
-        make = partial(self._compute, camera, frame, image)
-        mask = make() if self._cache is None else self._cache.get_or_make(image, make)
-        inside = self._garbage.inside(camera, frame, image) if self._garbage is not None else None
-        if inside is not None:
-            mask = mask * inside.astype(np.uint8)
-        return _largest(mask, self._components) if self._components else mask
-
-    def files(self) -> list[Path]:
-        return self._files + (self._garbage.files() if self._garbage is not None else [])
-
-    def _compute(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
         where, file = f"{self._name}, camera '{camera}', frame {frame}", self._files[0] if self._files else None
         try:
             values = np.asarray(self._function(image, camera, frame))
@@ -127,6 +100,9 @@ class FunctionMaskSource:
             raise StudioError("mask.function_output", problem, file=file, value=found, camera=camera, frame=frame)
         return values if values.dtype == np.uint8 else np.rint(255 * np.clip(values, 0.0, 1.0)).astype(np.uint8)
 
+    def files(self) -> list[Path]:
+        return list(self._files)
+
 
 def _source_files(function: object) -> list[Path]:
     """The file that defines a function; none for one that was typed in."""
@@ -135,16 +111,3 @@ def _source_files(function: object) -> list[Path]:
     except TypeError:  # an object that can be called
         return []
     return [Path(file)] if file is not None and Path(file).is_file() else []
-
-
-def _largest(mask: np.ndarray, components: int) -> np.ndarray:
-    """A soft mask reduced to its largest components, including their soft edges."""
-    import cv2
-
-    solid = mask > 127
-    kept = keep_components(solid, components, 0)
-    reach = max(4, round(0.005 * max(mask.shape)))
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
-    gone = solid & (kept == 0)
-    around = cv2.dilate(kept, disc) > 0
-    return np.where(around & ~gone, mask, 0).astype(np.uint8)

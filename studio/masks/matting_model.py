@@ -12,9 +12,9 @@ import numpy as np
 from studio.capture.digest import digest_files
 from studio.capture.settings import ModelKind
 from studio.errors import StudioError
-from studio.masks.mask_cache import MaskCache
+from studio.masks.filters import keep_components
+from studio.masks.mask_cache import cached_mask
 from studio.masks.mask_source import MaskInputs, MaskSource
-from studio.masks.matting_function import FunctionMaskSource
 from studio.storage import whole_files
 
 STRIDE = 32  # image sides must be multiples of this: networks downsample up to five times by 2
@@ -43,7 +43,7 @@ KINDS: dict[ModelKind, Kind] = {  # as in the code that the models' authors publ
 
 
 class MattingModel:
-    """A matting function. The file is loaded with the first image. Thread safe.
+    """A matting model. The file is loaded with the first image. Thread safe.
 
     An ONNX model must have one float input, 1 x 3 x height x width, RGB. Its mask is the first output with one channel
     and two spatial dimensions above 1.
@@ -76,7 +76,7 @@ class MattingModel:
         external = [self._given.with_name(self._given.name + ending) for ending in ("_data", ".data")]
         return [self._given, *(path for path in external if path.is_file())]
 
-    def __call__(self, image: np.ndarray, camera: str = "", frame: int = 0, /) -> np.ndarray:
+    def __call__(self, image: np.ndarray) -> np.ndarray:
         """(H, W) float32 mask in 0..1 of (H, W, 3) uint8 RGB. Raises StudioError: `mask.model_*`, `mask.no_cuda`."""
         import cv2
 
@@ -98,7 +98,7 @@ class MattingModel:
             raise StudioError("mask.model_outputs", problem, file=self.path, value=shapes, setting="capture.mask_model")
         mask = np.ascontiguousarray(mask, np.float32)
         if self.kind.logits:
-            return (1.0 / (1.0 + np.exp(-np.clip(mask, -60.0, 60.0)))).astype(np.float32)
+            mask = 1.0 / (1.0 + np.exp(-np.clip(mask, -60.0, 60.0)))
         low, high = float(mask.min()), float(mask.max())
         if not (low >= -0.01 and high <= 1.01):  # NaN too
             problem = f"the matting model returns values from {low:.3g} to {high:.3g}, outside 0 to 1"
@@ -257,15 +257,47 @@ def load_model(inputs: MaskInputs) -> MattingModel:
     return MattingModel(spec.root / Path(file).expanduser(), kind, device=inputs.device, threads=inputs.threads)
 
 
+class ModelMaskSource(MaskSource):
+    """A `MaskSource` that runs a model. Its masks are cached on the disk, if there is a folder for that."""
+
+    def __init__(self, inputs: MaskInputs, model: MattingModel) -> None:
+        self._inputs, self._model, files = inputs, model, model.files()
+        # the device is not part of the recipe, because masks do not depend on it
+        cached = inputs.cache_folder is not None
+        self._recipe = f"{digest_files(files[0].parent, files)} {model.kind}" if cached else ""
+
+    def mask(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
+        """See `MaskSource`. Raises StudioError as `MattingModel`."""
+        image = np.ascontiguousarray(image[:, :, :3])
+
+        def make() -> np.ndarray:
+            return np.rint(255 * np.clip(self._model(image), 0.0, 1.0)).astype(np.uint8)
+
+        mask = cached_mask(self._inputs.cache_folder, self._recipe, image, make)
+        inside = self._inputs.inside(camera, frame, image)
+        if inside is not None:
+            mask = mask * inside.astype(np.uint8)
+        components = self._inputs.spec.mask_components
+        return largest_components(mask, components) if components else mask
+
+    def files(self) -> list[Path]:
+        return self._model.files()
+
+
+def largest_components(mask: np.ndarray, components: int) -> np.ndarray:
+    """A soft mask reduced to its largest components, including their soft edges."""
+    import cv2
+
+    solid = mask > 127
+    kept = keep_components(solid, components, 0)
+    reach = max(4, round(0.005 * max(mask.shape)))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+    gone = solid & (kept == 0)
+    around = cv2.dilate(kept, disc) > 0
+    return np.where(around & ~gone, mask, 0).astype(np.uint8)
+
+
 def open_model(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str]:
     """Masks from a model: see `studio.masks.sources`. Raises StudioError as `load_model`."""
     model = load_model(inputs)
-    files, cache = model.files(), None
-    if inputs.cache_folder is not None:
-        # the device is not part of the recipe, because masks do not depend on it
-        recipe = f"{digest_files(files[0].parent, files)} {model.kind}"
-        cache = MaskCache(inputs.cache_folder / "masks", recipe)
-    source = FunctionMaskSource(
-        model, "matting model", files=files, cache=cache, components=inputs.spec.mask_components, garbage=inputs.garbage
-    )
-    return source, f"matting model {files[0].name}"
+    return ModelMaskSource(inputs, model), f"matting model {model.files()[0].name}"

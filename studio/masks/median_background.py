@@ -21,9 +21,11 @@ from studio.atomic_files import atomic_path
 from studio.capture.settings import DifferenceSettings
 from studio.masks.clean_plate import Background, difference_evidence
 from studio.masks.filters import color_bins, color_table, guided_filter, odds_of_colors, reduced
+from studio.masks.mask_source import evenly_spaced
 from studio.memory_cache import MemoryCache
 
 _SIDE = 480  # longest side while estimating
+_SAMPLES = 40  # most frames that are looked at
 _BINS = 24  # of colors, per channel
 _SLOTS = 7  # full-size samples per pixel for the median
 _KEPT_BYTES = 2 << 30
@@ -35,22 +37,20 @@ def background_cache() -> MemoryCache[str, Background]:
     return MemoryCache(_KEPT_BYTES, lambda behind: behind.nbytes, least=1)
 
 
-def median_plate(images: Callable[[int], np.ndarray], count: int, samples: int = 15) -> np.ndarray:
-    """Per-pixel median of (H, W, 3) uint8 images of an empty set, of at most `samples`, evenly spaced."""
-    chosen = sorted({round(index) for index in np.linspace(0, count - 1, min(samples, count))})
-    stack = np.stack([images(index) for index in chosen])
+def median_plate(images: Callable[[int], np.ndarray], count: int) -> np.ndarray:
+    """Per-pixel median of (H, W, 3) uint8 images of an empty set, of at most 15, evenly spaced."""
+    stack = np.stack([images(index) for index in evenly_spaced(range(count), 15)])
     plate = np.empty(stack.shape[1:], np.uint8)
     for top in range(0, stack.shape[1], 64):  # in strips: np.median makes a float copy
         plate[top : top + 64] = np.rint(np.median(stack[:, top : top + 64], axis=0)).astype(np.uint8)
     return plate
 
 
-def estimate_background(read: Callable[[int], np.ndarray], frames: Sequence[int], samples: int = 40) -> Background:
+def estimate_background(read: Callable[[int], np.ndarray], frames: Sequence[int]) -> Background:
     """The empty set from one camera's footage (see the module), read twice per sample, in order."""
     import cv2
 
-    chosen = [frames[index] for index in sorted({round(x) for x in np.linspace(0, len(frames) - 1, samples)})]
-    small = []
+    chosen, small = evenly_spaced(frames, _SAMPLES), []
     for frame in chosen:
         image = read(frame)
         small.append(reduced(image, _SIDE))
@@ -151,7 +151,7 @@ def _covered(
     # If the plate looks more like the performer than the image does, the plate is wrong.
     evidence = np.where((behind - colors > 1.0) & (evidence > 0.0), -2.0, evidence) + 0.7 * colors
     gray = np.ascontiguousarray((image[..., 0] + image[..., 1] + image[..., 2]) / 765.0)
-    return guided_filter(gray, evidence.astype(np.float32), radius=6, epsilon=4e-4)
+    return guided_filter(gray, evidence.astype(np.float32), radius=6)
 
 
 def _full_plate(

@@ -3,15 +3,15 @@ as in many published data sets.
 """
 
 import math
-from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
 
 from studio.errors import StudioError
-from studio.masks.mask_source import MaskInputs, MaskSource
+from studio.masks.mask_source import MaskInputs, MaskSource, evenly_spaced
 from studio.memory_cache import MemoryCache
 
+_CAMERAS = 9  # most cameras that are looked at for the color of all
 _BORDER = 4  # width in pixels of the border in which the color is measured
 _UNIFORM = 0.97  # fraction of the border that must have the color if the performer is not cut off
 _SIDE = 0.5  # fraction of each of three sides that must have it otherwise: more than most letterbox bars
@@ -87,13 +87,6 @@ def _without_specks(mask: np.ndarray, least: float) -> np.ndarray:
     return kept.astype(np.uint8)[labels]
 
 
-def spread(cameras: Sequence[str], count: int = 9) -> list[str]:
-    """Up to `count` of the cameras, evenly spaced."""
-    if len(cameras) <= count:
-        return list(cameras)
-    return [cameras[round(index * (len(cameras) - 1) / (count - 1))] for index in range(count)]
-
-
 class PlainMaskSource(MaskSource):
     """A `MaskSource` whose foreground is everything that differs from a plain background color.
 
@@ -128,7 +121,9 @@ class PlainMaskSource(MaskSource):
     @cached_property
     def _shared(self) -> np.ndarray | None:
         """The color of most of up to nine cameras; None if fewer than half agree."""
-        colors = [plain_color(self._inputs.first_image(camera)) for camera in spread(self._inputs.names)]
+        colors = [
+            plain_color(self._inputs.first_image(camera)) for camera in evenly_spaced(self._inputs.names, _CAMERAS)
+        ]
         found = [color for color in colors if color is not None]
         for color in found:
             if 2 * sum(bool(_near(other, color)) for other in found) >= max(2, len(colors)):
@@ -162,7 +157,7 @@ def _is_plain(inputs: MaskInputs, source: PlainMaskSource) -> bool:
 
     In at least half of them, the performer must not be cut off; in the others the color must be the same.
     """
-    some = spread(inputs.names)
+    some = evenly_spaced(inputs.names, _CAMERAS)
     try:
         whole = sum(plain_color(inputs.first_image(camera), cut_off=False) is not None for camera in some)
         if 2 * whole < len(some):

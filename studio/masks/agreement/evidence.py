@@ -67,7 +67,7 @@ def evidence_of(
 
 def smoothed(gray: np.ndarray, values: np.ndarray) -> np.ndarray:
     """(H, W) float32 `values`, smoothed along the edges of the image of that `brightness`."""
-    return guided_filter(gray, values, radius=3, epsilon=4e-4)
+    return guided_filter(gray, values, radius=3)
 
 
 def _features(image: np.ndarray) -> np.ndarray:

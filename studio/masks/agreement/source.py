@@ -35,8 +35,8 @@ from studio.masks.agreement.people import odds_of_people
 from studio.masks.agreement.vote import heard
 from studio.masks.clean_plate import Background, match_exposure, solve_edges
 from studio.masks.filters import brightness, color_bins, enlarged, keep_components, reduced
-from studio.masks.mask_cache import MaskCache
-from studio.masks.mask_source import MaskInputs, MaskSource
+from studio.masks.mask_cache import cached_mask
+from studio.masks.mask_source import MaskInputs, MaskSource, evenly_spaced
 from studio.masks.matting_model import MattingModel, load_model
 from studio.masks.median_background import background_cache, cached_background
 from studio.masks.plates import PlateMaskSource, open_clean_plate, open_median_background, shown
@@ -94,8 +94,7 @@ class AgreedMaskSource(MaskSource):
     ) -> None:
         self._inputs, self._cameras, self._plates, self._model, self._cache = inputs, cameras, plates, model, cache
         common = sorted(set.intersection(*(set(source.frames) for source in inputs.sources.values())))
-        spread = sorted({round(at) for at in np.linspace(0, len(common) - 1, _SET_FRAMES)}) if common else []
-        self._set_frames = [common[at] for at in spread]
+        self._set_frames = evenly_spaced(common, _SET_FRAMES)
         self._estimated = estimated and bool(common)
         self._voters = frozenset(inputs.names) - frozenset(inputs.held_out)
         self._small: MemoryCache[tuple[str, int, int], np.ndarray] = MemoryCache(
@@ -113,10 +112,8 @@ class AgreedMaskSource(MaskSource):
         def make() -> np.ndarray:
             return self._outlined(camera, image, self._agreed.get_or_make(frame, self.agree)[camera])
 
-        if self._cache is None:
-            return make()
-        recipe, _, folder = self._cache
-        return MaskCache(folder / "masks", f"agreed {recipe} {frame}").get_or_make(image, make)
+        recipe, _, folder = self._cache or ("", "", None)
+        return cached_mask(folder, f"agreed {recipe} {frame}", image, make)
 
     def files(self) -> list[Path]:
         return self._plates.files() + (self._model.files() if self._model else [])
@@ -335,10 +332,11 @@ def open_agreed(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | 
 def _recipe(inputs: MaskInputs, cameras: Mapping[str, Camera], plates: PlateMaskSource) -> str:
     """Everything that the sets depend on."""
     spec = inputs.spec
-    sources = [*inputs.sources.values(), plates, *(() if inputs.garbage is None else (inputs.garbage,))]
+    files = [path for source in inputs.sources.values() for path in source.files()] + plates.files()
+    files += [] if inputs.garbage is None else inputs.garbage.files
     return _digest(
         str(_VERSION),
-        digest_files(spec.root, [path for source in sources for path in source.files()]),
+        digest_files(spec.root, files),
         spec.model_dump_json(include={*DifferenceSettings.model_fields, "offsets"}),
         spec.model_dump_json(include={"color_matrix", "transfer", "held_out"}),
         *(f"{camera.to_dict()}" for camera in cameras.values()),
