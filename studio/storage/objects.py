@@ -18,6 +18,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from itertools import groupby
 from pathlib import Path
 
 from studio.atomic_files import atomic_path
@@ -127,16 +128,10 @@ class CachedObject:
             else:
                 self._ahead = 1
             held = self._held(first, last + 1)
-            position = first
-            while position <= last:
-                if held[position - first]:
-                    position += 1
-                    continue
-                stop = position
-                while stop <= last and not held[stop - first]:
-                    stop += 1
-                self._fetch_blocks(position, stop)
-                position = stop
+            for is_held, run in groupby(range(first, last + 1), lambda block: held[block - first]):
+                if not is_held:
+                    blocks = list(run)
+                    self._fetch_blocks(blocks[0], blocks[-1] + 1)
             self._next = last + 1
         finally:
             fcntl.flock(self._file, fcntl.LOCK_UN)

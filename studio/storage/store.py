@@ -80,7 +80,7 @@ class Store:
         def get() -> bytes:
             data: bytes = self._files.cat_file(f"{self._root}/{path}", start=start, end=stop)
             if len(data) != stop - start:
-                raise _Truncated(f"{len(data)} of {stop - start} bytes arrived")
+                raise OSError("only a part arrived")
             return data
 
         return self._repeated("read", path, get) if stop > start else b""
@@ -117,8 +117,6 @@ class Store:
         file = f"{self.address}/{path}" if path else self.address
         reason = without_secrets(f"{reason_of(error)}")
         text = self._without_names(f"{type(error).__name__} {error}", path)
-        if isinstance(error, _Truncated):
-            text = ""
         if _CREDENTIALS.search(text):
             problem = "there are no credentials for this store, or they are incomplete"
             fix = (
@@ -143,10 +141,6 @@ _NEEDED = {  # which permission each kind of request needs
     "read": "read objects of this bucket",
     "written": "write objects of this bucket",
 }
-
-
-class _Truncated(OSError):
-    """Fewer bytes than were asked for."""
 
 
 def without_secrets(text: str) -> str:
